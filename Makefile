@@ -1,0 +1,67 @@
+# Needs make and Python 3.11 or newer, nothing else: every target that runs Python makes .venv first if there is none.
+# Another interpreter: make PYTHON=python3.12 test
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.installed
+SOURCES := $(wildcard dmis examples scenes tests)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo figures test test-slow bench check format docs clean
+
+help:  ## print this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+
+setup: $(READY)  ## make .venv and install dmis in it (editable, with all extras and the tools)
+
+# The stamp is written last, so that an interrupted set-up is done again; pip only adds what pyproject.toml has come to ask for.
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "dmis needs Python 3.11 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 setup")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[all,dev]"
+	@touch $(READY)
+
+demo: $(READY)  ## render the teapot with the balance heuristic and with the thesis's rule, print the table, draw the picture
+	$(BIN)/python examples/demo.py
+
+figures: $(READY)  ## draw the figures: runs each examples/plot_*.py
+	@set -e; for script in examples/plot_*.py; do \
+	    test -f "$$script" || { echo "make figures: there is no examples/plot_*.py in this checkout yet" >&2; exit 1; }; \
+	    echo "$(BIN)/python $$script"; $(BIN)/python "$$script"; \
+	done
+
+test: $(READY)  ## run the tests (minutes)
+	$(BIN)/python -m pytest
+
+test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders
+	$(BIN)/python -m pytest -m slow
+
+bench: $(READY)  ## measure speed against the same Embree calls alone
+	$(BIN)/python -m dmis bench
+
+check: $(READY)  ## lint, format and types, without changing a file
+	$(BIN)/python -m ruff check $(SOURCES)
+	$(BIN)/python -m ruff format --check $(SOURCES)
+	$(BIN)/python -m mypy
+
+format: $(READY)  ## rewrite the sources in the project's format
+	$(BIN)/python -m ruff check --fix $(SOURCES)
+	$(BIN)/python -m ruff format $(SOURCES)
+
+define CHECK_LINKS
+import pathlib, re, sys
+pages = [pathlib.Path(p) for p in sys.argv[1:]]
+links = [(page, link.split("#")[0]) for page in pages for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8"))]
+local = [(page, link) for page, link in links if link and not re.match(r"[a-z]+:", link)]
+broken = [f"{page}: {link}" for page, link in local if not (page.parent / link).exists()]
+sys.exit("links that lead nowhere:\n  " + "\n  ".join(broken) if broken else print(f"{len(pages)} pages, {len(local)} local links: all lead to a file"))
+endef
+export CHECK_LINKS
+
+docs: $(READY)  ## check the links of the pages (plain Markdown: there is nothing to build)
+	@$(BIN)/python -c "$$CHECK_LINKS" $(wildcard *.md docs/*.md)
+
+clean:  ## remove .venv, caches and everything that was built
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find $(SOURCES) -name __pycache__ -type d -prune -exec rm -rf {} +

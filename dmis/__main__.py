@@ -1,0 +1,181 @@
+"""The command line: ``python -m dmis render | info``.
+
+Bad input ends with exit code 2 and one message. An interrupted render ends with 130 and keeps its checkpoint.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import resource
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from dmis import __version__
+from dmis.estimator import Settings
+from dmis.image import write_image, write_png
+from dmis.load import load_scene
+from dmis.render import Progress, Result, render
+from dmis.replay import embree_seconds
+from dmis.samplers import KINDS
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: print(f"dmis: warning: {message}", file=sys.stderr)  # type: ignore[assignment]
+            return int(options.run(options))
+    except (ValueError, OSError) as error:
+        print(f"dmis: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        kept = f"; finished tiles are kept in {options.checkpoint}" if getattr(options, "checkpoint", None) else ""
+        print(f"dmis: interrupted{kept}", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="dmis", description=__doc__.split("\n")[0])
+    parser.add_argument("--version", action="version", version=f"dmis {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    command = commands.add_parser("render", help="render a scene to an EXR file with layers")
+    command.set_defaults(run=_render)
+    command.add_argument("scene", help="a pbrt file, a mesh file, or the name of a scene that comes with dmis")
+    command.add_argument("-o", "--output", required=True, metavar="OUT.exr", help="layers RGB, weight, variance, samples")
+    command.add_argument("--png", metavar="OUT.png", help="also write a preview")
+    command.add_argument("--spp", type=int, default=128, help="camera samples per pixel, pilot included (default 128)")
+    command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
+    command.add_argument("--integrator", choices=("direct", "path"), default="direct")
+    command.add_argument(
+        "--rule", default="thesis", help="balance, pbrt, fixed:W, one-sample, uniform, thesis[:patch=8,...] (default thesis)"
+    )
+    command.add_argument("--seed", type=int, default=0)
+    command.add_argument("--threads", type=int, help="default: one per processor")
+    command.add_argument("--sampler", choices=KINDS, default="independent")
+    command.add_argument("--shading-samples", type=int, default=2, help="light or BRDF samples per camera sample (default 2)")
+    command.add_argument("--lights", choices=("all", "one"), default="all", help="sample all lights, or one picked at random")
+    command.add_argument("--max-depth", type=int, default=5, help="surfaces visited through mirrors and glass (default 5)")
+    command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
+    command.add_argument("--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)")
+    command.add_argument("--quiet", action="store_true", help="no progress, no summary")
+
+    command = commands.add_parser("info", help="versions, and what a scene needs")
+    command.set_defaults(run=_info)
+    command.add_argument("scene", nargs="?")
+    command.add_argument("--resolution", type=_resolution, metavar="WxH")
+    command.add_argument("--seed", type=int, default=0, help=argparse.SUPPRESS)
+    return parser
+
+
+def _resolution(text: str) -> tuple[int, int]:
+    width, x, height = text.lower().partition("x")
+    if not (x and width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 342x256; got {text!r}")
+    return int(width), int(height)
+
+
+def _render(options: argparse.Namespace) -> int:
+    if options.integrator == "path":
+        raise ValueError("--integrator path is not available: this version computes direct lighting")
+    output = Path(options.output)
+    for path in (output, options.png, options.stats, options.checkpoint):
+        if path is not None and not Path(path).resolve().parent.is_dir():
+            raise FileNotFoundError(f"cannot write {path}: its directory does not exist")
+    if output.suffix.lower() not in (".exr", ".png"):
+        raise ValueError(f"-o must end in .exr (or .png for a preview); got {output}")
+    threads = options.threads or os.cpu_count() or 1
+    scene = load_scene(options.scene, resolution=options.resolution)
+    with _progress_bar(options.quiet) as progress:
+        result = render(
+            scene,
+            options.rule,
+            options.spp,
+            seed=options.seed,
+            sampler=options.sampler,
+            settings=Settings(
+                shading_samples=options.shading_samples, lights=options.lights, max_depth=options.max_depth
+            ),
+            threads=options.threads,
+            progress=progress,
+            checkpoint=options.checkpoint,
+        )
+    write_image(output, result)
+    if options.png:
+        write_png(options.png, result.image)
+    if options.stats:
+        floor = embree_seconds(scene, result.tiles, threads)
+        Path(options.stats).write_text(json.dumps(_stats(result, floor, threads), indent=2) + "\n")
+    if not options.quiet:
+        seconds = result.seconds["total"]
+        rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
+        print(f"{output}: {options.rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
+    return 0
+
+
+def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:
+    samples = int(result.image.shape[0] * result.image.shape[1] * result.provenance["spp"])
+    seconds = result.seconds["total"]
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {
+        "seconds": seconds,
+        "seconds_by_stage": dict(result.seconds),
+        "samples": samples,
+        "samples_per_second": samples / seconds,
+        "rays": dict(result.rays),
+        "embree_seconds": floor,
+        "peak_rss_bytes": peak if sys.platform == "darwin" else peak * 1024,
+        "threads": threads,
+        "provenance": dict(result.provenance),
+    }
+
+
+def _info(options: argparse.Namespace) -> int:
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "trimesh", "embreex", "OpenEXR"))
+    print(f"dmis {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}\n{packages}")
+    if options.scene:
+        begin = time.perf_counter()
+        scene = load_scene(options.scene, resolution=options.resolution)
+        _ = scene.intersector
+        print(f"\n{scene.plan.describe()}\nread and built in {time.perf_counter() - begin:.2f} s")
+    return 0
+
+
+class _progress_bar:
+    """A bar on standard error where someone is watching; silent in a log."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._bar = None
+        self._show = not quiet and sys.stderr.isatty()
+
+    def __enter__(self) -> Progress | None:
+        if not self._show:
+            return None
+        try:
+            from tqdm import tqdm
+        except ImportError:
+            return None
+        self._bar = tqdm(unit=" samples", unit_scale=True, leave=False)
+        return self._update
+
+    def _update(self, stage: str, done: int, total: int) -> None:
+        if self._bar is not None:
+            self._bar.total, self._bar.n = total, done
+            self._bar.set_description(stage, refresh=False)
+            self._bar.refresh()
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,85 @@
+"""A pinhole camera: pixels and uniform numbers to rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dmis.vec import TINY, Array
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera with a box filter of one pixel.
+
+    Parameters
+    ----------
+    to_world
+        4x4 matrix from camera space (x right in the image, y up, z forward) to world space. Its determinant may
+        have either sign: pbrt's cameras are left-handed.
+    fov
+        Full angle in degrees across the shorter side of the image, in (0, 180).
+    resolution
+        ``(width, height)`` in pixels.
+    """
+
+    to_world: Array
+    fov: float
+    resolution: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.to_world, float)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0:
+            raise ValueError(f"to_world must be a finite invertible 4x4 matrix; got {matrix.tolist()}")
+        if not 0 < self.fov < 180:
+            raise ValueError(f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}")
+        width, height = self.resolution
+        if not (1 <= width <= 65535 and 1 <= height <= 65535 and width * height <= 2**25):
+            raise ValueError(f"resolution must be 1 to 65535 on a side and at most 2**25 pixels; got {width}x{height}")
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: tuple[float, float, float],
+        target: tuple[float, float, float],
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        fov: float = 45.0,
+        resolution: tuple[int, int] = (640, 480),
+    ) -> Camera:
+        """A right-handed camera at `eye` that looks at `target` (what a photograph would show)."""
+        forward = np.asarray(target, float) - np.asarray(eye, float)
+        right = np.cross(forward, np.asarray(up, float))
+        if not np.linalg.norm(right) > 1e-12 * np.linalg.norm(forward):
+            raise ValueError(f"up must not be parallel to the line of sight; got up {up}, eye {eye}, target {target}")
+        forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+        matrix = np.eye(4)
+        matrix[:3] = np.stack([right, np.cross(right, forward), forward, np.asarray(eye, float)], axis=1)
+        return cls(matrix, fov, resolution)
+
+    @cached_property
+    def origin(self) -> Array:
+        """The pinhole, ``(3, 1)`` float32."""
+        return np.asarray(self.to_world, float)[:3, 3:].astype(np.float32)
+
+    @cached_property
+    def _affine(self) -> tuple[Array, Array, Array]:
+        """Direction of pixel coordinates (x, y) as ``a + b x + c y``."""
+        width, height = self.resolution
+        per_pixel = 2 * np.tan(np.radians(self.fov) / 2) / min(width, height)
+        right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
+        b, c = right * per_pixel, -up * per_pixel
+        a = forward - b * (width / 2) - c * (height / 2)
+        return a, b, c
+
+    def rays(self, x: Array, y: Array) -> Array:
+        """Unit directions ``(3, N)`` through the raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""
+        a, b, c = (v.astype(np.float32) for v in self._affine)
+        out = np.empty((3, len(x)), np.float32)
+        for row, (ai, bi, ci) in enumerate(zip(a, b, c, strict=True)):
+            np.multiply(x, bi, out=out[row])
+            out[row] += y * ci
+            out[row] += ai
+        out *= 1 / np.sqrt(np.maximum((out * out).sum(axis=0), TINY))
+        return out

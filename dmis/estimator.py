@@ -1,0 +1,346 @@
+"""Direct lighting: camera rays in, radiance out, one batch per bounce.
+
+Follow one camera sample: its ray meets a surface (`direct`); each light is sampled by two techniques, S shading samples in
+all (`_mixture`); a shading sample is a direction, the BRDF and the light's radiance there, a weight, and an occlusion ray
+(`_shade`). Mirrors and glass send the sample on, to be shaded where it arrives.
+
+The radiance reflected at p towards wo is the integral over wi of ``f = f_r(wo, wi) L(wi) |n.wi| V(wi)``. With
+densities p_l (light sampling), p_b (BRDF sampling) and the share w of light samples, the balance heuristic estimates it by
+the mean over shading samples of ``f / p_w``, ``p_w = w p_l + (1 - w) p_b`` (thesis Eq. 2.9; Veach 1997, Eq. 9.8).
+
+Batches shrink as soon as possible: only directions that meet a light and can reflect it are evaluated, only those that
+would contribute are traced. What is dropped is exactly zero.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dmis import mis, technique
+from dmis.brdf import Pair
+from dmis.intersect import RayCaster
+from dmis.light import DeltaLight, Seen
+from dmis.mis import Counts, Heuristic
+from dmis.samplers import Independent, Sampler
+from dmis.scene import Scene
+from dmis.surface import Surface
+from dmis.technique import SampledLight, Technique
+from dmis.vec import Array, Index, dot, take
+
+SHADOW_END = np.float32(1 - 1e-4)
+"""Occlusion rays end a little before the light, whose own surface must not shadow it."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How direct lighting is estimated.
+
+    Parameters
+    ----------
+    shading_samples
+        S, light or BRDF samples per camera sample and light.
+    techniques
+        The two techniques that share them; w is the share of the first.
+    combiner
+        Heuristic that weights them, see `dmis.mis.find`.
+    allocation
+        ``systematic`` or ``random``, see `dmis.mis`.
+    lights
+        ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
+    max_depth
+        Number of surfaces that a camera sample may visit through mirrors and glass.
+    """
+
+    shading_samples: int = 2
+    techniques: tuple[str, str] = ("light", "brdf")
+    combiner: str = "balance"
+    allocation: str = "systematic"
+    lights: str = "all"
+    max_depth: int = 5
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.shading_samples <= 100:
+            raise ValueError(f"shading_samples must be between 1 and 100; got {self.shading_samples}")
+        if len(self.techniques) != 2:
+            raise ValueError(f"techniques must be two names, because w is the share of the first; got {self.techniques}")
+        for name in self.techniques:
+            technique.find(name)
+        mis.find(self.combiner)
+        for option, value, allowed in (
+            ("allocation", self.allocation, ("systematic", "random")),
+            ("lights", self.lights, ("all", "one")),
+        ):
+            if value not in allowed:
+                raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")
+        if not 1 <= self.max_depth <= 100:
+            raise ValueError(f"max_depth must be between 1 and 100; got {self.max_depth}")
+
+
+@dataclass(eq=False)
+class Batch:
+    """One block of camera samples of one tile, and what is needed to shade it.
+
+    Attributes
+    ----------
+    w
+        Share of the first technique, ``(N,)`` or one number.
+    counts
+        How many shading samples of each camera sample go to the first technique.
+    rng
+        For choices that are not two-dimensional draws.
+    rays
+        Rays traced so far, by kind.
+    """
+
+    scene: Scene
+    caster: RayCaster
+    settings: Settings
+    sampler: Sampler
+    rng: np.random.Generator
+    w: Array | np.float32
+    counts: Counts
+    rays: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(eq=False)
+class _Rays:
+    """Rays in flight: camera sample numbers ``(N,)`` (None: all, in order), and what they will be multiplied by."""
+
+    origin: Array
+    direction: Array
+    sample: Index | None
+    throughput: Array | None
+    depth: int
+    path: tuple[int, ...]
+
+
+def direct(batch: Batch, origin: Array, direction: Array) -> Array:
+    """Radiance along camera rays by direct lighting.
+
+    Parameters
+    ----------
+    origin, direction
+        ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
+
+    Returns
+    -------
+    ``(3, N)`` float32 linear RGB.
+    """
+    radiance = np.zeros(direction.shape, np.float32)
+    pending = [_Rays(origin, direction, None, None, 0, ())]
+    while pending:
+        rays = pending.pop()
+        for part in _visit(batch, rays, pending):
+            _add(radiance, *part)
+    return radiance
+
+
+def _visit(batch: Batch, rays: _Rays, pending: list[_Rays]) -> Iterator[tuple[Array, Index | None]]:
+    """Trace rays and shade what they meet; yields radiance ``(3, K)`` and camera sample numbers ``(K,)``."""
+    scene, plan = batch.scene, batch.scene.plan
+    hits = batch.caster.closest(rays.origin, rays.direction)
+    batch.rays["camera" if rays.depth == 0 else "specular"] += len(hits.prim)
+    group_of = plan.face_group.take(hits.prim)
+    if plan.environment:
+        missed = _where(hits.prim < 0)
+        if missed is None or len(missed):
+            seen = sum(light.radiance(take(rays.direction, missed)) for light in plan.environment)
+            yield _onward(rays, missed, seen)
+    for number, group in enumerate(plan.groups):
+        index = _where(group_of == number)
+        if index is not None and len(index) == 0:
+            continue
+        surface, emission = scene.surface(group, hits, index, rays.direction)
+        sample = index if rays.sample is None else take(rays.sample, index)
+        out = np.zeros(surface.wo.shape, np.float32)
+        if emission is not None:
+            out += emission
+        if group.glossy:
+            _light(batch, surface, sample, out, rays)
+        yield _onward(rays, index, out)
+        if rays.depth + 1 < batch.settings.max_depth:
+            for k, lobe in enumerate(surface.delta):
+                following = _scatter(scene, surface, lobe, sample, _take(rays.throughput, index))
+                if following is not None:
+                    o, d, kept, throughput = following
+                    pending.append(_Rays(o, d, kept, throughput, rays.depth + 1, (*rays.path, k)))
+
+
+def _light(batch: Batch, surface: Surface, sample: Index | None, out: Array, rays: _Rays) -> None:
+    """Add the light that the points reflect, from all lights or from one picked for each point."""
+    plan = batch.scene.plan
+    lights = (*plan.sampled, *plan.deltas)
+    picked = None
+    if batch.settings.lights == "one" and len(lights) > 1:
+        picked = batch.rng.integers(len(lights), size=out.shape[1], dtype=np.int16)
+    for k, light in enumerate(lights):
+        index = None if picked is None else _where(picked == k)
+        scale = np.float32(1 if picked is None else len(lights))
+        if light.delta:
+            eye = rays.depth == 0 and k - len(plan.sampled) in plan.headlights
+            _delta(batch, surface, light, index, scale, out, traced=not eye)  # type: ignore[arg-type]
+        else:
+            _mixture(batch, surface, light, sample, index, scale, out, (*rays.path, k))  # type: ignore[arg-type]
+
+
+def _mixture(
+    batch: Batch,
+    surface: Surface,
+    light: SampledLight,
+    sample: Index | None,
+    index: Index | None,
+    scale: np.float32,
+    out: Array,
+    key: tuple[int, ...],
+) -> None:
+    """Add what the points `index` reflect of one light: S shading samples each, divided between two techniques."""
+    settings = batch.settings
+    techniques = tuple(technique.find(name) for name in settings.techniques)
+    heuristic = mis.find(settings.combiner)
+    points = _both(sample, index)
+    first = batch.counts.first
+    if not isinstance(first, int):
+        first = take(first, points)
+    w = batch.w if batch.w.ndim == 0 else take(batch.w, points)
+    for side, count in enumerate((first, settings.shading_samples - first)):
+        own, other = techniques[side], techniques[1 - side]
+        for turn in range(settings.shading_samples):
+            if isinstance(count, int):
+                if turn >= count:
+                    break
+                chosen = None
+            else:
+                chosen = _where(count > turn)
+                if chosen is not None and len(chosen) == 0:
+                    break
+            where = _both(index, chosen)
+            u = _draw(batch, key, side, turn, _both(points, chosen))
+            part = surface.take(where)
+            seen = own.sample(part, light, u)
+            _shade(batch, part, where, seen, own, other, side == 0, take(w, chosen), heuristic, scale, out)
+
+
+def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Index | None) -> Array:
+    """Numbers for one shading sample of the camera samples `points`.
+
+    Structured samplers spread the numbers of a pixel over all its samples of one technique, so where techniques take
+    turns unevenly, each sample takes the place in its technique's sequence that its pixel has reached.
+    """
+    reached = batch.counts.reached
+    if reached is None or isinstance(batch.sampler, Independent):
+        return batch.sampler.draw((*key, side, turn), points)
+    return batch.sampler.draw((*key, side), points, take(reached[side], points) + turn)
+
+
+def _shade(
+    batch: Batch,
+    surface: Surface,
+    where: Index | None,
+    seen: Seen,
+    own: Technique,
+    other: Technique,
+    first: bool,
+    w: Array,
+    heuristic: Heuristic,
+    scale: np.float32,
+    out: Array,
+) -> None:
+    """Add one shading sample of technique `own` to each of the points `where` of `out`."""
+    lit = _where(seen.emits & (dot(surface.ng, seen.wi) > 0))
+    if lit is not None and len(lit) == 0:
+        return
+    surface, wi, w = surface.take(lit), take(seen.wi, lit), take(w, lit)
+    light_pdf = take(seen.pdf, lit)
+    pair = Pair(surface, wi)
+    p_own, p_other = own.pdf(surface, pair, light_pdf), other.pdf(surface, pair, light_pdf)
+    share = w if first else 1 - w
+    factor = heuristic(share * p_own, (1 - share) * p_other, first) * pair.cos_i
+    factor *= scale / np.float32(batch.settings.shading_samples)
+    f = surface.eval(pair) * (factor * (p_own > 0))
+    alive = _where((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
+    if alive is not None and len(alive) == 0:
+        return
+    both = _both(lit, alive)
+    value = take(f, alive) * take(seen.radiance, both)
+    value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
+    _add(out, value, _both(where, both))
+
+
+def _delta(
+    batch: Batch, surface: Surface, light: DeltaLight, index: Index | None, scale: np.float32, out: Array, traced: bool
+) -> None:
+    """Add what the points `index` reflect of a light that has a single direction."""
+    surface = surface.take(index)
+    seen = light.sample(surface.p)
+    lit = _where(seen.emits & (dot(surface.ng, seen.wi) > 0))
+    if lit is not None and len(lit) == 0:
+        return
+    surface, wi = surface.take(lit), take(seen.wi, lit)
+    pair = Pair(surface, wi)
+    value = surface.eval(pair) * (pair.cos_i * scale) * take(seen.radiance, lit)
+    if traced:
+        value = value * _visible(batch, "shadow", surface.p, wi, take(seen.distance, lit))
+    _add(out, value, _both(index, lit))
+
+
+def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:
+    """Whether nothing stands between the points and the light, ``(N,)`` bool."""
+    batch.rays[kind] += len(distance)
+    return ~batch.caster.occluded(origin, wi, distance * SHADOW_END)
+
+
+def _scatter(
+    scene: Scene, surface: Surface, lobe: Any, sample: Index | None, throughput: Array | None
+) -> tuple[Array, Array, Index | None, Array] | None:
+    """Follow a delta lobe: origins, directions, camera sample numbers and throughput of the rays that go on."""
+    wi, factor = lobe.scatter(surface)
+    factor = np.broadcast_to(factor if throughput is None else factor * throughput, wi.shape)
+    index = _where(factor.max(axis=0) > 0)
+    if index is not None and len(index) == 0:
+        return None
+    wi, factor, ng = take(wi, index), take(factor, index), take(surface.ng, index)
+    # p lies on wo's side of the surface; what goes through begins on the other
+    through = dot(ng, wi) < 0
+    origin = take(surface.p, index) - ng * (2 * scene.epsilon * through)
+    return origin, wi, _both(sample, index), factor
+
+
+def _onward(rays: _Rays, index: Index | None, radiance: Array) -> tuple[Array, Index | None]:
+    """Radiance found by the rays `index`, as it arrives at the camera, and the camera samples it belongs to."""
+    if rays.throughput is not None:
+        radiance = radiance * take(rays.throughput, index)
+    return radiance, _both(rays.sample, index)
+
+
+def _where(condition: np.ndarray) -> Index | None:
+    """Indices at which `condition` holds; None if it holds everywhere, so that nothing needs to be gathered."""
+    index = np.flatnonzero(condition)
+    return None if len(index) == len(condition) else index
+
+
+def _both(outer: Index | None, inner: Index | None) -> Index | None:
+    """The composition of two selections, where None means everything."""
+    if outer is None or inner is None:
+        return inner if outer is None else outer
+    return outer.take(inner)
+
+
+def _take(values: Array | None, index: Index | None) -> Array | None:
+    """`take` that lets None through."""
+    return None if values is None else take(values, index)
+
+
+def _add(out: Array, value: Array, index: Index | None) -> None:
+    """Add `value` ``(3, K)`` to the columns `index` of `out` (None: all of them)."""
+    if index is None:
+        out += value
+        return
+    for row, values in zip(out, value, strict=True):
+        np.add.at(row, index, values)
+
+

@@ -1,0 +1,221 @@
+"""Weight rules: pilot statistics in, share of light samples out.
+
+A rule says which pilot it needs (camera samples at given weights) and turns the moments that the pilot brings into a map of
+weights. `RULES` lists them by the name that the command line knows; `make_rule` reads ``name:option=value,...``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from dmis.filter import gaussian
+from dmis.variance import Moments, luminance, patch_mean, patch_spread
+from dmis.vec import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What a rule found.
+
+    Attributes
+    ----------
+    weight
+        Share of light samples: ``(H, W)``, or one number for the whole image.
+    maps
+        Diagnostics by name, one value per patch.
+    """
+
+    weight: Array | float
+    maps: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@runtime_checkable
+class Rule(Protocol):
+    """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.estimator.Settings` that belong to it."""
+
+    @property
+    def pilot(self) -> Mapping[float, int]:
+        """Camera samples per pixel by weight, rendered before the fit."""
+        ...
+
+    @property
+    def settings(self) -> Mapping[str, Any]: ...
+
+    def fit(self, pilot: Mapping[float, Moments]) -> Fit:
+        """Weights from the moments of the pilot, whose means are ``(H, W, 3)``."""
+        ...
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """The same weight everywhere and no pilot. w = 1/2 with the balance heuristic is the classic estimator."""
+
+    w: float = 0.5
+    combiner: str = "balance"
+    techniques: tuple[str, str] = ("light", "brdf")
+    allocation: str = "systematic"
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.w <= 1:
+            raise ValueError(f"w must be in [0, 1], the share of light samples; got {self.w}")
+
+    @property
+    def pilot(self) -> Mapping[float, int]:
+        return {}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        return {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
+
+    def fit(self, pilot: Mapping[float, Moments]) -> Fit:
+        return Fit(self.w)
+
+
+STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
+"""What happened in a patch: the parabola's minimum was used; it lay outside [0, 1]; there is no minimum, so the best pilot
+weight was used; all variances were zero or not finite, so w = 1/2 was used."""
+
+
+@dataclass(frozen=True)
+class Thesis:
+    """The rule of Seo's thesis (2014), Sec. 3: a parabola through three pilot variances per patch.
+
+    Render `spp` camera samples with each of BRDF sampling, light sampling and the balance heuristic (w = 0, 1, 1/2); average
+    the pixels' sample variances over square patches; put a least-squares parabola ``a2 w^2 + a1 w + a0`` through the
+    three points (Eqs. 3.2-3.4); take its minimum ``-a1 / (2 a2)`` (Eq. 3.5); filter the weights of patches with a 5x5
+    Gaussian (Sec. 3.4).
+
+    Parameters
+    ----------
+    patch
+        Side of a patch in pixels (the thesis tries 4 to 32).
+    spp
+        Pilot samples of each strategy, at least 2.
+    filter
+        ``gaussian`` or ``none``.
+    sigma
+        Of the Gaussian, in patches.
+    combiner
+        Heuristic of the final samples.
+
+    Notes
+    -----
+    Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance.
+    The text does not say what happens where the parabola has no minimum or has it outside [0, 1]. Here: the best of the three
+    pilot weights, and the nearer end; see `STATUS`.
+    """
+
+    patch: int = 8
+    spp: int = 2
+    filter: str = "gaussian"
+    sigma: float = 1.0
+    combiner: str = "balance"
+
+    def __post_init__(self) -> None:
+        if self.patch < 1:
+            raise ValueError(f"patch must be at least 1 pixel; got {self.patch}")
+        if self.spp < 2:
+            raise ValueError(f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}")
+        if self.filter not in ("gaussian", "none"):
+            raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
+        if not self.sigma > 0:
+            raise ValueError(f"sigma must be positive; got {self.sigma}")
+
+    @property
+    def pilot(self) -> Mapping[float, int]:
+        return {0.0: self.spp, 0.5: self.spp, 1.0: self.spp}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        return {"combiner": self.combiner}
+
+    def fit(self, pilot: Mapping[float, Moments]) -> Fit:
+        shape = next(iter(pilot.values())).mean.shape[:2]
+        variances = {w: patch_mean(luminance(m.variance()), self.patch) for w, m in pilot.items()}
+        raw, status = parabola_minimum(np.array(list(variances)), np.stack(list(variances.values())))
+        weight = gaussian(raw, self.sigma) if self.filter == "gaussian" else raw
+        maps = {"status": status, "raw": raw, "patch": weight}
+        return Fit(patch_spread(weight, self.patch, shape), maps)
+
+
+def parabola_minimum(w: Array, variance: Array) -> tuple[Array, np.ndarray]:
+    """Minimum over [0, 1] of the least-squares parabola through (w, variance): thesis Eqs. 3.2-3.5.
+
+    Parameters
+    ----------
+    w
+        At least three distinct weights, ``(n,)``.
+    variance
+        ``(n, ...)``.
+
+    Returns
+    -------
+    weight
+        In [0, 1], shape ``variance.shape[1:]``.
+    status
+        int8, see `STATUS`.
+    """
+    if len(np.unique(w)) < 3:
+        raise ValueError(f"a parabola needs at least three distinct weights; got {w.tolist()}")
+    values = variance.reshape(len(w), -1)
+    usable = np.isfinite(values).all(axis=0)
+    scale = np.where(usable, np.abs(values).max(axis=0), 0)
+    usable &= scale > 0
+    values = np.where(usable, values / np.where(usable, scale, 1), 0)
+    centred = w - 0.5  # keeps the normal equations well conditioned
+    (a2, a1, _), *_ = np.linalg.lstsq(np.stack([centred**2, centred, np.ones_like(w)], axis=1), values, rcond=None)
+    convex = usable & (a2 > 1e-12)
+    minimum = 0.5 - a1 / np.where(convex, 2 * a2, 1)
+    best = w[values.argmin(axis=0)]
+    weight = np.where(convex, np.clip(minimum, 0, 1), np.where(usable, best, 0.5))
+    outside = convex & ((minimum < 0) | (minimum > 1))
+    status = np.select([~usable, ~convex, outside], [3, 2, 1], 0).astype(np.int8)
+    return weight.reshape(variance.shape[1:]), status.reshape(variance.shape[1:])
+
+
+RULES: dict[str, Callable[..., Rule]] = {
+    "balance": Fixed,
+    "fixed": Fixed,
+    "pbrt": lambda **options: Fixed(**{"combiner": "power", **options}),
+    "one-sample": lambda **options: Fixed(**{"allocation": "random", **options}),
+    "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
+    "thesis": Thesis,
+}
+"""Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``, ``one-sample``
+(a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``."""
+
+
+def make_rule(text: str) -> Rule:
+    """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
+
+    A bare value is the rule's first option.
+
+    Raises
+    ------
+    ValueError
+        If there is no such rule or option, or a value does not fit.
+    """
+    name, _, rest = text.strip().partition(":")
+    if name not in RULES:
+        raise ValueError(f"rule must be one of {', '.join(RULES)}; got {name!r}")
+    kind: Any = Thesis if name == "thesis" else Fixed
+    types = {f.name: type(f.default) for f in fields(kind)}
+    if name in ("balance", "pbrt", "uniform"):
+        types.pop("w")
+    types.pop("techniques", None)
+    options: dict[str, Any] = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals:
+            key, value = next(iter(types)), item
+        if key not in types:
+            raise ValueError(f"rule {name} has the options {', '.join(types)}; got {key!r}")
+        try:
+            options[key] = types[key](value)
+        except ValueError:
+            raise ValueError(f"option {key} of rule {name} must be of type {types[key].__name__}; got {value!r}") from None
+    return RULES[name](**options)

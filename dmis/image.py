@@ -1,0 +1,106 @@
+"""Images in files: EXR with layers and provenance, PNG for a quick look."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dmis.vec import Array
+
+if TYPE_CHECKING:
+    from dmis.render import Result
+
+
+def write_image(path: str | os.PathLike[str], result: Result) -> None:
+    """Write a rendered image: ``.exr`` with all layers, or ``.png`` for a look at it.
+
+    Raises
+    ------
+    ValueError
+        If the extension is neither.
+    OSError
+        If the directory does not exist.
+    """
+    if Path(path).suffix.lower() == ".png":
+        write_png(path, result.image)
+        return
+    layers = {"RGB": result.image, "weight": result.weight, "variance": result.variance, "samples": result.samples}
+    write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
+
+
+def write_exr(path: str | os.PathLike[str], layers: Mapping[str, Array], attributes: Mapping[str, str] | None = None) -> None:
+    """Write layers ``(H, W)`` or ``(H, W, 3)``, float16 or float32, with string attributes.
+
+    A three-channel layer called ``RGB`` is the image; ``name.R``, ``name.G``, ``name.B`` hold any other.
+
+    Raises
+    ------
+    ValueError
+        If the extension is not .exr, or a layer has another shape.
+    OSError
+        If the directory does not exist.
+    """
+    import OpenEXR  # imported where used: it is not needed to render
+
+    path = Path(path)
+    if path.suffix.lower() != ".exr":
+        raise ValueError(f"an image file must end in .exr (or .png for a preview); got {path}")
+    if not path.resolve().parent.is_dir():
+        raise FileNotFoundError(f"cannot write {path}: its directory does not exist")
+    channels = {}
+    for name, layer in layers.items():
+        if layer.ndim not in (2, 3) or layer.ndim == 3 and layer.shape[2] != 3:
+            raise ValueError(f"layer {name} must have shape (H, W) or (H, W, 3); got {layer.shape}")
+        kind = np.float16 if layer.dtype == np.float16 else np.float32
+        channels[name] = np.ascontiguousarray(layer, kind)  # OpenEXR writes strided arrays wrong
+    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(attributes or {})}
+    partial = path.with_name(path.name + ".partial")
+    with OpenEXR.File(header, channels) as file:
+        file.write(os.fspath(partial))
+    os.replace(partial, path)
+
+
+def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, str]]:
+    """Layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, alpha dropped.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it cannot be read as EXR.
+    """
+    import OpenEXR
+
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such image: {path}")
+    try:
+        with OpenEXR.File(os.fspath(path)) as file:
+            attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
+            layers = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
+    except Exception as error:
+        raise ValueError(f"cannot read {path} as EXR: {error}") from error
+    if "RGBA" in layers:
+        layers["RGB"] = np.ascontiguousarray(layers.pop("RGBA")[..., :3])
+    return layers, attributes
+
+
+def tonemap(image: Array, exposure: float = 1.0) -> Array:
+    """Linear RGB to sRGB in [0, 1], clipped: for looking at, not for measuring."""
+    x = np.clip(np.nan_to_num(image) * exposure, 0, 1)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def write_png(path: str | os.PathLike[str], image: Array) -> None:
+    """Write linear RGB ``(H, W, 3)`` as an sRGB PNG (needs matplotlib, extra ``plot``)."""
+    try:
+        from matplotlib.image import imsave
+    except ImportError as error:
+        raise ValueError("writing PNG needs matplotlib: pip install 'dmis[plot]', or write .exr instead") from error
+    imsave(os.fspath(path), tonemap(image).astype(np.float32))

@@ -1,0 +1,151 @@
+"""Ray intersection: Embree behind two calls, ``closest`` and ``occluded``, and a brute-force oracle of the same shape.
+
+All triangles of a scene are one Embree mesh, so a hit's primitive number is the row of every per-triangle table.
+Rays come as float32 ``(3, N)``; the transposed view goes to Embree without a copy. A ray begins exactly at its
+origin (Embree's near distance is fixed at 0): the caller offsets origins, see `dmis.scene.Scene.epsilon`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+
+from dmis.vec import Array
+
+
+@dataclass(eq=False)
+class Hits:
+    """Closest hits of N rays.
+
+    Attributes
+    ----------
+    prim
+        Triangle number ``(N,)`` int32; -1 for a miss.
+    u, v
+        Barycentrics of vertices 1 and 2, ``(N,)``.
+    distance
+        In units of the direction's length, ``(N,)``; 1e37 for a miss.
+    """
+
+    prim: np.ndarray
+    u: Array
+    v: Array
+    distance: Array
+
+
+class RayCaster(Protocol):
+    """What the estimator asks of an intersector; `Intersector` and `BruteForce` both answer."""
+
+    def closest(self, origin: Array, direction: Array) -> Hits: ...
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray: ...
+
+
+class Intersector:
+    """Embree over one triangle mesh, built at once (Embree itself would build at the first query).
+
+    Parameters
+    ----------
+    vertices, faces
+        ``(V, 3)`` and ``(F, 3)``.
+    check
+        Test every ray for NaN: one NaN makes Embree walk its whole tree, about 1 ms per ray, which looks like a hang.
+    """
+
+    def __init__(self, vertices: Array, faces: np.ndarray, check: bool = False) -> None:
+        self._scene = rtcore_scene.EmbreeScene(robust=True)
+        vertices, faces = _checked_mesh(vertices, faces)
+        self._mesh = TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
+        self._check = check
+        self.occluded(*(np.zeros((3, 1), np.float32),) * 2, np.zeros(1, np.float32))
+
+    def closest(self, origin: Array, direction: Array) -> Hits:
+        """First hits of rays from `origin` along `direction`, both ``(3, N)`` float32."""
+        o, d = self._rays(origin, direction)
+        out = self._scene.run(o, d, query="INTERSECT", output=True)
+        return Hits(out["primID"], out["u"], out["v"], out["tfar"])
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        """Whether anything lies between `origin` and `distance` ``(N,)`` along `direction`, ``(N,)`` bool."""
+        o, d = self._rays(origin, direction)
+        if distance.shape != (len(o),):
+            raise ValueError(f"distance must have shape ({len(o)},), one for each ray; got {distance.shape}")
+        if self._check and np.isnan(distance).any():
+            raise ValueError("distance must not be NaN, because Embree would walk the whole tree")
+        dists = np.array(distance, np.float32)  # a copy: Embree writes into it
+        return self._scene.run(o, d, dists=dists, query="OCCLUDED") == 0
+
+    def _rays(self, origin: Array, direction: Array) -> tuple[Array, Array]:
+        if origin.shape != direction.shape or origin.ndim != 2 or origin.shape[0] != 3:
+            raise ValueError(
+                f"origin and direction must both have shape (3, N), because Embree does not check lengths; "
+                f"got {origin.shape} and {direction.shape}"
+            )
+        o, d = origin.astype(np.float32, copy=False), direction.astype(np.float32, copy=False)
+        if self._check and (np.isnan(o).any() or np.isnan(d).any()):
+            raise ValueError("rays must not contain NaN, because Embree would walk the whole tree")
+        return o.T, d.T
+
+
+class BruteForce:
+    """Every ray against every triangle in NumPy, float64: the oracle that Embree is tested against.
+
+    The same interface as `Intersector`. For N rays and F triangles it takes time and memory of order ``N * F``.
+    Intersection after Moeller and Trumbore 1997.
+    """
+
+    def __init__(self, vertices: Array, faces: np.ndarray) -> None:
+        vertices, faces = _checked_mesh(vertices, faces)
+        corners = vertices.astype(np.float64)[faces]
+        self._corner = corners[:, 0]
+        self._edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+
+    def closest(self, origin: Array, direction: Array) -> Hits:
+        """See `Intersector.closest`."""
+        t, u, v = self._all(origin, direction)
+        prim = t.argmin(axis=1)
+        rows = np.arange(len(prim))
+        t, u, v = t[rows, prim], u[rows, prim], v[rows, prim]
+        met = np.isfinite(t)
+        distance = np.where(met, t, 1e37).astype(np.float32)
+        return Hits(
+            np.where(met, prim, -1).astype(np.int32), u.astype(np.float32), v.astype(np.float32), distance
+        )
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        """See `Intersector.occluded`."""
+        t, _, _ = self._all(origin, direction)
+        return (t < np.asarray(distance)[:, None]).any(axis=1)
+
+    def _all(self, origin: Array, direction: Array) -> tuple[Array, Array, Array]:
+        """Distances (infinite for a miss) and barycentrics of all rays and triangles, ``(N, F)``."""
+        o, d = origin.T.astype(np.float64)[:, None], direction.T.astype(np.float64)[:, None]
+        edge_u, edge_v = self._edges
+        across = np.cross(d, edge_v)
+        volume = (across * edge_u).sum(-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1 / volume
+            offset = o - self._corner
+            u = (offset * across).sum(-1) * inverse
+            around = np.cross(offset, edge_u)
+            v = (around * d).sum(-1) * inverse
+            t = (around * edge_v).sum(-1) * inverse
+            met = (volume != 0) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0)
+        return np.where(met, t, np.inf), u, v
+
+
+def _checked_mesh(vertices: Array, faces: np.ndarray) -> tuple[Array, np.ndarray]:
+    vertices, faces = np.asarray(vertices), np.asarray(faces)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
+        raise ValueError(
+            f"a mesh needs vertices (V, 3) and at least one face (F, 3); got {vertices.shape} and {faces.shape}"
+        )
+    if not np.isfinite(vertices).all():
+        raise ValueError("vertices must be finite, because Embree misbehaves silently on NaN and infinity")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(f"faces must index the {len(vertices)} vertices; got {faces.min()} to {faces.max()}")
+    return vertices, faces

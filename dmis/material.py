@@ -1,0 +1,164 @@
+"""Materials: named sets of lobes, with the textbook definitions of pbrt's materials.
+
+Parameters are numbers, RGB triples or `dmis.texture.Image`. A black constant removes its lobe, so that nothing is
+sampled or evaluated for it. Fresnel terms are the right way round here; the pbrt reader passes the reciprocal index
+for files of pbrt-v2, whose ``plastic`` and ``uber`` swap the two media.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf import (
+    Anisotropic,
+    BlendBase,
+    BlendCoat,
+    Blinn,
+    Conductor,
+    Delta,
+    Dielectric,
+    Distribution,
+    Lambert,
+    Lobe,
+    Microfacet,
+    OrenNayar,
+    SpecularReflection,
+    SpecularTransmission,
+)
+from dmis.texture import Image, scale
+
+Rgb = tuple[float, float, float]
+
+COPPER_ETA: Rgb = (0.200438, 0.924033, 1.102212)
+COPPER_K: Rgb = (3.912949, 2.452848, 2.142188)
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A surface's reflection: the sum of its lobes; sampling picks one of the non-delta lobes uniformly."""
+
+    lobes: tuple[Lobe, ...]
+    name: str = "material"
+
+
+def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
+    """Lambert, or Oren-Nayar if `sigma` (degrees) is not 0."""
+    if not 0 <= sigma <= 90:
+        raise ValueError(f"sigma must be in [0, 90] degrees, the spread of facet slopes; got {sigma}")
+    if _black("kd", kd):
+        return Material((), "matte")
+    return Material((OrenNayar(kd, sigma) if sigma else Lambert(kd),), "matte")
+
+
+def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1.5) -> Material:
+    """Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`."""
+    lobes: tuple[Lobe, ...] = ()
+    if not _black("kd", kd):
+        lobes += (Lambert(kd),)
+    if not _black("ks", ks):
+        lobes += (Microfacet(ks, blinn(roughness), Dielectric(eta)),)
+    return Material(lobes, "plastic")
+
+
+def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Material:
+    """A Blinn microfacet conductor; copper by default."""
+    return Material((Microfacet(1.0, blinn(roughness), Conductor(tuple(eta), tuple(k))),), "metal")
+
+
+def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
+    """A glossy and a mirror lobe, both with the conductor whose reflectance at normal incidence is `ks`, `kr`."""
+    lobes: tuple[Lobe, ...] = ()
+    if not _black("ks", ks):
+        lobes += (Microfacet(1.0, blinn(roughness), _conductor_of("ks", ks)),)
+    if not _black("kr", kr):
+        lobes += (SpecularReflection(1.0, _conductor_of("kr", kr)),)
+    return Material(lobes, "shinymetal")
+
+
+def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness: Any = 0.1) -> Material:
+    """Ashikhmin and Shirley's diffuse base under a glossy coat; a tangent frame is needed only if u and v differ."""
+    _black("kd", kd), _black("ks", ks)
+    same = u_roughness is v_roughness or (
+        not isinstance(u_roughness, Image) and not isinstance(v_roughness, Image) and u_roughness == v_roughness
+    )
+    coat: Distribution = blinn(u_roughness)
+    if not same:
+        coat = Anisotropic(_exponent("u_roughness", u_roughness), _exponent("v_roughness", v_roughness))
+    return Material((BlendBase(kd, ks), BlendCoat(ks, coat)), "substrate")
+
+
+def uber(
+    kd: Any = 0.25,
+    ks: Any = 0.25,
+    kr: Any = 0.0,
+    kt: Any = 0.0,
+    roughness: Any = 0.1,
+    eta: float = 1.5,
+    opacity: Any = 1.0,
+) -> Material:
+    """Diffuse, glossy, mirror and refraction together, all but a share ``1 - opacity`` that passes straight through."""
+    if isinstance(opacity, Image):
+        raise ValueError("opacity must be a constant; got an image texture, which is not supported")
+    clear = np.maximum(1 - np.atleast_1d(np.asarray(opacity, float)), 0)
+    lobes: tuple[Lobe, ...] = ()
+    if clear.any():
+        lobes += (SpecularTransmission(tuple(clear.tolist()), 1.0),)
+    if not _black("kd", kd := scale(opacity, kd)):
+        lobes += (Lambert(kd),)
+    if not _black("ks", ks := scale(opacity, ks)):
+        lobes += (Microfacet(ks, blinn(roughness), Dielectric(eta)),)
+    if not _black("kr", kr := scale(opacity, kr)):
+        lobes += (SpecularReflection(kr, Dielectric(eta)),)
+    if not _black("kt", kt := scale(opacity, kt)):
+        lobes += (SpecularTransmission(kt, eta),)
+    return Material(lobes, "uber")
+
+
+def mirror(kr: Any = 0.9) -> Material:
+    """A perfect mirror of reflectance `kr`."""
+    lobes: tuple[Delta, ...] = () if _black("kr", kr) else (SpecularReflection(kr),)
+    return Material(lobes, "mirror")
+
+
+def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
+    """Smooth glass: mirror reflection and refraction, divided by Fresnel."""
+    lobes: tuple[Lobe, ...] = ()
+    if not _black("kr", kr):
+        lobes += (SpecularReflection(kr, Dielectric(eta)),)
+    if not _black("kt", kt):
+        lobes += (SpecularTransmission(kt, eta),)
+    return Material(lobes, "glass")
+
+
+def blinn(roughness: Any) -> Blinn:
+    """Blinn's distribution of exponent ``1/roughness``."""
+    return Blinn(_exponent("roughness", roughness))
+
+
+def _exponent(name: str, roughness: Any) -> Any:
+    if isinstance(roughness, Image):
+        return Image(1 / roughness.texels, roughness.scale, roughness.offset, roughness.wrap)
+    value = float(np.asarray(roughness).reshape(-1)[0])
+    if not (value > 0 and np.isfinite(value)):
+        raise ValueError(f"{name} must be positive, because the Blinn exponent is its reciprocal; got {roughness}")
+    return 1 / value
+
+
+def _conductor_of(name: str, reflectance: Any) -> Conductor:
+    """The conductor with k = 0 whose normal reflectance is as given: ``eta = (1 + sqrt r) / (1 - sqrt r)``."""
+    if isinstance(reflectance, Image):
+        raise ValueError(f"{name} of shinymetal must be a constant; got an image texture, which is not supported")
+    r = np.minimum(np.broadcast_to(np.asarray(reflectance, float), 3), 0.999)
+    eta = (1 + np.sqrt(r)) / (1 - np.sqrt(r))
+    return Conductor((float(eta[0]), float(eta[1]), float(eta[2])), (0.0, 0.0, 0.0))
+
+
+def _black(name: str, value: Any) -> bool:
+    """Whether a constant parameter is zero; negative or non-finite reflectances are refused."""
+    texels = value.texels if isinstance(value, Image) else np.asarray(value, float)
+    if not np.isfinite(texels).all() or (texels < 0).any():
+        raise ValueError(f"{name} must be finite and not negative, because it is a reflectance; got {value}")
+    return not isinstance(value, Image) and not texels.any()

@@ -1,0 +1,46 @@
+"""Errors of images against references.
+
+A reference that was rendered itself has noise. Two independent halves r1, r2 of it give an estimate without that noise:
+``mean[(x - r1)(x - r2)]`` has the expectation of ``mean[(x - r)^2]`` with the exact r.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmis.vec import Array
+
+
+def mse(image: Array, first: Array, second: Array | None = None) -> float:
+    """Mean squared error over pixels and channels, against a reference or two independent halves of one."""
+    return float(_product(image, first, second).mean())
+
+
+def relmse(image: Array, first: Array, second: Array | None = None, epsilon: float = 0.01) -> float:
+    """Mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, no outliers trimmed."""
+    reference = _mean(first, second)
+    return float((_product(image, first, second) / (reference * reference + epsilon)).mean())
+
+
+def block_error(image: Array, reference: Array, size: int = 8) -> float:
+    """Relative L2 difference of the means over blocks: ``sqrt(sum (A - R)^2 / sum R^2)``; ragged borders are left out."""
+    a, r = (_blocks(np.asarray(x, np.float64), size) for x in (image, reference))
+    return float(np.sqrt(((a - r) ** 2).sum() / (r * r).sum()))
+
+
+def _mean(first: Array, second: Array | None) -> Array:
+    first = np.asarray(first, np.float64)
+    return first if second is None else (first + second) / 2
+
+
+def _product(image: Array, first: Array, second: Array | None) -> Array:
+    image = np.asarray(image, np.float64)
+    second = first if second is None else second
+    if image.shape != np.shape(first) or image.shape != np.shape(second):
+        raise ValueError(f"image and reference must have the same shape; got {image.shape}, {np.shape(first)}, {np.shape(second)}")
+    return (image - first) * (image - second)
+
+
+def _blocks(image: Array, size: int) -> Array:
+    height, width = (n // size * size for n in image.shape[:2])
+    return image[:height, :width].reshape(height // size, size, width // size, size, -1).mean(axis=(1, 3))

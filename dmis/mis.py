@@ -1,0 +1,136 @@
+"""Multiple importance sampling: how samples are divided between two techniques, and how they are combined.
+
+A camera sample carries S shading samples. A share ``w`` of a pixel's ``n = S spp`` shading samples goes to the first
+technique (light sampling), ``1 - w`` to the second (BRDF sampling).
+
+*Allocation.* The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes to
+the first technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one sample of each
+technique per camera sample.
+
+*Combination.* Estimates are divided by the nominal shares, not by the realised counts: every slot belongs to the first
+technique with probability w over the offset, whatever its neighbours do, so the estimate is unbiased even where a
+technique's count happens to be 0.
+
+A heuristic takes the effective densities ``a = w_own p_own`` and ``b = w_other p_other`` and returns ``W / a``, where W is
+the MIS weight of the own technique's sample: the factor that multiplies ``f`` in its estimate. With the balance heuristic it
+is ``1 / (a + b)``, the reciprocal of the mixture density. Source: Veach and Guibas 1995; Veach 1997, chapter 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dmis.vec import TINY, Array
+
+Heuristic = Callable[[Array, Array, bool], Array]
+"""``(a, b, first) -> W / a``; `first` breaks ties, so that the weights of both techniques sum to 1."""
+Allocation = Literal["systematic", "random"]
+
+
+def balance(a: Array, b: Array, first: bool) -> Array:
+    """``W = a / (a + b)``."""
+    return 1 / np.maximum(a + b, TINY)
+
+
+def power(beta: float) -> Heuristic:
+    """``W = a^beta / (a^beta + b^beta)``, written with the ratio b/a so that nothing overflows."""
+    if not beta > 0:
+        raise ValueError(f"the exponent of the power heuristic must be positive; got {beta}")
+
+    def heuristic(a: Array, b: Array, first: bool) -> Array:
+        ratio = np.minimum(b / np.maximum(a, TINY), np.float32(1e18 ** min(1, 2 / beta)))
+        raised = ratio * ratio if beta == 2 else ratio ** np.float32(beta)
+        return 1 / (np.maximum(a, TINY) * (1 + raised))
+
+    return heuristic
+
+
+def maximum(a: Array, b: Array, first: bool) -> Array:
+    """``W = 1`` for the technique with the larger density, 0 for the other."""
+    return ((a >= b) if first else (a > b)) / np.maximum(a, TINY)
+
+
+def cutoff(alpha: float) -> Heuristic:
+    """Balance among the techniques whose density is at least `alpha` times the largest."""
+    if not 0 <= alpha <= 1:
+        raise ValueError(f"the threshold of the cutoff heuristic must be in [0, 1], a share of the maximum; got {alpha}")
+
+    def heuristic(a: Array, b: Array, first: bool) -> Array:
+        threshold = np.float32(alpha) * np.maximum(a, b)
+        return (a >= threshold) / np.maximum(a + b * (b >= threshold), TINY)
+
+    return heuristic
+
+
+def find(name: str) -> Heuristic:
+    """A heuristic by name: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (0.1), ``cutoff-0.5``.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    kind, _, number = name.partition("-")
+    try:
+        value = float(number) if number else None
+    except ValueError:
+        value = np.nan
+    if kind == "balance" and not number:
+        return balance
+    if kind == "maximum" and not number:
+        return maximum
+    if kind == "power" and value == value:
+        return power(2.0 if value is None else value)
+    if kind == "cutoff" and value == value:
+        return cutoff(0.1 if value is None else value)
+    raise ValueError(f"combiner must be balance, power[-EXPONENT], maximum or cutoff[-THRESHOLD]; got {name!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """How many of each camera sample's shading samples go to the first technique.
+
+    Attributes
+    ----------
+    first
+        ``(N,)`` int8, or one int for all samples.
+    reached
+        How many of its pixel's shading samples went to the first and to the second technique before this camera
+        sample, ``(2, N)``; None if the same number goes there every time, or at random.
+    """
+
+    first: np.ndarray | int
+    reached: np.ndarray | None = None
+
+
+def allocate(
+    w: Array | float, shading_samples: int, start: int, count: int, offset: Array, rng: np.random.Generator | None
+) -> Counts:
+    """Divide the shading samples of the camera samples `start` to `start + count` of P pixels, sample-major.
+
+    Parameters
+    ----------
+    w
+        Share of the first technique: ``(P,)``, or one number for all pixels.
+    shading_samples
+        S, shading samples per camera sample.
+    offset
+        Random offsets of the systematic rounding in [0, 1), ``(P,)``.
+    rng
+        None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
+        model of MIS), with numbers from here.
+    """
+    pixels = len(offset)
+    if np.ndim(w) == 0 and (rng is None or w in (0, 1)) and float(shading_samples * w).is_integer():
+        return Counts(int(shading_samples * w))
+    if rng is not None:
+        picks = rng.random((shading_samples, count, pixels), dtype=np.float32) < w
+        return Counts(picks.sum(axis=0, dtype=np.int8).reshape(-1))
+    slots = np.arange(start, start + count + 1)[:, None] * shading_samples
+    reached = np.floor(slots * np.asarray(w, np.float64) + offset).astype(np.int32)
+    first = (reached[1:] - reached[:-1]).astype(np.int8).reshape(-1)
+    return Counts(first, np.stack([reached[:-1], slots[:-1] - reached[:-1]]).reshape(2, -1))

@@ -1,0 +1,126 @@
+"""Surface points: what a batch of hits looks like to lobes, lights and shadow rays."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf import Delta, Glossy, Pair
+from dmis.vec import Array, Index, dot, frame, normalise, take
+
+
+class Surface:
+    """N points on surfaces that share the same kinds of lobes, seen from ``wo``.
+
+    A subset (`take`) gathers an attribute when it is first read: most directions miss the light or face away, and
+    the few points that remain rarely need everything.
+
+    Attributes
+    ----------
+    p
+        Positions, pushed off the surface towards wo: where rays that leave on wo's side begin, ``(3, N)``.
+    ng, n
+        Unit geometric and shading normals, both on wo's side, ``(3, N)``; the same array on flat surfaces.
+    wo
+        Unit directions to the viewer, ``(3, N)``.
+    cos_o
+        ``n . wo``, ``(N,)``.
+    glossy, delta
+        Lobes with their parameters bound to these points.
+    outside
+        Whether wo is on the side that the mesh's winding calls outside, ``(N,)`` bool; read by delta lobes only.
+    dpdu
+        ``(3, N)``; read by anisotropic lobes only, None where there are none.
+    """
+
+    p: Array
+    ng: Array
+    n: Array
+    wo: Array
+    cos_o: Array
+    outside: Array
+    dpdu: Array | None
+    glossy: tuple[Glossy, ...]
+    delta: tuple[Delta, ...]
+
+    def __init__(self, **attributes: Any) -> None:
+        self.__dict__.update(attributes)
+        self._parent: Surface | None = None
+        self._index: Index = np.empty(0, np.intp)
+
+    def take(self, index: Index | None) -> Surface:
+        """The points `index`; None means all of them."""
+        if index is None:
+            return self
+        part = Surface()
+        part._parent, part._index = (self, index) if self._parent is None else (self._parent, self._index.take(index))
+        return part
+
+    def __getattr__(self, name: str) -> Any:
+        """Gather an attribute of a subset the first time that it is read."""
+        if name.startswith("_") or self._parent is None:
+            raise AttributeError(name)
+        if name == "ng" and self._parent.ng is self._parent.n:
+            value = self.n
+        else:
+            value = _gather(getattr(self._parent, name), self._index)
+        self.__dict__[name] = value
+        return value
+
+    @cached_property
+    def tangents(self) -> tuple[Array, Array]:
+        """Unit tangents along and across dp/du; any frame where the surface has no dp/du. Each ``(3, N)``."""
+        if self.dpdu is None:
+            return frame(self.n)
+        s = normalise(self.dpdu - self.n * dot(self.n, self.dpdu))
+        x, y, z = self.n
+        t = np.stack([y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]])
+        return s, t
+
+    # The BRDF as a whole: the sum of its lobes, sampled by picking one of them uniformly ------------------------------
+
+    def eval(self, pair: Pair) -> Array:
+        """BRDF without the cosine, ``(1, N)``, ``(3, 1)`` or ``(3, N)``; delta lobes excluded."""
+        total = self.glossy[0].eval(pair)
+        for lobe in self.glossy[1:]:
+            total = total + lobe.eval(pair)
+        return total
+
+    def pdf(self, pair: Pair) -> Array:
+        """Density of `sample` at the pair's wi, ``(N,)``."""
+        total = self.glossy[0].pdf(pair)
+        for lobe in self.glossy[1:]:
+            total = total + lobe.pdf(pair)
+        return total * np.float32(1 / len(self.glossy)) if len(self.glossy) > 1 else total
+
+    def sample(self, u: Array) -> Array:
+        """Directions ``(3, N)``; ``u[0]`` first picks the lobe and is then stretched back to [0, 1)."""
+        count = len(self.glossy)
+        if count == 1:
+            return self.glossy[0].sample(self, u)
+        wi = np.empty_like(self.wo)
+        scaled = u[0] * count
+        chosen = np.minimum(scaled.astype(np.int8), count - 1)
+        stretched = np.stack([np.minimum(scaled - chosen, np.float32(1 - 2**-24)), u[1]])
+        for k in range(count):
+            index = np.flatnonzero(chosen == k)
+            part = self.take(index)
+            directions = part.glossy[k].sample(part, stretched.take(index, axis=1))
+            for row, values in zip(wi, directions, strict=True):
+                row[index] = values
+        return wi
+
+
+def _gather(value: Any, index: Index) -> Any:
+    """The points `index` of an array, or of all arrays in a lobe or a tuple of lobes; constants stay as they are."""
+    if isinstance(value, np.ndarray):
+        return take(value, index)
+    if isinstance(value, tuple):
+        return tuple(_gather(item, index) for item in value)
+    if not is_dataclass(value):
+        return value
+    changes = {f.name: _gather(getattr(value, f.name), index) for f in fields(value)}
+    return replace(value, **changes)  # type: ignore[type-var]

@@ -1,0 +1,91 @@
+"""Sampling techniques: ways to pick a direction for direct lighting.
+
+Each technique is a pair of functions with the same leading arguments: ``sample`` picks directions at surface points and
+tells what they see of a light; ``pdf`` is the density, per solid angle, with which it would pick given directions.
+Two techniques are mixed by `dmis.mis`; anything that has these two functions can be one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+from dmis.brdf import Pair
+from dmis.light import EnvironmentLight, Seen
+from dmis.light import AreaLight as _AreaLight
+from dmis.surface import Surface
+from dmis.vec import Array
+from dmis.warp import TWO_PI, square_to_hemisphere, to_world
+
+SampledLight = _AreaLight | EnvironmentLight
+
+
+@dataclass(frozen=True)
+class Technique:
+    """A way to pick directions.
+
+    Attributes
+    ----------
+    name
+        Its name in options and tables.
+    rays
+        The kind under which its occlusion rays are counted.
+    sample
+        ``(surface, light, u) -> Seen``, `u` ``(2, N)``.
+    pdf
+        ``(surface, pair, seen) -> (N,)``.
+    """
+
+    name: str
+    rays: str
+    sample: Callable[[Surface, SampledLight, Array], Seen]
+    pdf: Callable[[Surface, Pair, Array], Array]
+
+
+def _light_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+    return light.sample(surface.p, u)
+
+
+def _light_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
+    return light_pdf
+
+
+def _brdf_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+    return light.hit(surface.p, surface.sample(u))
+
+
+def _brdf_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
+    return surface.pdf(pair)
+
+
+def _uniform_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+    return light.hit(surface.p, to_world(square_to_hemisphere(u), surface.n))
+
+
+def _uniform_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
+    return pair.above / TWO_PI
+
+
+LIGHT = Technique("light", "shadow", _light_sample, _light_pdf)
+BRDF = Technique("brdf", "brdf", _brdf_sample, _brdf_pdf)
+UNIFORM = Technique("uniform", "uniform", _uniform_sample, _uniform_pdf)
+
+TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM)}
+"""By name. `UNIFORM`, the hemisphere with equal density, is for teaching: it is what importance sampling improves on."""
+
+
+def find(name: str) -> Technique:
+    """The technique called `name`.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    try:
+        return TECHNIQUES[name]
+    except KeyError:
+        raise ValueError(f"technique must be one of {', '.join(TECHNIQUES)}; got {name!r}") from None
+
+

@@ -1,0 +1,99 @@
+"""Statistics per pixel, mergeable in any order of splits; and square patches of pixels.
+
+Means and sums of squared deviations are float64 and merge by Chan, Golub and LeVeque's formula (1983), which does not cancel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.vec import Array
+
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
+"""Weights of linear RGB in luminance (sRGB primaries), as in pbrt."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean and spread of n samples.
+
+    Attributes
+    ----------
+    n
+        Number of samples, the same for all entries.
+    mean
+        Their mean, any shape, float64.
+    m2
+        Sum of squared deviations from it, the same shape.
+    """
+
+    n: int
+    mean: Array
+    m2: Array
+
+    @classmethod
+    def of(cls, samples: Array) -> Moments:
+        """Moments over the first axis of `samples` ``(n, ...)``."""
+        n = len(samples)
+        mean = samples.sum(axis=0) * np.float32(1 / n)
+        deviation = samples - mean
+        deviation *= deviation
+        return cls(n, mean.astype(np.float64), deviation.sum(axis=0).astype(np.float64))
+
+    def merge(self, other: Moments) -> Moments:
+        """Moments of both sets of samples together."""
+        n = self.n + other.n
+        delta = other.mean - self.mean
+        return Moments(
+            n, self.mean + delta * (other.n / n), self.m2 + other.m2 + delta * delta * (self.n * other.n / n)
+        )
+
+    def variance(self) -> Array:
+        """Unbiased variance of one sample.
+
+        From n samples its own relative standard error is ``sqrt(2 / (n - 1))`` for a normal distribution: 140 % at
+        n = 2. Rendering is worse: with a spike that one sample in a hundred sees, two samples mostly report
+        a variance far below the truth.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two samples.
+        """
+        if self.n < 2:
+            raise ValueError(f"a variance needs at least two samples; got {self.n}")
+        return self.m2 / (self.n - 1)
+
+
+def luminance(rgb: Array) -> Array:
+    """Luminance of linear RGB in the last axis."""
+    return rgb @ LUMINANCE
+
+
+def patch_mean(image: Array, size: int) -> Array:
+    """Means over square patches of `size` pixels, ``(ceil(H / size), ceil(W / size))``.
+
+    Patches at the right and bottom border may be smaller; each is the mean of the pixels that it has.
+
+    Parameters
+    ----------
+    image
+        ``(H, W)``.
+    size
+        At least 1; larger than the image means one patch.
+    """
+    if size < 1:
+        raise ValueError(f"patch must be at least 1 pixel; got {size}")
+    height, width = image.shape
+    rows, columns = np.arange(0, height, size), np.arange(0, width, size)
+    sums = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
+    areas = np.outer(np.diff(np.append(rows, height)), np.diff(np.append(columns, width)))
+    return sums / areas
+
+
+def patch_spread(values: Array, size: int, shape: tuple[int, int]) -> Array:
+    """The inverse of `patch_mean` in shape: each pixel of an image of `shape` gets its patch's value."""
+    height, width = shape
+    return values[np.arange(height)[:, None] // size, np.arange(width)[None] // size]

@@ -1,0 +1,43 @@
+"""What all tests share: where the original pbrt-v2 scenes and their converged images are, if they are here.
+
+Neither may be redistributed, so the project does not contain them. ``DMIS_PBRT_SCENES`` and ``DMIS_REFERENCES`` name
+their folders; the tests that need them skip, and say why, where the variable is not set. A variable that names no
+folder is a mistake, and fails.
+"""
+
+import os
+from pathlib import Path
+
+import pytest
+
+DATA = {
+    "DMIS_PBRT_SCENES": "the original pbrt-v2 scenes",
+    "DMIS_REFERENCES": "the converged pbrt-v2 images",
+}
+
+
+def pytest_report_header(config: pytest.Config) -> list[str]:
+    """Lines for the head of the report: which of the two folders this run has."""
+    return [f"{name}: {os.environ.get(name) or f'not set; tests against {what} skip'}" for name, what in DATA.items()]
+
+
+def _folder(name: str) -> Path:
+    value = os.environ.get(name)
+    if not value:
+        pytest.skip(f"needs {DATA[name]}: set {name} to their folder")
+    path = Path(value)
+    if not path.is_dir():
+        pytest.fail(f"{name} must name the folder of {DATA[name]}; got {value!r}, which is no folder", pytrace=False)
+    return path.resolve()
+
+
+@pytest.fixture(scope="session")
+def pbrt_scenes() -> Path:
+    """Folder of the original pbrt-v2 scenes, ``killeroo-gold.pbrt`` and so on; skips the test if there is none."""
+    return _folder("DMIS_PBRT_SCENES")
+
+
+@pytest.fixture(scope="session")
+def references() -> Path:
+    """Folder of the converged pbrt-v2 images, ``killeroo-gold.npz`` and so on; skips the test if there is none."""
+    return _folder("DMIS_REFERENCES")
