@@ -1,4 +1,4 @@
-"""The command line: ``python -m dmis render | info``.
+"""The command line: ``python -m dmis render | info | bench``.
 
 Bad input ends with exit code 2 and one message. An interrupted render ends with 130 and keeps its checkpoint.
 """
@@ -18,9 +18,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dmis import __version__
+from dmis.bench import HEADER, bench_row
 from dmis.estimator import Settings
 from dmis.image import write_image, write_png
-from dmis.load import load_scene
+from dmis.load import SHIPPED, load_scene
 from dmis.render import Progress, Result, render
 from dmis.replay import embree_seconds
 from dmis.samplers import KINDS
@@ -50,22 +51,34 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("render", help="render a scene to an EXR file with layers")
     command.set_defaults(run=_render)
     command.add_argument("scene", help="a pbrt file, a mesh file, or the name of a scene that comes with dmis")
-    command.add_argument("-o", "--output", required=True, metavar="OUT.exr", help="layers RGB, weight, variance, samples")
+    command.add_argument(
+        "-o", "--output", required=True, metavar="OUT.exr", help="layers RGB, weight, variance, samples"
+    )
     command.add_argument("--png", metavar="OUT.png", help="also write a preview")
     command.add_argument("--spp", type=int, default=128, help="camera samples per pixel, pilot included (default 128)")
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
     command.add_argument("--integrator", choices=("direct", "path"), default="direct")
     command.add_argument(
-        "--rule", default="thesis", help="balance, pbrt, fixed:W, one-sample, uniform, thesis[:patch=8,...] (default thesis)"
+        "--rule",
+        default="thesis",
+        help="balance, pbrt, fixed:W, one-sample, uniform, thesis[:patch=8,...] (default thesis)",
     )
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--threads", type=int, help="default: one per processor")
     command.add_argument("--sampler", choices=KINDS, default="independent")
-    command.add_argument("--shading-samples", type=int, default=2, help="light or BRDF samples per camera sample (default 2)")
-    command.add_argument("--lights", choices=("all", "one"), default="all", help="sample all lights, or one picked at random")
-    command.add_argument("--max-depth", type=int, default=5, help="surfaces visited through mirrors and glass (default 5)")
+    command.add_argument(
+        "--shading-samples", type=int, default=2, help="light or BRDF samples per camera sample (default 2)"
+    )
+    command.add_argument(
+        "--lights", choices=("all", "one"), default="all", help="sample all lights, or one picked at random"
+    )
+    command.add_argument(
+        "--max-depth", type=int, default=5, help="surfaces visited through mirrors and glass (default 5)"
+    )
     command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
-    command.add_argument("--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)")
+    command.add_argument(
+        "--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)"
+    )
     command.add_argument("--quiet", action="store_true", help="no progress, no summary")
 
     command = commands.add_parser("info", help="versions, and what a scene needs")
@@ -73,6 +86,15 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("scene", nargs="?")
     command.add_argument("--resolution", type=_resolution, metavar="WxH")
     command.add_argument("--seed", type=int, default=0, help=argparse.SUPPRESS)
+
+    command = commands.add_parser("bench", help="speed against the same Embree calls alone")
+    command.set_defaults(run=_bench)
+    command.add_argument("scenes", nargs="*", metavar="SCENE", help="default: the scenes that come with dmis")
+    command.add_argument("--rules", default="balance,thesis", help="separated by commas (default balance,thesis)")
+    command.add_argument("--resolution", type=_resolution, metavar="WxH", default=(342, 256), help="default 342x256")
+    command.add_argument("--spp", type=int, default=64)
+    command.add_argument("--threads", type=int, default=1, help="default 1")
+    command.add_argument("--seed", type=int, default=0)
     return parser
 
 
@@ -140,12 +162,24 @@ def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:
 
 def _info(options: argparse.Namespace) -> int:
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "trimesh", "embreex", "OpenEXR"))
-    print(f"dmis {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}\n{packages}")
+    print(
+        f"dmis {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}\n{packages}"
+    )
     if options.scene:
         begin = time.perf_counter()
         scene = load_scene(options.scene, resolution=options.resolution)
         _ = scene.intersector
         print(f"\n{scene.plan.describe()}\nread and built in {time.perf_counter() - begin:.2f} s")
+    return 0
+
+
+def _bench(options: argparse.Namespace) -> int:
+    print(HEADER)
+    for scene in options.scenes or SHIPPED:
+        for rule in options.rules.split(","):
+            print(
+                bench_row(scene, rule, options.resolution, options.spp, options.threads, seed=options.seed), flush=True
+            )
     return 0
 
 

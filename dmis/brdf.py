@@ -10,7 +10,8 @@ tangent frame is ever built to evaluate them. ``eval`` is symmetric in the side 
 does where shading and geometric normals disagree), ``pdf`` is 0 below the shading horizon.
 
 Sources: Lambert; Oren and Nayar 1994; Torrance and Sparrow 1967 with Blinn's distribution (1977); Ashikhmin and
-Shirley 2000 (anisotropic lobe, diffuse base under a glossy coat). The forms are those of Pharr and Humphreys, "Physically Based Rendering", 2nd edition, chapters 8 and 14.
+Shirley 2000 (anisotropic lobe, diffuse base under a glossy coat). The forms are those of Pharr and Humphreys,
+"Physically Based Rendering", 2nd edition, chapters 8 and 14.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ ONE = np.float32(1)
 class Frame(Protocol):
     """What a lobe needs of N surface points.
 
-    Unit ``n`` and ``wo`` ``(3, N)``, ``cos_o`` ``(N,)``; ``outside`` ``(N,)`` bool (delta lobes only); ``tangents``, two
-    ``(3, N)`` (anisotropic lobes only).
+    Unit ``n`` and ``wo`` ``(3, N)``, ``cos_o`` ``(N,)``; ``outside`` ``(N,)`` bool (delta lobes only); ``tangents``,
+    two ``(3, N)`` (anisotropic lobes only).
     """
 
     n: Array
@@ -183,15 +184,6 @@ class Anisotropic:
 
 
 Distribution = Blinn | Anisotropic
-
-
-def _half_vector_pdf(distribution: Distribution, pair: Pair) -> Array:
-    """Density of wi = reflect(wo, h): dh/dwi = 1/(4 wo.h)."""
-    return distribution.pdf_h(pair) / (4 * pair.cos_d) * pair.above
-
-
-def _reflect(surface: Frame, h: Array) -> Array:
-    return h * (2 * dot(surface.wo, h)) - surface.wo
 
 
 # Lobes --------------------------------------------------------------------------------------------------------------

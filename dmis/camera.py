@@ -34,7 +34,9 @@ class Camera:
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0:
             raise ValueError(f"to_world must be a finite invertible 4x4 matrix; got {matrix.tolist()}")
         if not 0 < self.fov < 180:
-            raise ValueError(f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}")
+            raise ValueError(
+                f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}"
+            )
         width, height = self.resolution
         if not (1 <= width <= 65535 and 1 <= height <= 65535 and width * height <= 2**25):
             raise ValueError(f"resolution must be 1 to 65535 on a side and at most 2**25 pixels; got {width}x{height}")

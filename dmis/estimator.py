@@ -1,12 +1,13 @@
 """Direct lighting: camera rays in, radiance out, one batch per bounce.
 
-Follow one camera sample: its ray meets a surface (`direct`); each light is sampled by two techniques, S shading samples in
-all (`_mixture`); a shading sample is a direction, the BRDF and the light's radiance there, a weight, and an occlusion ray
-(`_shade`). Mirrors and glass send the sample on, to be shaded where it arrives.
+Follow one camera sample: its ray meets a surface (`direct`); each light is sampled by two techniques, S shading
+samples in all (`_mixture`); a shading sample is a direction, the BRDF and the light's radiance there, a weight, and
+an occlusion ray (`_shade`). Mirrors and glass send the sample on, to be shaded where it arrives.
 
 The radiance reflected at p towards wo is the integral over wi of ``f = f_r(wo, wi) L(wi) |n.wi| V(wi)``. With
-densities p_l (light sampling), p_b (BRDF sampling) and the share w of light samples, the balance heuristic estimates it by
-the mean over shading samples of ``f / p_w``, ``p_w = w p_l + (1 - w) p_b`` (thesis Eq. 2.9; Veach 1997, Eq. 9.8).
+densities p_l (light sampling), p_b (BRDF sampling) and the share w of light samples, the balance heuristic estimates
+it by the mean over shading samples of ``f / p_w``, ``p_w = w p_l + (1 - w) p_b`` (thesis Eq. 2.9; Veach 1997, Eq.
+9.8).
 
 Batches shrink as soon as possible: only directions that meet a light and can reflect it are evaluated, only those that
 would contribute are traced. What is dropped is exactly zero.
@@ -67,7 +68,9 @@ class Settings:
         if not 1 <= self.shading_samples <= 100:
             raise ValueError(f"shading_samples must be between 1 and 100; got {self.shading_samples}")
         if len(self.techniques) != 2:
-            raise ValueError(f"techniques must be two names, because w is the share of the first; got {self.techniques}")
+            raise ValueError(
+                f"techniques must be two names, because w is the share of the first; got {self.techniques}"
+            )
         for name in self.techniques:
             technique.find(name)
         mis.find(self.combiner)
@@ -102,7 +105,7 @@ class Batch:
     settings: Settings
     sampler: Sampler
     rng: np.random.Generator
-    w: Array | np.float32
+    w: Array
     counts: Counts
     rays: Counter[str] = field(default_factory=Counter)
 
@@ -149,14 +152,14 @@ def _visit(batch: Batch, rays: _Rays, pending: list[_Rays]) -> Iterator[tuple[Ar
     if plan.environment:
         missed = _where(hits.prim < 0)
         if missed is None or len(missed):
-            seen = sum(light.radiance(take(rays.direction, missed)) for light in plan.environment)
-            yield _onward(rays, missed, seen)
+            for light in plan.environment:
+                yield _onward(rays, missed, light.radiance(take(rays.direction, missed)))
     for number, group in enumerate(plan.groups):
         index = _where(group_of == number)
         if index is not None and len(index) == 0:
             continue
         surface, emission = scene.surface(group, hits, index, rays.direction)
-        sample = index if rays.sample is None else take(rays.sample, index)
+        sample = _both(rays.sample, index)
         out = np.zeros(surface.wo.shape, np.float32)
         if emission is not None:
             out += emission
@@ -342,5 +345,3 @@ def _add(out: Array, value: Array, index: Index | None) -> None:
         return
     for row, values in zip(out, value, strict=True):
         np.add.at(row, index, values)
-
-

@@ -1,7 +1,8 @@
 """Weight rules: pilot statistics in, share of light samples out.
 
-A rule says which pilot it needs (camera samples at given weights) and turns the moments that the pilot brings into a map of
-weights. `RULES` lists them by the name that the command line knows; `make_rule` reads ``name:option=value,...``.
+A rule says which pilot it needs (camera samples at given weights) and turns the moments that the pilot brings into a
+map of weights. `RULES` lists them by the name that the command line knows; `make_rule` reads
+``name:option=value,...``.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ class Fit:
 
 @runtime_checkable
 class Rule(Protocol):
-    """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.estimator.Settings` that belong to it."""
+    """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.estimator.Settings` that belong to
+    it.
+    """
 
     @property
     def pilot(self) -> Mapping[float, int]:
@@ -76,18 +79,19 @@ class Fixed:
 
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
-"""What happened in a patch: the parabola's minimum was used; it lay outside [0, 1]; there is no minimum, so the best pilot
-weight was used; all variances were zero or not finite, so w = 1/2 was used."""
+"""What happened in a patch: the parabola's minimum was used; it lay outside [0, 1]; there is no minimum, so the best
+pilot weight was used; all variances were zero or not finite, so w = 1/2 was used.
+"""
 
 
 @dataclass(frozen=True)
 class Thesis:
     """The rule of Seo's thesis (2014), Sec. 3: a parabola through three pilot variances per patch.
 
-    Render `spp` camera samples with each of BRDF sampling, light sampling and the balance heuristic (w = 0, 1, 1/2); average
-    the pixels' sample variances over square patches; put a least-squares parabola ``a2 w^2 + a1 w + a0`` through the
-    three points (Eqs. 3.2-3.4); take its minimum ``-a1 / (2 a2)`` (Eq. 3.5); filter the weights of patches with a 5x5
-    Gaussian (Sec. 3.4).
+    Render `spp` camera samples with each of BRDF sampling, light sampling and the balance heuristic (w = 0, 1, 1/2);
+    average the pixels' sample variances over square patches; put a least-squares parabola ``a2 w^2 + a1 w + a0``
+    through the three points (Eqs. 3.2-3.4); take its minimum ``-a1 / (2 a2)`` (Eq. 3.5); filter the weights of
+    patches with a 5x5 Gaussian (Sec. 3.4).
 
     Parameters
     ----------
@@ -103,10 +107,9 @@ class Thesis:
         Heuristic of the final samples.
 
     Notes
-    -----
-    Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance.
-    The text does not say what happens where the parabola has no minimum or has it outside [0, 1]. Here: the best of the three
-    pilot weights, and the nearer end; see `STATUS`.
+    ----- Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the
+    variance. The text does not say what happens where the parabola has no minimum or has it outside [0, 1]. Here: the
+    best of the three pilot weights, and the nearer end; see `STATUS`.
     """
 
     patch: int = 8
@@ -119,7 +122,9 @@ class Thesis:
         if self.patch < 1:
             raise ValueError(f"patch must be at least 1 pixel; got {self.patch}")
         if self.spp < 2:
-            raise ValueError(f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}")
+            raise ValueError(
+                f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
+            )
         if self.filter not in ("gaussian", "none"):
             raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
         if not self.sigma > 0:
@@ -185,8 +190,9 @@ RULES: dict[str, Callable[..., Rule]] = {
     "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
     "thesis": Thesis,
 }
-"""Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``, ``one-sample``
-(a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``."""
+"""Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
+``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``.
+"""
 
 
 def make_rule(text: str) -> Rule:
@@ -208,6 +214,7 @@ def make_rule(text: str) -> Rule:
         types.pop("w")
     types.pop("techniques", None)
     options: dict[str, Any] = {}
+    convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str}
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals:
@@ -215,7 +222,9 @@ def make_rule(text: str) -> Rule:
         if key not in types:
             raise ValueError(f"rule {name} has the options {', '.join(types)}; got {key!r}")
         try:
-            options[key] = types[key](value)
+            options[key] = convert[types[key]](value)
         except ValueError:
-            raise ValueError(f"option {key} of rule {name} must be of type {types[key].__name__}; got {value!r}") from None
+            raise ValueError(
+                f"option {key} of rule {name} must be of type {types[key].__name__}; got {value!r}"
+            ) from None
     return RULES[name](**options)

@@ -472,7 +472,7 @@ def bezier_patches(control: npt.ArrayLike, divisions: int = 16) -> Mesh:
     -------
     Mesh
         P·2·divisions² triangles, less those without area; uv are each patch's (u, v). Patches that share a boundary
-        curve share its points to the last bit. At a pole, where a tangent vanishes, the normal is its limit from within.
+        curve share its points to the last bit. Where a tangent vanishes, at a pole, the normal is the limit inside.
     """
     net = np.asarray(control, np.float64)
     if net.ndim != 4 or net.shape[1:] != (4, 4, 3) or not len(net) or not np.isfinite(net).all():

@@ -33,7 +33,9 @@ def write_image(path: str | os.PathLike[str], result: Result) -> None:
     write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
 
 
-def write_exr(path: str | os.PathLike[str], layers: Mapping[str, Array], attributes: Mapping[str, str] | None = None) -> None:
+def write_exr(
+    path: str | os.PathLike[str], layers: Mapping[str, Array], attributes: Mapping[str, str] | None = None
+) -> None:
     """Write layers ``(H, W)`` or ``(H, W, 3)``, float16 or float32, with string attributes.
 
     A three-channel layer called ``RGB`` is the image; ``name.R``, ``name.G``, ``name.B`` hold any other.
@@ -54,11 +56,15 @@ def write_exr(path: str | os.PathLike[str], layers: Mapping[str, Array], attribu
         raise FileNotFoundError(f"cannot write {path}: its directory does not exist")
     channels = {}
     for name, layer in layers.items():
-        if layer.ndim not in (2, 3) or layer.ndim == 3 and layer.shape[2] != 3:
+        if layer.ndim not in (2, 3) or (layer.ndim == 3 and layer.shape[2] != 3):
             raise ValueError(f"layer {name} must have shape (H, W) or (H, W, 3); got {layer.shape}")
         kind = np.float16 if layer.dtype == np.float16 else np.float32
         channels[name] = np.ascontiguousarray(layer, kind)  # OpenEXR writes strided arrays wrong
-    header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(attributes or {})}
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        **(attributes or {}),
+    }
     partial = path.with_name(path.name + ".partial")
     with OpenEXR.File(header, channels) as file:
         file.write(os.fspath(partial))

@@ -77,7 +77,7 @@ class Intersector:
         if self._check and np.isnan(distance).any():
             raise ValueError("distance must not be NaN, because Embree would walk the whole tree")
         dists = np.array(distance, np.float32)  # a copy: Embree writes into it
-        return self._scene.run(o, d, dists=dists, query="OCCLUDED") == 0
+        return np.equal(self._scene.run(o, d, dists=dists, query="OCCLUDED"), 0)
 
     def _rays(self, origin: Array, direction: Array) -> tuple[Array, Array]:
         if origin.shape != direction.shape or origin.ndim != 2 or origin.shape[0] != 3:
@@ -112,14 +112,12 @@ class BruteForce:
         t, u, v = t[rows, prim], u[rows, prim], v[rows, prim]
         met = np.isfinite(t)
         distance = np.where(met, t, 1e37).astype(np.float32)
-        return Hits(
-            np.where(met, prim, -1).astype(np.int32), u.astype(np.float32), v.astype(np.float32), distance
-        )
+        return Hits(np.where(met, prim, -1).astype(np.int32), u.astype(np.float32), v.astype(np.float32), distance)
 
     def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
         """See `Intersector.occluded`."""
         t, _, _ = self._all(origin, direction)
-        return (t < np.asarray(distance)[:, None]).any(axis=1)
+        return np.any(t < np.asarray(distance)[:, None], axis=1)
 
     def _all(self, origin: Array, direction: Array) -> tuple[Array, Array, Array]:
         """Distances (infinite for a miss) and barycentrics of all rays and triangles, ``(N, F)``."""

@@ -65,7 +65,7 @@ def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1
 
 def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Material:
     """A Blinn microfacet conductor; copper by default."""
-    return Material((Microfacet(1.0, blinn(roughness), Conductor(tuple(eta), tuple(k))),), "metal")
+    return Material((Microfacet(1.0, blinn(roughness), Conductor(_triple("eta", eta), _triple("k", k))),), "metal")
 
 
 def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
@@ -136,6 +136,13 @@ def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
 def blinn(roughness: Any) -> Blinn:
     """Blinn's distribution of exponent ``1/roughness``."""
     return Blinn(_exponent("roughness", roughness))
+
+
+def _triple(name: str, value: Any) -> Rgb:
+    out = np.broadcast_to(np.asarray(value, float).reshape(-1), 3)
+    if not np.isfinite(out).all() or (out < 0).any():
+        raise ValueError(f"{name} of a metal must be finite and not negative; got {value}")
+    return float(out[0]), float(out[1]), float(out[2])
 
 
 def _exponent(name: str, roughness: Any) -> Any:

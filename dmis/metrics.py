@@ -23,7 +23,9 @@ def relmse(image: Array, first: Array, second: Array | None = None, epsilon: flo
 
 
 def block_error(image: Array, reference: Array, size: int = 8) -> float:
-    """Relative L2 difference of the means over blocks: ``sqrt(sum (A - R)^2 / sum R^2)``; ragged borders are left out."""
+    """Relative L2 difference of the means over blocks: ``sqrt(sum (A - R)^2 / sum R^2)``; ragged borders are left
+    out.
+    """
     a, r = (_blocks(np.asarray(x, np.float64), size) for x in (image, reference))
     return float(np.sqrt(((a - r) ** 2).sum() / (r * r).sum()))
 
@@ -37,7 +39,9 @@ def _product(image: Array, first: Array, second: Array | None) -> Array:
     image = np.asarray(image, np.float64)
     second = first if second is None else second
     if image.shape != np.shape(first) or image.shape != np.shape(second):
-        raise ValueError(f"image and reference must have the same shape; got {image.shape}, {np.shape(first)}, {np.shape(second)}")
+        raise ValueError(
+            f"image and reference must have the same shape; got {image.shape}, {np.shape(first)}, {np.shape(second)}"
+        )
     return (image - first) * (image - second)
 
 

@@ -3,17 +3,18 @@
 A camera sample carries S shading samples. A share ``w`` of a pixel's ``n = S spp`` shading samples goes to the first
 technique (light sampling), ``1 - w`` to the second (BRDF sampling).
 
-*Allocation.* The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes to
-the first technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one sample of each
-technique per camera sample.
+*Allocation.* The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes
+to the first technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one
+sample of each technique per camera sample.
 
 *Combination.* Estimates are divided by the nominal shares, not by the realised counts: every slot belongs to the first
 technique with probability w over the offset, whatever its neighbours do, so the estimate is unbiased even where a
 technique's count happens to be 0.
 
-A heuristic takes the effective densities ``a = w_own p_own`` and ``b = w_other p_other`` and returns ``W / a``, where W is
-the MIS weight of the own technique's sample: the factor that multiplies ``f`` in its estimate. With the balance heuristic it
-is ``1 / (a + b)``, the reciprocal of the mixture density. Source: Veach and Guibas 1995; Veach 1997, chapter 9.
+A heuristic takes the effective densities ``a = w_own p_own`` and ``b = w_other p_other`` and returns ``W / a``, where
+W is the MIS weight of the own technique's sample: the factor that multiplies ``f`` in its estimate. With the balance
+heuristic it is ``1 / (a + b)``, the reciprocal of the mixture density. Source: Veach and Guibas 1995; Veach 1997,
+chapter 9.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ def maximum(a: Array, b: Array, first: bool) -> Array:
 def cutoff(alpha: float) -> Heuristic:
     """Balance among the techniques whose density is at least `alpha` times the largest."""
     if not 0 <= alpha <= 1:
-        raise ValueError(f"the threshold of the cutoff heuristic must be in [0, 1], a share of the maximum; got {alpha}")
+        raise ValueError(
+            f"the threshold of the cutoff heuristic must be in [0, 1], a share of the maximum; got {alpha}"
+        )
 
     def heuristic(a: Array, b: Array, first: bool) -> Array:
         threshold = np.float32(alpha) * np.maximum(a, b)
@@ -67,7 +70,8 @@ def cutoff(alpha: float) -> Heuristic:
 
 
 def find(name: str) -> Heuristic:
-    """A heuristic by name: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (0.1), ``cutoff-0.5``.
+    """A heuristic by name: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (0.1),
+    ``cutoff-0.5``.
 
     Raises
     ------

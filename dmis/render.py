@@ -1,8 +1,8 @@
 """Rendering with a rule: pilot, fit, final pass, one image.
 
-The budget `spp` includes the pilot. Pilot and final image are both unbiased, and are averaged with weights fixed beforehand,
-their camera samples: so the result is unbiased although the weights were learned. (Weighting by estimated variance would not
-be.) Work is cut into tiles (`dmis.tile`) for any `concurrent.futures.Executor`.
+The budget `spp` includes the pilot. Pilot and final image are both unbiased, and are averaged with weights fixed
+beforehand, their camera samples: so the result is unbiased although the weights were learned. (Weighting by estimated
+variance would not be.) Work is cut into tiles (`dmis.tile`) for any `concurrent.futures.Executor`.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def render(
     seed
         Not negative. The image depends on it, on nothing in the machine.
     sampler
-        ``independent``, ``stratified`` or ``sobol``, for the final pass. The pilot is always independent, because a sample
-        variance assumes it.
+        ``independent``, ``stratified`` or ``sobol``, for the final pass. The pilot is always independent, because a
+        sample variance assumes it.
     settings
         Estimator settings; a rule's own settings (its combiner) replace those.
     reuse_pilot
@@ -107,8 +107,8 @@ def render(
     progress
         Called in this thread after each tile.
     checkpoint
-        A file that finished tiles are saved to every few seconds and when interrupted; if it exists, rendering goes on from
-        it. It is removed at the end.
+        A file that finished tiles are saved to every few seconds and when interrupted; if it exists, rendering goes
+        on from it. It is removed at the end.
 
     Raises
     ------
@@ -140,9 +140,7 @@ def render(
     try:
         _ = scene.plan, scene.intersector
         begin = time.perf_counter()
-        pilot = {
-            w: work.render(k, "pilot", n, w, "independent") for k, (w, n) in enumerate(sorted(rule.pilot.items()))
-        }
+        pilot = {w: work.render(k, "pilot", n, w, "independent") for k, (w, n) in enumerate(sorted(rule.pilot.items()))}
         fitted = time.perf_counter()
         fit = rule.fit(pilot)
         final_begin = time.perf_counter()
@@ -182,8 +180,8 @@ def _check(spp: int, pilot_spp: int, seed: int, sampler: str, threads: int | Non
         raise ValueError(f"spp must be a whole number of at least 1; got {spp}")
     if spp <= pilot_spp:
         raise ValueError(
-            f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot of rule "
-            f"{rule}; got {spp}"
+            f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
+            f"of rule {rule}; got {spp}"
         )
     if spp > 2**20:
         raise ValueError(f"spp must be at most 2**20; got {spp}")
@@ -209,10 +207,10 @@ def _combine(parts: list[Moments]) -> tuple[Array, Array]:
 def _fingerprint(scene: Scene) -> str:
     """A short hash of what the camera sees: camera and geometry."""
     digest = hashlib.sha256(repr((scene.camera.fov, scene.camera.resolution, len(scene.lights))).encode())
-    digest.update(np.ascontiguousarray(scene.camera.to_world, np.float64))
+    digest.update(np.asarray(scene.camera.to_world, np.float64).tobytes())
     for part in scene.parts:
-        digest.update(np.ascontiguousarray(part.mesh.vertices, np.float32))
-        digest.update(np.ascontiguousarray(part.mesh.faces, np.int32))
+        digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
+        digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())
         digest.update(part.material.name.encode())
     return digest.hexdigest()[:16]
 
@@ -240,9 +238,7 @@ class _Work:
         tiles = []
         for number, (rows, columns) in enumerate(split((width, height), spp)):
             local = w if np.ndim(w) == 0 else np.asarray(w)[slice(*rows), slice(*columns)].reshape(-1)
-            tiles.append(
-                Tile(self._seed, pass_, number, rows, columns, spp, local, sampler, self._settings)
-            )
+            tiles.append(Tile(self._seed, pass_, number, rows, columns, spp, local, sampler, self._settings))
         self.tiles.extend(tiles)
         mean, m2, done = self._store.start(pass_, (height, width, 3), len(tiles), self.rays)
         waiting: dict[Future[Rendered], Tile] = {}
@@ -326,7 +322,7 @@ class _Store:
             arrays |= {f"mean{pass_}": mean, f"m2{pass_}": m2, f"done{pass_}": done}
         partial = self._path.with_name(self._path.name + ".partial")
         with open(partial, "wb") as file:
-            np.savez(file, **arrays)
+            np.savez(file, **arrays)  # type: ignore[arg-type]
         os.replace(partial, self._path)
         self._saved = time.monotonic()
 

@@ -1,7 +1,7 @@
 """The floor: how long the Embree calls of a render take when nothing else happens.
 
-Each tile is rendered once more with a caster that writes down its queries (tiles give the same rays every time), then the
-queries are asked again alone, on the same number of threads. ``seconds / floor`` tells what NumPy adds to Embree.
+Each tile is rendered once more with a caster that writes down its queries (tiles give the same rays every time), then
+the queries are asked again alone, on the same number of threads. ``seconds / floor`` tells what NumPy adds to Embree.
 """
 
 from __future__ import annotations

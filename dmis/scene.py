@@ -1,7 +1,7 @@
 """A scene, frozen; and its plan: what this scene needs, computed once, and what it can leave out.
 
-A scene is a camera, parts (a mesh, its material, and the light whose visible surface it is, if any) and lights. The plan
-puts all triangles in one table, and the materials that consist of the same kinds of lobes in one `Group`: the
+A scene is a camera, parts (a mesh, its material, and the light whose visible surface it is, if any) and lights. The
+plan puts all triangles in one table, and the materials that consist of the same kinds of lobes in one `Group`: the
 estimator partitions hits by group, not by material, and reads the parameters from tables. Groups keep apart what
 costs: texture lookups, interpolated normals, tangents, emission exist only where a group has them.
 """
@@ -69,6 +69,7 @@ class Group:
         changes: dict[str, Any] = {}
         for name, value in _parameters(lobe):
             if isinstance(value, Image):
+                assert uv is not None
                 changes[name] = value(uv) if name in _COLOURS else value(uv)[0]
             elif is_dataclass(value):
                 changes[name] = self.bind(value, row, uv)
@@ -113,7 +114,9 @@ class Plan:
                 members.append((part.material, part.light))
         live = [key for key in keys if key is not None]
         if len(live) >= NOTHING:
-            raise ValueError(f"a scene may have at most {NOTHING - 1} groups of textured or different materials; got {len(live)}")
+            raise ValueError(
+                f"a scene may have at most {NOTHING - 1} groups of textured or different materials; got {len(live)}"
+            )
         self.groups = tuple(_make_group(key, keys[key]) for key in live)
         face_group, face_row = [], []
         for part, key in zip(scene.parts, part_keys, strict=True):
@@ -124,6 +127,42 @@ class Plan:
         # One entry more than there are triangles: the -1 of a miss reads the last one.
         self.face_group = np.concatenate([*face_group, np.array([NOTHING], np.uint8)])
         self.face_row = np.concatenate(face_row)
+        self._name = scene.name
+        self._size = scene.camera.resolution
+
+    def describe(self) -> str:
+        """What there is, what it needs, and what is left out, in a few lines."""
+        width, height = self._size
+        lines = [f"scene {self._name}, {width}x{height}, {len(self.face_row):,} triangles"]
+        for k, group in enumerate(self.groups):
+            names = ", ".join(sorted({material.name for material in group.materials}))
+            lobes = " + ".join(type(lobe).__name__ for lobe in (*group.glossy, *group.delta)) or "no lobes"
+            needs = [
+                text
+                for needed, text in (
+                    (group.textured, "textures"),
+                    (group.smooth, "interpolated normals"),
+                    (group.anisotropic, "tangents"),
+                    (group.emission is not None, "emission"),
+                )
+                if needed
+            ]
+            triangles = int((self.face_group == k).sum())
+            lines.append(
+                f"  group {k}: {len(group.materials)} x {names}: {lobes}; {triangles:,} triangles; "
+                f"needs {', '.join(needs) or 'nothing else'}"
+            )
+        nothing = int((self.face_group[:-1] == NOTHING).sum())
+        if nothing:
+            lines.append(f"  {nothing:,} triangles neither reflect nor emit: they only occlude")
+        for light in self.sampled:
+            lines.append(f"  {type(light).__name__}: two techniques, MIS")
+        for k, light in enumerate(self.deltas):
+            rays = ", at the pinhole: no shadow rays from camera hits" if k in self.headlights else ""
+            lines.append(f"  {type(light).__name__}: a single direction, outside MIS{rays}")
+        if not self.sampled:
+            lines.append("  no light to sample by two techniques: MIS does not apply")
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +198,9 @@ class Scene:
             raise ValueError("a scene needs at least one part, because there is nothing to see otherwise; got none")
         for part in self.parts:
             if part.light is not None and not any(part.light is light for light in self.lights):
-                raise ValueError("a part's light must be among the scene's lights, because it would be seen but not sampled")
+                raise ValueError(
+                    "a part's light must be among the scene's lights, because it would be seen but not sampled"
+                )
 
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the description. Tables and the Embree handle are rebuilt where they are used."""
@@ -292,9 +333,7 @@ class Scene:
             emission = (group.emission if row is None else group.emission.take(row, axis=1)) * outside
         glossy = tuple(group.bind(lobe, row, uv) for lobe in group.glossy)
         delta = tuple(group.bind(lobe, row, uv) for lobe in group.delta)
-        surface = Surface(
-            p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, glossy=glossy, delta=delta
-        )
+        surface = Surface(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, glossy=glossy, delta=delta)
         return surface, emission
 
 
@@ -306,7 +345,7 @@ def _parameters(lobe: Any) -> Iterator[tuple[str, Any]]:
     """The parameters that differ from point to point, and the nested data that may hold some."""
     for field in fields(lobe):
         value = getattr(lobe, field.name)
-        if field.name in _COLOURS | _SCALARS or is_dataclass(value) and not isinstance(value, Dielectric | Conductor):
+        if field.name in _COLOURS | _SCALARS or (is_dataclass(value) and not isinstance(value, Dielectric | Conductor)):
             yield field.name, value
 
 
@@ -338,7 +377,9 @@ def _make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> G
     lobes = tuple(_tabulate(same) for same in zip(*(material.lobes for material in materials), strict=True))
     emission = None
     if emits:
-        emission = np.stack([np.asarray(light.radiance, np.float32) for _, light in members if light is not None], axis=1)
+        emission = np.stack(
+            [np.asarray(light.radiance, np.float32) for _, light in members if light is not None], axis=1
+        )
     return Group(
         materials,
         tuple(lobe for lobe in lobes if not isinstance(lobe, Delta)),
@@ -366,5 +407,3 @@ def _tabulate(lobes: tuple[Lobe, ...] | tuple[Any, ...]) -> Any:
             table = np.stack([np.broadcast_to(np.asarray(x, np.float32).reshape(-1), 3) for x in values], axis=1)
             changes[name] = table[:1] if (table == table[0]).all() else table
     return replace(lobes[0], **changes)
-
-

@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-
 from dmis.brdf import Pair
-from dmis.light import EnvironmentLight, Seen
 from dmis.light import AreaLight as _AreaLight
+from dmis.light import EnvironmentLight, Seen
 from dmis.surface import Surface
 from dmis.vec import Array
 from dmis.warp import TWO_PI, square_to_hemisphere, to_world
@@ -72,7 +71,7 @@ BRDF = Technique("brdf", "brdf", _brdf_sample, _brdf_pdf)
 UNIFORM = Technique("uniform", "uniform", _uniform_sample, _uniform_pdf)
 
 TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM)}
-"""By name. `UNIFORM`, the hemisphere with equal density, is for teaching: it is what importance sampling improves on."""
+"""By name. `UNIFORM`, equal density over the hemisphere, is for teaching: importance sampling improves on it."""
 
 
 def find(name: str) -> Technique:
@@ -87,5 +86,3 @@ def find(name: str) -> Technique:
         return TECHNIQUES[name]
     except KeyError:
         raise ValueError(f"technique must be one of {', '.join(TECHNIQUES)}; got {name!r}") from None
-
-

@@ -14,8 +14,6 @@ import numpy as np
 from dmis.vec import Array
 
 Wrap = Literal["repeat", "black", "clamp"]
-Parameter = "float | tuple[float, ...] | Array | Image"
-"""What a lobe's parameter may be in a scene description."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +67,10 @@ class Image:
         out += flat.take(row1 + j0, axis=1) * (gx0 * gy1)
         out += flat.take(row1 + j1, axis=1) * (gx1 * gy1)
         return out
+
+
+Parameter = float | tuple[float, ...] | Array | Image
+"""What a lobe's parameter may be in a scene description."""
 
 
 def scale(a: Parameter, b: Parameter) -> Parameter:

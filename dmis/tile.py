@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -57,7 +58,9 @@ class Rendered:
 
 
 def split(resolution: tuple[int, int], spp: int) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Rows and columns of the tiles of an image: squares of 32, 64 or 128 pixels, so that `CHUNK` samples fill a batch."""
+    """Rows and columns of the tiles of an image: squares of 32, 64 or 128 pixels, so that `CHUNK` samples fill a
+    batch.
+    """
     side = 32
     while side < 128 and (2 * side) ** 2 * spp <= CHUNK:
         side *= 2
@@ -93,7 +96,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         origin = np.repeat(scene.camera.origin, direction.shape[1], axis=1)
         picks = rng if settings.allocation == "random" else None
         counts = allocate(tile.w, settings.shading_samples, first, count, offset, picks)
-        w = np.float32(tile.w) if np.ndim(tile.w) == 0 else np.tile(np.asarray(tile.w, np.float32), count)
+        w = np.asarray(tile.w, np.float32)
+        w = w if w.ndim == 0 else np.tile(w, count)
         batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, w, counts, rays)
         radiance = direct(batch, origin, direction)
         block = Moments.of(radiance.reshape(3, count, pixels).swapaxes(0, 1))
@@ -108,5 +112,5 @@ def _blocks(spp: int, most: int) -> Iterator[tuple[int, int]]:
     """First sample and number of samples of each block of nearly equal size, at most `most`."""
     blocks = -(-spp // most)
     edges = [spp * k // blocks for k in range(blocks + 1)]
-    for first, end in zip(edges[:-1], edges[1:], strict=True):
+    for first, end in itertools.pairwise(edges):
         yield first, end - first

@@ -1,6 +1,7 @@
 """Statistics per pixel, mergeable in any order of splits; and square patches of pixels.
 
-Means and sums of squared deviations are float64 and merge by Chan, Golub and LeVeque's formula (1983), which does not cancel.
+Means and sums of squared deviations are float64 and merge by Chan, Golub and LeVeque's formula (1983), which does not
+cancel.
 """
 
 from __future__ import annotations

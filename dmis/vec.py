@@ -6,13 +6,15 @@ Rows are contiguous, so each operation below runs over whole cache lines, severa
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.floating]
-"""A floating-point array; ray-side arrays are float32."""
-Index = npt.NDArray[np.intp]
-"""Indices into the last axis of a batch."""
+Array = npt.NDArray[Any]
+"""Any array; ray-side ones are float32."""
+Index = npt.NDArray[Any]
+"""Whole numbers that index the last axis of a batch."""
 
 TINY = np.float32(1e-30)
 """Keeps square roots and divisions finite: a NaN in a ray would make Embree walk its whole tree."""

@@ -23,7 +23,7 @@ from scipy.interpolate import BSpline, CubicSpline
 
 FOLDER = Path(__file__).parent / "geometry"
 
-MESH_WIDTH = 0.0165  # grid step of the skin; its facets are hidden by exact normals
+MESH_WIDTH = 0.0175  # grid step of the skin; its facets are hidden by exact normals
 WHEEL_X = (0.80, 3.22)  # front and rear axle
 WHEEL_Y, WHEEL_R, WHEEL_W = 0.752, 0.325, 0.225  # centre of the tyre, its radius and width
 ARCH_R = 0.366  # radius of the wheel opening in the skin
@@ -343,8 +343,8 @@ REAR_LOW, REAR_HIGH = 2.86, 3.47  # rear window
 DOOR = rounded_outline([(1.315, 0.275), (2.36, 0.262), (2.50, 0.48), (2.475, 1.02), (1.40, 1.02), (1.262, 0.72)], 0.10)
 MOUTH = mirrored_outline([(0.315, 0.520), (0.385, 0.455), (0.315, 0.215)], 0.045)
 INTAKE = rounded_outline([(0.475, 0.225), (0.700, 0.235), (0.725, 0.350), (0.525, 0.330)], 0.04)
-HEADLIGHT = closed_outline([(-0.205, -0.030), (-0.14, -0.068), (0.02, -0.078), (0.17, -0.050), (0.235, 0.02), (0.215, 0.062),
-                            (0.07, 0.070), (-0.10, 0.048), (-0.19, 0.012)])
+HEADLIGHT = closed_outline([(-0.205, -0.030), (-0.14, -0.068), (0.02, -0.078), (0.17, -0.050), (0.235, 0.02),
+                            (0.215, 0.062), (0.07, 0.070), (-0.10, 0.048), (-0.19, 0.012)])
 TAIL_LIGHT = rounded_outline([(-0.13, -0.05), (0.15, -0.065), (0.17, 0.055), (-0.10, 0.06)], 0.05)
 
 
@@ -747,7 +747,8 @@ def spokes(p):
     u, v = rho * np.cos(angle), np.abs(rho * np.sin(angle))
     face = 0.058 + 0.030 * (rho / RIM_R) - 0.030 * bump(rho - 0.05, 0.09) + 0.012 * bump(rho, 0.05)
     y = y - face
-    spoke = soft_max(np.abs(v - 0.013 - 0.115 * u) - 0.0105 - 0.006 * (u / RIM_R) ** 2, np.abs(y + 0.014) - 0.014, 0.006)
+    half_width = 0.0105 + 0.006 * (u / RIM_R) ** 2
+    spoke = soft_max(np.abs(v - 0.013 - 0.115 * u) - half_width, np.abs(y + 0.014) - 0.014, 0.006)
     spoke = soft_max(spoke, rho - RIM_R + 0.004, 0.004)
     hub = soft_max(rho - 0.060, np.abs(y + 0.018) - 0.019, 0.010)
     flange = soft_max(np.abs(rho - RIM_R + 0.006) - 0.0075, np.abs(y + 0.010) - 0.013, 0.005)
@@ -805,7 +806,7 @@ def ring(r, thick):
 
 def mirror_shell(p):
     """Housing of the door mirror: an egg cut flat at the back."""
-    x, y, z = p[..., 0] - 1.465, p[..., 1] - 0.888, p[..., 2] - 0.972
+    x, y, z = p[..., 0] - 1.535, p[..., 1] - 0.872, p[..., 2] - 0.972
     q = np.sqrt((x / 0.110) ** 2 + (y / 0.118) ** 2 + (z / (0.072 - 0.06 * y)) ** 2 + 1e-9)
     return soft_max((q - 1) * 0.075, x - 0.030 - 0.12 * y, 0.012)
 
@@ -951,13 +952,13 @@ def main():
     FOLDER.mkdir(exist_ok=True)
     panels = cut_panels()
     lips, wells = arch_linings()
-    shell = implicit_piece(mirror_shell, (1.33, 0.74, 0.86), (1.55, 1.04, 1.08), 0.008)
+    shell = implicit_piece(mirror_shell, (1.40, 0.72, 0.86), (1.62, 1.03, 1.08), 0.0095)
     rings, lenses = lamps()
     lid, lid_ring = fuel_cap()
     front_holder, front_plate = plate(0.300, 0.24, 0.048, front=True)
     rear_holder, rear_plate = plate(0.50, 0.26, 0.055, front=False)
-    foot = tube([(1.44, 0.715, 0.905), (1.45, 0.77, 0.925), (1.46, 0.84, 0.945)], 0.034, 0.020)
-    glass_back = stand_on(dome(0.062, 0.004), (1.497, 0.888, 0.972), (1, -0.12, 0))
+    foot = tube([(1.52, 0.70, 0.895), (1.525, 0.78, 0.915), (1.535, 0.83, 0.945)], 0.042, 0.022)
+    glass_back = stand_on(dome(0.062, 0.004), (1.567, 0.872, 0.972), (1, -0.12, 0))
     badge_at, badge_n, _, _ = on_skin((0.12, 0.0, 0.61))
     badge = stand_on(join(ring(0.030, 0.0045), dome(0.027, 0.006)), badge_at + 0.001 * badge_n, badge_n)
 

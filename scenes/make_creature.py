@@ -36,8 +36,8 @@ FLOOR = -140.0
 SINK = 1.0  # how deep the soles reach into the floor
 GRID_STEP = 1.4  # of the dense mesh
 FAR = 9.0  # value of the field far from all parts
-TARGET_TRIANGLES = 14200
-EDGE_RANGE = (1.25, 7.5)  # shortest and longest wanted edge
+TARGET_TRIANGLES = 10000
+EDGE_RANGE = (1.3, 8.0)  # shortest and longest wanted edge
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -443,15 +443,22 @@ def head():
         tube(at([8, 0, 0], [24, 0, -2], [40, 0, -3.5]), [11.5, 8.6, 6.6], 4.0),
         lump([42.5, 0, -1.2], [5.0, 6.4, 4.6], 2.0),
         tube(at([16, 0, 8.5], [30, 0, 4.8], [41, 0, 2.6]), [2.4, 2.4, 1.8], 2.2),
-        # Lower jaw with the mouth a little open, chin.
-        tube(at([2, 0, -9], [16, 0, -14.5], [28, 0, -17.5]), [9, 6.0, 4.0], 3.0),
-        lump([39.0, 0, -18.6], [4.6, 4.6, 3.4], 2.0),
-        tube(at([38, 0, -20], [38, 0, -24], [35, 0, -28]), [2.6, 1.7, 0.4], 1.6),
+        # Lower jaw and chin.
+        tube(at([2, 0, -9], [16, 0, -14.0], [28, 0, -17.0], [36, 0, -18.5]), [9, 7.0, 5.4, 4.6], 3.0),
+        tube(at([36, 0, -20], [36, 0, -24.5], [32.5, 0, -29]), [2.8, 1.9, 0.5], 1.6),
     ]
     for s in (-1, 1):
         parts += [
-            tube(at([-2, 11 * s, -7], [13, 9.5 * s, -13.0], [28, 6.6 * s, -17.0], [39, 2.6 * s, -18.2]), [5, 4.2, 3.6, 3.6], 2.4),
+            tube(at([-2, 11 * s, -7], [13, 9.0 * s, -13.0], [26, 6.2 * s, -16.4], [36, 2.6 * s, -18.0]), [5, 4.6, 4.0, 3.6], 2.4),
             lump([3, 12.2 * s, -6], [9, 4.8, 8.5], 2.0),
+        ]
+    parts += [
+        # The open mouth, and the tongue in it.
+        tube(at([31, 0, -10.9], [60, 0, -14.2]), [12.5, 15], 1.2, carve=True, flat=(HEAD_UP, 0.2), steps=2),
+        tube(at([20, 0, -14.5], [27, 0, -13.2], [33.5, 0, -13.8]), [3.6, 3.4, 2.4], 1.0, flat=(HEAD_UP, 0.5)),
+    ]
+    for s in (-1, 1):
+        parts += [
             # Eye socket, eye, brow, lids, cheek bone.
             lump([16, 12.5 * s, 4.4], [6.5, 5.0, 4.6], 2.4, carve=True),
             tube(at([25, 4.5 * s, 5.0], [19, 9.5 * s, 9.2], [11, 13.0 * s, 10.8], [2, 14.6 * s, 10.5], [-7, 16 * s, 13]),
@@ -466,9 +473,9 @@ def head():
             lump([46.2, 3.9 * s, -0.4], [2.0, 1.5, 1.5], 1.0, carve=True),
             tube(at([22, 6.6 * s, 4.4], [28, 7.2 * s, 1.2], [33, 7.0 * s, -2.2]), [0.8, 1.4, 0.7], 1.6),
             # Fangs.
-            tube(at([38.5, 4.8 * s, -7.0], [39.2, 5.3 * s, -10.5], [38.6, 5.4 * s, -14.2]), [1.7, 1.3, 0.35], 0.6),
-            tube(at([30.5, 7.0 * s, -8.0], [30.8, 7.3 * s, -10.6], [30.2, 7.3 * s, -12.6]), [1.4, 1.0, 0.35], 0.6),
-            tube(at([34.6, 4.9 * s, -16.0], [34.8, 5.6 * s, -12.4], [34.2, 5.8 * s, -9.6]), [1.5, 1.2, 0.35], 0.6),
+            tube(at([41.0, 4.3 * s, -6.5], [42.0, 4.7 * s, -10.5], [41.0, 4.6 * s, -14.5]), [1.9, 1.45, 0.5], 0.8),
+            tube(at([33.0, 6.6 * s, -7.0], [33.4, 6.9 * s, -9.2], [32.8, 6.8 * s, -11.4]), [1.6, 1.2, 0.5], 0.8),
+            tube(at([34.0, 3.6 * s, -16.5], [35.4, 4.3 * s, -13.6], [35.4, 4.4 * s, -11.0]), [1.6, 1.2, 0.5], 0.8),
             # Horns and the spines of the cheek.
             tube(at([0, 8.0 * s, 10], [-10, 11.5 * s, 16.5], [-23, 16.0 * s, 18.0], [-36, 18.5 * s, 14.0], [-46, 17.5 * s, 13.5]),
                  [5.4, 4.6, 3.6, 2.3, 0.5], 1.8, steps=8),
@@ -850,14 +857,13 @@ def sized_surface(vertices, faces, normals, importance):
     edges = edges_of(faces)
     a, b = edges.ends.T
     span = lengths(vertices, edges.ends)
-    bend = np.linalg.norm(normals[a] - normals[b], axis=1) / np.maximum(span, 0.35 * GRID_STEP)
-    curvature = np.zeros(len(vertices))
-    np.maximum.at(curvature, a, bend)
-    np.maximum.at(curvature, b, bend)
+    turn = np.linalg.norm(normals[a] - normals[b], axis=1)
+    total_turn, total_span = (np.bincount(np.r_[a, b], np.r_[x, x]) for x in (turn, span))
+    curvature = total_turn / total_span
     area = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(face_normals(vertices, faces), axis=1) / 6.0, 3))
 
     def graded(scale):
-        size = np.clip(scale * importance / np.maximum(curvature, 1e-3) ** 0.7, *EDGE_RANGE)
+        size = np.clip(scale * importance / np.clip(curvature, 0.01, 1.0) ** 0.55, *EDGE_RANGE)
         for _ in range(30):
             old = size.copy()
             np.minimum.at(size, a, old[b] + 0.32 * span)
