@@ -282,7 +282,8 @@ def loop_subdivide(vertices: npt.ArrayLike, faces: npt.ArrayLike, levels: int) -
 
     A refinement takes 3/8 of both ends and 1/8 of both opposite corners for a new vertex on an edge, and moves an old
     vertex of valence n towards its ring with weight β for each neighbour: β = 3/(8n), or 3/16 for n = 3. On the
-    boundary, a curve of its own, these are 1/2 and 1/8. The limit has weights 1/(n + 3/(8β)), and 1/5 on the boundary.
+    boundary, a curve of its own, these are 1/2 and 1/8. The limit has weights 1/(n + 3/(8β)); on the boundary it takes
+    1/5 of both neighbours as pbrt does, where the exact limit of the curve is 1/6.
 
     Parameters
     ----------

@@ -2,9 +2,9 @@
 The demo: learn where the light samples should go
 =================================================
 
-Renders TEAPOT AREA LIGHT twice with 128 camera samples per pixel: with the balance heuristic (one light and one BRDF sample each
-time), and with the thesis's rule, which spends 6 of the 128 samples on a pilot and divides the rest as the pilot advises.
-Prints what each costs and how far each is from the reference, and draws the picture.
+Renders TEAPOT AREA LIGHT twice with 128 camera samples per pixel: with the balance heuristic (one light and one BRDF
+sample each time), and with the thesis's rule, which spends 6 of the 128 samples on a pilot and divides the rest as
+the pilot advises. Prints what each costs and how far each is from the reference, and draws the picture.
 
 The reference, ``data/teapot-area-light-400x400.exr``, comes from `make_reference.py`.
 """
@@ -53,7 +53,8 @@ reference, attributes = dmis.read_exr(HERE / "data" / "teapot-area-light-400x400
 first, second = reference["first"].astype(float), reference["second"].astype(float)
 squared = {rule: ((r.image - first) * (r.image - second)).mean(axis=2) for rule, r in results.items()}
 
-print(f"teapot-area-light, {SIZE}x{SIZE}, {spp} spp; reference {attributes['spp']} spp, its own MSE {attributes['mse']}\n")
+print(f"teapot-area-light, {SIZE}x{SIZE}, {spp} spp")
+print(f"reference: {attributes['spp']} spp, mean squared error {attributes['mse']}\n")
 print("| rule    | samples  |     rays | seconds |        MSE (± 1 s.e.) | MSE / balance |")
 print("|---------|----------|----------|---------|-----------------------|---------------|")
 baseline = squared["balance"].mean()

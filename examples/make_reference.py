@@ -2,9 +2,9 @@
 The demo's reference
 ====================
 
-Renders ``data/teapot-area-light-400x400.exr``, which `demo.py` measures errors against: two independent halves of many samples
-each, because ``mean[(x - r1)(x - r2)]`` is then free of the reference's own noise. Takes some minutes; the result is kept
-with the project.
+Renders ``data/teapot-area-light-400x400.exr``, which `demo.py` measures errors against: two independent halves of
+many samples each, because ``mean[(x - r1)(x - r2)]`` is then free of the reference's own noise. Takes some minutes;
+the result is kept with the project.
 """
 
 import argparse

@@ -16,6 +16,7 @@ Why: the thesis rendered a car model that cannot be passed on; this one may be.
 Run: python scenes/make_car.py        (deterministic, about half a minute, needs numpy and scipy)
 """
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -879,7 +880,7 @@ def plate_text(text, z0, unit_size):
     strokes, width = [], 3.1
     for k, letter in enumerate(text):
         for line in LETTERS[letter]:
-            for start, stop in zip(line[:-1], line[1:], strict=True):
+            for start, stop in pairwise(line):
                 u = np.array([start, stop], float) + [(k - (len(text) - 1) / 2) * width - 1, -2]
                 y, z = -u[:, 0] * unit_size, z0 + u[:, 1] * unit_size
                 x = nose_at(np.abs(y), np.full_like(y, z0)) - 0.0105

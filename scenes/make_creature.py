@@ -36,8 +36,8 @@ FLOOR = -140.0
 SINK = 1.0  # how deep the soles reach into the floor
 GRID_STEP = 1.4  # of the dense mesh
 FAR = 9.0  # value of the field far from all parts
-TARGET_TRIANGLES = 10000
-EDGE_RANGE = (1.3, 8.0)  # shortest and longest wanted edge
+TARGET_TRIANGLES = 9500
+EDGE_RANGE = (1.3, 7.5)  # shortest and longest wanted edge
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -249,6 +249,8 @@ def trunk():
         tube(TAIL[:, :3], TAIL[:, 3], blend=10.0, steps=10),
         tube([[0, 44, -12], [0, 66, 2], [1, 84, 8], [3, 99, 9]], [20, 17, 14, 12], blend=8.0),
     ]
+    parts.append(tube([[0, 54, -22], [1, 72, -12], [2, 90, -2]], [11, 10, 9], blend=5.0))
+    parts += [ball([side * 9, 66, -17], [9, 9, 9], blend=5.0) for side in (-1, 1)]
     for side in (-1, 1):
         # Long back muscles beside the spine, running out into the tail.
         parts.append(
@@ -308,7 +310,7 @@ def digit(joints, radii, claw, blend=1.6):
     joints = np.asarray(joints, float)
     parts = [tube(joints, radii, blend, steps=5)]
     for joint, radius in zip(joints[1:-1], radii[1:-1]):
-        parts.append(ball(joint + [0, 0, 0.22 * radius], [1.1 * radius] * 3, blend=blend))
+        parts.append(ball(joint + [0, 0, 0.22 * radius], [1.06 * radius] * 3, blend=blend))
     end = radii[-1]
     parts.append(tube(claw, [0.82 * end, 0.7 * end, 0.45 * end, 0.14 * end], blend=0.9, steps=5))
     return parts
@@ -402,7 +404,7 @@ def arm(side, shoulder, elbow, wrist, pointing, palm):
     hand = wrist + 8.0 * ahead
     parts.append(ball(hand, [8.0, 6.6, 4.2], [ahead, across, palm], blend=3.0))
     parts.append(ball(wrist + 5.0 * ahead + 4.0 * across + 2.2 * palm, [5.6, 3.6, 3.2], [ahead, across, palm], blend=2.0))
-    for place, spread, length in ((4.9, 0.34, 15.5), (0.0, 0.02, 17.5), (-4.7, -0.32, 15.0)):
+    for place, spread, length in ((5.5, 0.44, 15.5), (0.0, 0.02, 18.0), (-5.3, -0.42, 15.0)):
         along = unit(ahead + spread * across - 0.12 * palm)
         base = wrist + 12.0 * ahead + place * across
         first = base + 0.52 * length * along
@@ -411,7 +413,7 @@ def arm(side, shoulder, elbow, wrist, pointing, palm):
         hook = unit(along + 1.5 * palm)
         claw = [second, second + 3.6 * unit(bent - 0.25 * palm), second + 7.2 * unit(bent + 0.3 * palm), second + 8.0 * hook
                 + 2.4 * bent]
-        parts += digit([base - 4.0 * along, first, second], [3.2, 2.75, 2.3], claw, blend=1.4)
+        parts += digit([base - 4.0 * along, first, second], [3.0, 2.5, 2.15], claw, blend=1.4)
     along = unit(0.55 * ahead + 0.9 * across + 0.35 * palm)
     base = wrist + 4.5 * ahead + 4.0 * across + 1.8 * palm
     first = base + 8.0 * along
@@ -444,17 +446,21 @@ def head():
         lump([42.5, 0, -1.2], [5.0, 6.4, 4.6], 2.0),
         tube(at([16, 0, 8.5], [30, 0, 4.8], [41, 0, 2.6]), [2.4, 2.4, 1.8], 2.2),
         # Lower jaw and chin.
-        tube(at([2, 0, -9], [16, 0, -14.0], [28, 0, -17.0], [36, 0, -18.5]), [9, 7.0, 5.4, 4.6], 3.0),
-        tube(at([36, 0, -20], [36, 0, -24.5], [32.5, 0, -29]), [2.8, 1.9, 0.5], 1.6),
+        tube(at([2, 0, -9], [16, 0, -14.0], [28, 0, -17.0], [34, 0, -18.5]), [9, 7.0, 5.4, 4.6], 3.0),
+        tube(at([34, 0, -20], [34, 0, -24.5], [30.5, 0, -29]), [2.8, 1.9, 0.5], 1.6),
     ]
     for s in (-1, 1):
         parts += [
-            tube(at([-2, 11 * s, -7], [13, 9.0 * s, -13.0], [26, 6.2 * s, -16.4], [36, 2.6 * s, -18.0]), [5, 4.6, 4.0, 3.6], 2.4),
+            tube(at([-2, 11 * s, -7], [13, 9.0 * s, -13.0], [26, 6.2 * s, -16.4], [34, 2.6 * s, -18.0]), [5, 4.6, 4.0, 3.6], 2.4),
             lump([3, 12.2 * s, -6], [9, 4.8, 8.5], 2.0),
+            lump([13, 9.6 * s, -5.5], [8.5, 4.4, 6.0], 3.0),
         ]
     parts += [
         # The open mouth, and the tongue in it.
-        tube(at([31, 0, -10.9], [60, 0, -14.2]), [12.5, 15], 1.2, carve=True, flat=(HEAD_UP, 0.2), steps=2),
+        *(
+            tube(at([20 - 0.02 * w * w, w, -10.6], [54, w, -13.6]), [2.0, 3.6], 2.0, carve=True, steps=2)
+            for w in (-12, -9, -6, -3, 0, 3, 6, 9, 12)
+        ),
         tube(at([20, 0, -14.5], [27, 0, -13.2], [33.5, 0, -13.8]), [3.6, 3.4, 2.4], 1.0, flat=(HEAD_UP, 0.5)),
     ]
     for s in (-1, 1):
@@ -463,19 +469,19 @@ def head():
             lump([16, 12.5 * s, 4.4], [6.5, 5.0, 4.6], 2.4, carve=True),
             tube(at([25, 4.5 * s, 5.0], [19, 9.5 * s, 9.2], [11, 13.0 * s, 10.8], [2, 14.6 * s, 10.5], [-7, 16 * s, 13]),
                  [1.4, 2.9, 3.4, 2.7, 0.5], 1.6),
-            lump([14.6, 9.6 * s, 4.6], [4.7, 4.3, 4.3], 0.7),
-            tube(at([20.5, 9.4 * s, 3.4], [15.5, 13.0 * s, 0.4], [9.5, 14.0 * s, 2.8]), [1.1, 1.5, 1.1], 1.0),
+            lump([15.2, 10.2 * s, 4.8], [4.9, 4.3, 4.3], 1.0),
+            tube(at([21.5, 8.8 * s, 3.6], [16, 13.2 * s, 0.4], [9.5, 14.2 * s, 2.8]), [1.4, 1.6, 1.3], 1.4),
             tube(at([25, 8.4 * s, -1.5], [14, 13.0 * s, -2.6], [3, 14.8 * s, -1.0]), [1.6, 2.8, 2.4], 2.0),
             # Lips, nostrils, folds on the muzzle.
-            tube(at([43, 3.4 * s, -6.8], [37, 6.0 * s, -7.0], [26, 8.4 * s, -8.2], [15, 11.2 * s, -8.0]),
+            tube(at([43, 3.4 * s, -6.8], [37, 6.0 * s, -7.0], [26, 8.4 * s, -7.2], [15, 11.2 * s, -7.0]),
                  [1.4, 1.8, 1.9, 1.4], 1.2),
             tube(at([44.5, 4.2 * s, 1.6], [41, 5.4 * s, 2.0], [38.5, 5.2 * s, 0.2]), [1.3, 1.7, 1.0], 1.2),
             lump([46.2, 3.9 * s, -0.4], [2.0, 1.5, 1.5], 1.0, carve=True),
             tube(at([22, 6.6 * s, 4.4], [28, 7.2 * s, 1.2], [33, 7.0 * s, -2.2]), [0.8, 1.4, 0.7], 1.6),
             # Fangs.
-            tube(at([41.0, 4.3 * s, -6.5], [42.0, 4.7 * s, -10.5], [41.0, 4.6 * s, -14.5]), [1.9, 1.45, 0.5], 0.8),
+            tube(at([41.0, 4.3 * s, -6.5], [42.3, 4.7 * s, -10.3], [41.6, 4.6 * s, -14.0]), [1.9, 1.45, 0.5], 0.8),
             tube(at([33.0, 6.6 * s, -7.0], [33.4, 6.9 * s, -9.2], [32.8, 6.8 * s, -11.4]), [1.6, 1.2, 0.5], 0.8),
-            tube(at([34.0, 3.6 * s, -16.5], [35.4, 4.3 * s, -13.6], [35.4, 4.4 * s, -11.0]), [1.6, 1.2, 0.5], 0.8),
+            tube(at([34.0, 3.6 * s, -16.5], [34.4, 4.3 * s, -14.4], [34.4, 4.4 * s, -11.9]), [1.6, 1.2, 0.5], 0.8),
             # Horns and the spines of the cheek.
             tube(at([0, 8.0 * s, 10], [-10, 11.5 * s, 16.5], [-23, 16.0 * s, 18.0], [-36, 18.5 * s, 14.0], [-46, 17.5 * s, 13.5]),
                  [5.4, 4.6, 3.6, 2.3, 0.5], 1.8, steps=8),
@@ -737,7 +743,7 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         # Nor may the mesh cut off a tip: faces have to agree with the surface normals at their corners.
         mean_normal = normals[faces[touched]].mean(1)
         agree_before, agree_after = (before * mean_normal).sum(1), (after * mean_normal).sum(1)
-        turned |= (agree_after < 0.55) & (agree_after < agree_before + 0.05)
+        turned |= (agree_after < (0.55 if thin else 0.35)) & (agree_after < agree_before + 0.05)
         turned = touched[turned]
         bad[owner[faces[turned]].max(axis=1)] = True
         banned = np.union1d(banned, key[chosen[bad]])
@@ -812,7 +818,7 @@ def flip_edges(vertices, faces, passes=12, shape_weight=0.0):
         normal_old = normalise(sum(normalise(face_normals(vertices, faces[edges.faces[:, i]])) for i in (0, 1)))
         flat = np.ones(len(a), bool)
         for made in (one, two):
-            flat &= (normalise(face_normals(vertices, made)) * normal_old).sum(1) > 0.75
+            flat &= (normalise(face_normals(vertices, made)) * normal_old).sum(1) > 0.5
         exists = np.isin(np.minimum(c, d) * count + np.maximum(c, d), a * count + b)
         allowed = (gain > 1e-6) & flat & ~exists & (new > np.minimum(old, 0.5)) & (valence[a] > 4) & (valence[b] > 4)
         score = ranked(-gain, allowed)

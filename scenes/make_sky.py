@@ -6,7 +6,7 @@ looked up at u = phi / (2 pi), phi = atan2(y, x) in [0, 2 pi), and v = acos(z) /
 How: a clear-sky gradient with a warm glow around the sun, two layers of fractal clouds, a ring of box-shaped houses
 that are hit by a ray per texel and shaded by sun and sky, a paved ground, and a sun with a soft edge.
 
-Why: it stands in for a photographed probe that cannot be passed on.  The sun is a disk of 1.4 degrees radius that gives
+Why: it stands in for a photographed probe that cannot be passed on.  The sun is a disk of 2.5 degrees radius that gives
 the floor about as much light as all the rest.  It is so small that a sampled reflection lobe rarely finds it, so a
 matte floor wants light sampling; but the lobe of a glossy coat is far narrower than the sky, so where the coat mirrors
 the sky it wants lobe sampling.  Neither technique is good everywhere, which is what the scene is for.
@@ -22,10 +22,10 @@ import OpenEXR
 FILE = Path(__file__).parent / "textures" / "sky.exr"
 WIDTH, HEIGHT = 1024, 512
 
-SUN_AZIMUTH, SUN_ELEVATION = 70.0, 30.0  # degrees
-SUN_RADIUS, SUN_EDGE = 1.4, 0.35  # degrees: where the disk ends, and over how much it fades
-GROUND_IRRADIANCE_SUN = 1.75  # what the disk gives a horizontal surface (green)
-GROUND_IRRADIANCE_REST = 1.45  # what everything else above the horizon gives it
+SUN_AZIMUTH, SUN_ELEVATION = 84.0, 29.0  # degrees
+SUN_RADIUS, SUN_EDGE = 2.5, 0.6  # degrees: where the disk ends, and over how much it fades
+GROUND_IRRADIANCE_SUN = 1.55  # what the disk gives a horizontal surface (green)
+GROUND_IRRADIANCE_REST = 1.60  # what everything else above the horizon gives it
 SUN_COLOUR = np.array([1.16, 1.00, 0.76])
 EYE_HEIGHT = 1.2  # metres above the pavement from which the houses are seen
 

@@ -12,7 +12,7 @@ images.
 Why: the control points are in the public domain, the triangles of the original scene file are not ours to pass on, and
 24 divisions of a patch, where the original has 6, leave no corners in the silhouette.
 
-Run: python scenes/make_teapot.py        (a second; deterministic)
+Run: python scenes/make_teapot.py        (deterministic, a second, needs dmis itself)
 """
 
 from pathlib import Path
