@@ -77,8 +77,13 @@ class Pair:
 
     @cached_property
     def cos_d(self) -> Array:
-        """Cosine between wo and the half vector: ``|wo + wi| / 2 = sqrt((1 + wi.wo) / 2)``."""
-        return np.sqrt(np.maximum(ONE / 2 + self.cos_io / 2, TINY))
+        """Cosine between wo and the half vector: ``|wo + wi| / 2``.
+
+        ``sqrt((1 + wi.wo) / 2)`` is the same, but cancels at grazing angles: at 89 degrees and exponent 10000 its
+        rounding is a tenth of the lobe.
+        """
+        h = self.surface.wo + self.wi
+        return np.sqrt(np.maximum(dot(h, h), TINY)) / 2
 
     @cached_property
     def cos_h(self) -> Array:

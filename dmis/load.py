@@ -17,7 +17,7 @@ import numpy as np
 from dmis import geometry
 from dmis.camera import Camera
 from dmis.geometry import FORMATS, Mesh
-from dmis.light import AreaLight, DiskLight, EnvironmentLight, Light, MeshLight, QuadLight, SphereLight
+from dmis.light import AreaLight, EnvironmentLight, Light, MeshLight, QuadLight, SphereLight
 from dmis.material import Material, matte
 from dmis.pbrt import read_pbrt
 from dmis.scene import Part, Scene
@@ -128,10 +128,11 @@ def _meshes(source: Any) -> dict[str, Mesh]:
     if isinstance(source, trimesh.Trimesh):
         return {"": geometry.from_trimesh(source)}
     if not isinstance(source, trimesh.Scene):
-        raise ValueError(f"source must be a path, a name, a Mesh, or a trimesh mesh or scene; got {type(source).__name__}")
+        raise ValueError(f"source must be a path, a name, a Mesh, or of trimesh; got {type(source).__name__}")
     meshes = {}
     for k, node in enumerate(source.graph.nodes_geometry):
         matrix, name = source.graph[node]
+        name = str(name)
         if isinstance(source.geometry[name], trimesh.Trimesh):
             alone = trimesh.Scene()
             alone.add_geometry(source.geometry[name], geom_name=name, transform=matrix)
@@ -150,7 +151,7 @@ def _material_of(name: str, material: Material | Mapping[str, Material] | None) 
         raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
     if name not in material:
         known = ", ".join(map(repr, material)) or "none"
-        raise ValueError(f"material must have an entry for the geometry {name!r}, so that it can be shaded; got {known}")
+        raise ValueError(f"material must have an entry for the geometry {name!r}; there are: {known}")
     return material[name]
 
 

@@ -15,7 +15,7 @@ from dmis import material
 from dmis.image import read_exr
 from dmis.light import DistantLight, EnvironmentLight, Light, PointLight, SpotLight
 from dmis.material import Material
-from dmis.pbrt_tokens import COLOURS, Floats, Parameter, Parameters, Token, blame
+from dmis.pbrt_tokens import COLOURS, Floats, Parameter, Parameters, PbrtError, Token, blame
 from dmis.spectrum import LUMINANCE, Rgb
 from dmis.texture import Image, scale
 
@@ -47,6 +47,11 @@ class Lookup:
             raise parameter.token.error(f"there is no {kind} texture {name!r} here; there are: {known}")
         return self.textures[kind, name]
 
+    def _error(self, name: str, rule: str) -> PbrtError:
+        """The error of a parameter that one of the lists has."""
+        token = next(one.items[name].token for one in self.lists if name in one.items)
+        return token.error(f"parameter {name!r} {rule}")
+
     def real(self, name: str, default: float) -> float | Image:
         """A float or a float texture."""
         found = self._find(name, "float")
@@ -55,25 +60,21 @@ class Lookup:
         if found.kind == "texture":
             return self._texture("float", found)
         if len(found.values) != 1:
-            raise found.token.error(f"parameter {name!r} must be one number; got {len(found.values)}")
+            raise self._error(name, f"must be one number; got {len(found.values)}")
         return float(found.numbers[0])
 
     def constant(self, name: str, default: float) -> float:
         """A float, or a texture that is constant."""
         value = self.real(name, default)
         if isinstance(value, Image):
-            found = self._find(name, "float")
-            assert found is not None
-            raise found.token.error(f"parameter {name!r} must be constant here; an image texture is not supported")
+            raise self._error(name, "must be constant here; an image texture is not supported")
         return value
 
     def roughness(self, name: str, default: float) -> float | Image:
         """A roughness whose reciprocal is at most `MAX_EXPONENT`."""
         value, least = self.real(name, default), 1 / MAX_EXPONENT
         if np.min(value.texels if isinstance(value, Image) else value) < 0:
-            found = self._find(name, "float")
-            assert found is not None
-            raise found.token.error(f"parameter {name!r} must not be negative, because its reciprocal is an exponent")
+            raise self._error(name, "must not be negative, because its reciprocal is an exponent")
         if isinstance(value, Image):
             return replace(value, texels=np.maximum(value.texels, np.float32(least)))
         return max(value, least)
@@ -96,9 +97,14 @@ class Lookup:
         """A spectrum, or a spectrum texture that is constant."""
         value = self.colour(name, default)
         if isinstance(value, Image):
-            found = self._find(name, *COLOURS)
-            assert found is not None
-            raise found.token.error(f"parameter {name!r} must be constant here; an image texture is not supported")
+            raise self._error(name, "must be constant here; an image texture is not supported")
+        return value
+
+    def index(self) -> float:
+        """The index of refraction, ``index``."""
+        value = self.constant("index", 1.5)
+        if not value > 0:
+            raise self._error("index", f"must be positive, because it is a ratio of speeds; got {value:g}")
         return value
 
 
@@ -123,7 +129,7 @@ def make_texture(kind: str, name: Token, parameters: Parameters, textures: Textu
 def _imagemap(kind: str, name: Token, parameters: Parameters) -> Image:
     mapping = parameters.string("mapping", "uv")
     if mapping != "uv":
-        raise parameters.items["mapping"].token.error(f"the mapping of an image must be uv; {mapping!r} is not supported")
+        raise parameters.items["mapping"].token.error(f"mapping must be uv; {mapping!r} is not supported")
     wrap = parameters.string("wrap", "repeat")
     if wrap not in ("repeat", "black", "clamp"):
         raise parameters.items["wrap"].token.error(f"wrap must be repeat, black or clamp; got {wrap!r}")
@@ -200,16 +206,13 @@ def _substrate(p: Lookup) -> Material:
 
 
 def _uber(p: Lookup) -> Material:
-    index = p.constant("index", 1.5)
-    if not index > 0:
-        raise ValueError(f"index must be positive, because it is a ratio of speeds; got {index}")
     return material.uber(
         p.reflectance("Kd", 0.25),
         p.reflectance("Ks", 0.25),
         p.reflectance("Kr", 0),
         p.reflectance("Kt", 0),
         p.roughness("roughness", 0.1),
-        1 / index,  # pbrt-v2 swaps the two media
+        1 / p.index(),  # pbrt-v2 swaps the two media
         p.reflectance("opacity", 1),
     )
 
@@ -219,10 +222,7 @@ def _mirror(p: Lookup) -> Material:
 
 
 def _glass(p: Lookup) -> Material:
-    index = p.constant("index", 1.5)
-    if not index > 0:
-        raise ValueError(f"index must be positive, because it is a ratio of speeds; got {index}")
-    return material.glass(p.reflectance("Kr", 1), p.reflectance("Kt", 1), index)
+    return material.glass(p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index())
 
 
 _MATERIALS: dict[str, Callable[[Lookup], Material]] = {
@@ -285,7 +285,7 @@ def _distant(parameters: Parameters, to_world: Floats) -> Light:
 def _infinite(parameters: Parameters, to_world: Floats) -> Light:
     factor = similarity(to_world)
     if factor is None:
-        raise ValueError("an infinite light must not be stretched, because directions have no length; scale all axes alike")
+        raise ValueError("an infinite light must not be stretched, because it is all directions; scale all axes alike")
     texels = _image(parameters, "mapname") if "mapname" in parameters.items else np.ones((1, 1, 3))
     return EnvironmentLight(texels, to_world[:3, :3] / factor, radiance(parameters))
 

@@ -59,10 +59,6 @@ class Shape:
     mirrored: bool
     size: tuple[float, float] | None = None
 
-    def moved(self, matrix: Floats) -> Shape:
-        """The shape as an instance that `matrix` (4, 4) places."""
-        return replace(self, to_world=matrix @ self.to_world)
-
 
 def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:
     """The shape `name`."""
@@ -89,7 +85,7 @@ def _triangles(p: Parameters) -> _Made:
     uv = st if uv is None else uv
     for name, table in (("N", normals), ("st" if uv is st else "uv", uv)):
         if table is not None and len(table) != len(points):
-            raise p.items[name].token.error(f"there must be one {name} for each of the {len(points)} points; got {len(table)}")
+            raise p.items[name].token.error(f"each of the {len(points)} points needs one {name}; got {len(table)}")
     return Mesh(points, faces, normals, uv), None
 
 
@@ -199,13 +195,14 @@ def _parallelogram(mesh: Mesh) -> Floats | None:
 
 
 def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
-    """Parts of the shapes that do not emit: one for each material and kind of mesh, in the order of their first shape."""
+    """Parts of the shapes that do not emit: one for each material and kind of mesh, in order."""
     by_material: dict[int, list[tuple[Shape, Material]]] = {}
     for shape, material in shapes:
         by_material.setdefault(id(material), []).append((shape, material))
     parts = []
     for members in by_material.values():
-        material, kinds = members[0][1], {}
+        material = members[0][1]
+        kinds: dict[tuple[bool, bool], list[Mesh]] = {}
         for _, run in groupby((shape for shape, _ in members), key=_sameness):
             mesh = _join(list(run), _has_sides(material))
             kinds.setdefault((mesh.normals is None, mesh.uv is None), []).append(mesh)
@@ -233,8 +230,7 @@ def _has_sides(material: Material) -> bool:
     """Whether the material is different inside and outside."""
     return any(
         isinstance(lobe, SpecularTransmission)
-        or isinstance(lobe, SpecularReflection)
-        and isinstance(lobe.fresnel, Dielectric)
+        or (isinstance(lobe, SpecularReflection) and isinstance(lobe.fresnel, Dielectric))
         for lobe in material.lobes
     )
 

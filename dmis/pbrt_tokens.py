@@ -24,7 +24,8 @@ Floats = npt.NDArray[np.float64]
 COLOURS = ("color", "rgb", "xyz", "blackbody", "spectrum")
 """Types of parameters that are spectra."""
 
-_WIDTH = {"integer": 1, "float": 1, "point": 3, "vector": 3, "normal": 3, "color": 3, "rgb": 3, "xyz": 3, "blackbody": 2}
+_WIDTH = {"integer": 1, "float": 1, "point": 3, "vector": 3, "normal": 3}
+_WIDTH |= {"color": 3, "rgb": 3, "xyz": 3, "blackbody": 2}
 _WORDS = ("bool", "string", "texture")
 
 _TOKEN = re.compile(
@@ -54,8 +55,8 @@ class Source:
 
     @classmethod
     def read(cls, path: Path, top: Path | None = None) -> Source:
-        """Read `path`; names in it are relative to its own folder, else to the `top` file's."""
-        folders = dict.fromkeys([path.parent, *([top.parent] if top else [])])
+        """Read `path`; names in it are relative to its own folder, else to `top`, which is always the last."""
+        folders = dict.fromkeys([path.parent, top or path.parent])
         return cls(path, path.read_text(encoding="utf-8", errors="replace"), tuple(folders))
 
 
@@ -79,9 +80,10 @@ class Token(NamedTuple):
 
     def error(self, message: str) -> PbrtError:
         """The error to raise about this token."""
-        text = " ".join(self.text[:200].split())
-        shown = "at the end of the file" if self.kind == "end" else f"token {text[:57] + '...' if len(text) > 60 else text}"
-        return PbrtError(f"{self.source.path}:{self.line}: {shown}: {message}")
+        text = " ".join(self.text[:200].split()) or "end of file"
+        if len(text) > 60:
+            text = f"{text[:57]}..."
+        return PbrtError(f"{self.source.path}:{self.line}: token {text}: {message}")
 
     def file(self, name: str) -> Path:
         """The existing file that `name` means where this token stands."""
@@ -301,7 +303,7 @@ class Parameters:
             raise self.missing("indices", "integer")
         if table.min() < 0 or table.max() >= count:
             bad = int(table[(table < 0) | (table >= count)][0])
-            raise self.items["indices"].token.error(f"indices must be from 0 to {count - 1}, one less than points; got {bad}")
+            raise self.items["indices"].token.error(f"indices must be from 0 to {count - 1}, the last point; got {bad}")
         return table.astype(np.int32)
 
     def missing(self, name: str, kind: str) -> PbrtError:

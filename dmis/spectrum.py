@@ -100,7 +100,7 @@ def read_spd(path: str | os.PathLike[str]) -> tuple[Floats, Floats]:
             try:
                 numbers.append(float(word))
             except ValueError:
-                raise ValueError(f"{path}:{number}: a spectrum is pairs of wavelength and value; got {word!r}") from None
+                raise ValueError(f"{path}:{number}: a spectrum must be pairs of numbers; got {word!r}") from None
     if not numbers or len(numbers) % 2:
         raise ValueError(f"{path}: a spectrum is pairs of wavelength and value; got {len(numbers)} numbers")
     return np.array(numbers[::2]), np.array(numbers[1::2])

@@ -9,6 +9,10 @@ import os
 from pathlib import Path
 
 import pytest
+import trimesh
+
+import dmis
+from dmis import geometry
 
 DATA = {
     "DMIS_PBRT_SCENES": "the original pbrt-v2 scenes",
@@ -41,3 +45,17 @@ def pbrt_scenes() -> Path:
 def references() -> Path:
     """Folder of the converged pbrt-v2 images, ``killeroo-gold.npz`` and so on; skips the test if there is none."""
     return _folder("DMIS_REFERENCES")
+
+
+@pytest.fixture(scope="session")
+def box() -> dmis.Scene:
+    """A glossy ball on a matte floor under a square light, 32x24 pixels: everything that a small render needs."""
+    light = dmis.QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), (8, 8, 8))
+    ball = trimesh.creation.icosphere(3)
+    floor = geometry.quad((-5, -5, -1), (10, 0, 0), (0, 10, 0))
+    parts = (
+        dmis.Part(floor, dmis.matte(0.5)),
+        dmis.Part(dmis.Mesh(ball.vertices, ball.faces, ball.vertices), dmis.plastic((0.5, 0.3, 0.1), 0.3, 0.02)),
+    )
+    camera = dmis.Camera.look_at((0, -6, 2), (0, 0, -0.2), fov=40, resolution=(32, 24))
+    return dmis.Scene(camera, parts, (light, dmis.PointLight((3, -3, 3), (2, 2, 2))), "box")

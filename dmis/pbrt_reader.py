@@ -1,0 +1,177 @@
+"""What a pbrt file has said so far, and the scene that it becomes.
+
+`dmis.pbrt_directives` carries out the directives of a file on a `Reader`, which remembers what they ask for.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from dmis.brdf import SpecularReflection, SpecularTransmission
+from dmis.camera import Camera
+from dmis.light import Light
+from dmis.material import Material
+from dmis.pbrt_objects import Textures, make_material
+from dmis.pbrt_shapes import Shape, merge
+from dmis.pbrt_tokens import Floats, Parameters, Source, Token, blame
+from dmis.scene import Part, Scene
+from dmis.spectrum import Rgb
+
+MAX_TRIANGLES = 2**25
+"""Most triangles of a scene: some 8 GB."""
+
+
+class PbrtWarning(UserWarning):
+    """Lines of a pbrt file that were not used, because they do not change the expected image."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What AttributeBegin saves. Nothing in it is changed in place.
+
+    Attributes
+    ----------
+    to_world
+        The current transform, 4x4.
+    reverse
+        Whether ReverseOrientation is on.
+    material
+        The kind and the parameters of the Material line.
+    named
+        The material that NamedMaterial chose, in place of it.
+    named_materials, textures
+        By name.
+    area_light
+        What shapes emit.
+    """
+
+    to_world: Floats
+    material: tuple[Token, Parameters]
+    reverse: bool = False
+    named: str | None = None
+    named_materials: Mapping[str, Material] = field(default_factory=dict)
+    textures: Textures = field(default_factory=dict)
+    area_light: Rgb | None = None
+
+
+class Reader:
+    """What a file has said so far."""
+
+    def __init__(self, source: Source, resolution: tuple[int, int] | None) -> None:
+        self.source, self.resolution = source, resolution
+        self.token = Token("word", "", source, 0)
+        nothing = Parameters(self.token, {})
+        self.state = State(np.eye(4), (Token("string", '"matte"', source, 0), nothing))
+        self.blocks: list[tuple[Token, State]] = []
+        self.phase = "options"
+        self.including: list[Path] = []
+        self.systems: dict[str, Floats] = {}
+        self.film = self.camera = nothing
+        self.to_camera = np.eye(4)
+        self.depth: Token | None = None
+        self.shapes: list[tuple[Shape, Material]] = []
+        self.objects: dict[str, list[tuple[Shape, Material]]] = {}
+        self.object: list[tuple[Shape, Material]] | None = None
+        self.triangles = 0
+        self.bright: list[Part] = []
+        self.lights: list[Light] = []
+        self._materials: dict[tuple[int, int], tuple[Material, object]] = {}
+        self._unused: dict[str, list[Token]] = {}
+
+    def material_for(self, shape: Parameters) -> Material:
+        """The current material, with what the Shape line changes.
+
+        Shapes that change nothing get the same object, by which they can be joined.
+        """
+        state = self.state
+        if state.named is not None:
+            return state.named_materials[state.named]
+        name, parameters = state.material
+        key = id(parameters), id(state.textures)
+        if key not in self._materials:
+            made = make_material(name, (parameters,), state.textures)
+            self._materials[key] = made, state  # keeps alive what the key is the address of
+            self.note(parameters)
+        if parameters.asked.isdisjoint(shape.items):
+            return self._materials[key][0]
+        return make_material(name, (shape, parameters), state.textures)
+
+    def add(self, token: Token, shapes: list[tuple[Shape, Material]]) -> None:
+        """Add shapes to the world, or to the object that is being defined."""
+        if self.object is not None:
+            self.object += shapes
+            return
+        self.triangles += sum(shape.mesh.triangles for shape, _ in shapes)
+        if self.triangles > MAX_TRIANGLES:
+            raise token.error(f"a scene must have at most {MAX_TRIANGLES} triangles, because instances are copied")
+        self.shapes += shapes
+
+    def scene(self) -> Scene:
+        """The scene, once all is read."""
+        parts = self.bright + merge(self.shapes)
+        camera = self._camera()
+        with blame(self.token):
+            scene = Scene(camera, tuple(parts), tuple(self.lights), self.source.path.stem)
+        delta = (SpecularReflection, SpecularTransmission)
+        if self.depth is not None and any(isinstance(lobe, delta) for part in parts for lobe in part.material.lobes):
+            raise self.depth.error("maxdepth must be 5 where there is mirror or glass; tell the renderer another")
+        return scene
+
+    def _camera(self) -> Camera:
+        film, p = self.film, self.camera
+        size = film.integer("xresolution", 640), film.integer("yresolution", 480)
+        crop = film.table("cropwindow", "float", 4)
+        if crop is not None and not (crop == [0, 1, 0, 1]).all():
+            raise film.items["cropwindow"].token.error("cropwindow must be [0 1 0 1], the whole image")
+        if self.resolution is None:
+            with blame(film.directive):
+                Camera(np.eye(4), 90.0, size)
+        width, height = self.resolution or size
+        half, fov = p.number("halffov", 0), p.number("fov", 90)
+        if p.number("lensradius", 0) != 0:
+            raise p.items["lensradius"].token.error("lensradius must be 0; only a pinhole is supported")
+        ratio = width / height
+        if not np.isclose(p.number("frameaspectratio", ratio), ratio, rtol=1e-6):
+            raise p.items["frameaspectratio"].token.error(f"frameaspectratio must be that of square pixels, {ratio:g}")
+        x, y = max(ratio, 1), max(1 / ratio, 1)
+        window = p.table("screenwindow", "float", 4)
+        if window is not None and not np.allclose(window, [-x, x, -y, y], rtol=1e-6):
+            raise p.items["screenwindow"].token.error(
+                f"screenwindow must be [{-x:g} {x:g} {-y:g} {y:g}]; use fov instead"
+            )
+        self.note(film)
+        self.note(p)
+        with blame(p.directive):
+            return Camera(inverse(self.to_camera), 2 * half if half > 0 else fov, (width, height))
+
+    def note(self, parameters: Parameters) -> None:
+        """Remember the parameters that nobody asked for."""
+        for name in parameters.unused():
+            what = f"parameter {name!r} of {parameters.directive.text}"
+            self._unused.setdefault(what, []).append(parameters.items[name].token)
+
+    def skip(self, token: Token) -> None:
+        """Remember a directive that is not used."""
+        self._unused.setdefault(token.text, []).append(token)
+
+    def warn(self, stacklevel: int) -> None:
+        """Warn once of all that was not used."""
+        told = []
+        for what, (first, *others) in self._unused.items():
+            file = "" if first.source is self.source else f"{first.source.path}:"
+            told.append(f"{what} (line {file}{first.line}{f' and {len(others)} more' if others else ''})")
+        if told:
+            text = f"{self.source.path}: not used, because it does not change the expected image: {', '.join(told)}"
+            warnings.warn(PbrtWarning(text), stacklevel=stacklevel + 1)
+
+
+def inverse(matrix: Floats) -> Floats:
+    """Inverse of an affine map (4, 4)."""
+    out = np.asarray(np.linalg.inv(matrix), np.float64)
+    out[3] = 0, 0, 0, 1
+    return out

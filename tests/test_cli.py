@@ -1,0 +1,156 @@
+"""The command line, as other tools call it."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from dmis.__main__ import main
+from dmis.image import read_exr
+
+SCENE = """
+LookAt 0 -4 2  0 0 0  0 0 1
+Camera "perspective" "float fov" [40]
+Film "image" "integer xresolution" [40] "integer yresolution" [30]
+WorldBegin
+AttributeBegin
+AreaLightSource "area" "color L" [5 5 5]
+Material "matte" "color Kd" [0 0 0]
+Translate 0 0 3
+ReverseOrientation
+Shape "disk" "float radius" [1]
+AttributeEnd
+Material "plastic"
+Shape "trianglemesh" "integer indices" [0 1 2 2 3 0] "point P" [-3 -3 0 3 -3 0 3 3 0 -3 3 0]
+WorldEnd
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A scene file."""
+    path = tmp_path / "scene.pbrt"
+    path.write_text(SCENE)
+    return str(path)
+
+
+def test_render_writes_layers_stats_and_preview(scene, tmp_path, capsys):
+    """All the files that were asked for, with what they promise."""
+    out, stats, png = (str(tmp_path / name) for name in ("out.exr", "stats.json", "out.png"))
+    code = main(
+        ["render", scene, "-o", out, "--spp", "8", "--rule", "thesis:patch=4", "--seed", "5", "--threads", "2"]
+        + ["--stats", stats, "--png", png, "--resolution", "20x10"]
+    )
+    assert code == 0
+    layers, attributes = read_exr(out)
+    assert layers["RGB"].shape == (10, 20, 3) and {"weight", "variance", "samples"} <= set(layers)
+    assert json.loads(attributes["dmis.provenance"])["seed"] == 5
+    data = json.loads((tmp_path / "stats.json").read_text())
+    assert data["samples"] == 20 * 10 * 8
+    assert data["rays"]["camera"] == data["samples"]
+    assert data["samples_per_second"] == pytest.approx(data["samples"] / data["seconds"])
+    assert 0 < data["embree_seconds"] and data["peak_rss_bytes"] > 1e6
+    assert os.path.getsize(png) > 0
+    assert "Msamples/s" in capsys.readouterr().out
+
+
+def test_threads_do_not_change_the_file(scene, tmp_path):
+    """The same pixels with one thread and with two."""
+    files = [str(tmp_path / f"{n}.exr") for n in (1, 2)]
+    for n, file in zip((1, 2), files, strict=True):
+        assert main(["render", scene, "-o", file, "--spp", "12", "--threads", str(n), "--quiet"]) == 0
+    first, second = (read_exr(file)[0] for file in files)
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name])
+
+
+def test_quiet_and_logs_stay_quiet(scene, tmp_path, capsys):
+    """--quiet prints nothing; without a terminal there is no progress bar."""
+    assert main(["render", scene, "-o", str(tmp_path / "a.exr"), "--spp", "2", "--rule", "balance", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main(["render", scene, "-o", str(tmp_path / "a.exr"), "--spp", "2", "--rule", "balance"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_info_describes_the_plan(scene, capsys):
+    """Versions, and what the scene needs."""
+    assert main(["info"]) == 0
+    assert "embreex" in capsys.readouterr().out
+    assert main(["info", scene]) == 0
+    text = capsys.readouterr().out
+    assert "Lambert + Microfacet" in text and "DiskLight: two techniques" in text
+
+
+def test_bench_prints_a_table(scene, capsys):
+    """One row for each rule, with the ratio to the floor."""
+    assert main(["bench", scene, "--rules", "balance,fixed:0", "--spp", "2", "--resolution", "16x12"]) == 0
+    rows = capsys.readouterr().out.strip().split("\n")
+    assert len(rows) == 4
+    assert float(rows[2].split("|")[-2]) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["render", "nothing.pbrt", "-o", "a.exr"], "nothing.pbrt"),
+        (["render", "no-such-scene", "-o", "a.exr"], "teapot-area-light"),
+        (["render", "SCENE", "-o", "a.gif"], "-o must end in .exr"),
+        (["render", "SCENE", "-o", "no/such/folder/a.exr"], "directory does not exist"),
+        (["render", "SCENE", "-o", "a.exr", "--spp", "0"], "spp must be"),
+        (["render", "SCENE", "-o", "a.exr", "--spp", "x"], "--spp"),
+        (["render", "SCENE", "-o", "a.exr", "--rule", "fixed:2"], "w must be in [0, 1]"),
+        (["render", "SCENE", "-o", "a.exr", "--rule", "thesis:size=2"], "has the options"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "0x4"], "resolution"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "4"], "WIDTHxHEIGHT"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "99999x2"], "resolution"),
+        (["render", "SCENE", "-o", "a.exr", "--integrator", "path"], "not available"),
+        (["render", "SCENE", "-o", "a.exr", "--threads", "-2"], "threads"),
+        (["render", "SCENE", "-o", "a.exr", "--shading-samples", "0"], "shading_samples"),
+        (["render", "SCENE", "-o", "a.exr", "--max-depth", "0"], "max_depth"),
+        (["render", "SCENE", "-o", "a.exr", "--seed", "-1"], "seed"),
+        (["render", "SCENE"], "-o"),
+        ([], "COMMAND"),
+    ],
+)
+def test_bad_input_ends_with_two_and_a_message(scene, tmp_path, monkeypatch, capsys, arguments, message):
+    """Exit code 2, the reason on standard error, no traceback, no file."""
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main([scene if a == "SCENE" else a for a in arguments])
+    except SystemExit as stop:
+        code = stop.code
+    error = capsys.readouterr().err
+    assert code == 2
+    assert message in error
+    assert "Traceback" not in error
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.pbrt"]
+
+
+def test_module_runs(scene, tmp_path):
+    """python -m dmis as a process of its own, with an error in the scene file."""
+    broken = tmp_path / "broken.pbrt"
+    broken.write_text(SCENE.replace('"plastic"', '"plastik"'))
+    done = subprocess.run(
+        [sys.executable, "-m", "dmis", "render", str(broken), "-o", str(tmp_path / "a.exr")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    assert "broken.pbrt:13" in done.stderr and "plastik" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_interrupt_keeps_the_checkpoint(scene, tmp_path, monkeypatch, capsys):
+    """Ctrl-C ends with 130 and says where the finished tiles are."""
+    import dmis.__main__ as cli
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "render", interrupted)
+    assert main(["render", scene, "-o", str(tmp_path / "a.exr"), "--checkpoint", str(tmp_path / "c")]) == 130
+    assert "are kept in" in capsys.readouterr().err

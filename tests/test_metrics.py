@@ -1,0 +1,38 @@
+"""Error measures: closed forms, and that two reference halves cancel the reference's noise."""
+
+import numpy as np
+import pytest
+
+from dmis.metrics import block_error, mse, relmse
+
+
+def test_closed_forms():
+    """A constant offset of 0.1 from a constant reference of 0.5."""
+    image, reference = np.full((4, 4, 3), 0.6), np.full((4, 4, 3), 0.5)
+    assert mse(image, reference) == pytest.approx(0.01)
+    assert relmse(image, reference) == pytest.approx(0.01 / 0.26)
+    assert block_error(image, reference, 2) == pytest.approx(0.2)
+
+
+def test_two_halves_are_free_of_the_references_noise():
+    """With noisy halves the estimate is the image's own error; with their mean alone it is too large."""
+    rng = np.random.default_rng(5)
+    shape = (200, 200, 3)
+    image, first, second = (1 + s * rng.standard_normal(shape) for s in (0.1, 0.2, 0.2))
+    error = (image - first) * (image - second)
+    assert abs(error.mean() - 0.01) < 4 * error.std() / np.sqrt(error.size)
+    assert mse(image, first, second) == pytest.approx(error.mean())
+    assert mse(image, (first + second) / 2) > 0.02
+
+
+def test_shapes_must_agree():
+    """A reference of another size is told, not broadcast."""
+    with pytest.raises(ValueError, match="same shape"):
+        mse(np.zeros((4, 4, 3)), np.zeros((4, 3)))
+
+
+def test_ragged_borders_are_left_out_of_blocks():
+    """9x9 pixels hold one block of 8: the last row and column do not count."""
+    image, reference = np.ones((9, 9, 3)), np.ones((9, 9, 3))
+    image[8], image[:, 8] = 5, 5
+    assert block_error(image, reference) == 0

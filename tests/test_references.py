@@ -1,0 +1,66 @@
+"""Converged images against pbrt-v2's, on the thesis's original scenes. Minutes: `make test-slow`."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.metrics import block_error
+
+pytestmark = pytest.mark.slow
+LIMITS = {"killeroo-diffuse": 0.006, "killeroo-gold": 0.015, "teapot-area-light": 0.006, "env": 0.015}
+
+
+@pytest.fixture(scope="module")
+def load():
+    """Scenes by path, loaded once."""
+    scenes = {}
+
+    def get(path):
+        if path not in scenes:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                scenes[path] = dmis.load_scene(path)
+        return scenes[path]
+
+    return get
+
+
+def dark_blocks(image, reference):
+    """Of env only the blocks that the visible light probe does not fill, as images of one block each."""
+    size = 8
+    height, width = (n // size * size for n in reference.shape[:2])
+    blocks = [
+        a[:height, :width].reshape(height // size, size, width // size, size, 3).swapaxes(1, 2).reshape(-1, size, size, 3)
+        for a in (image, reference)
+    ]
+    keep = blocks[1].mean(axis=(1, 2, 3)) < 0.1
+    return [np.concatenate(list(b[keep])) for b in blocks]
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_balance_converges_to_pbrt(pbrt_scenes, references, load, name):
+    """At 1024 spp: each channel's mean within 0.3 %, and 8x8 blocks within the limit that their noise allows."""
+    reference = np.load(references / f"{name}.npz")["mean"].astype(float)
+    image = dmis.render(load(pbrt_scenes / f"{name}.pbrt"), "balance", 1024).image.astype(float)
+    np.testing.assert_allclose(image.mean(axis=(0, 1)), reference.mean(axis=(0, 1)), rtol=0.003)
+    if name == "env":
+        image, reference = dark_blocks(image, reference)
+    assert block_error(image, reference) < LIMITS[name]
+
+
+@pytest.mark.parametrize("rule", ["fixed:0", "fixed:1", "fixed:0.25", "pbrt", "one-sample", "thesis"])
+@pytest.mark.parametrize("name", LIMITS)
+def test_every_mixture_has_the_same_mean(pbrt_scenes, load, name, rule):
+    """The mean over the image differs from the balance heuristic's by noise: |z| < 4 in every channel.
+
+    BRDF sampling alone sees a small bright light so rarely that its variance estimate is unreliable in one pixel;
+    over the 87,552 pixels of an image the mean is normal enough.
+    """
+    scene = load(pbrt_scenes / f"{name}.pbrt")
+    a, b = dmis.render(scene, "balance", 256, seed=11), dmis.render(scene, rule, 256, seed=12)
+    pixels = a.image.shape[0] * a.image.shape[1]
+    error = np.sqrt((a.variance.mean(axis=(0, 1), dtype=float) + b.variance.mean(axis=(0, 1), dtype=float)) / pixels)
+    z = (a.image.mean(axis=(0, 1), dtype=float) - b.image.mean(axis=(0, 1), dtype=float)) / error
+    assert np.abs(z).max() < 4, z

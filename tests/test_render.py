@@ -1,0 +1,199 @@
+"""The pipeline: pilot, fit, final pass; the same image however the work is divided; work that is not lost."""
+
+import json
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.fit import Fit, Thesis
+from dmis.tile import split
+
+RULES = ["balance", "pbrt", "fixed:0.3", "one-sample", "thesis:patch=4"]
+
+
+def same(a, b):
+    """Whether two results are equal to the last bit."""
+    return all(np.array_equal(getattr(a, n), getattr(b, n)) for n in ("image", "weight", "variance", "samples"))
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_image_does_not_depend_on_threads(box, rule):
+    """One thread and three give the same bits, and count the same rays."""
+    one, three = (dmis.render(box, rule, 10, seed=2, threads=n) for n in (1, 3))
+    assert same(one, three)
+    assert one.rays == three.rays
+
+
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol"])
+def test_image_does_not_depend_on_the_executor(box, sampler):
+    """Threads and processes give the same bits, with every sampler."""
+    options = {"rule": "thesis:patch=4", "spp": 10, "sampler": sampler}
+    with ProcessPoolExecutor(2) as processes, ThreadPoolExecutor(2) as threads:
+        assert same(dmis.render(box, executor=processes, **options), dmis.render(box, executor=threads, **options))
+
+
+def test_seed_changes_the_image(box):
+    """Another seed is another image; the same seed is the same one."""
+    first, again, other = (dmis.render(box, "balance", 4, seed=s).image for s in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize("spp", [1, 2, 7, 8, 31, 33, 100])
+def test_tiles_cover_every_pixel_once(spp):
+    """For every number of samples, at a resolution that no tile size divides."""
+    seen = np.zeros((171, 229), int)
+    for rows, columns in split((229, 171), spp):
+        seen[slice(*rows), slice(*columns)] += 1
+    assert (seen == 1).all()
+
+
+def test_pilot_counts_in_the_budget(box):
+    """Rays: spp camera rays per pixel in all, six of them the pilot's; `samples` says the same."""
+    result = dmis.render(box, "thesis", 16)
+    width, height = box.camera.resolution
+    assert result.rays["camera"] == width * height * 16
+    assert (result.samples == 16).all()
+    assert (dmis.render(box, "thesis", 16, reuse_pilot=False).samples == 10).all()
+
+
+def test_reused_pilot_is_averaged_by_sample_counts(box):
+    """The image is (6 pilot + 10 final) / 16, pixel by pixel: fixed weights, so nothing is biased."""
+    both, final = (dmis.render(box, "thesis", 16, seed=4, reuse_pilot=reuse) for reuse in (True, False))
+    pilot = (both.image.astype(float) * 16 - final.image.astype(float) * 10) / 6
+    direct = np.mean(
+        [_one_pass(box, k, w, 2, seed=4) for k, w in enumerate((0.0, 0.5, 1.0))], axis=0
+    )  # what a pass of its own gives
+    np.testing.assert_allclose(pilot, direct, atol=2e-5)
+
+
+def _one_pass(scene, number, w, spp, seed):
+    from dmis.render import _Store, _Work
+
+    with ThreadPoolExecutor(1) as executor:
+        work = _Work(scene, seed, dmis.Settings(), executor, None, _Store(None, {}))
+        return work.render(number, "pilot", spp, w, "independent").mean
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
+    """Over 24 seeds, the mean of the variance layer is the images' variance (systematic rounding can only lower it)."""
+    results = [dmis.render(box, rule, 16, seed=s) for s in range(24)]
+    measured = np.var([r.image for r in results], axis=0, ddof=1).mean()
+    predicted = np.mean([r.variance for r in results])
+    assert measured < 1.25 * predicted  # the ratio itself scatters by some 5 % here
+    if rule in ("balance", "pbrt", "one-sample"):
+        assert measured > 0.8 * predicted
+
+
+def test_one_sample_has_no_variance(box):
+    """A variance needs two samples; one gives NaN, not zero."""
+    assert np.isnan(dmis.render(box, "balance", 1).variance).all()
+
+
+def test_progress_reaches_the_end(box):
+    """Progress is monotonic in each stage and ends at the total."""
+    calls = []
+    dmis.render(box, "thesis", 8, progress=lambda *call: calls.append(call))
+    for stage in ("pilot", "final"):
+        done = [(d, t) for s, d, t in calls if s == stage]
+        assert done[-1][0] == done[-1][1]
+    final = [d for s, d, _ in calls if s == "final"]
+    assert final == sorted(final)
+
+
+class Interrupted(BaseException):
+    """Stands for Ctrl-C."""
+
+
+def test_interrupted_work_is_not_lost(box, tmp_path):
+    """A render stopped halfway goes on from its checkpoint to the same bits, and removes it at the end."""
+    file = tmp_path / "render.checkpoint"
+    whole = dmis.render(box, "thesis", 40, seed=9)
+    done = []
+
+    def stop(stage, finished, total):
+        done.append(finished)
+        if stage == "final" and finished >= total / 2:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        dmis.render(box, "thesis", 40, seed=9, progress=stop, checkpoint=file)
+    assert file.exists()
+    calls = []
+    resumed = dmis.render(box, "thesis", 40, seed=9, progress=lambda *c: calls.append(c), checkpoint=file)
+    assert same(whole, resumed)
+    assert whole.rays == resumed.rays
+    assert all(stage == "final" for stage, _, _ in calls)  # the pilot was not rendered again
+    assert not file.exists()
+
+
+def test_foreign_checkpoint_is_refused(box, tmp_path):
+    """A checkpoint of another seed, and a file that is none, are refused and left alone."""
+    file = tmp_path / "render.checkpoint"
+    with pytest.raises(Interrupted):
+        dmis.render(box, "balance", 8, seed=1, progress=_stop, checkpoint=file)
+    with pytest.raises(ValueError, match="belongs to a different image"):
+        dmis.render(box, "balance", 8, seed=2, checkpoint=file)
+    assert file.exists()
+    file.write_text("something else")
+    with pytest.raises(ValueError, match="not readable"):
+        dmis.render(box, "balance", 8, seed=1, checkpoint=file)
+
+
+def _stop(*_):
+    raise Interrupted
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"spp": 0}, "spp must be a whole number of at least 1; got 0"),
+        ({"spp": 2.5}, "spp must be a whole number"),
+        ({"spp": 2**21}, "at most 2"),
+        ({"rule": "thesis", "spp": 6}, "more than the pilot's 6 camera samples"),
+        ({"seed": -1}, "seed must be"),
+        ({"sampler": "halton"}, "sampler must be one of"),
+        ({"threads": 0}, "threads must be at least 1"),
+        ({"rule": "best"}, "rule must be one of"),
+        ({"rule": "thesis:patch=0"}, "patch must be at least 1"),
+    ],
+)
+def test_bad_arguments(box, options, message):
+    """Each message names the argument, the constraint and the value."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, **{"rule": "balance", "spp": 4, **options})
+
+
+@dataclass(frozen=True)
+class Halves:
+    """A rule of a user's own: light sampling on the left, BRDF sampling on the right."""
+
+    pilot: dict = field(default_factory=dict)
+    settings: dict = field(default_factory=dict)
+
+    def fit(self, pilot):
+        weight = np.ones((24, 32))
+        weight[:, 16:] = 0
+        return Fit(weight)
+
+
+def test_a_rule_of_ones_own(box):
+    """Anything with a pilot, settings and a fit is a rule; the weight map says what was used."""
+    result = dmis.render(box, Halves(), 16, seed=1)
+    assert (result.weight[:, :16] == 1).all() and (result.weight[:, 16:] == 0).all()
+    light, brdf = (dmis.render(box, f"fixed:{w}", 16, seed=1) for w in (1, 0))
+    total = light.rays["shadow"] + brdf.rays["brdf"]
+    assert 0 < result.rays["shadow"] < light.rays["shadow"]
+    assert result.rays["shadow"] + result.rays["brdf"] < total
+
+
+def test_provenance_is_plain_json(box):
+    """The provenance survives JSON and names everything that the image depends on."""
+    result = dmis.render(box, Thesis(patch=4), 8, seed=3, sampler="sobol")
+    data = json.loads(json.dumps(result.provenance))
+    assert data["rule"].startswith("Thesis(patch=4")
+    assert data["sampler"] == "sobol" and data["resolution"] == [32, 24]
