@@ -17,7 +17,7 @@ import dmis
 HERE = Path(__file__).parent
 
 parser = argparse.ArgumentParser(description="render the reference of demo.py")
-parser.add_argument("--spp", type=int, default=4096, help="camera samples of each half")
+parser.add_argument("--spp", type=int, default=2048, help="camera samples of each half")
 parser.add_argument("-o", "--output", default=HERE / "data" / "teapot-area-light-400x400.exr")
 options = parser.parse_args()
 

@@ -13,7 +13,7 @@ small parts are surfaces of revolution, sweeps, or implicit surfaces too.
 
 Why: the thesis rendered a car model that cannot be passed on; this one may be.
 
-Run: python scenes/make_car.py        (deterministic, about half a minute, needs numpy and scipy)
+Run: python scenes/make_car.py        (deterministic, about ten seconds, needs numpy and scipy)
 """
 
 from itertools import pairwise

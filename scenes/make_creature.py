@@ -716,7 +716,7 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         key = a.astype(np.int64) * count + b
         allowed = (ratio < factor) & ~np.isin(key, banned)
         valence = np.bincount(faces.ravel(), minlength=count)
-        allowed &= (valence[edges.opposite] > 4).all(axis=1) & (valence[a] + valence[b] < 13)
+        allowed &= (valence[edges.opposite] > 3).all(axis=1) & (valence[a] + valence[b] < 14)
         score = ranked(ratio, allowed)
         chosen = np.flatnonzero(local_minimum(score, edges, count))
         if len(chosen) == 0:
@@ -739,11 +739,11 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         alive = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
         touched = np.flatnonzero(alive & (owner[faces].max(axis=1) >= 0))
         before, after = (normalise(face_normals(x, faces[touched])) for x in (vertices, moved))
-        turned = (before * after).sum(1) < 0.4
-        # Nor may the mesh cut off a tip: faces have to agree with the surface normals at their corners.
+        # Nor may the mesh cut off a tip: faces have to agree with the surface normals at their (old) corners.
         mean_normal = normals[faces[touched]].mean(1)
         agree_before, agree_after = (before * mean_normal).sum(1), (after * mean_normal).sum(1)
-        turned |= (agree_after < (0.55 if thin else 0.35)) & (agree_after < agree_before + 0.05)
+        turned = (agree_after < (0.55 if thin else 0.4)) & (agree_after < agree_before + 0.05)
+        turned |= ((before * after).sum(1) < 0.3) & (agree_after < 0.7)
         turned = touched[turned]
         bad[owner[faces[turned]].max(axis=1)] = True
         banned = np.union1d(banned, key[chosen[bad]])
@@ -796,9 +796,10 @@ def corner_angles(vertices, faces):
     return np.min(angles, axis=0)
 
 
-def flip_edges(vertices, faces, passes=12, shape_weight=0.0):
+def flip_edges(surface, vertices, faces, passes=12, shape_weight=3.0):
     """Flip edges where that brings valences nearer to six (and, if weighted, smallest angles up)."""
     faces = faces.copy()
+    normals = look_up(surface, vertices)[1]
     for _ in range(passes):
         edges = edges_of(faces)
         count = len(vertices)
@@ -815,12 +816,14 @@ def flip_edges(vertices, faces, passes=12, shape_weight=0.0):
         old = np.minimum(*(corner_angles(vertices, faces[edges.faces[:, i]]) for i in (0, 1)))
         new = np.minimum(corner_angles(vertices, one), corner_angles(vertices, two))
         gain = gain + shape_weight * (new - old)
-        normal_old = normalise(sum(normalise(face_normals(vertices, faces[edges.faces[:, i]])) for i in (0, 1)))
-        flat = np.ones(len(a), bool)
-        for made in (one, two):
-            flat &= (normalise(face_normals(vertices, made)) * normal_old).sum(1) > 0.5
+        # The new faces have to agree with the surface, or at least better than the old ones.
+        agree_old, agree_new = (
+            np.min([(normalise(face_normals(vertices, f)) * normals[f].mean(1)).sum(1) for f in pair], axis=0)
+            for pair in (faces[edges.faces.T], (one, two))
+        )
+        flat = (agree_new > 0.6) | (agree_new > agree_old + 0.05)
         exists = np.isin(np.minimum(c, d) * count + np.maximum(c, d), a * count + b)
-        allowed = (gain > 1e-6) & flat & ~exists & (new > np.minimum(old, 0.5)) & (valence[a] > 4) & (valence[b] > 4)
+        allowed = (gain > 1e-6) & flat & ~exists & ((new > np.minimum(old, 0.5)) | (agree_new > agree_old + 0.3)) & (valence[a] > 4) & (valence[b] > 4)
         score = ranked(-gain, allowed)
         chosen = np.flatnonzero(local_minimum(score, edges, count, rings=1))
         if len(chosen) == 0:
@@ -844,7 +847,8 @@ def relax(surface, vertices, faces, rounds=3, strength=0.6):
         move -= (move * n).sum(1, keepdims=True) * n
         # Vertices on tips and sharp ridges stay: their faces turn far away from their normals.
         agree = np.ones(count)
-        np.minimum.at(agree, faces.ravel(), (normalise(normal)[:, None] * n[faces]).sum(2).ravel())
+        sound = corner_angles(vertices, faces) > 0.2
+        np.minimum.at(agree, faces[sound].ravel(), (normalise(normal[sound])[:, None] * n[faces[sound]]).sum(2).ravel())
         move *= strength * np.clip((agree - 0.3) / 0.35, 0.0, 1.0)[:, None]
         vertices = project(surface, vertices + move, 2)
     return vertices
@@ -888,14 +892,16 @@ def sized_surface(vertices, faces, normals, importance):
 
 
 def remesh(surface, vertices, faces):
-    vertices, faces = collapse_short(surface, vertices, faces, factor=0.7, thin=True)
-    for _ in range(10):
-        vertices, faces = split_long(surface, vertices, faces)
+    for factor in (0.3, 0.45, 0.6, 0.7, 0.7):
+        vertices, faces = collapse_short(surface, vertices, faces, factor, passes=25, thin=True)
+        faces = flip_edges(surface, vertices, faces, passes=4)
+    for _ in range(12):
+        vertices, faces = split_long(surface, vertices, faces, passes=3)
         vertices, faces = collapse_short(surface, vertices, faces, passes=20)
-        faces = flip_edges(vertices, faces)
+        faces = flip_edges(surface, vertices, faces)
         vertices = relax(surface, vertices, faces)
-    for _ in range(4):
-        faces = flip_edges(vertices, faces, shape_weight=4.0)
+    for _ in range(5):
+        faces = flip_edges(surface, vertices, faces, shape_weight=6.0)
         vertices = relax(surface, vertices, faces, rounds=2, strength=0.5)
     return vertices, faces
 
