@@ -21,8 +21,8 @@ from dmis.light import PointLight as PointLight
 from dmis.light import QuadLight as QuadLight
 from dmis.light import SphereLight as SphereLight
 from dmis.light import SpotLight as SpotLight
-from dmis.load import load_scene as load_scene
 from dmis.load import SHIPPED as SHIPPED
+from dmis.load import load_scene as load_scene
 from dmis.material import Material as Material
 from dmis.material import glass as glass
 from dmis.material import matte as matte

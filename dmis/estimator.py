@@ -269,7 +269,7 @@ def _shade(
     if alive is not None and len(alive) == 0:
         return
     both = _both(lit, alive)
-    value = take(f, alive) * take(seen.radiance, both)
+    value = take(f, alive) * seen.radiance_at(both)
     value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
     _add(out, value, _both(where, both))
 
@@ -285,7 +285,7 @@ def _delta(
         return
     surface, wi = surface.take(lit), take(seen.wi, lit)
     pair = Pair(surface, wi)
-    value = surface.eval(pair) * (pair.cos_i * scale) * take(seen.radiance, lit)
+    value = surface.eval(pair) * (pair.cos_i * scale) * seen.radiance_at(lit)
     if traced:
         value = value * _visible(batch, "shadow", surface.p, wi, take(seen.distance, lit))
     _add(out, value, _both(index, lit))

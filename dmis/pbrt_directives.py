@@ -23,7 +23,7 @@ def carry_out(reader: Reader, source: Source) -> None:
     cursor = Cursor(source)
     while (token := cursor.next()).kind != "end":
         reader.token = token
-        if token.kind != "word":
+        if token.kind != "word" or not token.text[0].isalpha():
             raise token.error("a directive is expected here, such as Shape or Translate")
         if token.text not in _DIRECTIVES:
             raise token.error(_unknown(token.text))

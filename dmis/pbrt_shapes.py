@@ -106,6 +106,8 @@ def _file(p: Parameters) -> _Made:
 
 def _sphere(p: Parameters) -> _Made:
     radius = p.number("radius", 1)
+    if not radius > 0:
+        raise ValueError(f"radius must be positive; got {radius}")
     low, high = sorted((p.number("zmin", -radius), p.number("zmax", radius)))
     phimax = p.number("phimax", 360)
     whole = low <= -radius and high >= radius and phimax == 360

@@ -194,7 +194,8 @@ class Cursor:
             elif token.kind in ("end", "open", "list"):
                 raise opening.error("this list has no end: a closing bracket ] is missing")
             else:
-                raise token.error("a list holds numbers or quoted strings")
+                where = f"the bracket of line {opening.line} may not be closed"
+                raise token.error(f"a list holds numbers or quoted strings; {where}")
             if numeric and values:
                 raise token.error("a list holds numbers or quoted strings, not both")
         return tuple(values)

@@ -36,7 +36,7 @@ FLOOR = -140.0
 SINK = 1.0  # how deep the soles reach into the floor
 GRID_STEP = 1.4  # of the dense mesh
 FAR = 9.0  # value of the field far from all parts
-TARGET_TRIANGLES = 9500
+TARGET_TRIANGLES = 13000
 EDGE_RANGE = (1.3, 7.5)  # shortest and longest wanted edge
 
 
@@ -312,7 +312,7 @@ def digit(joints, radii, claw, blend=1.6):
     for joint, radius in zip(joints[1:-1], radii[1:-1]):
         parts.append(ball(joint + [0, 0, 0.22 * radius], [1.06 * radius] * 3, blend=blend))
     end = radii[-1]
-    parts.append(tube(claw, [0.82 * end, 0.7 * end, 0.45 * end, 0.14 * end], blend=0.9, steps=5))
+    parts.append(tube(claw, [0.84 * end, 0.74 * end, 0.52 * end, 0.26 * end], blend=0.9, steps=5))
     return parts
 
 
@@ -484,7 +484,7 @@ def head():
             tube(at([34.0, 3.6 * s, -16.5], [34.4, 4.3 * s, -14.4], [34.4, 4.4 * s, -11.9]), [1.6, 1.2, 0.5], 0.8),
             # Horns and the spines of the cheek.
             tube(at([0, 8.0 * s, 10], [-10, 11.5 * s, 16.5], [-23, 16.0 * s, 18.0], [-36, 18.5 * s, 14.0], [-46, 17.5 * s, 13.5]),
-                 [5.4, 4.6, 3.6, 2.3, 0.5], 1.8, steps=8),
+                 [5.4, 4.6, 3.7, 2.5, 0.9], 1.8, steps=8),
             tube(at([2, 13.5 * s, -9], [-5, 18.0 * s, -12], [-13, 21.5 * s, -12.5]), [3.2, 2.2, 0.4], 1.8),
         ]
         # Ear: a leaf with a hollow on its front.
@@ -505,10 +505,10 @@ def dorsal_spines(body):
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     parts = []
     place, total = 3.0, length[-1]
-    while place < total - 14.0:
+    while place < total - 34.0:
         s = place / total
         size = 1.35 * (0.30 + 0.70 * np.sin(np.pi * min(1.0, 0.22 + 1.55 * s * (1 - 0.28 * s))) ** 1.0)
-        size = max(size, 0.42)
+        size = max(size, 0.58)
         point = np.array([np.interp(place, length, line[:, i]) for i in range(3)])
         behind = unit([np.interp(place + 2, length, line[:, i]) - point[i] for i in range(3)])
         up = unit(np.array([0, 0, 1.0]) - behind[2] * behind)
@@ -521,7 +521,7 @@ def dorsal_spines(body):
             tube(
                 [base - 1.5 * size * behind, base + 4.6 * size * up + 1.2 * size * behind,
                  base + 9.6 * size * up + 6.2 * size * behind],
-                [4.2 * size, 2.9 * size, 0.5 * size],
+                [4.2 * size, 3.0 * size, 0.8 * size],
                 blend=1.8 * size,
                 flat=(aside, 0.55),
             )
@@ -535,7 +535,7 @@ def creature():
     body += leg(1, hip=[18, -24, -64], knee=[37, 7, -90], ankle=[32, -37, -110], foot=[36, 0, -132.5], heading=10)
     body += leg(-1, hip=[-18, -26, -64], knee=[-37, 24, -86], ankle=[-32, -10, -111], foot=[-36, 27, -132.5], heading=-6)
     body += arm(1, [28, 56, -13], [46, 40, -42], [45, 74, -60], pointing=[0.05, 0.85, -0.35], palm=[-0.5, -0.2, -0.8])
-    body += arm(-1, [-28, 56, -13], [-48, 50, -42], [-43, 86, -52], pointing=[0.1, 0.9, 0.1], palm=[0.45, 0.1, -0.9])
+    body += arm(-1, [-27, 57, -17], [-48, 50, -42], [-43, 86, -52], pointing=[0.1, 0.9, 0.1], palm=[0.45, 0.1, -0.9])
     body += head()
     return body + dorsal_spines(body)
 
@@ -716,6 +716,10 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         key = a.astype(np.int64) * count + b
         allowed = (ratio < factor) & ~np.isin(key, banned)
         valence = np.bincount(faces.ravel(), minlength=count)
+        if not thin:  # vertices with three neighbours go first
+            three = (np.minimum(valence[a], valence[b]) == 3) & (ratio < 1.5)
+            allowed |= three & ~np.isin(key, banned)
+            ratio = np.where(three, 0.05 * ratio, ratio)
         allowed &= (valence[edges.opposite] > 3).all(axis=1) & (valence[a] + valence[b] < 14)
         score = ranked(ratio, allowed)
         chosen = np.flatnonzero(local_minimum(score, edges, count))
@@ -742,8 +746,12 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         # Nor may the mesh cut off a tip: faces have to agree with the surface normals at their (old) corners.
         mean_normal = normals[faces[touched]].mean(1)
         agree_before, agree_after = (before * mean_normal).sum(1), (after * mean_normal).sum(1)
-        turned = (agree_after < (0.55 if thin else 0.4)) & (agree_after < agree_before + 0.05)
-        turned |= ((before * after).sum(1) < 0.3) & (agree_after < 0.7)
+        if thin:
+            limit = 0.55
+        else:  # far too short edges have to go in any case
+            limit = np.where(ratio[chosen][owner[faces[touched]].max(axis=1)] < 0.45, 0.05, 0.4)
+        turned = (agree_after < limit) & (agree_after < agree_before + 0.05)
+        turned |= ((before * after).sum(1) < 0.3) & (agree_after < np.minimum(limit + 0.2, 0.7))
         turned = touched[turned]
         bad[owner[faces[turned]].max(axis=1)] = True
         banned = np.union1d(banned, key[chosen[bad]])
@@ -976,9 +984,9 @@ def write(path, cage, faces):
 def importance_of(vertices):
     """Factor on the wanted edge length: less than one where the eye goes first, more on tail and belly."""
     local = (vertices - HEAD_ORIGIN) @ HEAD.T
-    face = np.exp(-((np.linalg.norm(local - [20, 0, -2], axis=1) / 24.0) ** 4))
+    face = np.exp(-((np.linalg.norm(local - [24, 0, -3], axis=1) / 30.0) ** 4))
     rear = np.clip((-60.0 - vertices[:, 1]) / 60.0, 0.0, 1.0)
-    return 1.0 - 0.25 * face + 0.2 * rear
+    return 1.0 - 0.4 * face + 0.15 * rear
 
 
 def main():

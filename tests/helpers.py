@@ -134,7 +134,9 @@ def chi2_directions(
     if theta is None:
         learn = len(a) // 8
         inner = np.quantile(a[:learn][ok[:learn]], np.linspace(0, 1, 17)[1:-1])
-        theta = np.unique(np.concatenate([[0.0], inner, [np.pi]]))
+        # a narrow lobe falls off over many magnitudes in the outermost ring: cut it further for the quadrature
+        outer = np.geomspace(max(inner[-1], 1e-6), np.pi, 17)
+        theta = np.unique(np.concatenate([[0.0], inner, outer]))
         a, b, ok = a[learn:], b[learn:], ok[learn:]
     if phi is None:
         phi = np.linspace(0, 2 * np.pi, 13)

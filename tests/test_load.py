@@ -1,0 +1,167 @@
+"""Scenes by name, from mesh files, and from meshes in memory."""
+
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+from dmis import load
+from dmis.camera import Camera
+from dmis.geometry import Mesh, flat_normals
+from dmis.light import DiskLight, EnvironmentLight, MeshLight, PointLight, QuadLight, SphereLight
+from dmis.load import light_part, load_scene, scene_names
+from dmis.material import matte, mirror, plastic
+from dmis.pbrt import PbrtError, PbrtWarning
+
+BOX = trimesh.creation.box()
+
+
+@pytest.fixture
+def pbrt_file(tmp_path):
+    path = tmp_path / "scene.pbrt"
+    path.write_text('WorldBegin Shape "sphere" WorldEnd')
+    return path
+
+
+def test_pbrt_file(pbrt_file):
+    for source in (pbrt_file, str(pbrt_file)):
+        scene = load_scene(source, (40, 30))
+        assert (scene.name, scene.camera.resolution) == ("scene", (40, 30))
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_shipped_scenes_load_by_name(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbrtWarning)
+        scene = load_scene(name, resolution=(16, 12))
+    assert scene.name == name
+    assert scene.lights and scene.parts
+
+
+def test_scenes_of_a_wheel_are_beside_the_modules(monkeypatch, pbrt_file):
+    monkeypatch.setattr(load, "_FOLDER", pbrt_file.parent)
+    assert scene_names() == ("scene",)
+    assert load_scene("scene").parts
+    with pytest.raises(ValueError, match=r"one of the scenes that come with dmis: scene; got 'teapot'"):
+        load_scene("teapot")
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj", "glb", "stl"])
+def test_mesh_files(tmp_path, suffix):
+    path = tmp_path / f"box.{suffix}"
+    BOX.export(path)
+    gloss, light = plastic(), PointLight((1, 2, 3), (4, 4, 4))
+    camera = Camera.look_at((3, 0, 0), (0, 0, 0), resolution=(8, 8))
+    scene = load_scene(path, camera=camera, material=gloss, lights=[light])
+    (part,) = scene.parts
+    assert (part.material, part.mesh.triangles, scene.lights, scene.name) == (gloss, 12, (light,), "box")
+    assert scene.camera is camera
+    assert load_scene(path, (4, 2), camera=camera).camera.resolution == (4, 2)
+
+
+@pytest.mark.parametrize("source", [BOX, Mesh(BOX.vertices, BOX.faces), trimesh.Scene(BOX)])
+def test_defaults(source):
+    scene = load_scene(source)
+    (part,) = scene.parts
+    assert part.material.name == "matte"
+    (sky,) = scene.lights
+    assert isinstance(sky, EnvironmentLight)
+    wi = np.random.default_rng(1).normal(size=(3, 100)).astype(np.float32)
+    wi /= np.linalg.norm(wi, axis=0)
+    np.testing.assert_allclose(sky.radiance(wi), 1, rtol=1e-6)
+    # the camera sees every vertex, well inside the picture
+    x, y, z = (np.linalg.inv(scene.camera.to_world) @ np.c_[BOX.vertices, np.ones(8)].T)[:3]
+    slope = np.tan(np.radians(scene.camera.fov / 2))
+    assert (z > 0).all()
+    assert np.abs(np.stack([x, y]) / z).max() < slope
+    assert np.abs(np.stack([x, y]) / z).max() > slope / 2
+    assert np.linalg.det(scene.camera.to_world[:3, :3]) < 0  # a photograph, not a mirror image
+
+
+def test_materials_by_name():
+    scene = trimesh.Scene()
+    scene.add_geometry(BOX, geom_name="a")
+    scene.add_geometry(BOX, geom_name="b", transform=trimesh.transformations.translation_matrix([5, 0, 0]))
+    red, glossy = matte((1, 0, 0)), mirror()
+    parts = load_scene(scene, material={"a": red, "b": glossy, "unused": red}).parts
+    assert [part.material for part in parts] == [red, glossy]
+    np.testing.assert_allclose(parts[1].mesh.vertices.mean(axis=0), [5, 0, 0])
+    with pytest.raises(ValueError, match="must have an entry for the geometry 'b'; there are: 'a'"):
+        load_scene(scene, material={"a": red})
+
+
+def test_instances_of_one_geometry():
+    scene = trimesh.Scene()
+    scene.add_geometry(BOX, geom_name="a", node_name="one")
+    scene.graph.update("two", matrix=trimesh.transformations.translation_matrix([0, 3, 0]), geometry="a")
+    parts = load_scene(scene, material={"a": matte()}).parts
+    assert sorted(part.mesh.vertices.mean(axis=0)[1] for part in parts) == pytest.approx([0, 3], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        DiskLight((1, 2, 3), (1, 1, 0), 0.5, (1, 1, 1)),
+        DiskLight((1, 2, 3), (0, 0, -2), 0.5, (1, 1, 1)),
+        QuadLight((0, 0, 2), (1, 0, 0), (0, 0, 1), (1, 1, 1)),
+        SphereLight((0, 0, 4), 0.5, (1, 1, 1)),
+        MeshLight([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], (1, 1, 1)),
+    ],
+)
+def test_area_lights_get_a_surface_that_they_hit(light):
+    scene = load_scene(BOX, lights=[light])
+    part = scene.parts[-1]
+    assert part.light is light and part.material.lobes == ()
+    centres = part.mesh.vertices[part.mesh.faces].mean(axis=1)
+    normals = flat_normals(part.mesh.vertices, part.mesh.faces)
+    p = np.ascontiguousarray((centres + 0.1 * normals).T, np.float32)
+    seen = light.hit(p, np.ascontiguousarray(-normals.T, np.float32))
+    assert seen.emits.all()
+    np.testing.assert_allclose(seen.distance, 0.1, rtol=2e-3)
+    back = light.hit(np.ascontiguousarray((centres - 0.1 * normals).T, np.float32), normals.T.astype(np.float32))
+    assert isinstance(light, SphereLight) or not back.emits.any()
+
+
+def test_light_part_of_a_mesh_light_is_its_mesh():
+    light = MeshLight(BOX.vertices, BOX.faces, (1, 1, 1))
+    np.testing.assert_array_equal(light_part(light).mesh.vertices, BOX.vertices)
+
+
+@pytest.mark.parametrize(
+    "source, arguments, kind, message",
+    [
+        (
+            "no-such-scene",
+            {},
+            ValueError,
+            r"ending in \.pbrt, .*or one of the scenes that come with dmis: .*'no-such-sc",
+        ),
+        ("picture.png", {}, ValueError, "got 'picture.png'"),
+        ("../scenes/tt", {}, ValueError, "a scene must be a file ending in"),
+        ("none.pbrt", {}, FileNotFoundError, r"there is no scene file none\.pbrt"),
+        ("none.ply", {}, FileNotFoundError, r"none\.ply"),
+        ("", {}, ValueError, "got '.'"),
+        (7, {}, ValueError, "source must be a path, a name, a Mesh, or of trimesh; got int"),
+        (trimesh.Scene(), {}, ValueError, "must hold triangles"),
+        (BOX, {"material": "matte"}, ValueError, "material must be a Material, or a dict of them by name; got str"),
+        (BOX, {"resolution": (0, 3)}, ValueError, "resolution must be 1 to 65535"),
+        (BOX, {"material": {"a": matte()}}, ValueError, "must have an entry for the geometry ''"),
+    ],
+)
+def test_bad_input(source, arguments, kind, message):
+    with pytest.raises(kind, match=message):
+        load_scene(source, **arguments)
+
+
+@pytest.mark.parametrize("name, value", [("camera", 1), ("lights", []), ("material", matte())])
+def test_a_pbrt_scene_has_its_own(pbrt_file, name, value):
+    with pytest.raises(ValueError, match=f"{name} must not be given for .*because a pbrt scene has its own"):
+        load_scene(pbrt_file, **{name: value})
+
+
+def test_errors_of_the_reader_come_through(tmp_path):
+    path = tmp_path / "bad.pbrt"
+    path.write_text("Foo")
+    with pytest.raises(PbrtError, match=r"bad\.pbrt:1: token Foo"):
+        load_scene(path)
