@@ -46,7 +46,7 @@ def load_scene(
     Parameters
     ----------
     source
-        A pbrt-v2 file, the name of a scene that comes with the library (`scene_names`), a GLB, OBJ, PLY or STL file,
+        A pbrt-v2 file, the name of a scene that comes with the library (`SHIPPED`), a GLB, OBJ, PLY or STL file,
         or a mesh. A pbrt scene has everything; a mesh needs what follows.
     resolution
         ``(width, height)`` in place of the file's or the camera's.
@@ -88,11 +88,6 @@ def load_scene(
     return Scene(camera, tuple(parts), tuple(lights), title)
 
 
-def scene_names() -> tuple[str, ...]:
-    """Names of the scenes that come with the library."""
-    return SHIPPED
-
-
 def light_part(light: AreaLight) -> Part:
     """The visible surface of an area light: it emits what the light emits, and reflects nothing."""
     if isinstance(light, MeshLight):
@@ -111,11 +106,11 @@ def light_part(light: AreaLight) -> Part:
 
 
 def _shipped(name: Path) -> Path:
-    if str(name) in scene_names():
+    if str(name) in SHIPPED:
         return _FOLDER / f"{name}.pbrt"
     raise ValueError(
         f"a scene must be a file ending in {', '.join(('.pbrt', *FORMATS))}, or one of the scenes that come with "
-        f"dmis: {', '.join(scene_names()) or 'none'}; got {str(name)!r}"
+        f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(name)!r}"
     )
 
 

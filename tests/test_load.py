@@ -10,7 +10,7 @@ from dmis import load
 from dmis.camera import Camera
 from dmis.geometry import Mesh, flat_normals
 from dmis.light import DiskLight, EnvironmentLight, MeshLight, PointLight, QuadLight, SphereLight
-from dmis.load import light_part, load_scene, scene_names
+from dmis.load import SHIPPED, light_part, load_scene
 from dmis.material import matte, mirror, plastic
 from dmis.pbrt import PbrtError, PbrtWarning
 
@@ -30,7 +30,7 @@ def test_pbrt_file(pbrt_file):
         assert (scene.name, scene.camera.resolution) == ("scene", (40, 30))
 
 
-@pytest.mark.parametrize("name", scene_names())
+@pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenes_load_by_name(name):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PbrtWarning)
@@ -39,9 +39,9 @@ def test_shipped_scenes_load_by_name(name):
     assert scene.lights and scene.parts
 
 
-def test_scenes_of_a_wheel_are_beside_the_modules(monkeypatch, pbrt_file):
+def test_unknown_names_are_told_the_known_ones(monkeypatch, pbrt_file):
     monkeypatch.setattr(load, "_FOLDER", pbrt_file.parent)
-    assert scene_names() == ("scene",)
+    monkeypatch.setattr(load, "SHIPPED", ("scene",))
     assert load_scene("scene").parts
     with pytest.raises(ValueError, match=r"one of the scenes that come with dmis: scene; got 'teapot'"):
         load_scene("teapot")

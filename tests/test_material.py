@@ -56,10 +56,10 @@ def test_samples_follow_the_density(name: str, degrees: float) -> None:
 @pytest.mark.parametrize("name", MIXTURES)
 @pytest.mark.parametrize("degrees", [0.0, 60.0, 84.0])
 def test_energy(name: str, degrees: float) -> None:
-    """No material of these parameters reflects more than arrives, but plastic with the indices swapped.
+    """No material of these parameters reflects more than arrives; the quadrature is good to 0.001.
 
-    That one is total reflection beyond 42 degrees on top of an undimmed base: pbrt-v2's quirk, and 0.3 + 0.4 at most. The
-    quadrature is good to 0.001.
+    Plastic does not dim its base, and with pbrt-v2's swapped indices reflects totally beyond 42 degrees: it keeps the
+    bound because Kd + Ks < 1.
     """
     wo = polar(degrees)
     w, weights = sphere_rule(wo * [-1, -1, 1], 500, 200, power=3.0)
