@@ -169,7 +169,7 @@ def _info(options: argparse.Namespace) -> int:
         begin = time.perf_counter()
         scene = load_scene(options.scene, resolution=options.resolution)
         _ = scene.intersector
-        print(f"\n{scene.plan.describe()}\nread and built in {time.perf_counter() - begin:.2f} s")
+        print(f"\nscene {scene.name}: {scene.plan.describe()}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 

@@ -29,6 +29,7 @@ from dmis.brdf import (
     SpecularTransmission,
 )
 from dmis.texture import Image, scale
+from dmis.vec import Array
 
 Rgb = tuple[float, float, float]
 
@@ -145,9 +146,16 @@ def _triple(name: str, value: Any) -> Rgb:
     return float(out[0]), float(out[1]), float(out[2])
 
 
+class ReciprocalImage(Image):
+    """One over the interpolated texels: the exponent where the image is roughness."""
+
+    def __call__(self, uv: Array) -> Array:
+        return 1 / super().__call__(uv)
+
+
 def _exponent(name: str, roughness: Any) -> Any:
     if isinstance(roughness, Image):
-        return Image(1 / roughness.texels, roughness.scale, roughness.offset, roughness.wrap)
+        return ReciprocalImage(roughness.texels, roughness.scale, roughness.offset, roughness.wrap)
     value = float(np.asarray(roughness).reshape(-1)[0])
     if not (value > 0 and np.isfinite(value)):
         raise ValueError(f"{name} must be positive, because the Blinn exponent is its reciprocal; got {roughness}")

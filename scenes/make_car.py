@@ -94,19 +94,90 @@ def unit(v):
 # ---------------------------------------------------------------------------------------------------------------------
 
 # Lower body.  Height of the centre line, half width seen from above, and inward lean of the flank over height.
-TOP = graph([(-0.4, 0.46), (-0.1, 0.57), (0.2, 0.678), (0.55, 0.765), (0.95, 0.832), (1.35, 0.872), (1.9, 0.895),
-             (2.5, 0.905), (3.0, 0.915), (3.4, 0.912), (3.7, 0.875), (3.95, 0.80), (4.2, 0.69), (4.5, 0.55)])
-PLAN = graph([(-0.4, 0.70), (0.0, 0.775), (0.4, 0.825), (0.8, 0.858), (1.3, 0.864), (1.9, 0.860), (2.5, 0.866),
-              (3.0, 0.880), (3.4, 0.876), (3.8, 0.835), (4.1, 0.765), (4.5, 0.65)])
-FLANK = graph([(-0.1, -0.14), (0.05, -0.095), (0.18, -0.050), (0.30, -0.018), (0.42, -0.002), (0.54, 0.0),
-               (0.66, -0.006), (0.78, -0.030), (0.90, -0.080), (1.02, -0.15), (1.3, -0.35)])
+TOP = graph(
+    [
+        (-0.4, 0.46),
+        (-0.1, 0.57),
+        (0.2, 0.678),
+        (0.55, 0.765),
+        (0.95, 0.832),
+        (1.35, 0.872),
+        (1.9, 0.895),
+        (2.5, 0.905),
+        (3.0, 0.915),
+        (3.4, 0.912),
+        (3.7, 0.875),
+        (3.95, 0.80),
+        (4.2, 0.69),
+        (4.5, 0.55),
+    ]
+)
+PLAN = graph(
+    [
+        (-0.4, 0.70),
+        (0.0, 0.775),
+        (0.4, 0.825),
+        (0.8, 0.858),
+        (1.3, 0.864),
+        (1.9, 0.860),
+        (2.5, 0.866),
+        (3.0, 0.880),
+        (3.4, 0.876),
+        (3.8, 0.835),
+        (4.1, 0.765),
+        (4.5, 0.65),
+    ]
+)
+FLANK = graph(
+    [
+        (-0.1, -0.14),
+        (0.05, -0.095),
+        (0.18, -0.050),
+        (0.30, -0.018),
+        (0.42, -0.002),
+        (0.54, 0.0),
+        (0.66, -0.006),
+        (0.78, -0.030),
+        (0.90, -0.080),
+        (1.02, -0.15),
+        (1.3, -0.35),
+    ]
+)
 
 # Greenhouse.  Windscreen, roof and rear window in one arc; half width at the belt line over x.
 ROOF_MIDDLE = 2.3
-ROOF = graph([(0.5, 0.40), (0.80, 0.585), (1.08, 0.775), (1.36, 0.965), (1.62, 1.155), (1.86, 1.310), (2.15, 1.368),
-              (2.48, 1.362), (2.80, 1.305), (3.10, 1.185), (3.40, 1.015), (3.70, 0.825), (4.0, 0.62), (4.4, 0.33)])
-BELT = graph([(0.4, 0.60), (0.9, 0.672), (1.3, 0.716), (1.8, 0.738), (2.3, 0.738), (2.8, 0.700), (3.2, 0.628),
-              (3.6, 0.525), (4.0, 0.40), (4.4, 0.25)])
+ROOF = graph(
+    [
+        (0.5, 0.40),
+        (0.80, 0.585),
+        (1.08, 0.775),
+        (1.36, 0.965),
+        (1.62, 1.155),
+        (1.86, 1.310),
+        (2.15, 1.368),
+        (2.48, 1.362),
+        (2.80, 1.305),
+        (3.10, 1.185),
+        (3.40, 1.015),
+        (3.70, 0.825),
+        (4.0, 0.62),
+        (4.4, 0.33),
+    ]
+)
+BELT = graph(
+    [
+        (0.4, 0.60),
+        (0.9, 0.672),
+        (1.3, 0.716),
+        (1.8, 0.738),
+        (2.3, 0.738),
+        (2.8, 0.700),
+        (3.2, 0.628),
+        (3.6, 0.525),
+        (4.0, 0.40),
+        (4.4, 0.25),
+    ]
+)
 
 
 def wrapped_x(x, y):
@@ -282,14 +353,24 @@ def cut(p, triangles, labels, fixed, level, f):
     p, fixed = np.concatenate([p, new]), np.concatenate([fixed, np.ones(len(new), bool)])
 
     m = (~touching).sum()
-    ab, ac, bc = index[:m], index[m:2 * m], index[2 * m:]
+    ab, ac, bc = index[:m], index[m : 2 * m], index[2 * m :]
     ta, tb = t[~touching], t[touching]
-    pieces = np.concatenate([
-        np.stack([ta[:, 0], ab, ac], 1), np.stack([ab, ta[:, 1], ta[:, 2]], 1), np.stack([ab, ta[:, 2], ac], 1),
-        np.stack([tb[:, 0], tb[:, 1], bc], 1), np.stack([tb[:, 0], bc, tb[:, 2]], 1)])
+    pieces = np.concatenate(
+        [
+            np.stack([ta[:, 0], ab, ac], 1),
+            np.stack([ab, ta[:, 1], ta[:, 2]], 1),
+            np.stack([ab, ta[:, 2], ac], 1),
+            np.stack([tb[:, 0], tb[:, 1], bc], 1),
+            np.stack([tb[:, 0], bc, tb[:, 2]], 1),
+        ]
+    )
     la, lb = lab[~touching], lab[touching]
-    return (p, np.concatenate([triangles[~crossed], pieces]),
-            np.concatenate([labels[~crossed], la, la, la, lb, lb]), fixed)
+    return (
+        p,
+        np.concatenate([triangles[~crossed], pieces]),
+        np.concatenate([labels[~crossed], la, la, la, lb, lb]),
+        fixed,
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -344,8 +425,19 @@ REAR_LOW, REAR_HIGH = 2.86, 3.47  # rear window
 DOOR = rounded_outline([(1.315, 0.275), (2.36, 0.262), (2.50, 0.48), (2.475, 1.02), (1.40, 1.02), (1.262, 0.72)], 0.10)
 MOUTH = mirrored_outline([(0.315, 0.520), (0.385, 0.455), (0.315, 0.215)], 0.045)
 INTAKE = rounded_outline([(0.475, 0.225), (0.700, 0.235), (0.725, 0.350), (0.525, 0.330)], 0.04)
-HEADLIGHT = closed_outline([(-0.205, -0.030), (-0.14, -0.068), (0.02, -0.078), (0.17, -0.050), (0.235, 0.02),
-                            (0.215, 0.062), (0.07, 0.070), (-0.10, 0.048), (-0.19, 0.012)])
+HEADLIGHT = closed_outline(
+    [
+        (-0.205, -0.030),
+        (-0.14, -0.068),
+        (0.02, -0.078),
+        (0.17, -0.050),
+        (0.235, 0.02),
+        (0.215, 0.062),
+        (0.07, 0.070),
+        (-0.10, 0.048),
+        (-0.19, 0.012),
+    ]
+)
 TAIL_LIGHT = rounded_outline([(-0.13, -0.05), (0.15, -0.065), (0.17, 0.055), (-0.10, 0.06)], 0.05)
 
 
@@ -429,8 +521,11 @@ def door(p):
 def join(*pieces):
     """One mesh from several."""
     offsets = np.cumsum([0] + [len(p) for p, _, _ in pieces[:-1]])
-    return (np.concatenate([p for p, _, _ in pieces]), np.concatenate([n for _, n, _ in pieces]),
-            np.concatenate([t + k for (_, _, t), k in zip(pieces, offsets, strict=True)]))
+    return (
+        np.concatenate([p for p, _, _ in pieces]),
+        np.concatenate([n for _, n, _ in pieces]),
+        np.concatenate([t + k for (_, _, t), k in zip(pieces, offsets, strict=True)]),
+    )
 
 
 def mirror(piece):
@@ -509,8 +604,9 @@ def tube(points, width, height=None, up=(0, 0, 1.0), sides=16, rounds=40):
     centre, along = curve(t), unit(curve.derivative()(t))
     cap = np.sin(np.linspace(0, np.pi / 2, 6))
     length = np.linalg.norm(np.diff(centre, axis=0), axis=1).sum()
-    ends = np.concatenate([-np.cos(np.linspace(0, np.pi / 2, 6)), np.zeros(rounds - 2),
-                           np.cos(np.linspace(np.pi / 2, 0, 6))])
+    ends = np.concatenate(
+        [-np.cos(np.linspace(0, np.pi / 2, 6)), np.zeros(rounds - 2), np.cos(np.linspace(np.pi / 2, 0, 6))]
+    )
     scale = np.concatenate([cap, np.ones(rounds - 2), cap[::-1]])
     index = np.concatenate([np.zeros(6, int), np.arange(1, rounds - 1), np.full(6, rounds - 1)])
     centre = centre[index] + along[index] * (ends * min(width, height, length))[:, None]
@@ -520,8 +616,10 @@ def tube(points, width, height=None, up=(0, 0, 1.0), sides=16, rounds=40):
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     c, s = np.cos(angle)[None, :, None], np.sin(angle)[None, :, None]
     p = centre[:, None] + scale[:, None, None] * (width * c * side[:, None] + height * s * top[:, None])
-    n = unit(scale[:, None, None] * (c * side[:, None] / width + s * top[:, None] / height)
-             + ends[:, None, None] * along[:, None] / min(width, height))
+    n = unit(
+        scale[:, None, None] * (c * side[:, None] / width + s * top[:, None] / height)
+        + ends[:, None, None] * along[:, None] / min(width, height)
+    )
     return grid_piece(p, n)
 
 
@@ -722,8 +820,17 @@ RIM_R = 0.236
 def tyre():
     """Tread with four grooves, round shoulders, bulging side walls with a raised ring."""
     r, w = WHEEL_R, WHEEL_W / 2
-    wall = b_spline([(RIM_R - 0.006, 0.094), (RIM_R + 0.002, 0.106), (RIM_R + 0.018, w + 0.004), (r - 0.045, w + 0.003),
-                     (r - 0.014, w - 0.004), (r - 0.003, w - 0.020), (r - 0.0012, w - 0.034)])(np.linspace(0, 1, 26))
+    wall = b_spline(
+        [
+            (RIM_R - 0.006, 0.094),
+            (RIM_R + 0.002, 0.106),
+            (RIM_R + 0.018, w + 0.004),
+            (r - 0.045, w + 0.003),
+            (r - 0.014, w - 0.004),
+            (r - 0.003, w - 0.020),
+            (r - 0.0012, w - 0.034),
+        ]
+    )(np.linspace(0, 1, 26))
     pieces = [wall[::-1]]
     ring = arc((RIM_R + 0.044, w - 0.001), 0.0035, 150, -10, 8)
     edges = [w - 0.034, 0.049, 0.041, 0.017, 0.009, -0.009, -0.017, -0.041, -0.049, -w + 0.034]
@@ -733,8 +840,11 @@ def tyre():
         pieces.append(np.stack([crown, [a, (a + b) / 2, b]], 1)[::-1])
         if k + 2 < len(edges):
             c, low = edges[k + 2], crown[2] - 0.008
-            pieces += [np.array([(low, b), (crown[2], b)]), np.array([(low, c), (low, b)]),
-                       np.array([(crown[2], c), (low, c)])]
+            pieces += [
+                np.array([(low, b), (crown[2], b)]),
+                np.array([(low, c), (low, b)]),
+                np.array([(crown[2], c), (low, c)]),
+            ]
     pieces.append(wall * [1, -1])
     return revolve(*pieces, ring[::-1], segments=96)
 
@@ -764,16 +874,30 @@ def spokes(p):
 def rim():
     """Spokes, and the barrel behind them."""
     face = implicit_piece(spokes, (-0.25, 0.0, -0.25), (0.25, 0.12, 0.25), 0.0056)
-    barrel = b_spline([(RIM_R - 0.004, 0.085), (RIM_R - 0.014, 0.07), (RIM_R - 0.020, 0.04), (RIM_R - 0.030, -0.02),
-                       (RIM_R - 0.022, -0.08), (RIM_R - 0.004, -0.10)])(np.linspace(0, 1, 20))
+    barrel = b_spline(
+        [
+            (RIM_R - 0.004, 0.085),
+            (RIM_R - 0.014, 0.07),
+            (RIM_R - 0.020, 0.04),
+            (RIM_R - 0.030, -0.02),
+            (RIM_R - 0.022, -0.08),
+            (RIM_R - 0.004, -0.10),
+        ]
+    )(np.linspace(0, 1, 20))
     lip = arc((RIM_R - 0.001, 0.0925), 0.0065, 200, -30, 10)[::-1]
     return join(face, revolve(barrel[::-1] * 1.0, lip, segments=96))
 
 
 def brake_disc():
     edge = arc((0.158, 0.004), 0.004, -0, 90, 5)
-    return revolve(np.array([(0.159, -0.02), (0.162, 0.004)]), edge, np.array([(0.158, 0.008), (0.085, 0.008)]),
-                   np.array([(0.085, 0.008), (0.080, 0.03)]), np.array([(0.080, 0.03), (0.0, 0.03)]), segments=64)
+    return revolve(
+        np.array([(0.159, -0.02), (0.162, 0.004)]),
+        edge,
+        np.array([(0.158, 0.008), (0.085, 0.008)]),
+        np.array([(0.085, 0.008), (0.080, 0.03)]),
+        np.array([(0.080, 0.03), (0.0, 0.03)]),
+        segments=64,
+    )
 
 
 def caliper(p):
@@ -786,6 +910,7 @@ def caliper(p):
 # ---------------------------------------------------------------------------------------------------------------------
 # Small parts
 # ---------------------------------------------------------------------------------------------------------------------
+
 
 def stand_on(piece, origin, axis):
     """Put a piece made around the y axis so that +y points along `axis`."""
@@ -868,8 +993,22 @@ LETTERS = {  # strokes on a grid of 2 x 4
     "D": [[(0, 0), (0, 4), (1.2, 4), (2, 3.2), (2, 0.8), (1.2, 0), (0, 0)]],
     "M": [[(0, 0), (0, 4), (1, 1.8), (2, 4), (2, 0)]],
     "I": [[(1, 0), (1, 4)]],
-    "S": [[(2, 3.4), (1.4, 4), (0.6, 4), (0, 3.3), (0, 2.6), (0.6, 2.1), (1.4, 1.9), (2, 1.4), (2, 0.7), (1.4, 0),
-           (0.6, 0), (0, 0.6)]],
+    "S": [
+        [
+            (2, 3.4),
+            (1.4, 4),
+            (0.6, 4),
+            (0, 3.3),
+            (0, 2.6),
+            (0.6, 2.1),
+            (1.4, 1.9),
+            (2, 1.4),
+            (2, 0.7),
+            (1.4, 0),
+            (0.6, 0),
+            (0, 0.6),
+        ]
+    ],
     "-": [[(0.5, 2), (1.5, 2)]],
     "2": [[(0, 3.3), (0.6, 4), (1.4, 4), (2, 3.3), (2, 2.6), (0, 0), (2, 0)]],
 }
@@ -916,16 +1055,26 @@ def door_handle():
 def fuel_cap():
     """A round bright lid on the right rear shoulder."""
     at, n, _, _ = on_skin((3.38, 0.80, 0.80))
-    lid = revolve(arc((0.066, 0.004), 0.006, 0, 90, 6), np.array([(0.066, 0.010), (0.054, 0.010)]),
-                  arc((0.054, 0.0065), 0.0035, 90, 180, 5), np.array([(0.0505, 0.0065), (0.03, 0.0085), (0, 0.0095)]))
-    bolts = [place(dome(0.004, 0.003), np.eye(3), [0.060 * np.cos(a), 0.010, 0.060 * np.sin(a)])
-             for a in np.arange(8) * np.pi / 4]
+    lid = revolve(
+        arc((0.066, 0.004), 0.006, 0, 90, 6),
+        np.array([(0.066, 0.010), (0.054, 0.010)]),
+        arc((0.054, 0.0065), 0.0035, 90, 180, 5),
+        np.array([(0.0505, 0.0065), (0.03, 0.0085), (0, 0.0095)]),
+    )
+    bolts = [
+        place(dome(0.004, 0.003), np.eye(3), [0.060 * np.cos(a), 0.010, 0.060 * np.sin(a)])
+        for a in np.arange(8) * np.pi / 4
+    ]
     return stand_on(join(lid, *bolts), at, n), stand_on(ring(0.074, 0.003), at, n)
 
 
 def exhausts():
-    pipe = revolve(arc((0.036, 0), 0.004, -90, 90, 8), np.array([(0.036, 0.004), (0.032, 0.003), (0.031, -0.08)]),
-                   np.array([(0.040, -0.12), (0.040, 0.0)]), segments=32)
+    pipe = revolve(
+        arc((0.036, 0), 0.004, -90, 90, 8),
+        np.array([(0.036, 0.004), (0.032, 0.003), (0.031, -0.08)]),
+        np.array([(0.040, -0.12), (0.040, 0.0)]),
+        segments=32,
+    )
     return [place(pipe, turn(2, -90), [tail_x(0.42, 0.24) - 0.005, 0.42 + dy, 0.225]) for dy in (-0.045, 0.045)]
 
 
@@ -940,9 +1089,16 @@ def write_ply(name, piece):
     vertices = np.hstack([p, unit(n)]).astype("<f4")
     faces = np.empty(len(t), [("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, t
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(p)}",
-              *(f"property float {c}" for c in ("x", "y", "z", "nx", "ny", "nz")),
-              f"element face {len(t)}", "property list uchar int vertex_indices", "end_header", ""]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(p)}",
+        *(f"property float {c}" for c in ("x", "y", "z", "nx", "ny", "nz")),
+        f"element face {len(t)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+        "",
+    ]
     path = FOLDER / f"tt-{name}.ply"
     path.write_bytes("\n".join(header).encode() + vertices.tobytes() + faces.tobytes())
     print(f"{path.name:24s} {len(p):7d} points {len(t):7d} triangles {path.stat().st_size / 1e6:6.2f} MB")
@@ -972,8 +1128,9 @@ def main():
         "lenses": both_sides(*lenses),
         "taillights": both_sides(sunk(*panels.piece(TAIL), 0.003)),
         "grille": join(both_sides(sunk(*panels.piece(GRILLE), 0.06, (1.0, 0, 0))), grille_bars()),
-        "chrome": join(both_sides(sunk(*panels.piece(FRAME), -0.002), *rings, door_handle(), glass_back, *exhausts()),
-                       badge, lid),
+        "chrome": join(
+            both_sides(sunk(*panels.piece(FRAME), -0.002), *rings, door_handle(), glass_back, *exhausts()), badge, lid
+        ),
         "wells": join(both_sides(wells), underbody()),
         "plateholder": join(front_holder, rear_holder, plate_text("DMIS-2", 0.300, 0.0165)),
         "plate": join(front_plate, rear_plate),

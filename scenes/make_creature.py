@@ -223,7 +223,7 @@ TAIL = np.array(
         [17, -210, -88, 6.3],
         [0, -228, -68, 4.8],
         [-14, -232, -46, 3.4],
-        [-16, -222, -28, 2.0],
+        [-16, -222, -28, 1.5],
     ],
     float,
 )
@@ -285,10 +285,10 @@ def trunk():
             muscle([side * 10, -4, -32], [side * 25, 50, -16], [side * 8, -3, 2], 10.0, ends=0.4, blend=3.0, peak=0.6)
         )
         parts.append(
-            muscle([side * 11, 28, 2], [side * 25, 54, -4], [side * 2, -1, 1], 7.5, ends=0.6, blend=3.0, peak=0.55)
+            muscle([side * 11, 24, -3], [side * 24, 50, -9], [side * 2, -1, 0], 6.2, ends=0.6, blend=3.5, peak=0.55)
         )
         parts.append(
-            muscle([side * 6, 86, 15], [side * 25, 54, -2], [side * 0, -2, 1], 6.0, ends=0.5, blend=4.0, peak=0.6)
+            muscle([side * 6, 86, 15], [side * 23, 55, -6], [side * 0, -2, 1], 5.5, ends=0.5, blend=4.5, peak=0.6)
         )
         parts.append(
             muscle([side * 5, 58, -34], [side * 28, 57, -15], [side * 1, 9, -2], 11.0, ends=0.6, blend=2.6, peak=0.4)
@@ -467,8 +467,8 @@ def head():
         parts += [
             # Eye socket, eye, brow, lids, cheek bone.
             lump([16, 12.5 * s, 4.4], [6.5, 5.0, 4.6], 2.4, carve=True),
-            tube(at([25, 4.5 * s, 5.0], [19, 9.5 * s, 9.2], [11, 13.0 * s, 10.8], [2, 14.6 * s, 10.5], [-7, 16 * s, 13]),
-                 [1.4, 2.9, 3.4, 2.7, 0.5], 1.6),
+            tube(at([25, 4.5 * s, 5.0], [19, 9.5 * s, 9.2], [11, 13.0 * s, 10.8], [2, 14.2 * s, 9.5]),
+                 [1.6, 2.9, 3.3, 2.6], 3.2),
             lump([15.2, 10.2 * s, 4.8], [4.9, 4.3, 4.3], 1.0),
             tube(at([21.5, 8.8 * s, 3.6], [16, 13.2 * s, 0.4], [9.5, 14.2 * s, 2.8]), [1.4, 1.6, 1.3], 1.4),
             tube(at([25, 8.4 * s, -1.5], [14, 13.0 * s, -2.6], [3, 14.8 * s, -1.0]), [1.6, 2.8, 2.4], 2.0),
@@ -484,17 +484,18 @@ def head():
             tube(at([34.0, 3.6 * s, -16.5], [34.4, 4.3 * s, -14.4], [34.4, 4.4 * s, -11.9]), [1.6, 1.2, 0.5], 0.8),
             # Horns and the spines of the cheek.
             tube(at([0, 8.0 * s, 10], [-10, 11.5 * s, 16.5], [-23, 16.0 * s, 18.0], [-36, 18.5 * s, 14.0], [-46, 17.5 * s, 13.5]),
-                 [5.4, 4.6, 3.7, 2.5, 0.9], 1.8, steps=8),
+                 [5.4, 4.6, 3.7, 2.5, 0.9], 3.0, steps=8),
             tube(at([2, 13.5 * s, -9], [-5, 18.0 * s, -12], [-13, 21.5 * s, -12.5]), [3.2, 2.2, 0.4], 1.8),
         ]
-        # Ear: a leaf with a hollow on its front.
+        # Temple, and the ear: a leaf with a hollow on its front.
         root, tip = np.array([-5, 14 * s, 3.0]), np.array([-21, 33 * s, 9.0])
         facing = unit([0.75, 0.25 * s, 0.55])
         facing = unit(facing - (facing @ unit(tip - root)) * unit(tip - root))
         path = [root, root + 0.35 * (tip - root) + [1, 0, 1.5], root + 0.7 * (tip - root) + [0.5, 0, 1.0], tip]
+        parts.append(lump([-4, 12.0 * s, 7.0], [7.0, 4.5, 5.0], 3.0))
         parts.append(tube(at(*path), [3.2, 6.2, 4.4, 0.4], 1.8, flat=(facing @ HEAD, 0.42), steps=8))
-        cup = [p + 2.3 * facing for p in (path[0] + 0.12 * (tip - root), path[1], path[2] + 0.02 * (tip - root))]
-        parts.append(tube(at(*cup), [1.0, 4.2, 2.2], 1.6, carve=True, flat=(facing @ HEAD, 0.55), steps=8))
+        cup = [p + 2.3 * facing for p in (path[0] + 0.24 * (tip - root), path[1], path[2] + 0.02 * (tip - root))]
+        parts.append(tube(at(*cup), [1.6, 4.2, 2.2], 1.6, carve=True, flat=(facing @ HEAD, 0.55), steps=8))
     return parts
 
 
@@ -505,7 +506,7 @@ def dorsal_spines(body):
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     parts = []
     place, total = 3.0, length[-1]
-    while place < total - 34.0:
+    while place < total - 78.0:
         s = place / total
         size = 1.35 * (0.30 + 0.70 * np.sin(np.pi * min(1.0, 0.22 + 1.55 * s * (1 - 0.28 * s))) ** 1.0)
         size = max(size, 0.58)
@@ -716,11 +717,17 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         key = a.astype(np.int64) * count + b
         allowed = (ratio < factor) & ~np.isin(key, banned)
         valence = np.bincount(faces.ravel(), minlength=count)
-        if not thin:  # vertices with three neighbours go first
-            three = (np.minimum(valence[a], valence[b]) == 3) & (ratio < 1.5)
-            allowed |= three & ~np.isin(key, banned)
-            ratio = np.where(three, 0.05 * ratio, ratio)
-        allowed &= (valence[edges.opposite] > 3).all(axis=1) & (valence[a] + valence[b] < 14)
+        if not thin:  # vertices with three neighbours, and the shortest edges of slivers, go first
+            span = lengths(vertices, edges.ends)
+            shortest = np.full(len(faces), np.inf)
+            np.minimum.at(shortest, edges.faces.ravel(), np.repeat(span, 2))
+            sliver = corner_angles(vertices, faces) < np.radians(14.0)
+            first = (sliver[edges.faces] & (shortest[edges.faces] == span[:, None])).any(axis=1) & (ratio < 1.2)
+            first |= (np.minimum(valence[a], valence[b]) == 3) & (ratio < 1.5)
+            allowed |= first & ~np.isin(key, banned)
+            ratio = np.where(first, 0.05 * ratio, ratio)
+        least = np.where(thin | (np.minimum(valence[a], valence[b]) == 3), 3, 4)
+        allowed &= (valence[edges.opposite].min(axis=1) > least) & (valence[a] + valence[b] < 14)
         score = ranked(ratio, allowed)
         chosen = np.flatnonzero(local_minimum(score, edges, count))
         if len(chosen) == 0:
@@ -749,7 +756,7 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         if thin:
             limit = 0.55
         else:  # far too short edges have to go in any case
-            limit = np.where(ratio[chosen][owner[faces[touched]].max(axis=1)] < 0.45, 0.05, 0.4)
+            limit = np.where(ratio[chosen][owner[faces[touched]].max(axis=1)] < 0.45, -0.1, 0.4)
         turned = (agree_after < limit) & (agree_after < agree_before + 0.05)
         turned |= ((before * after).sum(1) < 0.3) & (agree_after < np.minimum(limit + 0.2, 0.7))
         turned = touched[turned]
@@ -881,7 +888,7 @@ def sized_surface(vertices, faces, normals, importance):
     area = np.bincount(faces.ravel(), np.repeat(np.linalg.norm(face_normals(vertices, faces), axis=1) / 6.0, 3))
 
     def graded(scale):
-        size = np.clip(scale * importance / np.clip(curvature, 0.01, 1.0) ** 0.55, *EDGE_RANGE)
+        size = np.clip(scale * importance / np.clip(curvature, 0.01, 1.0) ** 0.6, *EDGE_RANGE)
         for _ in range(30):
             old = size.copy()
             np.minimum.at(size, a, old[b] + 0.32 * span)
@@ -909,6 +916,7 @@ def remesh(surface, vertices, faces):
         faces = flip_edges(surface, vertices, faces)
         vertices = relax(surface, vertices, faces)
     for _ in range(5):
+        vertices, faces = collapse_short(surface, vertices, faces, factor=0.45, passes=10)
         faces = flip_edges(surface, vertices, faces, shape_weight=6.0)
         vertices = relax(surface, vertices, faces, rounds=2, strength=0.5)
     return vertices, faces

@@ -125,16 +125,24 @@ def houses():
             wide, deep = random.uniform(11, 24), random.uniform(30, 46)
             high = random.uniform(8, 15) if random.random() > 0.12 else 3.0
             a, b = at, at + wide - (random.random() < 0.25) * 2.5
-            boxes.append([(deep, a, deep + 14, b), (a, deep, b, deep + 14), (-deep - 14, a, -deep, b),
-                          (a, -deep - 14, b, -deep)][side] + (high, random.integers(5)))
+            boxes.append(
+                [
+                    (deep, a, deep + 14, b),
+                    (a, deep, b, deep + 14),
+                    (-deep - 14, a, -deep, b),
+                    (a, -deep - 14, b, -deep),
+                ][side]
+                + (high, random.integers(5))
+            )
             at += wide
     boxes.append((-58.0, -34.0, -51.0, -27.0, 34.0, 1))
     boxes.append((20.0, -70.0, 40.0, -52.0, 21.0, 3))
     return boxes
 
 
-HOUSE_COLOURS = np.array([[0.62, 0.47, 0.33], [0.70, 0.60, 0.46], [0.55, 0.36, 0.26], [0.66, 0.55, 0.50],
-                          [0.50, 0.45, 0.38]])
+HOUSE_COLOURS = np.array(
+    [[0.62, 0.47, 0.33], [0.70, 0.60, 0.46], [0.55, 0.36, 0.26], [0.66, 0.55, 0.50], [0.50, 0.45, 0.38]]
+)
 
 
 def facade(along, height, top, albedo, light, number):
@@ -150,8 +158,11 @@ def facade(along, height, top, albedo, light, number):
     colour = np.where(frame[..., None], np.minimum(1.25 * colour, 0.8), colour)
     wall = colour * light / np.pi
     glow = hash01(row, column, number + 40)
-    pane = np.where((glow < 0.22)[..., None], np.array([1.9, 1.15, 0.45]) * (0.5 + 3 * glow[..., None]),
-                    np.array([0.06, 0.08, 0.11]))
+    pane = np.where(
+        (glow < 0.22)[..., None],
+        np.array([1.9, 1.15, 0.45]) * (0.5 + 3 * glow[..., None]),
+        np.array([0.06, 0.08, 0.11]),
+    )
     return np.where(window[..., None], pane, wall)
 
 
@@ -210,8 +221,10 @@ def main():
     rest = ((image - disk[..., None] * sun_radiance) * horizontal).sum((0, 1))
     total = (image * horizontal).sum((0, 1))
     print(f"{FILE}: {WIDTH} x {HEIGHT}, {FILE.stat().st_size / 1e6:.2f} MB")
-    print(f"sun radiance {sun_radiance.round(0)}, irradiance on the ground: sun {(total - rest).round(3)}, "
-          f"rest {rest.round(3)}; radiance of a floor of albedo 0.7: {(0.7 * total / np.pi).round(3)}")
+    print(
+        f"sun radiance {sun_radiance.round(0)}, irradiance on the ground: sun {(total - rest).round(3)}, "
+        f"rest {rest.round(3)}; radiance of a floor of albedo 0.7: {(0.7 * total / np.pi).round(3)}"
+    )
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dmis.geometry import Floats, bezier_patches
+from dmis.geometry import bezier_patches
+from dmis.mesh import Floats
 
 DIVISIONS = 24
 FILE = Path(__file__).parent / "geometry" / "teapot.ply"

@@ -26,7 +26,7 @@ from dmis.material import Material, substrate
 from dmis.vec import Array, dot, normalise
 
 GOLD = Conductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
-"""PBRT.md section 7."""
+"""Index and absorption of gold as pbrt-v2 makes RGB of its measured spectra."""
 
 LOBES = {
     "lambert": Lambert(1.0),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from dmis import geometry
+from dmis import geometry, subdivision
 from dmis.geometry import (
     Mesh,
     bezier_patches,
@@ -61,7 +61,7 @@ def patch(n: int = 5, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def net_of(vertices, faces):
-    return geometry._half_edges(np.asarray(faces, np.int64), len(vertices))
+    return subdivision._half_edges(np.asarray(faces, np.int64), len(vertices))
 
 
 CAGES = {
@@ -203,7 +203,7 @@ def edges_of(faces: np.ndarray) -> np.ndarray:
 def test_loop_matrix_rows_sum_to_one_and_are_convex(cage):
     net = net_of(*cage)
     for _ in range(3):
-        rule, net = geometry._refine(net)
+        rule, net = subdivision._refine(net)
         np.testing.assert_allclose(rule.sum(axis=1), 1, atol=1e-14)
         assert rule.min() >= 0
 
@@ -212,7 +212,7 @@ def test_loop_matrix_rows_sum_to_one_and_are_convex(cage):
 def test_twins_of_a_refined_mesh_are_those_found_from_scratch(cage):
     net = net_of(*cage)
     for _ in range(2):
-        _, net = geometry._refine(net)
+        _, net = subdivision._refine(net)
         again = net_of(net.valence, net.faces)
         np.testing.assert_array_equal(net.twin, again.twin)
         np.testing.assert_array_equal(net.valence, again.valence)
@@ -221,14 +221,14 @@ def test_twins_of_a_refined_mesh_are_those_found_from_scratch(cage):
 def test_loop_weights_by_hand():
     """One step of a closed cone of valence 5 and of a single triangle."""
     v, f = fan(5)
-    rule, _ = geometry._refine(net_of(v, f))
+    rule, _ = subdivision._refine(net_of(v, f))
     np.testing.assert_allclose(rule.toarray()[0], [5 / 8] + [3 / 40] * 5)
     assert rule.toarray()[1].tolist() == [0, 3 / 4, 1 / 8, 0, 0, 1 / 8]
     spoke = 3 / 8 * (v[0] + v[1]) + 1 / 8 * (v[2] + v[5])
     rim = (v[1] + v[2]) / 2
     for expected in (spoke, rim):
         assert np.isclose((rule @ v)[len(v) :], expected).all(axis=1).sum() == 1
-    rule, _ = geometry._refine(net_of(*fan(3)))
+    rule, _ = subdivision._refine(net_of(*fan(3)))
     np.testing.assert_allclose(rule.toarray()[0], [7 / 16] + [3 / 16] * 3)
 
 
@@ -318,7 +318,7 @@ def test_loop_ring_order_is_counter_clockwise_from_the_boundary(cage):
 
 def test_loop_boundary_tangents_on_a_regular_half_ring():
     """On flat half rings of any valence S runs along the boundary, T inwards, and both ignore where the origin is."""
-    masks = geometry._tangent_masks(9)[1]
+    masks = subdivision._tangent_masks(9)[1]
     for n in range(2, 10):
         angle = np.pi * np.arange(n) / (n - 1)
         weights = masks[n, :n]
@@ -473,7 +473,7 @@ def test_sphere():
     np.testing.assert_allclose(mesh.normals, mesh.vertices / 2, atol=1e-9)
     assert (agreement(mesh) > 0.99).all()
     _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    net = geometry._half_edges(same.ravel()[mesh.faces].astype(np.int64), int(same.max()) + 1)
+    net = subdivision._half_edges(same.ravel()[mesh.faces].astype(np.int64), int(same.max()) + 1)
     assert (net.twin >= 0).all()  # watertight at the seam and the poles
 
 

@@ -32,7 +32,10 @@ def dark_blocks(image, reference):
     size = 8
     height, width = (n // size * size for n in reference.shape[:2])
     blocks = [
-        a[:height, :width].reshape(height // size, size, width // size, size, 3).swapaxes(1, 2).reshape(-1, size, size, 3)
+        a[:height, :width]
+        .reshape(height // size, size, width // size, size, 3)
+        .swapaxes(1, 2)
+        .reshape(-1, size, size, 3)
         for a in (image, reference)
     ]
     keep = blocks[1].mean(axis=(1, 2, 3)) < 0.1

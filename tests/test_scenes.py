@@ -41,7 +41,9 @@ def test_every_mixture_agrees(name):
     """|z| < 4 between techniques in the mean over the image, at 80 pixels across."""
     width, height = RESOLUTIONS[name]
     scene = dmis.load_scene(name, resolution=(80, round(80 * height / width)))
-    results = [dmis.render(scene, rule, 64, seed=k) for k, rule in enumerate(("balance", "fixed:1", "fixed:0.4", "thesis"))]
+    results = [
+        dmis.render(scene, rule, 64, seed=k) for k, rule in enumerate(("balance", "fixed:1", "fixed:0.4", "thesis"))
+    ]
     means = [r.image.mean(axis=(0, 1), dtype=float) for r in results]
     errors = [np.sqrt(r.variance.sum(axis=(0, 1), dtype=float)) / r.weight.size for r in results]
     for mean, error in zip(means[1:], errors[1:], strict=True):

@@ -1,0 +1,220 @@
+"""Area lights: surfaces that emit on one side, along their normal, as in pbrt.
+
+Their pdf is positive on both sides, since sampling does not know which side the receiver is on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from dmis.intersect import Intersector
+from dmis.seen import Rgb, Seen, direction, point, positive, rgb
+from dmis.vec import TINY, Array, dot, frame
+from dmis.warp import cone_pdf, square_to_cone, square_to_disk, square_to_triangle, to_world
+
+
+@dataclass(frozen=True, eq=False)
+class DiskLight:
+    """A disk that emits along `normal`; sampled uniformly in area."""
+
+    centre: Rgb
+    normal: Rgb
+    radius: float
+    radiance: Rgb
+    delta: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        positive("radius", self.radius)
+        _ = self._data
+
+    @cached_property
+    def _data(self) -> tuple[Array, Array, Array, Array, Array]:
+        normal = direction("normal", self.normal)
+        s, t = (a * np.float32(self.radius) for a in frame(normal))
+        return point("centre", self.centre), normal, s, t, rgb("radiance", self.radiance)
+
+    def sample(self, p: Array, u: Array) -> Seen:
+        """Directions from the points `p` ``(3, N)`` to points on the disk, `u` ``(2, N)``."""
+        centre, normal, s, t, radiance = self._data
+        x, y = square_to_disk(u)
+        return _aim(centre - p + s * x + t * y, normal, np.pi * self.radius**2, radiance)
+
+    def hit(self, p: Array, wi: Array) -> Seen:
+        """What unit directions `wi` ``(3, N)`` from `p` see of the disk."""
+        centre, normal, _, _, radiance = self._data
+        distance, cos, q = _meet(p - centre, wi, normal)
+        inside = (distance > 0) & (dot(q, q) < np.float32(self.radius**2))
+        return _met(wi, distance, cos, inside, np.pi * self.radius**2, radiance)
+
+
+@dataclass(frozen=True, eq=False)
+class QuadLight:
+    """A parallelogram ``corner + a edge_u + b edge_v`` that emits along ``edge_u x edge_v``."""
+
+    corner: Rgb
+    edge_u: Rgb
+    edge_v: Rgb
+    radiance: Rgb
+    delta: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if self._data[4] == 0:
+            raise ValueError(f"edge_u and edge_v must not be parallel; got {self.edge_u} and {self.edge_v}")
+
+    @cached_property
+    def _data(self) -> tuple[Array, Array, Array, Array, float, Array]:
+        u, v = np.asarray(self.edge_u, float), np.asarray(self.edge_v, float)
+        cross = np.cross(u, v)
+        area = float(np.linalg.norm(cross))
+        normal = (cross / max(area, 1e-300)).astype(np.float32)[:, None]
+        corner, edges = point("corner", self.corner), [point("edge", e) for e in (self.edge_u, self.edge_v)]
+        return corner, edges[0], edges[1], normal, area, rgb("radiance", self.radiance)
+
+    @cached_property
+    def _dual(self) -> tuple[Array, Array]:
+        """Vectors whose dot products with a point of the plane are its coordinates along the edges."""
+        edges = np.array([self.edge_u, self.edge_v], float)
+        a, b = np.linalg.solve(edges @ edges.T, edges).astype(np.float32)
+        return a[:, None], b[:, None]
+
+    def sample(self, p: Array, u: Array) -> Seen:
+        """Directions from the points `p` ``(3, N)`` to points on the quad, `u` ``(2, N)``."""
+        corner, edge_u, edge_v, normal, area, radiance = self._data
+        return _aim(corner - p + edge_u * u[0] + edge_v * u[1], normal, area, radiance)
+
+    def hit(self, p: Array, wi: Array) -> Seen:
+        """What unit directions `wi` ``(3, N)`` from `p` see of the quad."""
+        corner, _, _, normal, area, radiance = self._data
+        distance, cos, q = _meet(p - corner, wi, normal)
+        a, b = dot(self._dual[0], q), dot(self._dual[1], q)
+        inside = (distance > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
+        return _met(wi, distance, cos, inside, area, radiance)
+
+
+@dataclass(frozen=True, eq=False)
+class SphereLight:
+    """A sphere that emits outwards; sampled uniformly in the cone it subtends. Receivers inside it see nothing."""
+
+    centre: Rgb
+    radius: float
+    radiance: Rgb
+    delta: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        positive("radius", self.radius)
+        _ = self._data
+
+    @cached_property
+    def _data(self) -> tuple[Array, Array]:
+        return point("centre", self.centre), rgb("radiance", self.radiance)
+
+    def sample(self, p: Array, u: Array) -> Seen:
+        """Directions from the points `p` ``(3, N)`` in the cone of the sphere, `u` ``(2, N)``."""
+        to, distance2, one_minus_cos, outside = self._cone(p)
+        axis = to * (1 / np.sqrt(distance2))
+        wi = to_world(square_to_cone(u, one_minus_cos), axis)
+        return self._seen(wi, to, distance2, one_minus_cos, outside, outside)
+
+    def hit(self, p: Array, wi: Array) -> Seen:
+        """What unit directions `wi` ``(3, N)`` from `p` see of the sphere."""
+        to, distance2, one_minus_cos, outside = self._cone(p)
+        along = dot(to, wi)
+        across = to - wi * along  # |to|^2 - along^2 would cancel for a far light
+        inside = outside & (along > 0) & (dot(across, across) < np.float32(self.radius**2))
+        return self._seen(wi, to, distance2, one_minus_cos, inside, outside)
+
+    def _cone(self, p: Array) -> tuple[Array, Array, Array, Array]:
+        to = self._data[0] - p
+        distance2 = np.maximum(dot(to, to), TINY)
+        sin2 = np.minimum(np.float32(self.radius**2) / distance2, 1)  # 1: the receiver is inside
+        one_minus_cos = sin2 / (1 + np.sqrt(1 - sin2))
+        return to, distance2, one_minus_cos, sin2 < 1
+
+    def _seen(self, wi: Array, to: Array, distance2: Array, cone: Array, met: Array, outside: Array) -> Seen:
+        along = dot(to, wi)
+        across = to - wi * along
+        chord2 = np.maximum(np.float32(self.radius**2) - dot(across, across), 0)
+        return Seen(wi, along - np.sqrt(chord2), self._data[1], cone_pdf(cone) * met, met)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshLight:
+    """Triangles that emit along their winding's normal; sampled uniformly in area.
+
+    Directions are tested against the light's own triangles by an Embree scene of their own.
+    """
+
+    vertices: Array
+    faces: Array
+    radiance: Rgb
+    delta: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if not self._data[4] > 0:
+            raise ValueError("a mesh light must have a positive area; all its triangles are degenerate")
+
+    @cached_property
+    def _data(self) -> tuple[Array, Array, Array, Array, float, Array]:
+        triangles = np.asarray(self.vertices, float)[np.asarray(self.faces)]
+        corner, edge_u = triangles[:, 0], triangles[:, 1] - triangles[:, 0]
+        edge_v = triangles[:, 2] - triangles[:, 0]
+        cross = np.cross(edge_u, edge_v)
+        twice = np.linalg.norm(cross, axis=1)
+        normal = cross / np.maximum(twice, 1e-300)[:, None]
+        rows = np.concatenate([corner, edge_u, edge_v, normal], axis=1).T.astype(np.float32)
+        cdf = np.cumsum(twice)
+        area = float(cdf[-1] / 2)
+        return rows, normal, cdf / max(cdf[-1], 1e-300), twice, area, rgb("radiance", self.radiance)
+
+    @cached_property
+    def _intersector(self) -> Intersector:
+        return Intersector(self.vertices, self.faces)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {k: v for k, v in self.__dict__.items() if k != "_intersector"}
+
+    def sample(self, p: Array, u: Array) -> Seen:
+        """Directions from the points `p` ``(3, N)`` to points on the triangles, `u` ``(2, N)``."""
+        rows, _, cdf, _, area, radiance = self._data
+        index = np.minimum(np.searchsorted(cdf, u[0], side="right"), len(cdf) - 1)
+        low = np.where(index > 0, cdf.take(index - 1), 0)
+        within = ((u[0] - low) / np.maximum(cdf.take(index) - low, 1e-30)).astype(np.float32)
+        a, b = square_to_triangle(np.stack([np.clip(within, 0, 1), u[1]]))
+        chosen = rows.take(index, axis=1)
+        return _aim(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
+
+    def hit(self, p: Array, wi: Array) -> Seen:
+        """What unit directions `wi` ``(3, N)`` from `p` see of the triangles: the nearest one."""
+        rows, _, _, _, area, radiance = self._data
+        hits = self._intersector.closest(p, wi)
+        met = hits.prim >= 0
+        chosen = rows.take(np.maximum(hits.prim, 0), axis=1)
+        return _met(wi, hits.distance, dot(chosen[9:], wi), met, area, radiance)
+
+
+def _aim(to: Array, normal: Array, area: float, radiance: Array) -> Seen:
+    """What is seen of a flat light along `to`, a point on it minus the receiver; density ``d^2 / (area |cos|)``."""
+    distance2 = np.maximum(dot(to, to), TINY)
+    inverse = 1 / np.sqrt(distance2)
+    cos = -dot(normal, to) * inverse
+    pdf = distance2 / (np.float32(area) * np.maximum(np.abs(cos), np.float32(1e-12)))
+    return Seen(to * inverse, distance2 * inverse, radiance, pdf, cos > 0)
+
+
+def _meet(p: Array, wi: Array, normal: Array) -> tuple[Array, Array, Array]:
+    """Where rays from `p` (relative to a point of the plane) meet a plane: distance, normal . wi, relative point."""
+    cos = dot(normal, wi)
+    cos = np.copysign(np.maximum(np.abs(cos), np.float32(1e-12)), cos)
+    distance = dot(normal, p) / -cos
+    return distance, cos, wi * distance + p
+
+
+def _met(wi: Array, distance: Array, cos: Array, met: Array, area: float, radiance: Array) -> Seen:
+    """What is seen of a flat light that is met (or not) at `distance`; `cos` = normal . wi."""
+    reach = np.where(met, distance, np.float32(0))  # the square of a miss's distance may overflow
+    pdf = reach * reach / (np.float32(area) * np.maximum(np.abs(cos), np.float32(1e-12)))
+    return Seen(wi, distance, radiance, pdf, met & (cos < 0))

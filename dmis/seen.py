@@ -1,0 +1,71 @@
+"""What directions see of a light, and the checks that all lights share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.vec import Array, Index, take
+
+Rgb = tuple[float, float, float]
+FAR = np.float32(1e30)
+"""The distance of what is infinitely far away."""
+
+
+@dataclass(eq=False)
+class Seen:
+    """What a batch of N directions sees of one light.
+
+    Attributes
+    ----------
+    wi
+        Unit directions towards the light, ``(3, N)``.
+    distance
+        To the light, ``(N,)``; `FAR` if it is infinitely far away.
+    radiance
+        ``(3, 1)`` or ``(3, N)``, as if every entry was emitted towards the receiver.
+    pdf
+        Density of the light's own sampling at wi, ``(N,)``; 0 where wi misses the light. 1 for delta lights.
+    emits
+        ``(N,)`` bool: wi meets the light's bright side.
+    """
+
+    wi: Array
+    distance: Array
+    radiance: Array
+    pdf: Array
+    emits: Array
+
+    def radiance_at(self, index: Index | None) -> Array:
+        """Radiance along the directions `index`, ``(3, 1)`` or ``(3, K)``."""
+        return take(self.radiance, index)
+
+
+def rgb(name: str, value: Rgb) -> Array:
+    out = np.asarray(value, np.float32).reshape(-1)
+    if out.shape == (1,):
+        out = np.repeat(out, 3)
+    if out.shape != (3,) or not np.isfinite(out).all() or (out < 0).any():
+        raise ValueError(f"{name} must be three finite non-negative numbers (linear RGB); got {value}")
+    return out[:, None]
+
+
+def point(name: str, value: Rgb) -> Array:
+    out = np.asarray(value, np.float64).reshape(-1)
+    if out.shape != (3,) or not np.isfinite(out).all():
+        raise ValueError(f"{name} must be three finite numbers; got {value}")
+    return out.astype(np.float32)[:, None]
+
+
+def direction(name: str, value: Rgb) -> Array:
+    out = np.asarray(value, np.float64).reshape(-1)
+    length = np.linalg.norm(out) if out.shape == (3,) else 0.0
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"{name} must be a finite vector of non-zero length; got {value}")
+    return (out / length).astype(np.float32)[:, None]
+
+
+def positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be positive and finite; got {value}")

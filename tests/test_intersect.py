@@ -1,0 +1,174 @@
+"""Embree against brute force, and what it refuses."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import box_scene, pickled
+
+from dmis.intersect import BruteForce, Intersector
+from dmis.vec import Array, normalise
+
+TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
+
+
+def soup(seed: int = 1, count: int = 200) -> tuple[Array, np.ndarray]:
+    """Random triangles of all sizes in a cube."""
+    rng = np.random.default_rng(seed)
+    centre, size = rng.uniform(-1, 1, (count, 1, 3)), rng.lognormal(-1.5, 0.8, (count, 1, 1))
+    vertices = (centre + rng.normal(size=(count, 3, 3)) * size).reshape(-1, 3).astype(np.float32)
+    return vertices, np.arange(3 * count).reshape(-1, 3)
+
+
+def rays(count: int = 3000, seed: int = 2) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
+    origin = rng.uniform(-1.5, 1.5, (3, count)).astype(np.float32)
+    return origin, normalise(rng.normal(size=(3, count))).astype(np.float32)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_closest_agrees_with_brute_force(seed: int) -> None:
+    """The same triangle, or another one at the same distance; distances and barycentrics to float32 rounding.
+
+    A ray through an edge may be a hit for one and a miss for the other: none or two in three thousand.
+    """
+    mesh, (origin, direction) = soup(seed), rays(seed=seed + 10)
+    a, b = Intersector(*mesh).closest(origin, direction), BruteForce(*mesh).closest(origin, direction)
+    assert 0.3 < (a.prim >= 0).mean() < 0.999, "the soup should be hit and missed"
+    same = a.prim == b.prim
+    near = np.isclose(a.distance, b.distance, rtol=1e-4, atol=1e-5)
+    assert (~same & ~near).sum() <= 2
+    both = same & (a.prim >= 0)
+    assert both.sum() > 900
+    np.testing.assert_allclose(a.distance[both], b.distance[both], rtol=1e-4, atol=1e-5)
+    # barycentrics divide by the triangle's projected size, and slivers have little
+    assert (np.abs(a.u - b.u)[both] < 1e-3).mean() > 0.998 and (np.abs(a.v - b.v)[both] < 1e-3).mean() > 0.998
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_occluded_agrees_with_brute_force(seed: int) -> None:
+    """Occlusion by distance is the same but for rays that end within rounding of a triangle."""
+    mesh, (origin, direction) = soup(seed), rays(seed=seed + 20)
+    distance = np.random.default_rng(seed).uniform(0, 2, origin.shape[1]).astype(np.float32)
+    a = Intersector(*mesh).occluded(origin, direction, distance)
+    b = BruteForce(*mesh).occluded(origin, direction, distance)
+    assert 0.1 < a.mean() < 0.9 and (a != b).sum() <= 2
+
+
+def test_occluded_is_closest_within_the_distance() -> None:
+    """Occluded just beyond the closest hit, free just before it."""
+    mesh, (origin, direction) = soup(), rays()
+    caster = Intersector(*mesh)
+    hits = caster.closest(origin, direction)
+    met = hits.prim >= 0
+    o, d, t = origin[:, met].copy(), direction[:, met].copy(), hits.distance[met]
+    assert caster.occluded(o, d, t * np.float32(1.0001) + np.float32(1e-6)).all()
+    assert not caster.occluded(o, d, t * np.float32(0.9999) - np.float32(1e-6)).any()
+
+
+def test_distance_is_in_units_of_the_direction() -> None:
+    """A direction of length 2 halves the distance, for both casters."""
+    origin, direction = np.array([[0.2], [0.2], [4]], np.float32), np.array([[0], [0], [-2]], np.float32)
+    for caster in (Intersector(*TRIANGLE), BruteForce(*TRIANGLE)):
+        hits = caster.closest(origin, direction)
+        assert hits.prim[0] == 0 and hits.distance[0] == pytest.approx(2)
+        assert hits.u[0] == pytest.approx(0.2) and hits.v[0] == pytest.approx(0.2)
+        assert caster.occluded(origin, direction, np.float32([2.01]))[0]
+        assert not caster.occluded(origin, direction, np.float32([1.99]))[0]
+
+
+def test_arguments_are_not_changed() -> None:
+    """Embree writes into its distances: the caller's array is not that one."""
+    origin, direction = rays(10)
+    distance = np.full(10, 3, np.float32)
+    arrays = [a.copy() for a in (origin, direction, distance)]
+    Intersector(*soup()).occluded(origin, direction, distance)
+    for a, b in zip(arrays, (origin, direction, distance)):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_few_rays(count: int) -> None:
+    """No ray, one, and an odd number."""
+    origin, direction = rays(count)
+    for caster in (Intersector(*soup()), BruteForce(*soup())):
+        assert caster.closest(origin, direction).prim.shape == (count,)
+        assert caster.occluded(origin, direction, np.ones(count, np.float32)).shape == (count,)
+
+
+@pytest.mark.parametrize(
+    "vertices, faces, message",
+    [
+        (np.zeros((3, 2)), [[0, 1, 2]], "a mesh needs vertices"),
+        (np.zeros((3, 3)), [[0, 1]], "a mesh needs vertices"),
+        (np.zeros((3, 3)), np.empty((0, 3), int), "at least one face"),
+        (np.full((3, 3), np.nan), [[0, 1, 2]], "vertices must be finite"),
+        (np.full((3, 3), np.inf), [[0, 1, 2]], "vertices must be finite"),
+        (np.zeros((3, 3)), [[0, 1, 3]], "faces must index the 3 vertices; got 0 to 3"),
+        (np.zeros((3, 3)), [[-1, 1, 2]], "faces must index"),
+    ],
+)
+@pytest.mark.parametrize("kind", [Intersector, BruteForce])
+def test_bad_meshes(kind: Callable[..., Any], vertices: Array, faces: Any, message: str) -> None:
+    """Embree does not check: wrong shapes and indices would read foreign memory."""
+    with pytest.raises(ValueError, match=message):
+        kind(vertices, np.asarray(faces))
+
+
+@pytest.mark.parametrize(
+    "origin, direction",
+    [((3, 4), (3, 5)), ((4, 3), (4, 3)), ((3,), (3,)), ((3, 1), (3, 4)), ((2, 4), (2, 4))],
+)
+def test_bad_ray_shapes(origin: tuple[int, ...], direction: tuple[int, ...]) -> None:
+    """Shapes that differ, rows instead of columns, single vectors."""
+    caster = Intersector(*TRIANGLE)
+    o, d = np.zeros(origin, np.float32), np.ones(direction, np.float32)
+    with pytest.raises(ValueError, match=r"must both have shape \(3, N\)"):
+        caster.closest(o, d)
+    with pytest.raises(ValueError, match=r"must both have shape \(3, N\)"):
+        caster.occluded(o, d, np.ones(origin[-1], np.float32))
+
+
+@pytest.mark.parametrize("shape", [(3,), (5,), (4, 1), ()])
+def test_bad_distance_shapes(shape: tuple[int, ...]) -> None:
+    """One distance for each ray."""
+    with pytest.raises(ValueError, match=r"distance must have shape \(4,\)"):
+        Intersector(*TRIANGLE).occluded(
+            np.zeros((3, 4), np.float32), np.ones((3, 4), np.float32), np.ones(shape, np.float32)
+        )
+
+
+@pytest.mark.parametrize("which", ["origin", "direction", "distance"])
+def test_check_finds_nan(which: str) -> None:
+    """With ``check=True`` a NaN is an error, not a millisecond per ray."""
+    rays_ = {
+        "origin": np.zeros((3, 4), np.float32),
+        "direction": np.ones((3, 4), np.float32),
+        "distance": np.ones(4, np.float32),
+    }
+    rays_[which][..., 2] = np.nan
+    caster = Intersector(*TRIANGLE, check=True)
+    with pytest.raises(ValueError, match="must not"):
+        caster.occluded(**rays_)
+    if which != "distance":
+        with pytest.raises(ValueError, match="rays must not contain NaN"):
+            caster.closest(rays_["origin"], rays_["direction"])
+
+
+def test_float64_rays_are_converted() -> None:
+    """Double precision rays are rounded, not misread."""
+    origin, direction = rays(50)
+    caster = Intersector(*soup())
+    a, b = caster.closest(origin, direction), caster.closest(origin.astype(float), direction.astype(float))
+    np.testing.assert_array_equal(a.prim, b.prim)
+
+
+def test_scene_comes_back_from_pickle() -> None:
+    """A scene is pickled without its Embree handle and finds the same hits afterwards."""
+    scene = box_scene()
+    origin, direction = rays(100)
+    hits = scene.intersector.closest(origin, direction)
+    again = pickled(scene).intersector.closest(origin, direction)
+    np.testing.assert_array_equal(hits.prim, again.prim)
+    np.testing.assert_array_equal(hits.distance, again.distance)

@@ -1,0 +1,165 @@
+"""Heuristics and the division of samples."""
+
+import numpy as np
+import pytest
+from helpers import LEVEL, Z_LIMIT, chi2_p
+
+from dmis.mis import allocate, balance, cutoff, find, maximum, power
+from dmis.vec import Array
+
+HEURISTICS = ["balance", "power", "power-1", "power-3", "power-0.5", "maximum", "cutoff", "cutoff-0.5", "cutoff-1"]
+each_heuristic = pytest.mark.parametrize("name", HEURISTICS)
+
+
+def weights(name: str, a: Array, b: Array) -> tuple[Array, Array]:
+    """MIS weights of a sample with densities `a`, `b`, as the first and as the second technique's."""
+    heuristic = find(name)
+    return a.astype(float) * heuristic(a, b, True), b.astype(float) * heuristic(b, a, False)
+
+
+@each_heuristic
+def test_weights_sum_to_one(name: str) -> None:
+    """``W_first + W_second = 1`` on densities over twelve magnitudes, and for equal ones."""
+    a, b = 10 ** np.random.default_rng(1).uniform(-6, 6, (2, 1000)).astype(np.float32)
+    b[:100] = a[:100]
+    first, second = weights(name, a, b)
+    np.testing.assert_allclose(first + second, 1, rtol=1e-6)
+    assert (first >= 0).all() and (second >= 0).all()
+
+
+@each_heuristic
+@pytest.mark.parametrize(
+    "a, b", [(0, 1), (1, 0), (1e-25, 1), (1, 1e30), (1e30, 1), (1e30, 1e30), (1e-20, 1e30), (0, 1e30)]
+)
+def test_weights_of_extreme_densities(name: str, a: float, b: float) -> None:
+    """No overflow, no NaN, and a sum of 1, where one density is 0 or enormous.
+
+    A technique of density 0 has weight 0. The power heuristic caps the ratio at 1e18, whose weight no float sees.
+    """
+    first, second = weights(name, np.float32([a]), np.float32([b]))
+    assert np.isfinite(first).all() and np.isfinite(second).all()
+    np.testing.assert_allclose(first + second, 1, rtol=1e-6)
+    if a == 0:
+        assert first == 0
+    if b == 0:
+        assert second == 0
+
+
+@each_heuristic
+def test_vanishing_densities_are_finite(name: str) -> None:
+    """Both 0 or 1e-30 (a float32 underflow away): finite factors."""
+    for a, b in ((0, 0), (1e-30, 0), (0, 1e-30), (1e-30, 1e-30), (1e-38, 1e30)):
+        for first in (True, False):
+            assert np.isfinite(find(name)(np.float32([a]), np.float32([b]), first)).all()
+
+
+def test_closed_forms() -> None:
+    """Densities 3 and 1: 3/4, 9/10, all, and whoever is above the threshold."""
+    a, b = np.float32([3]), np.float32([1])
+    for name, expected in (("balance", 0.75), ("power", 0.9), ("power-3", 27 / 28), ("maximum", 1), ("cutoff-0.5", 1)):
+        first, second = weights(name, a, b)
+        np.testing.assert_allclose([first[0], second[0]], [expected, 1 - expected], atol=1e-6)
+    np.testing.assert_allclose(weights("cutoff-0.2", a, b)[0], 0.75)
+
+
+def test_limits() -> None:
+    """Power 1 and cutoff 0 are balance; cutoff 1 is maximum but for ties, which it shares."""
+    a, b = np.random.default_rng(2).random((2, 100), dtype=np.float32)
+    np.testing.assert_allclose(power(1)(a, b, True), balance(a, b, True), rtol=1e-6)
+    np.testing.assert_allclose(cutoff(0)(a, b, True), balance(a, b, True), rtol=1e-6)
+    np.testing.assert_allclose(cutoff(1)(a, b, True), maximum(a, b, True), rtol=1e-6)
+    np.testing.assert_allclose(cutoff(1)(a, a, True) * a, 0.5)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "balanced", "balance-2", "maximum-1", "power-", "power-x", "power-0", "power--1", "cutoff-2", "power-nan"],
+)
+def test_unknown_heuristics(name: str) -> None:
+    """Names that are not quite right are errors; a trailing dash is harmless nowhere."""
+    if name == "power-":
+        assert find(name)(np.float32([3]), np.float32([1]), True) == pytest.approx(0.3)
+        return
+    with pytest.raises(ValueError, match="combiner must be|must be positive|threshold"):
+        find(name)
+
+
+# Allocation ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("w", [0.0, 0.1, 0.25, 1 / 3, 0.5, 0.77, 1.0])
+@pytest.mark.parametrize("shading_samples", [1, 2, 3])
+def test_systematic_totals(w: float, shading_samples: int) -> None:
+    """Each camera sample gives 0 to S samples to the first technique; a pixel's total is ``n w`` within 1."""
+    pixels, spp = 500, 37
+    offset = np.random.default_rng(3).random(pixels)
+    first = allocate(np.full(pixels, w), shading_samples, 0, spp, offset, None).first.reshape(spp, pixels)
+    assert first.min() >= 0 and first.max() <= shading_samples
+    n = spp * shading_samples
+    assert (np.abs(first.sum(axis=0) - n * w) < 1).all()
+
+
+def test_half_is_one_each() -> None:
+    """At w = 1/2 and S = 2 every camera sample has exactly one sample of each technique."""
+    offset = np.random.default_rng(4).random(1000)
+    assert allocate(0.5, 2, 0, 8, offset, None).first == 1
+    assert (allocate(np.full(1000, 0.5), 2, 0, 8, offset, None).first == 1).all()
+
+
+@pytest.mark.parametrize("w", [0.1, 0.25, 0.5, 0.9])
+def test_slots_have_probability_w(w: float) -> None:
+    """Over the offset, every slot goes to the first technique with probability w: what unbiasedness rests on.
+
+    With S = 1 a camera sample is a slot. A binomial count of 20000 against w, for each of 12 slots.
+    """
+    count = 20000
+    offset = np.random.default_rng(5).random(count)
+    first = allocate(np.full(count, w), 1, 0, 12, offset, None).first.reshape(12, count)
+    z = (first.sum(axis=1) - count * w) / np.sqrt(count * w * (1 - w))
+    assert np.abs(z).max() < Z_LIMIT
+
+
+@pytest.mark.parametrize("w", [0.0, 0.25, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("shading_samples", [1, 2, 4])
+def test_a_number_is_the_same_as_a_map(w: float, shading_samples: int) -> None:
+    """One share for all pixels gives what a constant map of it gives."""
+    offset = np.random.default_rng(6).random(50)
+    one = allocate(w, shading_samples, 3, 6, offset, None)
+    many = allocate(np.full(50, w), shading_samples, 3, 6, offset, None)
+    np.testing.assert_array_equal(np.broadcast_to(one.first, 300), many.first)
+
+
+def test_blocks_continue() -> None:
+    """Samples 0 to 9 in one block, or in blocks of 4 and 6, are divided alike."""
+    offset, w = np.random.default_rng(7).random(20), np.random.default_rng(8).random(20)
+    whole = allocate(w, 2, 0, 10, offset, None)
+    parts = [allocate(w, 2, 0, 4, offset, None), allocate(w, 2, 4, 6, offset, None)]
+    np.testing.assert_array_equal(np.concatenate([p.first for p in parts]), whole.first)
+    np.testing.assert_array_equal(np.concatenate([p.reached for p in parts], axis=1), whole.reached)
+
+
+def test_reached_counts_what_came_before() -> None:
+    """`reached` is the running total of each technique, from 0, so that each takes its own sequence in order."""
+    offset, w = np.random.default_rng(9).random(20), np.random.default_rng(10).random(20)
+    counts = allocate(w, 2, 0, 10, offset, None)
+    first = counts.first.reshape(10, 20).astype(int)
+    before = np.vstack([np.zeros((1, 20), int), np.cumsum(first, axis=0)[:-1]])
+    reached = counts.reached.reshape(2, 10, 20)
+    np.testing.assert_array_equal(reached[0], before)
+    np.testing.assert_array_equal(reached[1], 2 * np.arange(10)[:, None] - before)
+
+
+@pytest.mark.parametrize("w", [0.0, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("shading_samples", [1, 3])
+def test_random_allocation_is_binomial(w: float, shading_samples: int) -> None:
+    """The one-sample model: counts are binomial, whatever the neighbours have."""
+    from scipy.stats import binom
+
+    rng, count = np.random.default_rng(11), 40000
+    first = allocate(w, shading_samples, 0, 4, np.zeros(count // 4), rng).first
+    if w in (0, 1):
+        assert (np.asarray(first) == w * shading_samples).all()
+        return
+    observed = np.bincount(first, minlength=shading_samples + 1)
+    expected = binom.pmf(np.arange(shading_samples + 1), shading_samples, w) * count
+    assert chi2_p(observed, expected) > LEVEL

@@ -1,0 +1,229 @@
+"""Uniform numbers: reproducible, in range, uniform, stratified."""
+
+import itertools
+
+import numpy as np
+import pytest
+from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p
+from scipy.stats import kstest
+
+from dmis.geometry import quad
+from dmis.light import DiskLight
+from dmis.material import matte
+from dmis.samplers import KINDS, make_sampler, stream
+from dmis.scene import Part
+from dmis.tile import Tile, render_tile
+from dmis.estimator import Settings
+from dmis.vec import Array
+
+each_kind = pytest.mark.parametrize("kind", KINDS)
+
+
+def numbers(
+    kind: str, seed: int = 0, pass_: int = 0, tile: int = 0, pixels: int = 7, spp: int = 16, key: object = "camera"
+) -> Array:
+    """Draws ``(2, spp, pixels)`` of one key in one block."""
+    sampler = make_sampler(kind, stream(seed, pass_, tile), pixels, spp, 2)
+    sampler.start_block(0, spp)
+    return sampler.draw(key, None).reshape(2, spp, pixels)
+
+
+@each_kind
+def test_same_stream_same_numbers(kind: str) -> None:
+    """Bit-identical for the same (seed, pass, tile), different in any of them."""
+    base = numbers(kind, 1, 2, 3)
+    np.testing.assert_array_equal(base, numbers(kind, 1, 2, 3))
+    for other in ((0, 2, 3), (1, 0, 3), (1, 2, 0), (2, 1, 3), (3, 2, 1)):
+        assert (numbers(kind, *other) != base).mean() > 0.9
+
+
+@each_kind
+@pytest.mark.parametrize("spp", [1, 2, 5, 16, 37, 128])
+@pytest.mark.parametrize("key", ["camera", (0, 0, 0)])
+def test_range(kind: str, spp: int, key: object) -> None:
+    """float32 numbers in [0, 1), 1 excluded, for any count."""
+    u = numbers(kind, spp=spp, pixels=300, key=key)
+    assert u.dtype == np.float32 and u.min() >= 0 and u.max() < 1
+
+
+@each_kind
+@pytest.mark.parametrize("spp", [1, 5, 64])
+def test_marginals_are_uniform(kind: str, spp: int) -> None:
+    """Each sample number of a pixel is uniform over pixels and seeds: no sample is special.
+
+    Kolmogorov-Smirnov of the first, the second and the last sample of single pixels over 300 seeds, both coordinates.
+    """
+    u = np.stack([numbers(kind, seed, pixels=2, spp=spp) for seed in range(300)])
+    for sample, pixel, axis in itertools.product({0, spp // 2, spp - 1}, (0, 1), (0, 1)):
+        assert kstest(u[:, axis, sample, pixel], "uniform").pvalue > LEVEL
+
+
+@each_kind
+def test_coordinates_and_keys_are_independent(kind: str) -> None:
+    """Sample by sample, the two coordinates, two keys, and two pixels are uncorrelated: chi-square over a 4x4 grid.
+
+    With structured samplers the counts are more even than chance, so only excess is a fault: that is chi-square's tail.
+    """
+    spp, many = 16, 200
+    draws = []
+    for seed in range(many):
+        sampler = make_sampler(kind, stream(seed, 0, 0), 2, spp, 2)
+        sampler.start_block(0, spp)
+        camera, light = (sampler.draw(key, None).reshape(2, spp, 2) for key in ("camera", (0, 0, 0)))
+        draws.append((camera[0, :, 0], camera[1, :, 0], light[0, :, 0], light[1, :, 0], light[0, :, 1]))
+    columns = np.concatenate(draws, axis=1)
+    for a, b in ((0, 1), (0, 2), (1, 3), (0, 3), (2, 3), (2, 4)):
+        observed = np.histogram2d(columns[a], columns[b], 4, [[0, 1], [0, 1]])[0]
+        assert chi2_p(observed, np.full((4, 4), many * spp / 16)) > LEVEL
+
+
+@pytest.mark.parametrize("spp", [2, 4, 8, 16, 64])
+@pytest.mark.parametrize("key", ["camera", (0, 0, 0)])
+def test_sobol_fills_every_elementary_interval(spp: int, key: object) -> None:
+    """2^k points have exactly one in each rectangle of 2^-a by 2^-(k-a): a (0, 2)-sequence, scrambled or not."""
+    u = numbers("sobol", spp=spp, pixels=5, key=key)
+    bits = spp.bit_length() - 1
+    for a in range(bits + 1):
+        cell = (u[0] * 2**a).astype(int) * 2 ** (bits - a) + (u[1] * 2 ** (bits - a)).astype(int)
+        for pixel in range(5):
+            np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(spp))
+
+
+@pytest.mark.parametrize("spp", [4, 16, 49])
+def test_stratified_fills_the_grid(spp: int) -> None:
+    """n^2 camera samples have exactly one in each of n by n cells."""
+    side = int(np.sqrt(spp))
+    u = numbers("stratified", spp=spp, pixels=5)
+    cell = (u[0] * side).astype(int) * side + (u[1] * side).astype(int)
+    for pixel in range(5):
+        np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(spp))
+
+
+@pytest.mark.parametrize("kind", ["stratified", "sobol"])
+def test_leftover_samples(kind: str) -> None:
+    """Counts that fill no grid leave at most a few cells doubly used: 37 points in 36 of 6 by 6, in 32 of 64."""
+    u = numbers(kind, spp=37, pixels=5)
+    cell = (u[0] * 6).astype(int) * 6 + (u[1] * 6).astype(int)
+    if kind == "stratified":
+        assert all(len(np.unique(cell[:, pixel])) == 36 for pixel in range(5))
+    halves = (u[0] < 0.5).sum(axis=0)
+    assert (np.abs(halves - 18.5) <= 2).all()
+
+
+@pytest.mark.parametrize("kind", ["stratified", "sobol"])
+@pytest.mark.parametrize("key", ["camera", (0, 1, 0)])
+def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
+    """Blocks of 5 and 11 use the same cells of the same sequence as one block of 16.
+
+    Sobol numbers are bit-identical; stratified ones are jittered by numbers drawn per block, in the same cells.
+    """
+    whole = numbers(kind, key=key)
+    sampler = make_sampler(kind, stream(0, 0, 0), 7, 16, 2)
+    parts = []
+    for first, count in ((0, 5), (5, 11)):
+        sampler.start_block(first, count)
+        parts.append(sampler.draw(key, None).reshape(2, count, 7))
+    parts_ = np.concatenate(parts, axis=1)
+    if kind == "sobol":
+        np.testing.assert_array_equal(parts_, whole)
+    else:
+        n = 16 if key == "camera" else 32
+        rows = int(np.sqrt(n))
+        for axis, cells in ((0, n // rows), (1, rows)):
+            inside = n == rows * (n // rows)  # leftover samples are in no cell
+            if inside:
+                np.testing.assert_array_equal((parts_[axis] * cells).astype(int), (whole[axis] * cells).astype(int))
+
+
+@pytest.mark.parametrize("kind", ["stratified", "sobol"])
+def test_index_and_number_pick_points(kind: str) -> None:
+    """`index` picks samples of the block; `number` picks the place in their pixel's sequence."""
+    sampler = make_sampler("sobol", stream(0, 0, 0), 7, 16, 2)
+    sampler.start_block(0, 16)
+    everything = sampler.draw((0, 0), None)
+    index = np.array([3, 50, 111])
+    np.testing.assert_array_equal(sampler.draw((0, 0), index), everything[:, index])
+    number = np.array([4, 4, 0])
+    np.testing.assert_array_equal(sampler.draw((0, 0), index, number), everything[:, number * 7 + index % 7])
+
+
+def test_unknown_sampler() -> None:
+    """The error lists what there is."""
+    with pytest.raises(ValueError, match="sampler must be one of independent, stratified, sobol; got 'halton'"):
+        make_sampler("halton", stream(0, 0, 0), 1, 1, 1)
+
+
+# The technique pattern and the camera's sequence -------------------------------------------------------------------
+
+
+class _Watch:
+    """A caster that keeps the origins of occlusion queries."""
+
+    def __init__(self, caster: object) -> None:
+        self._caster, self.origins = caster, []
+
+    def closest(self, *args: Array) -> object:
+        return self._caster.closest(*args)
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        self.origins.append(origin.copy())
+        return self._caster.occluded(origin, direction, distance)
+
+
+@each_kind
+@pytest.mark.parametrize("w", [0.25, 0.5, 0.75])
+def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
+    """The division between techniques does not alias with the camera's sequence.
+
+    One pixel, with light samples at w of the slots; the points they start from are evenly in the left and the right half of
+    the pixel, in the upper and the lower, over 64 seeds: a two-sided binomial test, and in no single pixel all on one side.
+    """
+    light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
+    scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
+    settings = Settings(shading_samples=1)
+    sides = []
+    for seed in range(64):
+        watch = _Watch(scene.intersector)
+        tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, np.full(1, w), kind, settings)
+        render_tile(scene, tile, watch)
+        # the first query is the light technique's: it goes first
+        origin = watch.origins[0]
+        sides.append([(origin[axis] > 0).sum() for axis in (0, 1)] + [origin.shape[1]])
+    sides_ = np.array(sides)
+    total = sides_[:, 2].sum()
+    assert abs(total - 64 * 16 * w) <= 64
+    for axis in (0, 1):
+        assert abs(sides_[:, axis].sum() - total / 2) < Z_LIMIT * np.sqrt(total) / 2
+        if kind != "independent" and w == 0.5:
+            assert ((sides_[:, axis] > 0) & (sides_[:, axis] < sides_[:, 2])).mean() > 0.9
+
+
+@each_kind
+@pytest.mark.parametrize("w", [0.0, 0.25, 0.5, 1.0])
+def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
+    """A pixel that is half white floor and half black paper has the same mean for every sampler and share.
+
+    The sky is constant, so the white half has radiance 1/2: pixel 1/4. Each seed is one independent pixel mean.
+    """
+    light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
+    paper = Part(quad((0, -2, 0.001), (2, 0, 0), (0, 4, 0)), matte(0))
+    scene = box_scene(matte(0.5), (light,), (paper,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
+    means = [
+        render_tile(scene, Tile(seed, 0, 0, (0, 1), (0, 1), 8, w, kind, Settings())).moments.mean[0, 0, 0]
+        for seed in range(400)
+    ]
+    # the disk over the floor, within the pixel's 0.35 of the axis: by a fine quadrature over positions
+    rng = np.random.default_rng(12)
+    half = 4 * np.tan(np.radians(5))
+    x, y = rng.uniform(-half, half, (2, 400000))
+    e = _disk_irradiance(np.hypot(np.minimum(x, 0), y), 3.0, 1.0)
+    expected = 0.5 / np.pi * np.where(x < 0, e, 0).mean()
+    z = (np.mean(means) - expected) / (np.std(means, ddof=1) / np.sqrt(len(means)) + 1e-3 * expected)
+    assert abs(z) < Z_LIMIT
+
+
+def _disk_irradiance(r: Array, height: float, radius: float) -> Array:
+    """Irradiance of a point at distance r from the axis under a parallel disk of radiance 1 (configuration factor)."""
+    h, k = height / np.maximum(r, 1e-9), radius / np.maximum(r, 1e-9)
+    z = 1 + h * h + k * k
+    return np.pi / 2 * (1 - (1 + h * h - k * k) / np.sqrt(z * z - 4 * k * k))
