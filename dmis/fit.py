@@ -129,6 +129,8 @@ class Thesis:
             raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
         if not self.sigma > 0:
             raise ValueError(f"sigma must be positive; got {self.sigma}")
+        if self.filter == "gaussian":
+            import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
     @property
     def pilot(self) -> Mapping[float, int]:

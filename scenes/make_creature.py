@@ -36,7 +36,7 @@ FLOOR = -140.0
 SINK = 1.0  # how deep the soles reach into the floor
 GRID_STEP = 1.4  # of the dense mesh
 FAR = 9.0  # value of the field far from all parts
-TARGET_TRIANGLES = 13000
+TARGET_TRIANGLES = 13300
 EDGE_RANGE = (1.3, 7.5)  # shortest and longest wanted edge
 
 
@@ -223,7 +223,7 @@ TAIL = np.array(
         [17, -210, -88, 6.3],
         [0, -228, -68, 4.8],
         [-14, -232, -46, 3.4],
-        [-16, -222, -28, 1.5],
+        [-16, -222, -28, 2.0],
     ],
     float,
 )
@@ -468,7 +468,7 @@ def head():
             # Eye socket, eye, brow, lids, cheek bone.
             lump([16, 12.5 * s, 4.4], [6.5, 5.0, 4.6], 2.4, carve=True),
             tube(at([25, 4.5 * s, 5.0], [19, 9.5 * s, 9.2], [11, 13.0 * s, 10.8], [2, 14.2 * s, 9.5]),
-                 [1.6, 2.9, 3.3, 2.6], 3.2),
+                 [1.6, 2.9, 3.3, 2.6], 4.8),
             lump([15.2, 10.2 * s, 4.8], [4.9, 4.3, 4.3], 1.0),
             tube(at([21.5, 8.8 * s, 3.6], [16, 13.2 * s, 0.4], [9.5, 14.2 * s, 2.8]), [1.4, 1.6, 1.3], 1.4),
             tube(at([25, 8.4 * s, -1.5], [14, 13.0 * s, -2.6], [3, 14.8 * s, -1.0]), [1.6, 2.8, 2.4], 2.0),
@@ -484,7 +484,7 @@ def head():
             tube(at([34.0, 3.6 * s, -16.5], [34.4, 4.3 * s, -14.4], [34.4, 4.4 * s, -11.9]), [1.6, 1.2, 0.5], 0.8),
             # Horns and the spines of the cheek.
             tube(at([0, 8.0 * s, 10], [-10, 11.5 * s, 16.5], [-23, 16.0 * s, 18.0], [-36, 18.5 * s, 14.0], [-46, 17.5 * s, 13.5]),
-                 [5.4, 4.6, 3.7, 2.5, 0.9], 3.0, steps=8),
+                 [5.4, 4.6, 3.8, 2.7, 1.1], 3.5, steps=8),
             tube(at([2, 13.5 * s, -9], [-5, 18.0 * s, -12], [-13, 21.5 * s, -12.5]), [3.2, 2.2, 0.4], 1.8),
         ]
         # Temple, and the ear: a leaf with a hollow on its front.
@@ -493,7 +493,7 @@ def head():
         facing = unit(facing - (facing @ unit(tip - root)) * unit(tip - root))
         path = [root, root + 0.35 * (tip - root) + [1, 0, 1.5], root + 0.7 * (tip - root) + [0.5, 0, 1.0], tip]
         parts.append(lump([-4, 12.0 * s, 7.0], [7.0, 4.5, 5.0], 3.0))
-        parts.append(tube(at(*path), [3.2, 6.2, 4.4, 0.4], 1.8, flat=(facing @ HEAD, 0.42), steps=8))
+        parts.append(tube(at(*path), [3.2, 6.2, 4.5, 0.9], 1.8, flat=(facing @ HEAD, 0.44), steps=8))
         cup = [p + 2.3 * facing for p in (path[0] + 0.24 * (tip - root), path[1], path[2] + 0.02 * (tip - root))]
         parts.append(tube(at(*cup), [1.6, 4.2, 2.2], 1.6, carve=True, flat=(facing @ HEAD, 0.55), steps=8))
     return parts
@@ -971,13 +971,13 @@ def report(parts, cage, faces):
     print(f"smallest angle {angle.min():.1f} degrees, below 20 degrees: {(angle < 20).sum()}")
     print(f"limit points: mean distance {error.mean():.4f}, largest {error.max():.3f}")
     print(f"limit box {limit.min(0).round(1)} {limit.max(0).round(1)}")
-    if volume <= 0.0 or valence.min() < 3:
-        raise ValueError("the cage is inside out or has a degenerate vertex")
+    if volume <= 0.0 or valence.min() < 3 or valence.max() > 9 or len(cage) - len(faces) // 2 != 2 * bodies:
+        raise ValueError("the cage is inside out, has a degenerate vertex, or a handle")
 
 
 def write(path, cage, faces):
-    points = "\n".join("%.3f %.3f %.3f" % tuple(p) for p in cage)
-    indices = "\n".join("%d %d %d" % tuple(f) for f in faces)
+    points = "\n".join(f"{x:.3f} {y:.3f} {z:.3f}" for x, y, z in cage)
+    indices = "\n".join(f"{a} {b} {c}" for a, b, c in faces)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(
         "# An original horned, kangaroo-like dragon: control cage for three levels of Loop subdivision.\n"
@@ -990,11 +990,21 @@ def write(path, cage, faces):
 
 
 def importance_of(vertices):
-    """Factor on the wanted edge length: less than one where the eye goes first, more on tail and belly."""
-    local = (vertices - HEAD_ORIGIN) @ HEAD.T
-    face = np.exp(-((np.linalg.norm(local - [24, 0, -3], axis=1) / 30.0) ** 4))
-    rear = np.clip((-60.0 - vertices[:, 1]) / 60.0, 0.0, 1.0)
-    return 1.0 - 0.4 * face + 0.15 * rear
+    """Factor on the wanted edge length: less than one where the eye goes first and on thin ends, more on the tail."""
+
+    def near(centre, radius):
+        return np.exp(-((np.linalg.norm(vertices - centre, axis=1) / radius) ** 4))
+
+    factor = 1.0 + 0.15 * np.clip((-60.0 - vertices[:, 1]) / 60.0, 0.0, 1.0)
+    for centre, radius, least in (
+        (HEAD_ORIGIN + [24, 0, -3] @ HEAD, 30.0, 0.6),  # face
+        (HEAD_ORIGIN + [-22, 0, 10] @ HEAD, 40.0, 0.7),  # horns and ears
+        ([46.0, 88.0, -66.0], 17.0, 0.75),  # hands
+        ([-41.0, 103.0, -50.0], 17.0, 0.75),
+        (TAIL[-1, :3], 18.0, 0.45),
+    ):
+        factor = np.minimum(factor, 1.0 - (1.0 - least) * near(centre, radius))
+    return factor
 
 
 def main():
