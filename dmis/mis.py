@@ -42,8 +42,10 @@ def power(beta: float) -> Heuristic:
     if not beta > 0:
         raise ValueError(f"the exponent of the power heuristic must be positive; got {beta}")
 
+    least = np.float32(1e-18 ** min(1, 2 / beta))  # of a / b; below it W is 0 to any float
+
     def heuristic(a: Array, b: Array, first: bool) -> Array:
-        ratio = np.minimum(b / np.maximum(a, TINY), np.float32(1e18 ** min(1, 2 / beta)))
+        ratio = b / np.maximum(np.maximum(a, b * least), TINY)
         raised = ratio * ratio if beta == 2 else ratio ** np.float32(beta)
         return 1 / (np.maximum(a, TINY) * (1 + raised))
 

@@ -93,7 +93,7 @@ class Stratified(_Sequence):
     def draw(self, key: Hashable, index: Index | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
         point, _ = self._points(key, index, number)
-        n = self._spp if key == "camera" else self._length
+        n = self._spp if number is None else self._length
         order = self._state.get(key)
         if order is None:  # which cell comes first differs from draw to draw, and is the same for the tile
             order = self._state[key] = self._rng.permutation(n)

@@ -36,7 +36,7 @@ FLOOR = -140.0
 SINK = 1.0  # how deep the soles reach into the floor
 GRID_STEP = 1.4  # of the dense mesh
 FAR = 9.0  # value of the field far from all parts
-TARGET_TRIANGLES = 13300
+TARGET_TRIANGLES = 13000
 EDGE_RANGE = (1.3, 7.5)  # shortest and longest wanted edge
 
 
@@ -305,14 +305,14 @@ def trunk():
     return parts
 
 
-def digit(joints, radii, claw, blend=1.6):
+def digit(joints, radii, claw, blend=2.2):
     """A finger or toe: bones along `joints`, thickened at the knuckles, with a curved claw along the points `claw`."""
     joints = np.asarray(joints, float)
     parts = [tube(joints, radii, blend, steps=5)]
     for joint, radius in zip(joints[1:-1], radii[1:-1]):
         parts.append(ball(joint + [0, 0, 0.22 * radius], [1.06 * radius] * 3, blend=blend))
     end = radii[-1]
-    parts.append(tube(claw, [0.84 * end, 0.74 * end, 0.52 * end, 0.26 * end], blend=0.9, steps=5))
+    parts.append(tube(claw, [0.84 * end, 0.74 * end, 0.52 * end, 0.33 * end], blend=0.9, steps=5))
     return parts
 
 
@@ -334,18 +334,42 @@ def leg(side, hip, knee, ankle, foot, heading):
         muscle(hip + [side * 4, -22, -2], knee + 2 * out + 12 * shank, -5 * front + 2 * out, 9.5, blend=2.8, peak=0.4),
         # Knee cap, calf in two heads, shin, tendon of the heel.
         ball(knee + 4.5 * front + 3.0 * unit(thigh), [6.5, 6.0, 6.5], blend=3.0),
-        muscle(knee + 3 * out + 3 * calf_back, ankle - 8 * shank + 2.0 * calf_back, 5 * calf_back + 3.5 * out, 8.5,
-               ends=0.4, blend=2.4, peak=0.36),
-        muscle(knee - 3 * out + 3 * calf_back, ankle - 8 * shank + 2.0 * calf_back, 5 * calf_back - 3 * out, 8.0,
-               ends=0.4, blend=2.4, peak=0.36),
-        muscle(knee + 1 * out - 3 * calf_back, ankle - 3.5 * calf_back, -3.5 * calf_back + 1.5 * out, 5.5,
-               ends=0.5, blend=2.2, peak=0.3),
-        tube([ankle - 20 * shank + 5 * calf_back, ankle - 8 * shank + 4.5 * calf_back, ankle + 4.5 * calf_back],
-             [3.2, 2.4, 3.6], blend=2.4),
+        muscle(
+            knee + 3 * out + 3 * calf_back,
+            ankle - 8 * shank + 2.0 * calf_back,
+            5 * calf_back + 3.5 * out,
+            8.5,
+            ends=0.4,
+            blend=2.4,
+            peak=0.36,
+        ),
+        muscle(
+            knee - 3 * out + 3 * calf_back,
+            ankle - 8 * shank + 2.0 * calf_back,
+            5 * calf_back - 3 * out,
+            8.0,
+            ends=0.4,
+            blend=2.4,
+            peak=0.36,
+        ),
+        muscle(
+            knee + 1 * out - 3 * calf_back,
+            ankle - 3.5 * calf_back,
+            -3.5 * calf_back + 1.5 * out,
+            5.5,
+            ends=0.5,
+            blend=2.2,
+            peak=0.3,
+        ),
+        tube(
+            [ankle - 20 * shank + 5 * calf_back, ankle - 8 * shank + 4.5 * calf_back, ankle + 4.5 * calf_back],
+            [3.2, 2.4, 3.6],
+            blend=2.4,
+        ),
         ball(ankle + 2.0 * out, [6.2, 5.0, 5.0], blend=2.0),
     ]
     heel = ankle + 4.0 * calf_back + [0, -1, 0]
-    parts.append(tube([heel, heel + [0, -6, 1.5], heel + [0, -11, 6.0]], [3.4, 2.2, 0.4], blend=2.0))
+    parts.append(tube([heel, heel + [0, -6, 1.5], heel + [0, -11, 6.0]], [3.6, 2.6, 1.0], blend=2.0))
     sole = FLOOR - SINK
     for turn, length, size in ((-36, 28, 0.92), (0, 33, 1.0), (36, 28, 0.92)):
         angle = np.radians(heading + turn)
@@ -358,15 +382,34 @@ def leg(side, hip, knee, ankle, foot, heading):
             foot * [1, 1, 0] + 1.0 * length * ahead + [0, 0, sole + 0.86 * r],
         ]
         tip = joints[-1]
-        claw = [tip + [0, 0, 0.8], tip + 5.0 * ahead + [0, 0, 1.6], tip + 9.5 * ahead + [0, 0, -0.2],
-                tip * [1, 1, 0] + 13.0 * ahead + [0, 0, sole + 1.2]]
+        claw = [
+            tip + [0, 0, 0.8],
+            tip + 5.0 * ahead + [0, 0, 1.6],
+            tip + 9.5 * ahead + [0, 0, -0.2],
+            tip * [1, 1, 0] + 13.0 * ahead + [0, 0, sole + 1.2],
+        ]
         parts += digit(joints, [6.8 * size, r, 0.88 * r, 0.80 * r], claw)
         # Pads under the toe.
-        parts.append(ball(foot * [1, 1, 0] + 0.80 * length * ahead + [0, 0, sole + 0.62 * r],
-                          [0.85 * r, 0.95 * r, 0.62 * r], blend=1.6))
+        parts.append(
+            ball(
+                foot * [1, 1, 0] + 0.80 * length * ahead + [0, 0, sole + 0.62 * r],
+                [0.85 * r, 0.95 * r, 0.62 * r],
+                blend=1.6,
+            )
+        )
         # Tendon on the top of the foot.
-        parts.append(tube([0.55 * ankle + 0.45 * foot + 4.2 * ahead + [0, 0, 2.5], joints[0] + 2.0 * ahead + [0, 0, 5.2],
-                           joints[1] + [0, 0, 2.6]], [1.0, 1.7, 1.0], blend=1.6, steps=4))
+        parts.append(
+            tube(
+                [
+                    0.55 * ankle + 0.45 * foot + 4.2 * ahead + [0, 0, 2.5],
+                    joints[0] + 2.0 * ahead + [0, 0, 5.2],
+                    joints[1] + [0, 0, 2.6],
+                ],
+                [1.0, 1.7, 1.0],
+                blend=1.6,
+                steps=4,
+            )
+        )
     parts.append(ball([foot[0], foot[1] - 1, sole + 4.6], [8.5, 9.0, 4.6], blend=3.0))
     return parts
 
@@ -388,22 +431,41 @@ def arm(side, shoulder, elbow, wrist, pointing, palm):
         # Shoulder cap in three heads, biceps, triceps.
         muscle(shoulder + [-12 * side, 6, 2], shoulder + 23 * upper + 3 * inner, 3 * out + [0, 5, 2], 7.2, blend=2.4),
         muscle(shoulder + [-11 * side, -3, 6], shoulder + 26 * upper + 2 * out, 5 * out + [0, 0, 2], 7.8, blend=2.4),
-        muscle(shoulder + [-11 * side, -11, 2], shoulder + 23 * upper - 2 * inner, 3 * out - [0, 5, -1], 7.0, blend=2.4),
+        muscle(
+            shoulder + [-11 * side, -11, 2], shoulder + 23 * upper - 2 * inner, 3 * out - [0, 5, -1], 7.0, blend=2.4
+        ),
         muscle(shoulder + 8 * upper + 2 * inner, elbow + 5 * fore + inner, 5.0 * inner, 6.6, blend=2.0, peak=0.5),
-        muscle(shoulder + 6 * upper - 4 * inner, elbow - 3.5 * inner, -4.5 * inner + 1.5 * out, 7.0, blend=2.2, peak=0.45),
+        muscle(
+            shoulder + 6 * upper - 4 * inner, elbow - 3.5 * inner, -4.5 * inner + 1.5 * out, 7.0, blend=2.2, peak=0.45
+        ),
         ball(elbow - 3.6 * inner + 1.0 * upper, [3.8, 3.8, 3.8], blend=2.4),
         # Fore arm: the two bundles of the flexors and extensors.
-        muscle(elbow - 8 * upper + 3 * out, wrist - 3 * fore, 3.2 * swing + 2.4 * out, 6.0, ends=0.42, blend=2.0, peak=0.34),
-        muscle(elbow - 1 * upper - 2 * out, wrist - 3 * fore, -3.2 * swing - 1.5 * out, 6.0, ends=0.42, blend=2.0, peak=0.34),
+        muscle(
+            elbow - 8 * upper + 3 * out, wrist - 3 * fore, 3.2 * swing + 2.4 * out, 6.0, ends=0.42, blend=2.0, peak=0.34
+        ),
+        muscle(
+            elbow - 1 * upper - 2 * out,
+            wrist - 3 * fore,
+            -3.2 * swing - 1.5 * out,
+            6.0,
+            ends=0.42,
+            blend=2.0,
+            peak=0.34,
+        ),
         muscle(elbow + 2 * fore - 2 * inner, wrist - 5 * fore, -3.0 * inner, 4.6, ends=0.45, blend=2.0, peak=0.34),
         ball(wrist, [5.0, 5.0, 5.0], blend=2.0),
         # A spur at the elbow.
-        tube([elbow - 5.0 * inner, elbow - 9.5 * inner + 2.5 * upper, elbow - 14.0 * inner + 1.0 * upper],
-             [2.8, 1.9, 0.35], blend=1.8),
+        tube(
+            [elbow - 5.0 * inner, elbow - 9.5 * inner + 2.5 * upper, elbow - 14.0 * inner + 1.0 * upper],
+            [3.2, 2.4, 1.0],
+            blend=1.8,
+        ),
     ]
     hand = wrist + 8.0 * ahead
     parts.append(ball(hand, [8.0, 6.6, 4.2], [ahead, across, palm], blend=3.0))
-    parts.append(ball(wrist + 5.0 * ahead + 4.0 * across + 2.2 * palm, [5.6, 3.6, 3.2], [ahead, across, palm], blend=2.0))
+    parts.append(
+        ball(wrist + 5.0 * ahead + 4.0 * across + 2.2 * palm, [5.6, 3.6, 3.2], [ahead, across, palm], blend=2.0)
+    )
     for place, spread, length in ((5.5, 0.44, 15.5), (0.0, 0.02, 18.0), (-5.3, -0.42, 15.0)):
         along = unit(ahead + spread * across - 0.12 * palm)
         base = wrist + 12.0 * ahead + place * across
@@ -411,9 +473,13 @@ def arm(side, shoulder, elbow, wrist, pointing, palm):
         bent = unit(along + 0.55 * palm)
         second = first + 0.45 * length * bent
         hook = unit(along + 1.5 * palm)
-        claw = [second, second + 3.6 * unit(bent - 0.25 * palm), second + 7.2 * unit(bent + 0.3 * palm), second + 8.0 * hook
-                + 2.4 * bent]
-        parts += digit([base - 4.0 * along, first, second], [3.0, 2.5, 2.15], claw, blend=1.4)
+        claw = [
+            second,
+            second + 3.6 * unit(bent - 0.25 * palm),
+            second + 7.2 * unit(bent + 0.3 * palm),
+            second + 8.0 * hook + 2.4 * bent,
+        ]
+        parts += digit([base - 4.0 * along, first, second], [3.0, 2.5, 2.2], claw, blend=2.0)
     along = unit(0.55 * ahead + 0.9 * across + 0.35 * palm)
     base = wrist + 4.5 * ahead + 4.0 * across + 1.8 * palm
     first = base + 8.0 * along
@@ -447,11 +513,15 @@ def head():
         tube(at([16, 0, 8.5], [30, 0, 4.8], [41, 0, 2.6]), [2.4, 2.4, 1.8], 2.2),
         # Lower jaw and chin.
         tube(at([2, 0, -9], [16, 0, -14.0], [28, 0, -17.0], [34, 0, -18.5]), [9, 7.0, 5.4, 4.6], 3.0),
-        tube(at([34, 0, -20], [34, 0, -24.5], [30.5, 0, -29]), [2.8, 1.9, 0.5], 1.6),
+        tube(at([34, 0, -20], [34, 0, -24.5], [30.5, 0, -29]), [2.9, 2.2, 1.0], 1.6),
     ]
     for s in (-1, 1):
         parts += [
-            tube(at([-2, 11 * s, -7], [13, 9.0 * s, -13.0], [26, 6.2 * s, -16.4], [34, 2.6 * s, -18.0]), [5, 4.6, 4.0, 3.6], 2.4),
+            tube(
+                at([-2, 11 * s, -7], [13, 9.0 * s, -13.0], [26, 6.2 * s, -16.4], [34, 2.6 * s, -18.0]),
+                [5, 4.6, 4.0, 3.6],
+                2.4,
+            ),
             lump([3, 12.2 * s, -6], [9, 4.8, 8.5], 2.0),
             lump([13, 9.6 * s, -5.5], [8.5, 4.4, 6.0], 3.0),
         ]
@@ -466,26 +536,42 @@ def head():
     for s in (-1, 1):
         parts += [
             # Eye socket, eye, brow, lids, cheek bone.
-            lump([16, 12.5 * s, 4.4], [6.5, 5.0, 4.6], 2.4, carve=True),
-            tube(at([25, 4.5 * s, 5.0], [19, 9.5 * s, 9.2], [11, 13.0 * s, 10.8], [2, 14.2 * s, 9.5]),
-                 [1.6, 2.9, 3.3, 2.6], 4.8),
+            lump([16.8, 12.5 * s, 4.4], [5.8, 4.8, 4.4], 2.6, carve=True),
+            tube(
+                at([25, 4.5 * s, 5.0], [19, 9.4 * s, 8.6], [11, 12.7 * s, 9.6], [2, 13.8 * s, 8.6]),
+                [1.6, 2.9, 3.3, 2.6],
+                4.8,
+            ),
             lump([15.2, 10.2 * s, 4.8], [4.9, 4.3, 4.3], 1.0),
-            tube(at([21.5, 8.8 * s, 3.6], [16, 13.2 * s, 0.4], [9.5, 14.2 * s, 2.8]), [1.4, 1.6, 1.3], 1.4),
+            tube(at([21.5, 8.8 * s, 3.6], [16, 13.2 * s, 0.4], [9.5, 14.2 * s, 2.8]), [1.4, 1.6, 1.3], 2.4),
             tube(at([25, 8.4 * s, -1.5], [14, 13.0 * s, -2.6], [3, 14.8 * s, -1.0]), [1.6, 2.8, 2.4], 2.0),
             # Lips, nostrils, folds on the muzzle.
-            tube(at([43, 3.4 * s, -6.8], [37, 6.0 * s, -7.0], [26, 8.4 * s, -7.2], [15, 11.2 * s, -7.0]),
-                 [1.4, 1.8, 1.9, 1.4], 1.2),
+            tube(
+                at([43, 3.4 * s, -6.8], [37, 6.0 * s, -7.0], [26, 8.4 * s, -7.2], [15, 11.2 * s, -7.0]),
+                [1.4, 1.8, 1.9, 1.4],
+                1.2,
+            ),
             tube(at([44.5, 4.2 * s, 1.6], [41, 5.4 * s, 2.0], [38.5, 5.2 * s, 0.2]), [1.3, 1.7, 1.0], 1.2),
             lump([46.2, 3.9 * s, -0.4], [2.0, 1.5, 1.5], 1.0, carve=True),
             tube(at([22, 6.6 * s, 4.4], [28, 7.2 * s, 1.2], [33, 7.0 * s, -2.2]), [0.8, 1.4, 0.7], 1.6),
             # Fangs.
-            tube(at([41.0, 4.3 * s, -6.5], [42.3, 4.7 * s, -10.3], [41.6, 4.6 * s, -14.0]), [1.9, 1.45, 0.5], 0.8),
-            tube(at([33.0, 6.6 * s, -7.0], [33.4, 6.9 * s, -9.2], [32.8, 6.8 * s, -11.4]), [1.6, 1.2, 0.5], 0.8),
-            tube(at([34.0, 3.6 * s, -16.5], [34.4, 4.3 * s, -14.4], [34.4, 4.4 * s, -11.9]), [1.6, 1.2, 0.5], 0.8),
+            tube(at([41.0, 4.3 * s, -6.5], [42.3, 4.7 * s, -10.3], [41.6, 4.6 * s, -14.0]), [2.0, 1.6, 0.8], 1.0),
+            tube(at([33.0, 6.6 * s, -7.0], [33.4, 6.9 * s, -9.2], [32.8, 6.8 * s, -11.4]), [1.6, 1.3, 0.8], 1.0),
+            tube(at([34.0, 3.6 * s, -16.5], [34.4, 4.3 * s, -14.4], [34.4, 4.4 * s, -11.9]), [1.6, 1.3, 0.8], 1.0),
             # Horns and the spines of the cheek.
-            tube(at([0, 8.0 * s, 10], [-10, 11.5 * s, 16.5], [-23, 16.0 * s, 18.0], [-36, 18.5 * s, 14.0], [-46, 17.5 * s, 13.5]),
-                 [5.4, 4.6, 3.8, 2.7, 1.1], 3.5, steps=8),
-            tube(at([2, 13.5 * s, -9], [-5, 18.0 * s, -12], [-13, 21.5 * s, -12.5]), [3.2, 2.2, 0.4], 1.8),
+            tube(
+                at(
+                    [0, 8.0 * s, 10],
+                    [-10, 11.5 * s, 16.5],
+                    [-23, 16.0 * s, 18.0],
+                    [-36, 18.5 * s, 14.0],
+                    [-46, 17.5 * s, 13.5],
+                ),
+                [5.4, 4.6, 3.8, 2.7, 1.1],
+                3.5,
+                steps=8,
+            ),
+            tube(at([2, 13.5 * s, -9], [-5, 18.0 * s, -12], [-13, 21.5 * s, -12.5]), [3.2, 2.4, 1.0], 1.8),
         ]
         # Temple, and the ear: a leaf with a hollow on its front.
         root, tip = np.array([-5, 14 * s, 3.0]), np.array([-21, 33 * s, 9.0])
@@ -500,16 +586,14 @@ def head():
 
 
 def dorsal_spines(body):
-    """A comb of backward swept fins from the neck to the tail, set onto the surface of the body."""
+    """A comb of backward swept fins on neck and back, and beads on the tail, set onto the surface of the body."""
     neck = np.array([[2, 93, 10], [1, 82, 8], [0, 68, 3], [0, 52, -8], [0, 34, -22], [0, 14, -38], [0, -8, -50]], float)
     line = spline(np.vstack([neck, TAIL[1:, :3]]), 40)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     parts = []
     place, total = 3.0, length[-1]
-    while place < total - 78.0:
+    while place < total - 34.0:
         s = place / total
-        size = 1.35 * (0.30 + 0.70 * np.sin(np.pi * min(1.0, 0.22 + 1.55 * s * (1 - 0.28 * s))) ** 1.0)
-        size = max(size, 0.58)
         point = np.array([np.interp(place, length, line[:, i]) for i in range(3)])
         behind = unit([np.interp(place + 2, length, line[:, i]) - point[i] for i in range(3)])
         up = unit(np.array([0, 0, 1.0]) - behind[2] * behind)
@@ -517,28 +601,35 @@ def dorsal_spines(body):
             up = unit(np.array([0, -1.0, 0.35]) - (np.array([0, -1.0, 0.35]) @ behind) * behind)
         foot = march(body, point, up)
         aside = np.cross(up, behind)
-        base = foot - 1.6 * size * up
-        parts.append(
-            tube(
-                [base - 1.5 * size * behind, base + 4.6 * size * up + 1.2 * size * behind,
-                 base + 9.6 * size * up + 6.2 * size * behind],
-                [4.2 * size, 3.0 * size, 0.8 * size],
-                blend=1.8 * size,
-                flat=(aside, 0.55),
-            )
-        )
-        place += 10.5 * size + 2.0
+        if s < 0.42:
+            size = 0.4 + 0.95 * np.sin(np.pi * (0.22 + 1.5 * s))
+            base = foot - 1.6 * size * up
+            path = [
+                base - 1.5 * size * behind,
+                base + 4.6 * size * up + 1.2 * size * behind,
+                base + 9.6 * size * up + 6.2 * size * behind,
+            ]
+            radii = [4.2 * size, 3.0 * size, 1.2 * size]
+            parts.append(tube(path, radii, blend=2.0 * size, flat=(aside, 0.62)))
+            place += 10.5 * size + 2.0
+        else:
+            size = 1.3 - 0.75 * s
+            parts.append(ball(foot, [2.7 * size, 4.6 * size, 3.4 * size], [aside, behind, up], blend=2.2))
+            place += 9.4 * size + 2.0
     return parts
 
 
 def creature():
+    """All parts: (body, fins)."""
     body = trunk()
     body += leg(1, hip=[18, -24, -64], knee=[37, 7, -90], ankle=[32, -37, -110], foot=[36, 0, -132.5], heading=10)
-    body += leg(-1, hip=[-18, -26, -64], knee=[-37, 24, -86], ankle=[-32, -10, -111], foot=[-36, 27, -132.5], heading=-6)
+    body += leg(
+        -1, hip=[-18, -26, -64], knee=[-37, 24, -86], ankle=[-32, -10, -111], foot=[-36, 27, -132.5], heading=-6
+    )
     body += arm(1, [28, 56, -13], [46, 40, -42], [45, 74, -60], pointing=[0.05, 0.85, -0.35], palm=[-0.5, -0.2, -0.8])
     body += arm(-1, [-27, 57, -17], [-48, 50, -42], [-43, 86, -52], pointing=[0.1, 0.9, 0.1], palm=[0.45, 0.1, -0.9])
     body += head()
-    return body + dorsal_spines(body)
+    return body, dorsal_spines(body)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -561,7 +652,9 @@ def sample_grid(parts, step, block=12):
                 here = [part for part in parts if (part.low <= b).all() and (part.high >= a).all()]
                 if here:
                     index = np.indices(size).reshape(3, -1).T
-                    values[i : i + size[0], j : j + size[1], k : k + size[2]] = join(here, a + step * index).reshape(size)
+                    values[i : i + size[0], j : j + size[1], k : k + size[2]] = join(here, a + step * index).reshape(
+                        size
+                    )
     return low, values
 
 
@@ -573,7 +666,9 @@ def marching_tetrahedra(values):
     inside = values < 0.0
     corner_sum = sum(
         inside[i : nx - 1 + i, j : ny - 1 + j, k : nz - 1 + k].astype(np.int8)
-        for i in (0, 1) for j in (0, 1) for k in (0, 1)
+        for i in (0, 1)
+        for j in (0, 1)
+        for k in (0, 1)
     )
     cells = np.argwhere((corner_sum > 0) & (corner_sum < 8)) @ stride
     flat = values.ravel()
@@ -756,7 +851,7 @@ def collapse_short(surface, vertices, faces, factor=0.8, passes=100, thin=False)
         if thin:
             limit = 0.55
         else:  # far too short edges have to go in any case
-            limit = np.where(ratio[chosen][owner[faces[touched]].max(axis=1)] < 0.45, -0.1, 0.4)
+            limit = np.where(ratio[chosen][owner[faces[touched]].max(axis=1)] < 0.45, 0.05, 0.4)
         turned = (agree_after < limit) & (agree_after < agree_before + 0.05)
         turned |= ((before * after).sum(1) < 0.3) & (agree_after < np.minimum(limit + 0.2, 0.7))
         turned = touched[turned]
@@ -783,7 +878,9 @@ def split_long(surface, vertices, faces, factor=1.35, passes=20):
         score = ranked(-ratio, ratio > factor)
         best = np.full(len(faces), np.inf)
         np.minimum.at(best, edges.faces.ravel(), np.repeat(score, 2))
-        chosen = np.flatnonzero(np.isfinite(score) & (score == best[edges.faces[:, 0]]) & (score == best[edges.faces[:, 1]]))
+        chosen = np.flatnonzero(
+            np.isfinite(score) & (score == best[edges.faces[:, 0]]) & (score == best[edges.faces[:, 1]])
+        )
         if len(chosen) == 0:
             break
         new = len(vertices) + np.arange(len(chosen))
@@ -838,7 +935,14 @@ def flip_edges(surface, vertices, faces, passes=12, shape_weight=3.0):
         )
         flat = (agree_new > 0.6) | (agree_new > agree_old + 0.05)
         exists = np.isin(np.minimum(c, d) * count + np.maximum(c, d), a * count + b)
-        allowed = (gain > 1e-6) & flat & ~exists & ((new > np.minimum(old, 0.5)) | (agree_new > agree_old + 0.3)) & (valence[a] > 4) & (valence[b] > 4)
+        allowed = (
+            (gain > 1e-6)
+            & flat
+            & ~exists
+            & ((new > np.minimum(old, 0.5)) | (agree_new > agree_old + 0.3))
+            & (valence[a] > 4)
+            & (valence[b] > 4)
+        )
         score = ranked(-gain, allowed)
         chosen = np.flatnonzero(local_minimum(score, edges, count, rings=1))
         if len(chosen) == 0:
@@ -849,7 +953,7 @@ def flip_edges(surface, vertices, faces, passes=12, shape_weight=3.0):
 
 
 def relax(surface, vertices, faces, rounds=3, strength=0.6):
-    """Move vertices within the surface towards the (size weighted) centres of their faces; then back onto the zero set."""
+    """Move vertices within the surface towards the (size weighted) centres of their faces, then back onto it."""
     count = len(vertices)
     for _ in range(rounds):
         normal = face_normals(vertices, faces)
@@ -989,7 +1093,7 @@ def write(path, cage, faces):
     )
 
 
-def importance_of(vertices):
+def importance_of(vertices, fins):
     """Factor on the wanted edge length: less than one where the eye goes first and on thin ends, more on the tail."""
 
     def near(centre, radius):
@@ -999,12 +1103,14 @@ def importance_of(vertices):
     for centre, radius, least in (
         (HEAD_ORIGIN + [24, 0, -3] @ HEAD, 30.0, 0.6),  # face
         (HEAD_ORIGIN + [-22, 0, 10] @ HEAD, 40.0, 0.7),  # horns and ears
-        ([46.0, 88.0, -66.0], 17.0, 0.75),  # hands
-        ([-41.0, 103.0, -50.0], 17.0, 0.75),
+        ([46.0, 88.0, -66.0], 17.0, 0.65),  # hands
+        ([-41.0, 103.0, -50.0], 17.0, 0.65),
         (TAIL[-1, :3], 18.0, 0.45),
     ):
         factor = np.minimum(factor, 1.0 - (1.0 - least) * near(centre, radius))
-    return factor
+    ends = np.vstack([part.points[-4:] @ np.linalg.inv(part.mapping).T for part in fins if len(part.points) > 1])
+    close = cKDTree(ends).query(vertices)[0]
+    return np.minimum(factor, 1.0 - 0.4 * np.exp(-((close / 4.5) ** 4)))
 
 
 def main():
@@ -1013,7 +1119,8 @@ def main():
     def note(text):
         print(f"[{time.perf_counter() - start:6.1f} s] {text}", flush=True)
 
-    parts = creature()
+    body, fins = creature()
+    parts = body + fins
     note(f"{len(parts)} parts")
     origin, values = sample_grid(parts, GRID_STEP)
     note(f"grid {values.shape}")
@@ -1021,7 +1128,7 @@ def main():
     vertices, faces = largest_body(origin + GRID_STEP * vertices, faces)
     vertices, normals = newton(parts, vertices)
     note(f"dense mesh: {len(vertices)} vertices, {len(faces)} triangles, Euler {len(vertices) - len(faces) // 2}")
-    surface = sized_surface(vertices, faces, normals, importance_of(vertices))
+    surface = sized_surface(vertices, faces, normals, importance_of(vertices, fins))
     note("sized")
     vertices, faces = remesh(surface, vertices, faces)
     note("remeshed")
