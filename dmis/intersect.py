@@ -7,6 +7,7 @@ origin (Embree's near distance is fixed at 0): the caller offsets origins, see `
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,6 +16,9 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from dmis.vec import Array
+
+CHECK_RAYS = sys.flags.dev_mode
+"""Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests."""
 
 
 @dataclass(eq=False)
@@ -54,13 +58,14 @@ class Intersector:
         ``(V, 3)`` and ``(F, 3)``.
     check
         Test every ray for NaN: one NaN makes Embree walk its whole tree, about 1 ms per ray, which looks like a hang.
+        None: as `CHECK_RAYS` says.
     """
 
-    def __init__(self, vertices: Array, faces: np.ndarray, check: bool = False) -> None:
+    def __init__(self, vertices: Array, faces: np.ndarray, check: bool | None = None) -> None:
         self._scene = rtcore_scene.EmbreeScene(robust=True)
         vertices, faces = _checked_mesh(vertices, faces)
         self._mesh = TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
-        self._check = check
+        self._check = CHECK_RAYS if check is None else check
         self.occluded(*(np.zeros((3, 1), np.float32),) * 2, np.zeros(1, np.float32))
 
     def closest(self, origin: Array, direction: Array) -> Hits:

@@ -933,13 +933,13 @@ def flip_edges(surface, vertices, faces, passes=12, shape_weight=3.0):
             np.min([(normalise(face_normals(vertices, f)) * normals[f].mean(1)).sum(1) for f in pair], axis=0)
             for pair in (faces[edges.faces.T], (one, two))
         )
-        flat = (agree_new > 0.6) | (agree_new > agree_old + 0.05)
+        flat = (agree_new > 0.6) | (agree_new > agree_old + 0.05) | ((gain > 9.0) & (agree_new > 0.2))
         exists = np.isin(np.minimum(c, d) * count + np.maximum(c, d), a * count + b)
         allowed = (
             (gain > 1e-6)
             & flat
             & ~exists
-            & ((new > np.minimum(old, 0.5)) | (agree_new > agree_old + 0.3))
+            & ((new > np.minimum(old, np.where(gain > 9.0, 0.2, 0.5))) | (agree_new > agree_old + 0.3))
             & (valence[a] > 4)
             & (valence[b] > 4)
         )

@@ -12,7 +12,9 @@ import pytest
 import trimesh
 
 import dmis
-from dmis import geometry
+from dmis import geometry, intersect
+
+intersect.CHECK_RAYS = True  # a NaN in a ray fails a test, in place of looking like a hang
 
 DATA = {
     "DMIS_PBRT_SCENES": "the original pbrt-v2 scenes",

@@ -44,7 +44,7 @@ def test_furnace(albedo: float) -> None:
 
     Every term cancels, so that only float32 rounding is left.
     """
-    scene = box_scene(matte(albedo), (EnvironmentLight(np.full((1, 1, 3), 3.0)),), resolution=(4, 4))
+    scene = box_scene(matte(albedo), (EnvironmentLight(np.full((1, 1, 3), 3.0)),), resolution=(4, 4), fov=20)
     np.testing.assert_allclose(tile_of(scene, w=0.0)[0], 3 * albedo, rtol=1e-5)
 
 
@@ -52,7 +52,7 @@ def test_furnace(albedo: float) -> None:
 @pytest.mark.parametrize("size", [(1, 1, 3), (16, 32, 3)])
 def test_furnace_in_the_mean(w: float, size: tuple[int, int, int]) -> None:
     """With light samples in the mixture the same holds in the mean."""
-    scene = box_scene(matte(0.5), (EnvironmentLight(np.full(size, 2.0)),), resolution=(4, 4))
+    scene = box_scene(matte(0.5), (EnvironmentLight(np.full(size, 2.0)),), resolution=(4, 4), fov=20)
     assert abs(z_score(means(scene, range(200), w=w), 1.0)) < Z_LIMIT
 
 
@@ -118,15 +118,15 @@ WAYS = {
 
 @pytest.fixture(scope="module")
 def balanced() -> dict[str, Array]:
-    """Image means of w = 1/2 and the balance heuristic, four times as many seeds as are compared with them."""
-    return {name: means(scene, range(1000, 1200)) for name, scene in SCENES.items()}
+    """Image means of w = 1/2 and the balance heuristic, more seeds than are compared with them."""
+    return {name: means(scene, range(1000, 1120)) for name, scene in SCENES.items()}
 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", SCENES)
 def test_all_ways_agree(balanced: dict[str, Array], name: str, way: str) -> None:
     """Every mixture, heuristic, allocation, sampler and technique has the same mean, by a z-test over seeds."""
-    assert abs(z_score(means(SCENES[name], range(50), **WAYS[way]), balanced[name])) < Z_LIMIT
+    assert abs(z_score(means(SCENES[name], range(30), **WAYS[way]), balanced[name])) < Z_LIMIT
 
 
 def test_two_techniques_alone_agree_pixel_by_pixel() -> None:
@@ -135,8 +135,11 @@ def test_two_techniques_alone_agree_pixel_by_pixel() -> None:
     images = [np.stack([tile_of(scene, seed, 32, w)[0].mean(axis=2) for seed in range(60)]) for w in (0.0, 1.0)]
     a, b = (image.mean(axis=0) for image in images)
     error2 = sum(image.var(axis=0, ddof=1) / 60 for image in images)
-    # a z-test of 60 skewed means is only normal near its middle: 6 is past Šidák's 4.9 for 256 pixels at LEVEL
-    assert np.abs((a - b) / np.sqrt(error2 + 1e-12)).max() < 6
+    # where a cosine sample in ten thousand meets the lamp, 60 means are far from normal: only lit pixels are compared
+    lit = b > 0.02 * b.max()
+    assert lit.sum() > 100
+    # skewed means are normal near the middle only: 6 is past Šidák's 5.3 for 256 pixels
+    assert np.abs((a - b)[lit] / np.sqrt(error2[lit])).max() < 6
 
 
 # Mirrors and emission -----------------------------------------------------------------------------------------------
@@ -147,7 +150,7 @@ def lamp_part(light: QuadLight, material: Material = BLACK) -> Part:
 
 
 def test_mirror_shows_the_emitter() -> None:
-    """A mirror under a lamp shows its radiance times the reflectance, and 0 beside it; exactly, for deltas have no noise."""
+    """A mirror shows the lamp's radiance times the reflectance, and 0 beside it: exactly, for deltas have no noise."""
     lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))  # a wall behind the mirror, facing -y
     scene = box_scene(mirror((0.5, 0.25, 1.0)), (lamp,), (lamp_part(lamp),), eye=(0, -2, 2), fov=1.0)
     image, rays = tile_of(scene, spp=4)
@@ -168,8 +171,9 @@ def test_max_depth_one_stops_at_the_mirror() -> None:
 def test_glass_pane_conserves_what_passes() -> None:
     """A pane of two surfaces before a constant sky: 1 + 2 + ... reflections up to the depth, at most the sky itself."""
     sky = EnvironmentLight(np.ones((1, 1, 3)))
-    pane = [Part(quad((-4, -4, z), *sides), glass()) for z, sides in ((1, ((8, 0, 0), (0, 8, 0))), (0.5, ((0, 8, 0), (8, 0, 0))))]
-    scene = replace(box_scene(matte(0), (sky,), tuple(pane)), parts=tuple(pane))
+    x, y = (80, 0, 0), (0, 80, 0)
+    pane = tuple(Part(quad((-40, -40, z), *sides), glass()) for z, sides in ((1, (x, y)), (0.5, (y, x))))
+    scene = replace(box_scene(matte(0), (sky,)), parts=pane)
     image, _ = tile_of(scene, spp=2, max_depth=8)
     assert image.max() <= 1 + 1e-5
     # F = 5 % at 34 degrees: what is still inside after 8 surfaces is less than F^3
