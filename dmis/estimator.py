@@ -27,7 +27,7 @@ from dmis.brdf import Pair
 from dmis.intersect import RayCaster
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
-from dmis.samplers import Independent, Sampler
+from dmis.samplers import KINDS, Independent, Kind, Sampler
 from dmis.scene import Scene
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
@@ -55,6 +55,8 @@ class Settings:
         ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
     max_depth
         Number of surfaces that a camera sample may visit through mirrors and glass.
+    sampler
+        ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
     """
 
     shading_samples: int = 2
@@ -63,6 +65,7 @@ class Settings:
     allocation: str = "systematic"
     lights: str = "all"
     max_depth: int = 5
+    sampler: Kind = "independent"
 
     def __post_init__(self) -> None:
         if not 1 <= self.shading_samples <= 100:
@@ -77,6 +80,7 @@ class Settings:
         for option, value, allowed in (
             ("allocation", self.allocation, ("systematic", "random")),
             ("lights", self.lights, ("all", "one")),
+            ("sampler", self.sampler, KINDS),
         ):
             if value not in allowed:
                 raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")

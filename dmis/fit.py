@@ -53,6 +53,11 @@ class Rule(Protocol):
         ...
 
 
+def _sampler(name: str) -> dict[str, Any]:
+    """The setting that a rule's own sampler makes; none if it is empty."""
+    return {"sampler": name} if name else {}
+
+
 @dataclass(frozen=True)
 class Fixed:
     """The same weight everywhere and no pilot. w = 1/2 with the balance heuristic is the classic estimator."""
@@ -61,6 +66,7 @@ class Fixed:
     combiner: str = "balance"
     techniques: tuple[str, str] = ("light", "brdf")
     allocation: str = "systematic"
+    sampler: str = ""
 
     def __post_init__(self) -> None:
         if not 0 <= self.w <= 1:
@@ -72,7 +78,8 @@ class Fixed:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
+        own = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
+        return own | _sampler(self.sampler)
 
     def fit(self, pilot: Mapping[float, Moments]) -> Fit:
         return Fit(self.w)
@@ -80,7 +87,7 @@ class Fixed:
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
 """What happened in a patch: the parabola's minimum was used; it lay outside [0, 1]; there is no minimum, so the best
-pilot weight was used; all variances were zero or not finite, so w = 1/2 was used.
+pilot weight was used; the variances were zero, equal or not finite, so w = 1/2 was used.
 """
 
 
@@ -105,6 +112,8 @@ class Thesis:
         Of the Gaussian, in patches.
     combiner
         Heuristic of the final samples.
+    sampler
+        Of the final samples; empty: as the settings say.
 
     Notes
     ----- Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the
@@ -117,6 +126,7 @@ class Thesis:
     filter: str = "gaussian"
     sigma: float = 1.0
     combiner: str = "balance"
+    sampler: str = ""
 
     def __post_init__(self) -> None:
         if self.patch < 1:
@@ -138,7 +148,7 @@ class Thesis:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiner}
+        return {"combiner": self.combiner} | _sampler(self.sampler)
 
     def fit(self, pilot: Mapping[float, Moments]) -> Fit:
         shape = next(iter(pilot.values())).mean.shape[:2]
@@ -171,7 +181,8 @@ def parabola_minimum(w: Array, variance: Array) -> tuple[Array, np.ndarray]:
     values = variance.reshape(len(w), -1)
     usable = np.isfinite(values).all(axis=0)
     scale = np.where(usable, np.abs(values).max(axis=0), 0)
-    usable &= scale > 0
+    with np.errstate(invalid="ignore"):
+        usable &= np.ptp(values, axis=0) > 1e-12 * scale
     values = np.where(usable, values / np.where(usable, scale, 1), 0)
     centred = w - 0.5  # keeps the normal equations well conditioned
     (a2, a1, _), *_ = np.linalg.lstsq(np.stack([centred**2, centred, np.ones_like(w)], axis=1), values, rcond=None)

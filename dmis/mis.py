@@ -80,14 +80,14 @@ def find(name: str) -> Heuristic:
     ValueError
         If there is none of that name.
     """
-    kind, _, number = name.partition("-")
+    kind, dash, number = name.partition("-")
     try:
-        value = float(number) if number else None
+        value = float(number) if dash else None
     except ValueError:
         value = np.nan
-    if kind == "balance" and not number:
+    if kind == "balance" and not dash:
         return balance
-    if kind == "maximum" and not number:
+    if kind == "maximum" and not dash:
         return maximum
     if kind == "power" and value == value:
         return power(2.0 if value is None else value)

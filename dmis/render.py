@@ -23,7 +23,7 @@ import numpy as np
 from dmis import __version__
 from dmis.estimator import Settings
 from dmis.fit import Rule, make_rule
-from dmis.samplers import KINDS, Kind
+from dmis.samplers import Kind
 from dmis.scene import Scene
 from dmis.tile import Rendered, Tile, render_tile, split
 from dmis.variance import Moments
@@ -75,7 +75,7 @@ def render(
     spp: int = 128,
     *,
     seed: int = 0,
-    sampler: Kind = "independent",
+    sampler: Kind | None = None,
     settings: Settings | None = None,
     reuse_pilot: bool = True,
     threads: int | None = None,
@@ -94,10 +94,9 @@ def render(
     seed
         Not negative. The image depends on it, on nothing in the machine.
     sampler
-        ``independent``, ``stratified`` or ``sobol``, for the final pass. The pilot is always independent, because a
-        sample variance assumes it.
+        Shorthand for ``settings.sampler``. The pilot is always independent, because a sample variance assumes it.
     settings
-        Estimator settings; a rule's own settings (its combiner) replace those.
+        Estimator settings; a rule's own settings (its combiner, its sampler) replace those.
     reuse_pilot
         Whether pilot samples are part of the image, each with the same weight as a final sample.
     threads
@@ -117,9 +116,10 @@ def render(
     """
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
-    settings = replace(settings or Settings(), **rule.settings)
+    given = {} if sampler is None else {"sampler": sampler}
+    settings = replace(settings or Settings(), **{**given, **rule.settings})
     pilot_spp = sum(rule.pilot.values())
-    _check(spp, pilot_spp, seed, sampler, threads, rule_text)
+    _check(spp, pilot_spp, seed, threads, rule_text)
     provenance = {
         "dmis": __version__,
         "scene": scene.name,
@@ -128,7 +128,6 @@ def render(
         "rule": rule_text,
         "spp": spp,
         "seed": seed,
-        "sampler": sampler,
         "reuse_pilot": reuse_pilot,
         "settings": asdict(settings),
     }
@@ -144,7 +143,7 @@ def render(
         fitted = time.perf_counter()
         fit = rule.fit(pilot)
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", spp - pilot_spp, fit.weight, sampler)
+        final = work.render(len(pilot), "final", spp - pilot_spp, fit.weight, settings.sampler)
         end = time.perf_counter()
     except BaseException:
         store.save()
@@ -175,7 +174,7 @@ def render(
     )
 
 
-def _check(spp: int, pilot_spp: int, seed: int, sampler: str, threads: int | None, rule: str) -> None:
+def _check(spp: int, pilot_spp: int, seed: int, threads: int | None, rule: str) -> None:
     if spp < 1 or spp != int(spp):
         raise ValueError(f"spp must be a whole number of at least 1; got {spp}")
     if spp <= pilot_spp:
@@ -187,8 +186,6 @@ def _check(spp: int, pilot_spp: int, seed: int, sampler: str, threads: int | Non
         raise ValueError(f"spp must be at most 2**20; got {spp}")
     if seed < 0 or seed != int(seed):
         raise ValueError(f"seed must be a whole number that is not negative; got {seed}")
-    if sampler not in KINDS:
-        raise ValueError(f"sampler must be one of {', '.join(KINDS)}; got {sampler!r}")
     if threads is not None and threads < 1:
         raise ValueError(f"threads must be at least 1; got {threads}")
 

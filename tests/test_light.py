@@ -262,6 +262,14 @@ def test_environment_rotation_and_scale() -> None:
     np.testing.assert_allclose(tilted.radiance(turned), plain.radiance(w) * np.float32([[2], [1], [0.5]]), atol=2e-5)
 
 
+def test_environment_density_of_a_constant_map() -> None:
+    """Rows are picked by the sine at their middle, so there the density of a constant map is the same in each row."""
+    theta = (np.arange(16) + 0.5) * np.pi / 16
+    w = np.stack([polar(d, 77) for d in np.degrees(theta)], axis=1).astype(np.float32)
+    pdf = EnvironmentLight(np.ones((16, 32, 3))).hit(columns(np.zeros(3), 16), w).pdf
+    np.testing.assert_allclose(pdf, 1 / (2 * np.pi**2 * np.sin(theta).mean()), rtol=1e-5)
+
+
 def test_environment_covers_what_it_shows() -> None:
     """The density is positive wherever the interpolated radiance is, and `emits` says so."""
     w, _ = sphere_rule(rings=200, sectors=100)

@@ -79,6 +79,7 @@ def test_limits() -> None:
         ("balance-2", "combiner must be"),
         ("maximum-1", "combiner must be"),
         ("power-x", "combiner must be"),
+        ("power-", "combiner must be"),
         ("power-nan", "combiner must be"),
         ("power-0", "exponent of the power heuristic must be positive"),
         ("power--1", "exponent of the power heuristic must be positive"),

@@ -156,7 +156,7 @@ def _stop(*_):
         ({"spp": 2**21}, "at most 2"),
         ({"rule": "thesis", "spp": 6}, "more than the pilot's 6 camera samples"),
         ({"seed": -1}, "seed must be"),
-        ({"sampler": "halton"}, "sampler must be one of"),
+        ({"sampler": "halton"}, "sampler must be independent or"),
         ({"threads": 0}, "threads must be at least 1"),
         ({"rule": "best"}, "rule must be one of"),
         ({"rule": "thesis:patch=0"}, "patch must be at least 1"),
@@ -196,4 +196,12 @@ def test_provenance_is_plain_json(box):
     result = dmis.render(box, Thesis(patch=4), 8, seed=3, sampler="sobol")
     data = json.loads(json.dumps(result.provenance))
     assert data["rule"].startswith("Thesis(patch=4")
-    assert data["sampler"] == "sobol" and data["resolution"] == [32, 24]
+    assert data["settings"]["sampler"] == "sobol" and data["resolution"] == [32, 24]
+
+
+def test_a_rule_may_carry_its_sampler_and_combiner(box):
+    """`balance:sampler=sobol,combiner=power` is the same as asking for them in the settings."""
+    carried = dmis.render(box, "balance:sampler=sobol,combiner=power", 8, seed=1)
+    settings = dmis.Settings(sampler="sobol", combiner="power")
+    assert same(carried, dmis.render(box, "pbrt", 8, seed=1, settings=settings))
+    assert not same(carried, dmis.render(box, "pbrt", 8, seed=1))
