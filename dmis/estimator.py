@@ -6,8 +6,7 @@ an occlusion ray (`_shade`). Mirrors and glass send the sample on, to be shaded 
 
 The radiance reflected at p towards wo is the integral over wi of ``f = f_r(wo, wi) L(wi) |n.wi| V(wi)``. With
 densities p_l (light sampling), p_b (BRDF sampling) and the share w of light samples, the balance heuristic estimates
-it by the mean over shading samples of ``f / p_w``, ``p_w = w p_l + (1 - w) p_b`` (thesis Eq. 2.9; Veach 1997, Eq.
-9.8).
+it by the mean over shading samples of ``f / p_w``, ``p_w = w p_l + (1 - w) p_b`` (Veach 1997, chapter 9).
 
 Batches shrink as soon as possible: only directions that meet a light and can reflect it are evaluated, only those that
 would contribute are traced. What is dropped is exactly zero.

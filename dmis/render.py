@@ -10,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import pickle
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -202,13 +203,14 @@ def _combine(parts: list[Moments]) -> tuple[Array, Array]:
 
 
 def _fingerprint(scene: Scene) -> str:
-    """A short hash of what the camera sees: camera and geometry."""
-    digest = hashlib.sha256(repr((scene.camera.fov, scene.camera.resolution, len(scene.lights))).encode())
+    """A short hash of the description: camera, meshes, materials, lights."""
+    lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
+    materials = [part.material for part in scene.parts]
+    digest = hashlib.sha256(pickle.dumps((scene.camera.fov, scene.camera.resolution, lights, materials)))
     digest.update(np.asarray(scene.camera.to_world, np.float64).tobytes())
     for part in scene.parts:
         digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
         digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())
-        digest.update(part.material.name.encode())
     return digest.hexdigest()[:16]
 
 
@@ -246,8 +248,8 @@ class _Work:
             else:
                 waiting[self._executor.submit(render_tile, self._scene, tile)] = tile
         try:
-            for future in as_completed(waiting):
-                tile, rendered = waiting[future], future.result()
+            for future in as_completed(list(waiting)):
+                tile, rendered = waiting.pop(future), future.result()
                 area = slice(*tile.rows), slice(*tile.columns)
                 mean[area], m2[area] = rendered.moments.mean, rendered.moments.m2
                 done[tile.number] = True

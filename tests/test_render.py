@@ -131,6 +131,23 @@ def test_interrupted_work_is_not_lost(box, tmp_path):
     assert not file.exists()
 
 
+def test_every_part_of_a_scene_is_in_its_hash(box):
+    """Another light, material, mesh or camera is another scene; the same description read twice is the same one."""
+    from dataclasses import replace
+
+    floor, ball = box.parts
+    others = [
+        replace(box, lights=(*box.lights[:1], dmis.PointLight((3, -3, 3), (2, 2, 2.5)))),
+        replace(box, parts=(replace(floor, material=dmis.matte(0.6)), ball)),
+        replace(box, parts=(floor, replace(ball, mesh=floor.mesh))),
+        replace(box, camera=replace(box.camera, fov=41)),
+    ]
+    hashes = [dmis.render(scene, "balance", 1).provenance["scene_hash"] for scene in (box, *others)]
+    assert len(set(hashes)) == len(hashes)
+    first, second = (dmis.load_scene("teapot-area-light", (8, 8)) for _ in range(2))
+    assert len({dmis.render(scene, "balance", 1).provenance["scene_hash"] for scene in (first, second)}) == 1
+
+
 def test_foreign_checkpoint_is_refused(box, tmp_path):
     """A checkpoint of another seed, and a file that is none, are refused and left alone."""
     file = tmp_path / "render.checkpoint"
