@@ -34,6 +34,8 @@ from dmis.material import substrate as substrate
 from dmis.material import uber as uber
 from dmis.metrics import mse as mse
 from dmis.metrics import relmse as relmse
+from dmis.reference import Reference as Reference
+from dmis.reference import make_reference as make_reference
 from dmis.render import Result as Result
 from dmis.render import render as render
 from dmis.scene import Part as Part

@@ -11,6 +11,15 @@ import numpy as np
 from dmis.vec import Array
 
 
+def squared_error(image: Array, first: Array, second: Array | None = None) -> Array:
+    """Squared error of each pixel, averaged over channels, ``(H, W)``; with two halves single values may be negative.
+
+    Pixels are independent (each has its own samples), so the standard error of their mean is
+    ``std / sqrt(number of pixels)``.
+    """
+    return _product(image, first, second).mean(axis=2)
+
+
 def mse(image: Array, first: Array, second: Array | None = None) -> float:
     """Mean squared error over pixels and channels, against a reference or two independent halves of one."""
     return float(_product(image, first, second).mean())

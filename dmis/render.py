@@ -124,7 +124,7 @@ def render(
     provenance = {
         "dmis": __version__,
         "scene": scene.name,
-        "scene_hash": _fingerprint(scene),
+        "scene_hash": fingerprint(scene),
         "resolution": list(scene.camera.resolution),
         "rule": rule_text,
         "spp": spp,
@@ -202,7 +202,7 @@ def _combine(parts: list[Moments]) -> tuple[Array, Array]:
     return np.asarray(image, np.float32), variance.astype(np.float32)
 
 
-def _fingerprint(scene: Scene) -> str:
+def fingerprint(scene: Scene) -> str:
     """A short hash of the description: camera, meshes, materials, lights."""
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
     materials = [part.material for part in scene.parts]

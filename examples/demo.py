@@ -17,6 +17,7 @@ import numpy as np
 
 import dmis
 from dmis.image import tonemap
+from dmis.metrics import squared_error
 
 HERE = Path(__file__).parent
 SIZE = 400
@@ -50,8 +51,8 @@ results = {
 # Errors against two independent halves of a reference. Pixels are independent, so the spread of their errors tells how
 # well the mean is known.
 reference, attributes = dmis.read_exr(HERE / "data" / "teapot-area-light-400x400.exr")
-first, second = reference["first"].astype(float), reference["second"].astype(float)
-squared = {rule: ((r.image - first) * (r.image - second)).mean(axis=2) for rule, r in results.items()}
+first, second = reference["first"], reference["second"]
+squared = {rule: squared_error(r.image, first, second) for rule, r in results.items()}
 
 print(f"teapot-area-light, {SIZE}x{SIZE}, {spp} spp")
 print(f"reference: {attributes['spp']} spp, mean squared error {attributes['mse']}\n")

@@ -1,0 +1,102 @@
+"""References: what an image converges to, as two independent halves, kept on disk.
+
+``mean[(x - r1)(x - r2)]`` has the expectation of the squared error against the exact image, free of the reference's own
+noise (`dmis.metrics.mse`), because the errors of the halves are independent of each other and of x.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dmis import __version__
+from dmis.image import read_exr, write_exr
+from dmis.render import Progress, fingerprint, render
+from dmis.scene import Scene
+from dmis.vec import Array
+
+SEED = 2**31
+"""Seeds of references begin here, far from those that anyone gives to a render."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Two independent images of the same scene.
+
+    Attributes
+    ----------
+    first, second
+        ``(H, W, 3)`` float32 linear RGB.
+    spp
+        Camera samples per pixel of each half.
+    """
+
+    first: Array
+    second: Array
+    spp: int
+
+    @property
+    def mean(self) -> Array:
+        """The average of the halves, ``(H, W, 3)`` float64: the best image there is."""
+        return (self.first.astype(np.float64) + self.second) / 2
+
+    @property
+    def mse(self) -> float:
+        """Mean squared error of `mean`: a quarter of the mean squared difference of the halves."""
+        return float(((self.first.astype(np.float64) - self.second) ** 2).mean() / 4)
+
+
+def make_reference(
+    scene: Scene,
+    spp: int = 2048,
+    *,
+    rule: str = "balance",
+    folder: str | os.PathLike[str] | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Reference:
+    """The reference of `scene`: rendered once with Sobol samples, read from disk afterwards.
+
+    Parameters
+    ----------
+    spp
+        Camera samples per pixel of each half.
+    rule
+        What renders it; every rule converges to the same image.
+    folder
+        Where it is kept. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
+    threads, progress
+        See `dmis.render.render`. An interrupted half goes on where it stopped.
+    """
+    folder = Path(folder or os.environ.get("DMIS_CACHE") or _user_cache())
+    width, height = scene.camera.resolution
+    key = json.dumps([__version__, fingerprint(scene), width, height, spp, rule])
+    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
+    path = folder / f"{scene.name}-{width}x{height}-{spp}spp-{digest}.exr"
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        halves = [
+            render(
+                scene,
+                rule,
+                spp,
+                seed=SEED + k,
+                sampler="sobol",
+                threads=threads,
+                progress=progress,
+                checkpoint=path.with_suffix(f".{k}.checkpoint"),
+            ).image
+            for k in range(2)
+        ]
+        write_exr(path, {"first": halves[0], "second": halves[1]}, {"spp": str(spp)})
+    layers, _ = read_exr(path)
+    return Reference(layers["first"], layers["second"], spp)
+
+
+def _user_cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dmis"

@@ -1,0 +1,30 @@
+"""References: two independent halves, made once."""
+
+import numpy as np
+
+import dmis
+from dmis import reference
+
+
+def test_reference_is_made_once_and_kept(box, tmp_path, monkeypatch):
+    """The second call reads what the first one wrote; the halves differ, and agree within their noise."""
+    made = dmis.make_reference(box, 64, folder=tmp_path)
+    assert not np.array_equal(made.first, made.second)
+    monkeypatch.setattr(reference, "render", None)
+    kept = dmis.make_reference(box, 64, folder=tmp_path)
+    np.testing.assert_array_equal(made.first, kept.first)
+    np.testing.assert_array_equal(made.second, kept.second)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_error_is_that_of_the_average(box, tmp_path):
+    """`mse` is the error of the mean of the halves: against a far better reference it is the same within 30 %."""
+    rough, fine = dmis.make_reference(box, 32, folder=tmp_path), dmis.make_reference(box, 2048, folder=tmp_path)
+    assert 0.7 < dmis.mse(rough.mean, fine.first, fine.second) / rough.mse < 1.3
+
+
+def test_cache_folder_comes_from_the_environment(box, tmp_path, monkeypatch):
+    """DMIS_CACHE says where references are kept."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    dmis.make_reference(box, 4)
+    assert len(list((tmp_path / "cache").glob("box-32x24-4spp-*.exr"))) == 1
