@@ -13,6 +13,10 @@ from dmis.texture import Image
 from dmis.vec import Array, Index, take
 from dmis.warp import TWO_PI
 
+TWO_PI_SQUARED = np.float32(2 * np.pi**2)
+POLE = np.float32(1e-9)
+"""The least sin(theta) that a density is divided by."""
+
 
 class _SeenSky(Seen):
     """What is seen of an environment; its map is looked up only for the directions that turn out to matter."""
@@ -64,13 +68,13 @@ class EnvironmentLight:
         _ = self._data, self._distribution, self._guide
 
     @cached_property
-    def _data(self) -> tuple[Image, Array]:
-        """The scaled map as a texture; rotation from the map to the world."""
+    def _data(self) -> tuple[Image, Array | None]:
+        """The scaled map as a texture; rotation from the map to the world, None if there is nothing to rotate."""
         texels = np.asarray(self.texels, np.float32) * rgb("scale", self.scale)[:, 0]
         rotation = np.eye(3) if self.to_world is None else np.asarray(self.to_world, float)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
             raise ValueError(f"to_world must be a 3x3 rotation (or reflection); got {rotation.tolist()}")
-        return Image(texels), rotation.astype(np.float32)
+        return Image(texels), None if (rotation == np.eye(3)).all() else rotation.astype(np.float32)
 
     @cached_property
     def _distribution(self) -> tuple[Array, Array]:
@@ -91,25 +95,35 @@ class EnvironmentLight:
     def sample(self, p: Array, u: Array) -> Seen:
         """Directions towards bright texels, `u` ``(2, N)``; `p` only matters for its shape."""
         height, width, _ = self.texels.shape
-        cdf, density = self._distribution
-        u0 = u[0].astype(np.float64)
+        cdf = self._distribution[0]
+        # float32 numbers are 2^-24 apart, wider than a dark texel's share: u1 fills the gaps
+        u0 = u[0].astype(np.float64) + u[1].astype(np.float64) * 2.0**-24
         texel = self._texel(u0)
         low = np.where(texel > 0, cdf.take(texel - 1), 0)
-        within = np.clip((u0 - low) / np.maximum(cdf.take(texel) - low, 1e-300), 0, 1).astype(np.float32)
+        share = cdf.take(texel) - low
+        within = np.clip((u0 - low) / np.maximum(share, 1e-300), 0, 1).astype(np.float32)
         row = texel // width
         s = ((texel - row * width).astype(np.float32) + within) * np.float32(1 / width)
         t = (row.astype(np.float32) + u[1]) * np.float32(1 / height)
         phi, theta = TWO_PI * s, np.float32(np.pi) * t
         sin = np.sin(theta)
         local = np.stack([sin * np.cos(phi), sin * np.sin(phi), np.cos(theta)])
-        pdf = density.take(texel) / (np.float32(2 * np.pi**2) * np.maximum(sin, np.float32(1e-9)))
-        return _SeenSky(self, self._data[1] @ local, s, t, pdf)
+        density = (share * len(cdf)).astype(np.float32)
+        return _SeenSky(self, self._rotate(local), s, t, density / (TWO_PI_SQUARED * np.maximum(sin, POLE)))
+
+    def _rotate(self, w: Array, back: bool = False) -> Array:
+        """Directions from the map's frame to the world's, or back."""
+        rotation = self._data[1]
+        if rotation is None:
+            return w
+        return (rotation.T if back else rotation) @ w
 
     @cached_property
     def _guide(self) -> np.ndarray:
         """Where the search for u may begin: the texel of ``k / n`` for k = 0 ... n - 1, with n texels."""
         cdf = self._distribution[0]
-        return np.minimum(np.searchsorted(cdf, np.arange(len(cdf)) / len(cdf), side="right"), len(cdf) - 1)
+        first = np.searchsorted(cdf, np.arange(len(cdf)) / len(cdf), side="right")
+        return np.minimum(first, len(cdf) - 1).astype(np.int32)
 
     def _texel(self, u: Array) -> np.ndarray:
         """The first texel whose cumulative probability exceeds `u` ``(N,)``: what a binary search would find.
@@ -118,7 +132,7 @@ class EnvironmentLight:
         """
         cdf = self._distribution[0]
         last = len(cdf) - 1
-        texel = self._guide.take((u * len(cdf)).astype(np.int64))
+        texel = self._guide.take((u * len(cdf)).astype(np.int32))
         behind = np.flatnonzero(cdf.take(texel) <= u)
         for _ in range(3):
             texel[behind] = np.minimum(texel[behind] + 1, last)
@@ -133,8 +147,7 @@ class EnvironmentLight:
         column = np.minimum((s * width).astype(np.int32), width - 1)
         row = np.minimum((t * height).astype(np.int32), height - 1)
         density = self._distribution[1].take(row * width + column)
-        pdf = density / (np.float32(2 * np.pi**2) * np.maximum(sin, np.float32(1e-9)))
-        return _SeenSky(self, wi, s, t, pdf)
+        return _SeenSky(self, wi, s, t, density / (TWO_PI_SQUARED * np.maximum(sin, POLE)))
 
     def radiance(self, wi: Array) -> Array:
         """Radiance ``(3, N)`` from unit directions `wi` ``(3, N)``."""
@@ -147,7 +160,7 @@ class EnvironmentLight:
 
     def _coordinates(self, wi: Array) -> tuple[Array, Array, Array]:
         """Map coordinates s, t in [0, 1) and sin(theta)."""
-        x, y, z = self._data[1].T @ wi
+        x, y, z = self._rotate(wi, back=True)
         sin = np.sqrt(x * x + y * y)
         s = np.arctan2(y, x) / TWO_PI
         s = s - np.floor(s)
