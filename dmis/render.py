@@ -44,7 +44,9 @@ class Result:
     image
         ``(H, W, 3)`` float32 linear RGB, row 0 on top.
     variance
-        ``(H, W, 3)`` float32: estimated variance of `image` itself (of the mean, not of one sample); NaN at one sample.
+        ``(H, W, 3)`` float32: estimated variance of `image` itself (of the mean, not of one sample); NaN at one
+        sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
+        sampler spreads them.
     weight
         ``(H, W)`` float32: share of light samples in the final pass.
     samples
