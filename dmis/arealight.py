@@ -12,7 +12,8 @@ from typing import ClassVar
 import numpy as np
 
 from dmis.intersect import Intersector
-from dmis.seen import Rgb, Seen, direction, point, positive, rgb
+from dmis.mesh import positive
+from dmis.seen import Rgb, Seen, direction, point, rgb
 from dmis.vec import TINY, Array, dot, frame
 from dmis.warp import cone_pdf, square_to_cone, square_to_disk, square_to_triangle, to_world
 
@@ -154,11 +155,12 @@ class MeshLight:
     delta: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if not self._data[4] > 0:
+        if not self._data[2] > 0:
             raise ValueError("a mesh light must have a positive area; all its triangles are degenerate")
 
     @cached_property
-    def _data(self) -> tuple[Array, Array, Array, Array, float, Array]:
+    def _data(self) -> tuple[Array, Array, float, Array]:
+        """Corner, two edges and unit normal of each triangle ``(12, F)``; cumulative shares of area; area; radiance."""
         triangles = np.asarray(self.vertices, float)[np.asarray(self.faces)]
         corner, edge_u = triangles[:, 0], triangles[:, 1] - triangles[:, 0]
         edge_v = triangles[:, 2] - triangles[:, 0]
@@ -168,7 +170,7 @@ class MeshLight:
         rows = np.concatenate([corner, edge_u, edge_v, normal], axis=1).T.astype(np.float32)
         cdf = np.cumsum(twice)
         area = float(cdf[-1] / 2)
-        return rows, normal, cdf / max(cdf[-1], 1e-300), twice, area, rgb("radiance", self.radiance)
+        return rows, cdf / max(cdf[-1], 1e-300), area, rgb("radiance", self.radiance)
 
     @cached_property
     def _intersector(self) -> Intersector:
@@ -179,7 +181,7 @@ class MeshLight:
 
     def sample(self, p: Array, u: Array) -> Seen:
         """Directions from the points `p` ``(3, N)`` to points on the triangles, `u` ``(2, N)``."""
-        rows, _, cdf, _, area, radiance = self._data
+        rows, cdf, area, radiance = self._data
         index = np.minimum(np.searchsorted(cdf, u[0], side="right"), len(cdf) - 1)
         low = np.where(index > 0, cdf.take(index - 1), 0)
         within = ((u[0] - low) / np.maximum(cdf.take(index) - low, 1e-30)).astype(np.float32)
@@ -189,7 +191,7 @@ class MeshLight:
 
     def hit(self, p: Array, wi: Array) -> Seen:
         """What unit directions `wi` ``(3, N)`` from `p` see of the triangles: the nearest one."""
-        rows, _, _, _, area, radiance = self._data
+        rows, _, area, radiance = self._data
         hits = self._intersector.closest(p, wi)
         met = hits.prim >= 0
         chosen = rows.take(np.maximum(hits.prim, 0), axis=1)

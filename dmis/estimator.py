@@ -186,6 +186,8 @@ def _light(batch: Batch, surface: Surface, sample: Index | None, out: Array, ray
         picked = batch.rng.integers(len(lights), size=out.shape[1], dtype=np.int16)
     for k, light in enumerate(lights):
         index = None if picked is None else _where(picked == k)
+        if index is not None and len(index) == 0:
+            continue
         scale = np.float32(1 if picked is None else len(lights))
         if light.delta:
             eye = rays.depth == 0 and k - len(plan.sampled) in plan.headlights

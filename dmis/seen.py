@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dmis import mesh
 from dmis.vec import Array, Index, take
 
 Rgb = tuple[float, float, float]
@@ -43,6 +44,7 @@ class Seen:
 
 
 def rgb(name: str, value: Rgb) -> Array:
+    """A colour as ``(3, 1)`` float32; finite and not negative, or a ValueError that calls it `name`."""
     out = np.asarray(value, np.float32).reshape(-1)
     if out.shape == (1,):
         out = np.repeat(out, 3)
@@ -52,20 +54,10 @@ def rgb(name: str, value: Rgb) -> Array:
 
 
 def point(name: str, value: Rgb) -> Array:
-    out = np.asarray(value, np.float64).reshape(-1)
-    if out.shape != (3,) or not np.isfinite(out).all():
-        raise ValueError(f"{name} must be three finite numbers; got {value}")
-    return out.astype(np.float32)[:, None]
+    """A position as ``(3, 1)`` float32; finite, or a ValueError that calls it `name`."""
+    return mesh.vector(name, value).astype(np.float32)[:, None]
 
 
 def direction(name: str, value: Rgb) -> Array:
-    out = np.asarray(value, np.float64).reshape(-1)
-    length = np.linalg.norm(out) if out.shape == (3,) else 0.0
-    if not (np.isfinite(length) and length > 0):
-        raise ValueError(f"{name} must be a finite vector of non-zero length; got {value}")
-    return (out / length).astype(np.float32)[:, None]
-
-
-def positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be positive and finite; got {value}")
+    """A unit vector along `value` as ``(3, 1)`` float32; finite and not zero, or a ValueError that calls it `name`."""
+    return mesh.direction(name, value).astype(np.float32)[:, None]

@@ -874,7 +874,7 @@ BAD = {
         "",
         'LightSource "distant" "point to" [0 0 0]',
         3,
-        "direction must be a finite vector of non-zero",
+        "direction must not be zero",
     ),
     "cone": ("", 'LightSource "spot" "float coneangle" 300', 3, "outer <= 180 degrees"),
     "stretched spot": ("", 'Scale 1 2 1 LightSource "spot"', 3, "a spot light must not be stretched"),
