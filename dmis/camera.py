@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,11 +23,16 @@ class Camera:
         Full angle in degrees across the shorter side of the image, in (0, 180).
     resolution
         ``(width, height)`` in pixels.
+    corner, frame
+        For a part of a larger image (`crop` makes one): column and row of its top left pixel there, and the larger
+        image's ``(width, height)``, across whose shorter side `fov` is meant. None: this is the whole.
     """
 
     to_world: Array
     fov: float
     resolution: tuple[int, int]
+    corner: tuple[int, int] = (0, 0)
+    frame: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.to_world, float)
@@ -40,6 +45,24 @@ class Camera:
         width, height = self.resolution
         if not (1 <= width <= 65535 and 1 <= height <= 65535 and width * height <= 2**25):
             raise ValueError(f"resolution must be 1 to 65535 on a side and at most 2**25 pixels; got {width}x{height}")
+        (left, top), (wide, high) = self.corner, self.frame or self.resolution
+        if not (0 <= left <= wide - width and 0 <= top <= high - height):
+            raise ValueError(
+                f"a crop must lie inside its frame of {wide}x{high}; got {width}x{height} at column {left}, row {top}"
+            )
+
+    def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Camera:
+        """A camera that sees the pixels ``rows[0]`` to ``rows[1] - 1``, and columns alike, of this one's image."""
+        (top, bottom), (left, right) = rows, columns
+        width, height = self.resolution
+        if not (0 <= top < bottom <= height and 0 <= left < right <= width):
+            raise ValueError(
+                f"a crop must have pixels and lie inside the image of {width}x{height}; got rows {top} to {bottom}, "
+                f"columns {left} to {right}"
+            )
+        corner = self.corner[0] + left, self.corner[1] + top
+        frame = self.frame or self.resolution
+        return replace(self, resolution=(right - left, bottom - top), corner=corner, frame=frame)
 
     @classmethod
     def look_at(
@@ -68,11 +91,11 @@ class Camera:
     @cached_property
     def _affine(self) -> tuple[Array, Array, Array]:
         """Direction of pixel coordinates (x, y) as ``a + b x + c y``."""
-        width, height = self.resolution
+        width, height = self.frame or self.resolution
         per_pixel = 2 * np.tan(np.radians(self.fov) / 2) / min(width, height)
         right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
         b, c = right * per_pixel, -up * per_pixel
-        a = forward - b * (width / 2) - c * (height / 2)
+        a = forward - b * (width / 2 - self.corner[0]) - c * (height / 2 - self.corner[1])
         return a, b, c
 
     def rays(self, x: Array, y: Array) -> Array:

@@ -56,6 +56,8 @@ class Settings:
         Number of surfaces that a camera sample may visit through mirrors and glass.
     sampler
         ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
+    reuse_pilot
+        Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample.
     """
 
     shading_samples: int = 2
@@ -65,6 +67,7 @@ class Settings:
     lights: str = "all"
     max_depth: int = 5
     sampler: Kind = "independent"
+    reuse_pilot: bool = True
 
     def __post_init__(self) -> None:
         if not 1 <= self.shading_samples <= 100:

@@ -105,26 +105,38 @@ class Thesis:
     patch
         Side of a patch in pixels (the thesis tries 4 to 32).
     spp
-        Pilot samples of each strategy, at least 2.
+        Pilot samples of each strategy, at least 2 (the thesis takes 2 or 4).
+    strategies
+        Number of pilot weights, evenly spaced from 0 to 1; odd and at least 3 (the thesis takes 3).
+    channels
+        Which variance is fitted: ``luminance`` (see `dmis.variance.luminance`) or ``rgb``, the mean of the three.
     filter
         ``gaussian`` or ``none``.
-    sigma
-        Of the Gaussian, in patches.
+    size, sigma
+        Of the Gaussian, in patches: taps on a side, odd; standard deviation.
+    reuse
+        Whether the pilot's samples are part of the image.
     combiner
         Heuristic of the final samples.
     sampler
         Of the final samples; empty: as the settings say.
 
     Notes
-    ----- Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the
-    variance. The text does not say what happens where the parabola has no minimum or has it outside [0, 1]. Here: the
-    best of the three pilot weights, and the nearer end; see `STATUS`.
+    -----
+    Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance. The
+    text does not say what happens where the parabola has no minimum or has it outside [0, 1]. Here: the best of the
+    pilot weights, and the nearer end; see `STATUS`. Nor does it say which variance of a colour is meant, what the
+    sigma of the Gaussian is, or whether the pilot's samples enter the image: hence the options.
     """
 
     patch: int = 8
     spp: int = 2
+    strategies: int = 3
+    channels: str = "luminance"
     filter: str = "gaussian"
+    size: int = 5
     sigma: float = 1.0
+    reuse: bool = True
     combiner: str = "balance"
     sampler: str = ""
 
@@ -135,8 +147,17 @@ class Thesis:
             raise ValueError(
                 f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
             )
+        if self.strategies < 3 or self.strategies % 2 == 0:
+            raise ValueError(
+                f"strategies must be odd and at least 3, because a parabola has three coefficients and w = 1/2 is "
+                f"among them; got {self.strategies}"
+            )
+        if self.channels not in ("luminance", "rgb"):
+            raise ValueError(f"channels must be luminance or rgb; got {self.channels!r}")
         if self.filter not in ("gaussian", "none"):
             raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
+        if self.size < 1 or self.size % 2 == 0:
+            raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
         if not self.sigma > 0:
             raise ValueError(f"sigma must be positive; got {self.sigma}")
         if self.filter == "gaussian":
@@ -144,30 +165,37 @@ class Thesis:
 
     @property
     def pilot(self) -> Mapping[float, int]:
-        return {0.0: self.spp, 0.5: self.spp, 1.0: self.spp}
+        return {k / (self.strategies - 1): self.spp for k in range(self.strategies)}
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiner} | _sampler(self.sampler)
+        return {"combiner": self.combiner, "reuse_pilot": self.reuse} | _sampler(self.sampler)
 
     def fit(self, pilot: Mapping[float, Moments]) -> Fit:
         shape = next(iter(pilot.values())).mean.shape[:2]
-        variances = {w: patch_mean(luminance(m.variance()), self.patch) for w, m in pilot.items()}
-        raw, status = parabola_minimum(np.array(list(variances)), np.stack(list(variances.values())))
-        weight = gaussian(raw, self.sigma) if self.filter == "gaussian" else raw
+        variances = [patch_mean(self._grey(m.variance()), self.patch) for m in pilot.values()]
+        freedom = np.array([m.n - 1.0 for m in pilot.values()])
+        raw, status = parabola_minimum(np.array(list(pilot)), np.stack(variances), freedom)
+        weight = gaussian(raw, self.sigma, self.size // 2) if self.filter == "gaussian" else raw
         maps = {"status": status, "raw": raw, "patch": weight}
         return Fit(patch_spread(weight, self.patch, shape), maps)
 
+    def _grey(self, variance: Array) -> Array:
+        return luminance(variance) if self.channels == "luminance" else variance.mean(axis=-1)
 
-def parabola_minimum(w: Array, variance: Array) -> tuple[Array, np.ndarray]:
-    """Minimum over [0, 1] of the least-squares parabola through (w, variance): thesis Eqs. 3.2-3.5.
+
+def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> tuple[Array, np.ndarray]:
+    """Minimum over [0, 1] of the weighted least-squares parabola through (w, variance): thesis Eqs. 3.2-3.5.
 
     Parameters
     ----------
     w
-        At least three distinct weights, ``(n,)``.
+        At least three distinct weights, ``(n,)``; three points are met exactly.
     variance
         ``(n, ...)``.
+    trust
+        Positive weights of the points in the fit, ``(n,)``, such as the degrees of freedom of the variances; None:
+        all equal.
 
     Returns
     -------
@@ -178,14 +206,18 @@ def parabola_minimum(w: Array, variance: Array) -> tuple[Array, np.ndarray]:
     """
     if len(np.unique(w)) < 3:
         raise ValueError(f"a parabola needs at least three distinct weights; got {w.tolist()}")
+    trust = np.ones(len(w)) if trust is None else np.asarray(trust, float)
+    if trust.shape != np.shape(w) or not (trust > 0).all():
+        raise ValueError(f"trust must hold one positive number for each of {len(w)} weights; got {trust.tolist()}")
     values = variance.reshape(len(w), -1)
     usable = np.isfinite(values).all(axis=0)
     scale = np.where(usable, np.abs(values).max(axis=0), 0)
     with np.errstate(invalid="ignore"):
         usable &= np.ptp(values, axis=0) > 1e-12 * scale
     values = np.where(usable, values / np.where(usable, scale, 1), 0)
-    centred = w - 0.5  # keeps the normal equations well conditioned
-    (a2, a1, _), *_ = np.linalg.lstsq(np.stack([centred**2, centred, np.ones_like(w)], axis=1), values, rcond=None)
+    centred, root = w - 0.5, np.sqrt(trust / trust.max())[:, None]
+    powers = np.stack([centred**2, centred, np.ones_like(centred)], axis=1)
+    (a2, a1, _), *_ = np.linalg.lstsq(root * powers, root * values, rcond=None)
     convex = usable & (a2 > 1e-12)
     minimum = 0.5 - a1 / np.where(convex, 2 * a2, 1)
     best = w[values.argmin(axis=0)]
@@ -227,7 +259,7 @@ def make_rule(text: str) -> Rule:
         types.pop("w")
     types.pop("techniques", None)
     options: dict[str, Any] = {}
-    convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str}
+    convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals:
@@ -237,7 +269,13 @@ def make_rule(text: str) -> Rule:
         try:
             options[key] = convert[types[key]](value)
         except ValueError:
-            raise ValueError(
-                f"option {key} of rule {name} must be of type {types[key].__name__}; got {value!r}"
-            ) from None
+            kind_of = "yes or no" if types[key] is bool else f"of type {types[key].__name__}"
+            raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}") from None
     return RULES[name](**options)
+
+
+def _yes_or_no(text: str) -> bool:
+    words = {"yes": True, "true": True, "on": True, "1": True, "no": False, "false": False, "off": False, "0": False}
+    if text.lower() not in words:
+        raise ValueError(text)
+    return words[text.lower()]

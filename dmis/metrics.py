@@ -25,6 +25,38 @@ def mse(image: Array, first: Array, second: Array | None = None) -> float:
     return float(_product(image, first, second).mean())
 
 
+def mean_and_error(values: Array) -> tuple[float, float]:
+    """Mean of independent values and its standard error, `nan` for a single one: of the errors of pixels, of seeds."""
+    values = np.asarray(values, np.float64).reshape(-1)
+    spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+    return float(values.mean()), float(spread)
+
+
+def ratio(values: Array, baseline: Array, confidence: float = 0.95) -> tuple[float, float]:
+    """Ratio of two means over the same seeds, and half the width of its confidence interval.
+
+    By the delta method: the deviations ``values - ratio * baseline`` have mean zero, and their spread over the mean
+    of the baseline is the ratio's standard error. The interval is Student's, since seeds are few.
+
+    Parameters
+    ----------
+    values, baseline
+        One number per seed, ``(K,)``, such as mean squared errors of two rules; `nan` half-width for K = 1.
+    """
+    values, baseline = np.asarray(values, np.float64), np.asarray(baseline, np.float64)
+    if values.shape != baseline.shape or values.ndim != 1 or not len(values):
+        raise ValueError(
+            f"values and baseline must hold one number for each seed; got {values.shape}, {baseline.shape}"
+        )
+    quotient = values.mean() / baseline.mean()
+    if len(values) < 2:
+        return float(quotient), float("nan")
+    from scipy.stats import t  # imported where used: scipy.stats takes half a second
+
+    _, error = mean_and_error(values - quotient * baseline)
+    return float(quotient), float(t.ppf((1 + confidence) / 2, len(values) - 1) * error / abs(baseline.mean()))
+
+
 def relmse(image: Array, first: Array, second: Array | None = None, epsilon: float = 0.01) -> float:
     """Mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, no outliers trimmed."""
     reference = _mean(first, second)

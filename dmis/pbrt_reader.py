@@ -126,8 +126,6 @@ class Reader:
         film, p = self.film, self.camera
         size = film.integer("xresolution", 640), film.integer("yresolution", 480)
         crop = film.table("cropwindow", "float", 4)
-        if crop is not None and not (crop == [0, 1, 0, 1]).all():
-            raise film.items["cropwindow"].token.error("cropwindow must be [0 1 0 1], the whole image")
         if self.resolution is None:
             with blame(film.directive):
                 Camera(np.eye(4), 90.0, size)
@@ -147,7 +145,15 @@ class Reader:
         self.note(film)
         self.note(p)
         with blame(p.directive):
-            return Camera(inverse(self.to_camera), 2 * half if half > 0 else fov, (width, height))
+            camera = Camera(inverse(self.to_camera), 2 * half if half > 0 else fov, (width, height))
+        if crop is None:
+            return camera
+        token = film.items["cropwindow"].token
+        if crop.shape != (1, 4) or not ((crop >= 0) & (crop <= 1)).all():
+            raise token.error(f"cropwindow must be four shares of the image, 0 to 1: x, x, y, y; got {crop.tolist()}")
+        left, right, top, bottom = np.ceil(crop[0] * [width, width, height, height]).astype(int).tolist()
+        with blame(token):
+            return camera.crop((top, bottom), (left, right))
 
     def note(self, parameters: Parameters) -> None:
         """Remember the parameters that nobody asked for."""

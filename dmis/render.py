@@ -80,7 +80,6 @@ def render(
     seed: int = 0,
     sampler: Kind | None = None,
     settings: Settings | None = None,
-    reuse_pilot: bool = True,
     threads: int | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -100,8 +99,6 @@ def render(
         Shorthand for ``settings.sampler``. The pilot is always independent, because a sample variance assumes it.
     settings
         Estimator settings; a rule's own settings (its combiner, its sampler) replace those.
-    reuse_pilot
-        Whether pilot samples are part of the image, each with the same weight as a final sample.
     threads
         Number of threads if no executor is given; default: one per processor.
     executor
@@ -131,7 +128,6 @@ def render(
         "rule": rule_text,
         "spp": spp,
         "seed": seed,
-        "reuse_pilot": reuse_pilot,
         "settings": asdict(settings),
     }
     owned = None
@@ -155,10 +151,10 @@ def render(
         raise
     if owned is not None:
         owned.shutdown()
-    image, variance = _combine([*pilot.values(), final] if reuse_pilot else [final])
+    image, variance = _combine([*pilot.values(), final] if settings.reuse_pilot else [final])
     store.remove()
     shape = image.shape[:2]
-    used = spp if reuse_pilot else spp - pilot_spp
+    used = spp if settings.reuse_pilot else spp - pilot_spp
     return Result(
         image=image,
         variance=variance,
@@ -208,8 +204,11 @@ def fingerprint(scene: Scene) -> str:
     """A short hash of the description: camera, meshes, materials, lights."""
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
     materials = [part.material for part in scene.parts]
-    digest = hashlib.sha256(pickle.dumps((scene.camera.fov, scene.camera.resolution, lights, materials)))
-    digest.update(np.asarray(scene.camera.to_world, np.float64).tobytes())
+    camera = scene.camera
+    digest = hashlib.sha256(
+        pickle.dumps((camera.fov, camera.resolution, camera.corner, camera.frame, lights, materials))
+    )
+    digest.update(np.asarray(camera.to_world, np.float64).tobytes())
     for part in scene.parts:
         digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
         digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())

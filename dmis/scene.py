@@ -6,7 +6,7 @@ it is first asked for, so that a scene without textures never has texture coordi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -61,6 +61,13 @@ class Scene:
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the description. Tables and the Embree handle are rebuilt where they are used."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Scene:
+        """The scene seen through a part of the image, see `dmis.camera.Camera.crop`; tables and Embree are shared."""
+        part = replace(self, camera=self.camera.crop(rows, columns))
+        kept = {name: value for name, value in vars(self).items() if name not in ("camera", "plan")}
+        vars(part).update(kept, intersector=self.intersector)
+        return part
 
     @cached_property
     def epsilon(self) -> np.float32:

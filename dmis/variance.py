@@ -69,7 +69,12 @@ class Moments:
 
 
 def luminance(rgb: Array) -> Array:
-    """Luminance of linear RGB in the last axis."""
+    """Luminance of linear RGB in the last axis.
+
+    Of a variance per channel it is the channels' variances weighted by luminance: the variance of the luminance if
+    the channels rise and fall together, as they do where the noise is in the visibility and the densities; an upper
+    bound of it otherwise.
+    """
     return rgb @ LUMINANCE
 
 

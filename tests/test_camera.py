@@ -103,3 +103,28 @@ def test_look_at_without_a_direction(eye: Any, target: Any, up: Any) -> None:
     """`up` along the line of sight, or no line of sight at all."""
     with pytest.raises(ValueError, match="up must not be parallel"):
         Camera.look_at(eye, target, up)
+
+
+def test_crop_sees_the_same_rays() -> None:
+    """A ray through a crop, and through a crop of a crop, is that of the whole image, corner added."""
+    whole = Camera(np.diag([-1.0, 1, 1, 1]), 50.0, (100, 60))
+    crop = whole.crop((10, 40), (30, 90))
+    inner = crop.crop((5, 6), (0, 7))
+    assert crop.resolution == (60, 30) and inner.resolution == (7, 1)
+    x, y = np.random.default_rng(2).random((2, 50), dtype=np.float32) * [[7], [1]]
+    x, y = x.astype(np.float32), y.astype(np.float32)
+    np.testing.assert_allclose(crop.rays(x, y), whole.rays(x + 30, y + 10), atol=3e-7)
+    np.testing.assert_allclose(inner.rays(x, y), whole.rays(x + 30, y + 15), atol=3e-7)
+
+
+@pytest.mark.parametrize("rows, columns", [((0, 61), (0, 1)), ((5, 5), (0, 1)), ((0, 1), (-1, 3)), ((0, 1), (99, 101))])
+def test_bad_crops(rows: tuple[int, int], columns: tuple[int, int]) -> None:
+    """A crop has pixels and lies inside."""
+    with pytest.raises(ValueError, match="a crop must have pixels and lie inside the image of 100x60"):
+        Camera(IDENTITY, 50.0, (100, 60)).crop(rows, columns)
+
+
+def test_bad_frame() -> None:
+    """A camera made by hand with a corner outside its frame is refused."""
+    with pytest.raises(ValueError, match="a crop must lie inside its frame of 10x10"):
+        Camera(IDENTITY, 50.0, (4, 4), (8, 0), (10, 10))

@@ -50,6 +50,22 @@ def test_least_squares_of_more_points() -> None:
     np.testing.assert_allclose(parabola_minimum(w[order], y[order])[0], weight, atol=1e-12)
 
 
+def test_weighted_least_squares() -> None:
+    """A point that is trusted k times as much counts as k points; with three points trust changes nothing."""
+    w = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+    y = np.random.default_rng(5).random((5, 20)) + 4 * (w[:, None] - 0.4) ** 2
+    trust = np.array([1, 3, 2, 1, 1])
+    repeated = parabola_minimum(np.repeat(w, trust), np.repeat(y, trust, axis=0))[0]
+    np.testing.assert_allclose(parabola_minimum(w, y, trust)[0], repeated, atol=1e-12)
+    assert not np.allclose(parabola_minimum(w, y)[0], repeated, atol=1e-3)
+    np.testing.assert_allclose(
+        parabola_minimum(w[::2], y[::2], trust[::2])[0], parabola_minimum(w[::2], y[::2])[0], atol=1e-12
+    )
+    for bad in ([1, 1], [1, 1, 0, 1, 1], [1, 1, np.nan, 1, 1]):
+        with pytest.raises(ValueError, match="trust must hold one positive number for each"):
+            parabola_minimum(w, y, np.array(bad))
+
+
 @pytest.mark.parametrize(
     "variance, weight, status",
     [
@@ -135,6 +151,24 @@ def test_thesis_pilot() -> None:
     assert Thesis().pilot == {0.0: 2, 0.5: 2, 1.0: 2}
     assert Thesis(spp=4).pilot == {0.0: 4, 0.5: 4, 1.0: 4}
     assert sum(Thesis().pilot.values()) == 6
+    assert Thesis(strategies=5).pilot == {0.0: 2, 0.25: 2, 0.5: 2, 0.75: 2, 1.0: 2}
+
+
+def test_channels() -> None:
+    """A red patch whose minimum differs from the green one's: luminance follows green, rgb the plain mean."""
+    minimum = np.array([0.2, 0.8, 0.8])  # of red, green, blue, at equal curvature
+    moments = {w: Moments(2, np.ones((4, 4, 3)), np.broadcast_to((w - minimum) ** 2 + 0.1, (4, 4, 3))) for w in PILOT}
+    assert Thesis(4, channels="rgb").fit(moments).maps["raw"] == pytest.approx(0.6)
+    assert Thesis(4, channels="luminance").fit(moments).maps["raw"] == pytest.approx(0.8 - 0.6 * 0.212671)
+
+
+def test_size_of_the_filter() -> None:
+    """One tap is no filter; an impulse spreads over `size` patches on a side, no more."""
+    minimum = np.full((36, 36), 0.4)
+    minimum[16:20, 16:20] = 0.6
+    for size in (1, 3, 5, 7):
+        weight = Thesis(4, size=size).fit(pilot(minimum)).maps["patch"]
+        assert np.count_nonzero(np.abs(weight - 0.4) > 1e-9) == size**2
 
 
 # Texts --------------------------------------------------------------------------------------------------------------
@@ -160,6 +194,8 @@ def test_thesis_pilot() -> None:
         ("thesis:16", Thesis(16)),
         ("thesis:patch=16,filter=none", Thesis(16, filter="none")),
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
+        ("thesis:strategies=5,channels=rgb,size=3,reuse=no", Thesis(strategies=5, channels="rgb", size=3, reuse=False)),
+        ("thesis:reuse=ON", Thesis()),
     ],
 )
 def test_rules_by_text(text: str, expected: Rule) -> None:
@@ -186,7 +222,12 @@ def test_rules_by_text(text: str, expected: Rule) -> None:
         ("thesis:filter=box", "filter must be gaussian or none"),
         ("thesis:sigma=0", "sigma must be positive"),
         ("thesis:sigma=nan", "sigma must be positive"),
-        ("thesis:size=3", "rule thesis has the options .*; got 'size'"),
+        ("thesis:shape=3", "rule thesis has the options .*; got 'shape'"),
+        ("thesis:size=4", "size must be odd and positive"),
+        ("thesis:strategies=2", "strategies must be odd and at least 3"),
+        ("thesis:strategies=4", "strategies must be odd"),
+        ("thesis:channels=red", "channels must be luminance or rgb"),
+        ("thesis:reuse=maybe", "option reuse of rule thesis must be yes or no; got 'maybe'"),
     ],
 )
 def test_bad_texts(text: str, message: str) -> None:

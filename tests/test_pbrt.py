@@ -153,6 +153,13 @@ def test_camera_and_film(read, camera, film, fov, size):
     assert (scene.camera.fov, scene.camera.resolution) == (fov, size)
 
 
+def test_cropwindow(read):
+    """Shares of the image become pixels as in pbrt, rounded up; a resolution given in its place scales them."""
+    film = 'Film "image" "integer xresolution" 100 "integer yresolution" 50 "float cropwindow" [.25 .5 .1 .91]'
+    camera = read(options=film).camera
+    assert (camera.resolution, camera.corner, camera.frame) == ((25, 41), (25, 5), (100, 50))
+
+
 def test_resolution_is_overridden(read):
     film = 'Film "image" "integer xresolution" 100000'
     assert read(options=film, resolution=(30, 20)).camera.resolution == (30, 20)
@@ -810,7 +817,9 @@ BAD = {
     ),
     "fov": ('\nCamera "perspective" "float fov" 180', "", 2, "token Camera: fov must be between 0 and 180"),
     "film": ('Film "exotic"', "", 1, "the film must be image"),
-    "crop": ('Film "image" "float cropwindow" [0 .5 0 1]', "", 1, "cropwindow must be [0 1 0 1]"),
+    "crop": ('Film "image" "float cropwindow" [0 1.5 0 1]', "", 1, "cropwindow must be four shares of the image"),
+    "crop twice": ('Film "image" "float cropwindow" [0 1 0 1 0 1 0 1]', "", 1, "cropwindow must be four shares"),
+    "empty crop": ('Film "image" "float cropwindow" [.5 .5 0 1]', "", 1, "a crop must have pixels"),
     "large film": ('Film "image" "integer xresolution" 70000', "", 1, "token Film: resolution must be 1 to 65535"),
     "many pixels": (
         'Film "image" "integer xresolution" 60000 "integer yresolution" 60000',

@@ -51,18 +51,29 @@ def test_tiles_cover_every_pixel_once(spp):
     assert (seen == 1).all()
 
 
+def test_crop_is_a_part_of_the_image(box):
+    """Pixels of a crop have the same means as those of the whole image: |z| of their average below 4."""
+    crop = box.crop((4, 20), (8, 25))
+    assert crop.camera.resolution == (17, 16) and crop.intersector is box.intersector
+    part, whole = dmis.render(crop, "balance", 256, seed=1), dmis.render(box, "balance", 256, seed=2)
+    inside = slice(4, 20), slice(8, 25)
+    z = (part.image - whole.image[inside]) / np.sqrt(part.variance + whole.variance[inside] + 1e-12)
+    assert abs(z.mean()) * np.sqrt(z.size / 3) < 4 and z.std() < 1.2
+    assert dmis.render(box, "balance", 1).provenance["scene_hash"] != part.provenance["scene_hash"]
+
+
 def test_pilot_counts_in_the_budget(box):
     """Rays: spp camera rays per pixel in all, six of them the pilot's; `samples` says the same."""
     result = dmis.render(box, "thesis", 16)
     width, height = box.camera.resolution
     assert result.rays["camera"] == width * height * 16
     assert (result.samples == 16).all()
-    assert (dmis.render(box, "thesis", 16, reuse_pilot=False).samples == 10).all()
+    assert (dmis.render(box, "thesis:reuse=no", 16).samples == 10).all()
 
 
 def test_reused_pilot_is_averaged_by_sample_counts(box):
     """The image is (6 pilot + 10 final) / 16, pixel by pixel: fixed weights, so nothing is biased."""
-    both, final = (dmis.render(box, "thesis", 16, seed=4, reuse_pilot=reuse) for reuse in (True, False))
+    both, final = (dmis.render(box, f"thesis:reuse={reuse}", 16, seed=4) for reuse in ("yes", "no"))
     pilot = (both.image.astype(float) * 16 - final.image.astype(float) * 10) / 6
     direct = np.mean(
         [_one_pass(box, k, w, 2, seed=4) for k, w in enumerate((0.0, 0.5, 1.0))], axis=0
