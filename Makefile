@@ -25,11 +25,8 @@ $(READY): pyproject.toml
 demo: $(READY)  ## render the teapot with the balance heuristic and with the thesis's rule, print the table, draw the picture
 	$(BIN)/python examples/demo.py
 
-figures: $(READY)  ## draw the figures: runs each examples/plot_*.py
-	@set -e; for script in examples/plot_*.py; do \
-	    test -f "$$script" || { echo "make figures: there is no examples/plot_*.py in this checkout yet" >&2; exit 1; }; \
-	    echo "$(BIN)/python $$script"; $(BIN)/python "$$script"; \
-	done
+figures: $(READY)  ## draw all figures and figures/index.html (minutes)
+	$(BIN)/python examples/make_figures.py
 
 test: $(READY)  ## run the tests (minutes)
 	$(BIN)/python -m pytest

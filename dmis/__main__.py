@@ -169,7 +169,9 @@ def _info(options: argparse.Namespace) -> int:
         begin = time.perf_counter()
         scene = load_scene(options.scene, resolution=options.resolution)
         _ = scene.intersector
-        print(f"\nscene {scene.name}: {scene.plan.describe()}\nread and built in {time.perf_counter() - begin:.2f} s")
+        width, height = scene.camera.resolution
+        described = f"{width}x{height} pixels, {scene.plan.describe()}"
+        print(f"\nscene {scene.name}: {described}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 

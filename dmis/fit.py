@@ -27,7 +27,7 @@ class Fit:
     weight
         Share of light samples: ``(H, W)``, or one number for the whole image.
     maps
-        Diagnostics by name, one value per patch.
+        Diagnostics by name, in the last two axes one value per patch.
     """
 
     weight: Array | float
@@ -123,20 +123,24 @@ class Thesis:
 
     Notes
     -----
+    The maps of its `Fit` are ``status`` (see `STATUS`), ``raw`` and ``patch``, the weights before and after the
+    filter, and ``variances``, those of the pilot, ``(strategies, rows, columns)``.
+
     Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance. The
     text does not say what happens where the parabola has no minimum or has it outside [0, 1]. Here: the best of the
     pilot weights, and the nearer end; see `STATUS`. Nor does it say which variance of a colour is meant, what the
-    sigma of the Gaussian is, or whether the pilot's samples enter the image: hence the options.
+    sigma of the Gaussian is, or whether the pilot's samples enter the image: hence the options. Their defaults
+    are those that give the thesis's Table 4.1, see ``docs/reproduction.md``.
     """
 
-    patch: int = 8
+    patch: int = 16
     spp: int = 2
     strategies: int = 3
     channels: str = "luminance"
     filter: str = "gaussian"
     size: int = 5
     sigma: float = 1.0
-    reuse: bool = True
+    reuse: bool = False
     combiner: str = "balance"
     sampler: str = ""
 
@@ -173,11 +177,11 @@ class Thesis:
 
     def fit(self, pilot: Mapping[float, Moments]) -> Fit:
         shape = next(iter(pilot.values())).mean.shape[:2]
-        variances = [patch_mean(self._grey(m.variance()), self.patch) for m in pilot.values()]
+        variances = np.stack([patch_mean(self._grey(m.variance()), self.patch) for m in pilot.values()])
         freedom = np.array([m.n - 1.0 for m in pilot.values()])
-        raw, status = parabola_minimum(np.array(list(pilot)), np.stack(variances), freedom)
+        raw, status = parabola_minimum(np.array(list(pilot)), variances, freedom)
         weight = gaussian(raw, self.sigma, self.size // 2) if self.filter == "gaussian" else raw
-        maps = {"status": status, "raw": raw, "patch": weight}
+        maps = {"status": status, "raw": raw, "patch": weight, "variances": variances}
         return Fit(patch_spread(weight, self.patch, shape), maps)
 
     def _grey(self, variance: Array) -> Array:

@@ -123,12 +123,10 @@ class Plan:
         # One entry more than there are triangles: the -1 of a miss reads the last one.
         self.face_group = np.concatenate([*face_group, np.array([NOTHING], np.uint8)])
         self.face_row = np.concatenate(face_row)
-        self._size = camera.resolution
 
     def describe(self) -> str:
         """What there is, what it needs, and what is left out, in a few lines."""
-        width, height = self._size
-        lines = [f"{width}x{height} pixels, {len(self.face_row):,} triangles"]
+        lines = [f"{len(self.face_row):,} triangles"]
         for k, group in enumerate(self.groups):
             names = ", ".join(sorted({material.name for material in group.materials}))
             lobes = " + ".join(type(lobe).__name__ for lobe in (*group.glossy, *group.delta)) or "no lobes"

@@ -50,7 +50,7 @@ class Result:
     weight
         ``(H, W)`` float32: share of light samples in the final pass.
     samples
-        ``(H, W)`` float32: camera samples, pilot included.
+        ``(H, W)`` float32: camera samples rendered, pilot included, whether or not it is part of the image.
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
@@ -154,12 +154,11 @@ def render(
     image, variance = _combine([*pilot.values(), final] if settings.reuse_pilot else [final])
     store.remove()
     shape = image.shape[:2]
-    used = spp if settings.reuse_pilot else spp - pilot_spp
     return Result(
         image=image,
         variance=variance,
         weight=np.broadcast_to(np.asarray(fit.weight, np.float32), shape).copy(),
-        samples=np.full(shape, used, np.float32),
+        samples=np.full(shape, spp, np.float32),
         seconds={
             "pilot": fitted - begin,
             "fit": final_begin - fitted,

@@ -1,7 +1,6 @@
 """A scene, frozen: a camera, parts (a mesh, its material, and the light whose surface it is) and lights.
 
-What the scene needs is worked out once by `dmis.plan`; the tables that hits are read from are built here, each when
-it is first asked for, so that a scene without textures never has texture coordinates.
+What the scene needs is worked out once by `dmis.plan`; hits become surface points by the tables of `dmis.tables`.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from dmis.light import Light
 from dmis.plan import Group, Plan
 from dmis.plan import Part as Part
 from dmis.surface import Surface
+from dmis.tables import Tables
 from dmis.vec import Array, Index, dot
 
 
@@ -63,10 +63,12 @@ class Scene:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Scene:
-        """The scene seen through a part of the image, see `dmis.camera.Camera.crop`; tables and Embree are shared."""
+        """The scene seen through a part of the image, see `dmis.camera.Camera.crop`.
+
+        Plan, tables and Embree are those of this scene, so a crop costs nothing.
+        """
         part = replace(self, camera=self.camera.crop(rows, columns))
-        kept = {name: value for name, value in vars(self).items() if name not in ("camera", "plan")}
-        vars(part).update(kept, intersector=self.intersector)
+        vars(part).update(plan=self.plan, tables=self.tables, intersector=self.intersector, epsilon=self.epsilon)
         return part
 
     @cached_property
@@ -92,56 +94,9 @@ class Scene:
         return Intersector(vertices, faces)
 
     @cached_property
-    def _corners(self) -> Array:
-        """Per triangle: first vertex, two edges, unit normal, as rows ``(T, 12)``, one gather per hit."""
-        corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in self.parts])
-        edge_u, edge_v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        normal = np.cross(edge_u, edge_v)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-        return np.concatenate([corners[:, 0], edge_u, edge_v, normal], axis=1).astype(np.float32)
-
-    @cached_property
-    def _normals(self) -> Array:
-        """Per triangle: normal of the first vertex and the differences of the others to it, ``(T, 9)``."""
-        rows = np.empty((len(self._corners), 3, 3), np.float32)
-        start = 0
-        for part in self.parts:
-            stop = start + len(part.mesh.faces)
-            if part.mesh.normals is None:
-                rows[start:stop] = self._corners[start:stop, None, 9:]
-            else:
-                rows[start:stop] = part.mesh.normals[part.mesh.faces]
-            start = stop
-        rows[:, 1:] -= rows[:, :1]
-        return rows.reshape(-1, 9)
-
-    @cached_property
-    def _uv(self) -> Array:
-        """Per triangle: texture coordinates of the first vertex and the two differences, ``(T, 6)``.
-
-        A mesh without coordinates has (0,0), (1,0), (1,1) at the corners of each triangle, as in pbrt.
-        """
-        default = np.array([[0, 0], [1, 0], [1, 1]], np.float32)
-        rows = np.concatenate(
-            [
-                np.broadcast_to(default, (len(part.mesh.faces), 3, 2))
-                if part.mesh.uv is None
-                else part.mesh.uv[part.mesh.faces].astype(np.float32)
-                for part in self.parts
-            ]
-        )
-        rows[:, 1:] -= rows[:, :1]
-        return rows.reshape(-1, 6)
-
-    @cached_property
-    def _dpdu(self) -> Array:
-        """Per triangle: dp/du ``(T, 3)``; the first edge where the coordinates are degenerate."""
-        du1, dv1, du2, dv2 = self._uv[:, 2:].T
-        edge_u, edge_v = self._corners[:, 3:6], self._corners[:, 6:9]
-        determinant = (du1 * dv2 - du2 * dv1)[:, None]
-        degenerate = np.abs(determinant) < 1e-20
-        dpdu = (dv2[:, None] * edge_u - dv1[:, None] * edge_v) / np.where(degenerate, 1, determinant)
-        return np.where(degenerate, edge_u, dpdu)
+    def tables(self) -> Tables:
+        """What hits are read from, see `dmis.tables.Tables`."""
+        return Tables(self.parts)
 
     def surface(self, group: Group, hits: Hits, index: Index | None, direction: Array) -> tuple[Surface, Array | None]:
         """The surface points of the hits `index` (None: all), which must belong to `group`, and what they emit.
@@ -163,7 +118,7 @@ class Scene:
         else:
             prim, u, v = hits.prim.take(index), hits.u.take(index), hits.v.take(index)
             wo = -direction.take(index, axis=1)
-        rows = np.ascontiguousarray(self._corners.take(prim, axis=0).T)
+        rows = np.ascontiguousarray(self.tables.corners.take(prim, axis=0).T)
         p = rows[3:6] * u
         p += rows[6:9] * v
         p += rows[:3]
@@ -174,7 +129,7 @@ class Scene:
         p += ng * self.epsilon
         n, cos_o = ng, np.abs(facing)
         if group.smooth:
-            rows = np.ascontiguousarray(self._normals.take(prim, axis=0).T)
+            rows = np.ascontiguousarray(self.tables.normals.take(prim, axis=0).T)
             n = rows[3:6] * u
             n += rows[6:9] * v
             n += rows[:3]
@@ -186,10 +141,10 @@ class Scene:
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
         uv = dpdu = None
         if group.textured:
-            rows = np.ascontiguousarray(self._uv.take(prim, axis=0).T)
+            rows = np.ascontiguousarray(self.tables.uv.take(prim, axis=0).T)
             uv = rows[2:4] * u + rows[4:6] * v + rows[:2]
         if group.anisotropic:
-            dpdu = np.ascontiguousarray(self._dpdu.take(prim, axis=0).T)
+            dpdu = np.ascontiguousarray(self.tables.dpdu.take(prim, axis=0).T)
         outside = facing > 0
         emission = None
         if group.emission is not None:

@@ -191,11 +191,11 @@ def test_size_of_the_filter() -> None:
         ("uniform", Fixed(1.0, techniques=("uniform", "brdf"))),
         ("thesis", Thesis()),
         ("thesis:", Thesis()),
-        ("thesis:16", Thesis(16)),
-        ("thesis:patch=16,filter=none", Thesis(16, filter="none")),
+        ("thesis:8", Thesis(8)),
+        ("thesis:patch=8,filter=none", Thesis(8, filter="none")),
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
-        ("thesis:strategies=5,channels=rgb,size=3,reuse=no", Thesis(strategies=5, channels="rgb", size=3, reuse=False)),
-        ("thesis:reuse=ON", Thesis()),
+        ("thesis:strategies=5,channels=rgb,size=3,reuse=no", Thesis(strategies=5, channels="rgb", size=3)),
+        ("thesis:reuse=ON", Thesis(reuse=True)),
     ],
 )
 def test_rules_by_text(text: str, expected: Rule) -> None:

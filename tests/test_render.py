@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.fit import Fit, Thesis
@@ -68,7 +69,7 @@ def test_pilot_counts_in_the_budget(box):
     width, height = box.camera.resolution
     assert result.rays["camera"] == width * height * 16
     assert (result.samples == 16).all()
-    assert (dmis.render(box, "thesis:reuse=no", 16).samples == 10).all()
+    assert (dmis.render(box, "thesis:reuse=yes", 16).samples == 16).all()
 
 
 def test_reused_pilot_is_averaged_by_sample_counts(box):
@@ -98,6 +99,29 @@ def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
     assert measured < 1.25 * predicted  # the ratio itself scatters by some 5 % here
     if rule in ("balance", "pbrt", "one-sample"):
         assert measured > 0.8 * predicted
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "thesis:patch=4",
+        "thesis:patch=1,filter=none",
+        "thesis:patch=8,reuse=yes",
+        "thesis:patch=4,strategies=5,spp=4,channels=rgb",
+        "thesis:patch=64,combiner=power",
+    ],
+)
+def test_learning_does_not_change_the_mean(box, rule):
+    """Weights are learned from a pilot and used with other samples: the mean stays, over 24 seeds and all pixels.
+
+    Deviations are averaged over the image first: one normal deviate per rule.
+    """
+    truth = np.mean([dmis.render(box, "balance", 256, seed=s).image.mean() for s in range(100, 108)])
+    spread = np.std([dmis.render(box, "balance", 64, seed=s).image.mean() for s in range(200, 224)], ddof=1)
+    means = np.array([dmis.render(box, rule, 32, seed=s).image.mean() for s in range(24)])
+    error = np.hypot(means.std(ddof=1) / np.sqrt(24), spread / 2 / np.sqrt(8))
+    assert abs(means.mean() - truth) < Z_LIMIT * error
+    assert error < 0.01 * truth
 
 
 def test_one_sample_has_no_variance(box):

@@ -1,0 +1,107 @@
+"""Experiments: rules side by side on one scene, against one reference, over several seeds.
+
+Rules take turns seed by seed, so that whatever slows the machine down slows all of them. Pilot and fit are part of a
+rule's budget and of its time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.fit import make_rule
+from dmis.metrics import mean_and_error, relmse, squared_error
+from dmis.reference import Reference
+from dmis.render import render
+from dmis.scene import Scene
+
+Budget = tuple[str, int]
+"""A rule as text, and camera samples per pixel, its pilot included."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One render and how far it is from the reference.
+
+    Attributes
+    ----------
+    seconds
+        Wall time from the pilot to the last sample; `overhead` is the part of pilot and fit.
+    rays
+        Of all kinds.
+    mse, mse_error
+        Mean squared error over pixels and channels, and the standard error of this mean over pixels.
+    """
+
+    rule: str
+    spp: int
+    seed: int
+    seconds: float
+    overhead: float
+    rays: int
+    mse: float
+    mse_error: float
+    relmse: float
+
+
+def measure(
+    scene: Scene,
+    budgets: Sequence[Budget],
+    seeds: Sequence[int],
+    reference: Reference,
+    *,
+    threads: int | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> dict[Budget, list[Run]]:
+    """Render `scene` with every rule and budget, and with every seed.
+
+    Parameters
+    ----------
+    progress
+        Called as ``progress(rule, done, total)`` after each render.
+
+    Returns
+    -------
+    The runs of each budget, in the order of the seeds.
+    """
+    runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
+    total = len(runs) * len(seeds)
+    for k, seed in enumerate(seeds):
+        for n, (rule, spp) in enumerate(runs):
+            result = render(scene, rule, spp, seed=seed, threads=threads)
+            mse, error = mean_and_error(squared_error(result.image, reference.first, reference.second))
+            runs[rule, spp].append(
+                Run(
+                    rule=rule,
+                    spp=spp,
+                    seed=seed,
+                    seconds=result.seconds["total"],
+                    overhead=result.seconds["pilot"] + result.seconds["fit"],
+                    rays=sum(result.rays.values()),
+                    mse=mse,
+                    mse_error=error,
+                    relmse=relmse(result.image, reference.first, reference.second),
+                )
+            )
+            if progress:
+                progress(rule, k * len(runs) + n + 1, total)
+    return runs
+
+
+def median_seconds(runs: Sequence[Run]) -> float:
+    """The middle one of the times of `runs`."""
+    return float(np.median([run.seconds for run in runs]))
+
+
+def spp_in_time(seconds: float, runs: Sequence[Run]) -> int:
+    """Camera samples per pixel with which the rule of `runs` would take `seconds`, rounded to the nearest.
+
+    Pilot and fit take what they took; the final samples take time in proportion to their number. At least one final
+    sample is left. The answer is an estimate: render with it, and compare the times.
+    """
+    pilot = sum(make_rule(runs[0].rule).pilot.values())
+    overhead = float(np.median([run.overhead for run in runs]))
+    each = float(np.median([(run.seconds - run.overhead) / (run.spp - pilot) for run in runs]))
+    return pilot + max(1, round((seconds - overhead) / each))

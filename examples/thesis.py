@@ -1,0 +1,131 @@
+"""What the figure scripts share: the thesis's four scenes and numbers, three sizes, references, where figures go.
+
+The thesis: Seo, Data-driven Multiple Importance Sampling for Monte Carlo Rendering, KAIST 2014.
+"""
+
+import argparse
+import os
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import dmis
+from dmis import plot
+
+FIGURES = Path(__file__).resolve().parent.parent / "figures"
+
+
+@dataclass(frozen=True)
+class ThesisScene:
+    """A scene of the thesis and its row in Table 4.1: MSE over that of the balance heuristic, extra time, seconds."""
+
+    title: str
+    name: str  # of the scene that comes with dmis
+    original: str  # of the original pbrt-v2 file
+    size: tuple[int, int]  # in the thesis
+    equal_samples: float  # 128 = 6 + 122
+    equal_time: float  # 125 = 6 + 119
+    overhead: float  # time at equal samples, over that of the balance heuristic, less one
+    seconds: int  # that the balance heuristic took
+
+
+SCENES = {
+    scene.name: scene
+    for scene in (
+        ThesisScene("TEAPOT AREA LIGHT", "teapot-area-light", "teapot-area-light", (800, 800), 0.802, 0.981, 0.028, 340),  # noqa: E501
+        ThesisScene("KILLEROO DIFFUSE", "killeroo-diffuse", "killeroo-diffuse", (1368, 1026), 0.935, 1.000, 0.070, 213),
+        ThesisScene("KILLEROO GOLD", "killeroo-gold", "killeroo-gold", (1368, 1026), 1.119, 1.153, 0.071, 241),
+        ThesisScene("TT", "tt", "env", (1500, 833), 1.286, 1.299, 0.037, 147),
+    )
+}  # fmt: skip
+"""By name. The original TT is not available: the killeroo under an environment map, ``env.pbrt``, stands in for it."""
+
+SHRINK = {"quick": 16, "default": 4, "full": 1}
+"""The thesis's size is divided by this."""
+REFERENCE_SPP = {"quick": 64, "default": 512, "full": 256}
+"""Camera samples per pixel of each half of a reference."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How large and where."""
+
+    size: str  # quick, default or full
+    scene_dir: Path | None
+    threads: int | None
+    output: Path
+
+    @property
+    def spp(self) -> int:
+        """The budget of a render: the thesis's 128 samples, or fewer to be quick."""
+        return 16 if self.size == "quick" else 128
+
+    def pick(self, quick, default, full=None):
+        """One of the values, by size."""
+        return {"quick": quick, "default": default, "full": default if full is None else full}[self.size]
+
+    def scene(self, name: str) -> dmis.Scene:
+        """One of the four scenes, the original if ``--scene-dir`` was given."""
+        about = SCENES[name]
+        width, height = about.size
+        source = about.name
+        if self.scene_dir is not None:
+            source = self.scene_dir / f"{about.original}.pbrt"
+            if about.original == "env":
+                width, height = SCENES["killeroo-gold"].size
+        shrink = SHRINK[self.size]
+        return dmis.load_scene(source, resolution=(round(width / shrink), round(height / shrink)))
+
+    @staticmethod
+    def half(scene: dmis.Scene) -> dmis.Scene:
+        """The scene at half the resolution."""
+        width, height = scene.camera.resolution
+        return replace(scene, camera=replace(scene.camera, resolution=(round(width / 2), round(height / 2))))
+
+    def reference(self, scene: dmis.Scene, spp: int | None = None) -> dmis.Reference:
+        """The reference of a scene in two halves: rendered the first time, read from disk afterwards."""
+        spp = spp or REFERENCE_SPP[self.size]
+        return dmis.make_reference(scene, spp, threads=self.threads, progress=show(f"reference of {scene.name}"))
+
+    def save(self, figure, title: str, caption: str) -> None:
+        """Write the figure, and say where it is."""
+        plot.save(figure, self.output, title, caption)
+        print(self.output)
+
+
+def options(script: str, description: str, **more: dict) -> tuple[Options, argparse.Namespace]:
+    """Read the command line; `more` are options of a script's own, as arguments of ``add_argument``."""
+    parser = argparse.ArgumentParser(description=description.strip().split("\n")[0])
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_const", const="quick", dest="size", help="tiny images: seconds")
+    size.add_argument("--full", action="store_const", const="full", dest="size", help="the thesis's resolution")
+    parser.add_argument(
+        "--scene-dir",
+        type=Path,
+        default=os.environ.get("DMIS_PBRT_SCENES") or None,
+        help="folder of the original pbrt-v2 scenes (default: DMIS_PBRT_SCENES, or the scenes that come with dmis)",
+    )
+    parser.add_argument("--threads", type=int, help="default: one per processor")
+    parser.add_argument("-o", "--output", type=Path, default=FIGURES / f"{Path(script).stem}.png")
+    for name, arguments in more.items():
+        parser.add_argument(f"--{name}", **arguments)
+    given = parser.parse_args()
+    return Options(given.size or "default", given.scene_dir, given.threads, given.output), given
+
+
+def show(title: str):
+    """Progress on one line, where someone is watching; None in a log."""
+    if not sys.stderr.isatty():
+        return None
+
+    def progress(stage: str, done: int, total: int) -> None:
+        end = "\r" + " " * 79 + "\r" if done == total else ""
+        print(f"\r{title}: {stage} {100 * done // total:3d} %", end=end, file=sys.stderr, flush=True)
+
+    return progress
+
+
+def window(scene: dmis.Scene, rows: tuple[float, float], columns: tuple[float, float]) -> plot.Window:
+    """A window given in shares of the image, in pixels."""
+    width, height = scene.camera.resolution
+    return (round(rows[0] * height), round(rows[1] * height)), (round(columns[0] * width), round(columns[1] * width))

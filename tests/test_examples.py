@@ -1,0 +1,94 @@
+"""The example scripts, run as a reader would, at their quick size."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from PIL import Image
+
+ROOT = Path(__file__).parent.parent
+FIGURES = sorted((ROOT / "examples").glob("plot_*.py"))
+THESIS = ["fig_2_1", "fig_3_1", "fig_3_2", "fig_3_3", "fig_3_4", "fig_3_5", "fig_4_1", "fig_5_1", "table_4_1", "eq_3_1"]
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """References of the quick size, shared by the scripts of one session."""
+    return tmp_path_factory.mktemp("references")
+
+
+def run(script: Path, cache: Path, *arguments: str | Path, scenes: Path | None = None) -> str:
+    """Run a script; what it prints."""
+    environment = {**os.environ, "DMIS_CACHE": str(cache)}
+    environment.pop("DMIS_PBRT_SCENES", None)
+    if scenes is not None:
+        arguments = (*arguments, "--scene-dir", scenes)
+    done = subprocess.run(
+        [sys.executable, script, "--quick", *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+def check(picture: Path) -> None:
+    """A picture of some size, with a title and a caption that say something."""
+    with Image.open(picture) as image:
+        about = image.info
+        assert min(image.size) > 300
+    assert len(about["Title"]) > 10 and len(about["Description"]) > 100
+    assert "nan" not in about["Description"]
+
+
+def test_every_figure_of_the_thesis_has_its_script():
+    """A reader of the thesis finds them by number."""
+    assert all(any(f"plot_{name}" in script.stem for script in FIGURES) for name in THESIS)
+
+
+@pytest.mark.parametrize("script", FIGURES, ids=lambda script: script.stem)
+def test_figure(script, cache, tmp_path):
+    """It runs without a word on standard error, and draws."""
+    picture = tmp_path / "figure.png"
+    assert run(script, cache, "-o", picture).rstrip().endswith(str(picture))
+    check(picture)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", FIGURES, ids=lambda script: script.stem)
+def test_figure_of_the_original_scenes(script, cache, tmp_path, pbrt_scenes):
+    """The same scripts on the original files."""
+    picture = tmp_path / "figure.png"
+    run(script, cache, "-o", picture, scenes=pbrt_scenes)
+    check(picture)
+
+
+def test_contact_sheet(cache, tmp_path):
+    """One line per reference and script; a page that shows what there is."""
+    script = ROOT / "examples" / "make_figures.py"
+    lines = run(script, cache, "-o", tmp_path / "any.png", "--only", "fig_2_1", "fig_4_1").splitlines()
+    assert len(lines) == 4 + 2 + 1 and "plot_fig_2_1_variance" in lines[4]
+    page = (tmp_path / "index.html").read_text("utf-8")
+    assert page.count("<figure ") == 2 and 'src="plot_fig_4_1_scenes.png"' in page
+    assert "MSE" in (tmp_path / "plot_fig_2_1_variance.txt").read_text("utf-8")
+
+
+def test_reproduction_table(cache, tmp_path):
+    """It replaces the block between its marks, and nothing else of the page."""
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- shipped: begin -->\nstale\n<!-- shipped: end -->\nafter\n", "utf-8")
+    run(ROOT / "examples" / "make_reproduction.py", cache, "--seeds", "2", "--page", page)
+    text = page.read_text("utf-8")
+    assert text.startswith("before\n<!-- shipped: begin -->\nMade on ") and text.endswith(
+        "<!-- shipped: end -->\nafter\n"
+    )
+    assert text.count("| thesis, patch 8 |") == 4 and "stale" not in text

@@ -1,0 +1,62 @@
+"""Experiments: turns, errors, and how many samples fit in a time."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.experiment import Run, measure, median_seconds, spp_in_time
+from dmis.metrics import mse, relmse
+
+
+def run(rule: str, spp: int, seconds: float, overhead: float = 0.0) -> Run:
+    return Run(rule, spp, 0, seconds, overhead, 0, 1.0, 0.1, 1.0)
+
+
+def test_measure(box, tmp_path):
+    """Runs are renders: same errors, rules taking turns within each seed, progress once per render."""
+    reference = dmis.make_reference(box, 64, folder=tmp_path)
+    seen = []
+    budgets = [("balance", 8), ("thesis:patch=4", 16)]
+    runs = measure(box, budgets, [3, 5], reference, progress=lambda *a: seen.append(a))
+    assert list(runs) == budgets
+    assert seen == [("balance", 1, 4), ("thesis:patch=4", 2, 4), ("balance", 3, 4), ("thesis:patch=4", 4, 4)]
+    for (rule, spp), both in runs.items():
+        assert [r.seed for r in both] == [3, 5]
+        result = dmis.render(box, rule, spp, seed=5)
+        assert both[1].mse == pytest.approx(mse(result.image, reference.first, reference.second), rel=1e-12)
+        assert both[1].relmse == pytest.approx(relmse(result.image, reference.first, reference.second), rel=1e-12)
+        assert both[1].rays == sum(result.rays.values())
+        assert 0 <= both[1].overhead < both[1].seconds and both[1].mse_error > 0
+    assert runs["balance", 8][0].mse != runs["balance", 8][1].mse
+
+
+def test_a_budget_named_twice_is_measured_once(box, tmp_path):
+    """Otherwise its runs would be counted twice."""
+    reference = dmis.make_reference(box, 4, folder=tmp_path)
+    assert [len(r) for r in measure(box, [("balance", 2)] * 2, [1], reference).values()] == [1]
+
+
+@pytest.mark.parametrize("seconds, spp", [(10, 100), (5, 50), (20, 200), (0.001, 1)])
+def test_spp_of_a_rule_without_a_pilot(seconds, spp):
+    """Time is in proportion to samples; one is left at least."""
+    assert spp_in_time(seconds, [run("balance", 100, 10)]) == spp
+
+
+@pytest.mark.parametrize("seconds, spp", [(13.2, 128), (12.9, 125), (1, 7), (25.4, 250)])
+def test_spp_pays_for_the_pilot(seconds, spp):
+    """122 final samples took 12.2 s, pilot and fit one: what is left after it buys final samples."""
+    assert spp_in_time(seconds, [run("thesis", 128, 13.2, 1.0)]) == spp
+
+
+def test_medians():
+    """One slow run does not change the answer."""
+    runs = [run("thesis", 128, s, o) for s, o in ((13.2, 1), (13.2, 1), (40, 9))]
+    assert median_seconds(runs) == 13.2
+    assert spp_in_time(12.9, runs) == 125
+
+
+def test_runs_are_plain_data():
+    """They go into tables and files."""
+    assert np.isscalar(dataclasses.astuple(run("balance", 4, 1.0))[1])
