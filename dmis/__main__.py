@@ -1,4 +1,4 @@
-"""The command line: ``python -m dmis render | info | bench``.
+"""The command line: ``python -m dmis render | compare | info | bench``.
 
 Bad input ends with exit code 2 and one message. An interrupted render ends with 130 and keeps its checkpoint.
 """
@@ -19,9 +19,12 @@ from pathlib import Path
 
 from dmis import __version__
 from dmis.bench import HEADER, bench_row
+from dmis.compare import compare, load_reference, split_rules
 from dmis.estimator import Settings
+from dmis.fit import RULES
 from dmis.image import write_image, write_png
 from dmis.load import SHIPPED, load_scene
+from dmis.reference import make_reference
 from dmis.render import Progress, Result, render
 from dmis.replay import embree_seconds
 from dmis.samplers import KINDS
@@ -61,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--rule",
         default="thesis",
-        help="balance, pbrt, fixed:W, one-sample, uniform, thesis[:patch=8,...] (default thesis)",
+        help=f"{', '.join(RULES)}; with options, thesis:patch=8,filter=none (default thesis)",
     )
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--threads", type=int, help="default: one per processor")
@@ -80,6 +83,20 @@ def _parser() -> argparse.ArgumentParser:
         "--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)"
     )
     command.add_argument("--quiet", action="store_true", help="no progress, no summary")
+
+    command = commands.add_parser("compare", help="rules side by side: error, time, rays")
+    command.set_defaults(run=_compare)
+    command.add_argument("scene", help="a pbrt file, or the name of a scene that comes with dmis")
+    command.add_argument("--rules", default="balance,thesis,auto", help="separated by commas, or all")
+    command.add_argument("--spp", type=_numbers, default=[128], metavar="N,N,...", help="budgets (default 128)")
+    command.add_argument("--seeds", type=int, default=5, metavar="K", help="number of seeds (default 5)")
+    command.add_argument("--seed", type=int, default=0, help="the first seed")
+    command.add_argument("--reference", type=Path, metavar="REF", help=".exr or .npy; default: rendered once and kept")
+    command.add_argument("--reference-spp", type=int, default=1024, help="of each half, if rendered (default 1024)")
+    command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
+    command.add_argument("--threads", type=int, help="default: one per processor")
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    command.add_argument("--quiet", action="store_true", help="no progress, no table")
 
     command = commands.add_parser("info", help="versions, and what a scene needs")
     command.set_defaults(run=_info)
@@ -103,6 +120,33 @@ def _resolution(text: str) -> tuple[int, int]:
     if not (x and width.isdecimal() and height.isdecimal()):
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 342x256; got {text!r}")
     return int(width), int(height)
+
+
+def _numbers(text: str) -> list[int]:
+    parts = text.split(",")
+    if not all(part.strip().isdecimal() and int(part) > 0 for part in parts):
+        raise argparse.ArgumentTypeError(f"must be positive whole numbers separated by commas; got {text!r}")
+    return [int(part) for part in parts]
+
+
+def _compare(options: argparse.Namespace) -> int:
+    if options.seeds < 1:
+        raise ValueError(f"--seeds must be at least 1; got {options.seeds}")
+    rules = split_rules(options.rules)
+    scene = load_scene(options.scene, resolution=options.resolution)
+    with _progress_bar(options.quiet) as progress:
+        if options.reference is not None:
+            reference = load_reference(options.reference)
+        else:
+            reference = make_reference(scene, options.reference_spp, threads=options.threads, progress=progress)
+        seeds = range(options.seed, options.seed + options.seeds)
+        table = compare(
+            scene, rules, options.spp, seeds, reference, options.output, threads=options.threads, progress=progress
+        )
+    if not options.quiet:
+        print(table)
+        print(options.output / "results.csv")
+    return 0
 
 
 def _render(options: argparse.Namespace) -> int:

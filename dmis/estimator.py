@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -104,6 +104,8 @@ class Batch:
         For choices that are not two-dimensional draws.
     rays
         Rays traced so far, by kind.
+    records
+        Where shading samples that brought light are written down, for `dmis.curves`; None: nowhere.
     """
 
     scene: Scene
@@ -114,6 +116,56 @@ class Batch:
     w: Array
     counts: Counts
     rays: Counter[str] = field(default_factory=Counter)
+    records: list[Record] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Shading samples of one technique that brought light.
+
+    Attributes
+    ----------
+    side
+        0 for the first technique, 1 for the second.
+    key
+        Which light, and by way of which delta lobes.
+    sample
+        Numbers of their camera samples, ``(N,)``, each at most once; None: all, in order.
+    value
+        What each would estimate alone, ``W f / (share p_own)``, with the throughput of its path, as the mean of the
+        channels, ``(N,)``.
+    pdf
+        Densities of both techniques in its direction, ``(2, N)``.
+    """
+
+    side: int
+    key: tuple[int, ...]
+    sample: Index | None
+    value: Array
+    pdf: Array
+
+
+@dataclass(eq=False)
+class _Points:
+    """Surface points of one group, and where what they reflect goes.
+
+    Attributes
+    ----------
+    sample
+        Camera sample numbers, ``(N,)``; None: all, in order.
+    throughput
+        What their light will be multiplied by on the way to the camera, ``(3, N)``; None: nothing.
+    path
+        Delta lobes that led here, to tell the random numbers apart.
+    out
+        Radiance reflected, ``(3, N)``, added to.
+    """
+
+    surface: Surface
+    sample: Index | None
+    throughput: Array | None
+    path: tuple[int, ...]
+    out: Array
 
 
 @dataclass(eq=False)
@@ -169,55 +221,48 @@ def _visit(batch: Batch, rays: _Rays, pending: list[_Rays]) -> Iterator[tuple[Ar
         out = np.zeros(surface.wo.shape, np.float32)
         if emission is not None:
             out += emission
+        throughput = _take(rays.throughput, index)
         if group.glossy:
-            _light(batch, surface, sample, out, rays)
+            _light(batch, _Points(surface, sample, throughput, rays.path, out))
         yield _onward(rays, index, out)
         if rays.depth + 1 < batch.settings.max_depth:
             for k, lobe in enumerate(surface.delta):
-                following = _scatter(scene, surface, lobe, sample, _take(rays.throughput, index))
+                following = _scatter(scene, surface, lobe, sample, throughput)
                 if following is not None:
-                    o, d, kept, throughput = following
-                    pending.append(_Rays(o, d, kept, throughput, rays.depth + 1, (*rays.path, k)))
+                    pending.append(_Rays(*following, rays.depth + 1, (*rays.path, k)))
 
 
-def _light(batch: Batch, surface: Surface, sample: Index | None, out: Array, rays: _Rays) -> None:
+def _light(batch: Batch, points: _Points) -> None:
     """Add the light that the points reflect, from all lights or from one picked for each point."""
     plan = batch.scene.plan
     lights = (*plan.sampled, *plan.deltas)
     picked = None
     if batch.settings.lights == "one" and len(lights) > 1:
-        picked = batch.rng.integers(len(lights), size=out.shape[1], dtype=np.int16)
+        picked = batch.rng.integers(len(lights), size=points.out.shape[1], dtype=np.int16)
     for k, light in enumerate(lights):
         index = None if picked is None else _where(picked == k)
         if index is not None and len(index) == 0:
             continue
         scale = np.float32(1 if picked is None else len(lights))
         if light.delta:
-            eye = rays.depth == 0 and k - len(plan.sampled) in plan.headlights
-            _delta(batch, surface, light, index, scale, out, traced=not eye)  # type: ignore[arg-type]
+            eye = not points.path and k - len(plan.sampled) in plan.headlights
+            _delta(batch, points, light, index, scale, traced=not eye)  # type: ignore[arg-type]
         else:
-            _mixture(batch, surface, light, sample, index, scale, out, (*rays.path, k))  # type: ignore[arg-type]
+            _mixture(batch, points, light, index, scale, (*points.path, k))  # type: ignore[arg-type]
 
 
 def _mixture(
-    batch: Batch,
-    surface: Surface,
-    light: SampledLight,
-    sample: Index | None,
-    index: Index | None,
-    scale: np.float32,
-    out: Array,
-    key: tuple[int, ...],
+    batch: Batch, points: _Points, light: SampledLight, index: Index | None, scale: np.float32, key: tuple[int, ...]
 ) -> None:
     """Add what the points `index` reflect of one light: S shading samples each, divided between two techniques."""
     settings = batch.settings
     techniques = tuple(technique.find(name) for name in settings.techniques)
     heuristic = mis.find(settings.combiner)
-    points = _both(sample, index)
+    sample = _both(points.sample, index)
     first = batch.counts.first
     if not isinstance(first, int):
-        first = take(first, points)
-    w = batch.w if batch.w.ndim == 0 else take(batch.w, points)
+        first = take(first, sample)
+    w = batch.w if batch.w.ndim == 0 else take(batch.w, sample)
     for side, count in enumerate((first, settings.shading_samples - first)):
         own, other = techniques[side], techniques[1 - side]
         for turn in range(settings.shading_samples):
@@ -230,10 +275,10 @@ def _mixture(
                 if chosen is not None and len(chosen) == 0:
                     break
             where = _both(index, chosen)
-            u = _draw(batch, key, side, turn, _both(points, chosen))
-            part = surface.take(where)
+            u = _draw(batch, key, side, turn, _both(sample, chosen))
+            part = points.surface.take(where)
             seen = own.sample(part, light, u)
-            _shade(batch, part, where, seen, own, other, side == 0, take(w, chosen), heuristic, scale, out)
+            _shade(batch, points, part, where, seen, own, other, side, take(w, chosen), heuristic, scale, key)
 
 
 def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Index | None) -> Array:
@@ -250,18 +295,19 @@ def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Inde
 
 def _shade(
     batch: Batch,
+    points: _Points,
     surface: Surface,
     where: Index | None,
     seen: Seen,
     own: Technique,
     other: Technique,
-    first: bool,
+    side: int,
     w: Array,
     heuristic: Heuristic,
     scale: np.float32,
-    out: Array,
+    key: tuple[int, ...],
 ) -> None:
-    """Add one shading sample of technique `own` to each of the points `where` of `out`."""
+    """Add one shading sample of technique `own` to each of the points `where`, whose surface is given."""
     lit = _where(seen.emits & (dot(surface.ng, seen.wi) > 0))
     if lit is not None and len(lit) == 0:
         return
@@ -269,8 +315,8 @@ def _shade(
     light_pdf = take(seen.pdf, lit)
     pair = Pair(surface, wi)
     p_own, p_other = own.pdf(surface, pair, light_pdf), other.pdf(surface, pair, light_pdf)
-    share = w if first else 1 - w
-    factor = heuristic(share * p_own, (1 - share) * p_other, first) * pair.cos_i
+    share = w if side == 0 else 1 - w
+    factor = heuristic(share * p_own, (1 - share) * p_other, side == 0) * pair.cos_i
     factor *= scale / np.float32(batch.settings.shading_samples)
     f = surface.eval(pair) * (factor * (p_own > 0))
     alive = _where((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
@@ -279,14 +325,29 @@ def _shade(
     both = _both(lit, alive)
     value = take(f, alive) * seen.radiance_at(both)
     value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
-    _add(out, value, _both(where, both))
+    where = _both(where, both)
+    _add(points.out, value, where)
+    if batch.records is not None:
+        pdf = np.stack([take(p, alive) for p in ((p_own, p_other) if side == 0 else (p_other, p_own))])
+        _record(batch, points, Record(side, key, where, value, pdf))
+
+
+def _record(batch: Batch, points: _Points, record: Record) -> None:
+    """Write down shading samples of `points`, as they arrive at the camera."""
+    assert batch.records is not None
+    value = record.value
+    if points.throughput is not None:
+        value = value * take(points.throughput, record.sample)
+    grey = value[0] if len(value) == 1 else value.mean(axis=0)
+    grey = grey * np.float32(batch.settings.shading_samples)
+    batch.records.append(replace(record, sample=_both(points.sample, record.sample), value=grey))
 
 
 def _delta(
-    batch: Batch, surface: Surface, light: DeltaLight, index: Index | None, scale: np.float32, out: Array, traced: bool
+    batch: Batch, points: _Points, light: DeltaLight, index: Index | None, scale: np.float32, traced: bool
 ) -> None:
     """Add what the points `index` reflect of a light that has a single direction."""
-    surface = surface.take(index)
+    surface = points.surface.take(index)
     seen = light.sample(surface.p)
     lit = _where(seen.emits & (dot(surface.ng, seen.wi) > 0))
     if lit is not None and len(lit) == 0:
@@ -296,7 +357,7 @@ def _delta(
     value = surface.eval(pair) * (pair.cos_i * scale) * seen.radiance_at(lit)
     if traced:
         value = value * _visible(batch, "shadow", surface.p, wi, take(seen.distance, lit))
-    _add(out, value, _both(index, lit))
+    _add(points.out, value, _both(index, lit))
 
 
 def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:

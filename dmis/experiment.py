@@ -27,10 +27,10 @@ class Run:
 
     Attributes
     ----------
-    seconds
-        Wall time from the pilot to the last sample; `overhead` is the part of pilot and fit.
     rays
         Of all kinds.
+    pilot_seconds, fit_seconds, render_seconds
+        Wall times of the three stages.
     mse, mse_error
         Mean squared error over pixels and channels, and the standard error of this mean over pixels.
     """
@@ -38,12 +38,23 @@ class Run:
     rule: str
     spp: int
     seed: int
-    seconds: float
-    overhead: float
     rays: int
+    pilot_seconds: float
+    fit_seconds: float
+    render_seconds: float
     mse: float
     mse_error: float
     relmse: float
+
+    @property
+    def overhead(self) -> float:
+        """Seconds of pilot and fit."""
+        return self.pilot_seconds + self.fit_seconds
+
+    @property
+    def seconds(self) -> float:
+        """Seconds from the pilot to the last sample."""
+        return self.overhead + self.render_seconds
 
 
 def measure(
@@ -53,12 +64,15 @@ def measure(
     reference: Reference,
     *,
     threads: int | None = None,
+    record: Callable[[Run], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[Budget, list[Run]]:
     """Render `scene` with every rule and budget, and with every seed.
 
     Parameters
     ----------
+    record
+        Called with each run as soon as it is finished.
     progress
         Called as ``progress(rule, done, total)`` after each render.
 
@@ -77,14 +91,17 @@ def measure(
                     rule=rule,
                     spp=spp,
                     seed=seed,
-                    seconds=result.seconds["total"],
-                    overhead=result.seconds["pilot"] + result.seconds["fit"],
                     rays=sum(result.rays.values()),
+                    pilot_seconds=result.seconds["pilot"],
+                    fit_seconds=result.seconds["fit"],
+                    render_seconds=result.seconds["render"],
                     mse=mse,
                     mse_error=error,
                     relmse=relmse(result.image, reference.first, reference.second),
                 )
             )
+            if record:
+                record(runs[rule, spp][-1])
             if progress:
                 progress(rule, k * len(runs) + n + 1, total)
     return runs

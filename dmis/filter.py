@@ -36,3 +36,9 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2) -> Array:
         return total
     weight = gaussian_filter(present.astype(np.float64), **options)
     return np.where(weight > 1e-12, total / np.maximum(weight, 1e-12), values)
+
+
+def effective(sigma: float = 1.0, radius: int = 2) -> float:
+    """How many equal entries an average by `gaussian` is worth: one over the sum of its squared taps."""
+    taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+    return float((taps.sum() ** 2 / (taps**2).sum()) ** 2)

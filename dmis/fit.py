@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -26,18 +27,40 @@ class Fit:
     ----------
     weight
         Share of light samples: ``(H, W)``, or one number for the whole image.
+    samples
+        Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
         Diagnostics by name, in the last two axes one value per patch.
     """
 
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
+    samples: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Pilot:
+    """What a pilot pass at one weight brought.
+
+    Attributes
+    ----------
+    moments
+        Of the samples of each pixel, mean ``(H, W, 3)``.
+    rays
+        Traced, by kind.
+    sums
+        What the rule's statistic found, summed over patches of `dmis.tile.BASE` pixels, ``(..., rows, columns)``.
+    """
+
+    moments: Moments
+    rays: Mapping[str, int] = field(default_factory=dict)
+    sums: Mapping[str, Array] = field(default_factory=dict)
 
 
 @runtime_checkable
 class Rule(Protocol):
     """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.estimator.Settings` that belong to
-    it.
+    it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot.
     """
 
     @property
@@ -48,8 +71,8 @@ class Rule(Protocol):
     @property
     def settings(self) -> Mapping[str, Any]: ...
 
-    def fit(self, pilot: Mapping[float, Moments]) -> Fit:
-        """Weights from the moments of the pilot, whose means are ``(H, W, 3)``."""
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        """Weights from what the pilot brought at each of its weights."""
         ...
 
 
@@ -81,7 +104,7 @@ class Fixed:
         own = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
         return own | _sampler(self.sampler)
 
-    def fit(self, pilot: Mapping[float, Moments]) -> Fit:
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         return Fit(self.w)
 
 
@@ -175,10 +198,11 @@ class Thesis:
     def settings(self) -> Mapping[str, Any]:
         return {"combiner": self.combiner, "reuse_pilot": self.reuse} | _sampler(self.sampler)
 
-    def fit(self, pilot: Mapping[float, Moments]) -> Fit:
-        shape = next(iter(pilot.values())).mean.shape[:2]
-        variances = np.stack([patch_mean(self._grey(m.variance()), self.patch) for m in pilot.values()])
-        freedom = np.array([m.n - 1.0 for m in pilot.values()])
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        moments = [p.moments for p in pilot.values()]
+        shape = moments[0].mean.shape[:2]
+        variances = np.stack([patch_mean(self._grey(m.variance()), self.patch) for m in moments])
+        freedom = np.array([float(np.mean(m.n)) - 1 for m in moments])
         raw, status = parabola_minimum(np.array(list(pilot)), variances, freedom)
         weight = gaussian(raw, self.sigma, self.size // 2) if self.filter == "gaussian" else raw
         maps = {"status": status, "raw": raw, "patch": weight, "variances": variances}
@@ -231,6 +255,12 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
     return weight.reshape(variance.shape[1:]), status.reshape(variance.shape[1:])
 
 
+def _learned(objective: str, **options: Any) -> Rule:
+    from dmis.learned import Learned
+
+    return Learned(objective, **options)
+
+
 RULES: dict[str, Callable[..., Rule]] = {
     "balance": Fixed,
     "fixed": Fixed,
@@ -238,9 +268,15 @@ RULES: dict[str, Callable[..., Rule]] = {
     "one-sample": lambda **options: Fixed(**{"allocation": "random", **options}),
     "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
     "thesis": Thesis,
+    **{
+        name: partial(_learned, name)
+        for name in ("second-moment", "taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")
+    },
+    "auto": partial(_learned, "second-moment", counts=True),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
-``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``.
+``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``;
+``second-moment`` and its relatives in the literature, see `dmis.learned`; ``auto``, the best of them all.
 """
 
 
@@ -257,11 +293,12 @@ def make_rule(text: str) -> Rule:
     name, _, rest = text.strip().partition(":")
     if name not in RULES:
         raise ValueError(f"rule must be one of {', '.join(RULES)}; got {name!r}")
-    kind: Any = Thesis if name == "thesis" else Fixed
+    kind: Any = type(RULES[name]())
     types = {f.name: type(f.default) for f in fields(kind)}
     if name in ("balance", "pbrt", "uniform"):
         types.pop("w")
     types.pop("techniques", None)
+    types.pop("objective", None)
     options: dict[str, Any] = {}
     convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
     for item in filter(None, rest.split(",")):

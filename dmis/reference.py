@@ -73,13 +73,12 @@ def make_reference(
     threads, progress
         See `dmis.render.render`. An interrupted half goes on where it stopped.
     """
-    folder = Path(folder or os.environ.get("DMIS_CACHE") or _user_cache())
     width, height = scene.camera.resolution
     key = json.dumps([__version__, fingerprint(scene), width, height, spp, rule])
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
-    path = folder / f"{scene.name}-{width}x{height}-{spp}spp-{digest}.exr"
+    path = cache_folder(folder) / f"{scene.name}-{width}x{height}-{spp}spp-{digest}.exr"
     if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         halves = [
             render(
                 scene,
@@ -98,5 +97,7 @@ def make_reference(
     return Reference(layers["first"], layers["second"], spp)
 
 
-def _user_cache() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dmis"
+def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
+    """`folder` if given, or ``DMIS_CACHE``, or ``dmis`` in the user's cache folder."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(folder or os.environ.get("DMIS_CACHE") or Path(home) / "dmis")

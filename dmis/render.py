@@ -23,16 +23,18 @@ import numpy as np
 
 from dmis import __version__
 from dmis.estimator import Settings
-from dmis.fit import Rule, make_rule
-from dmis.samplers import Kind
+from dmis.fit import Pilot, Rule, make_rule
+from dmis.samplers import Kind, stream
 from dmis.scene import Scene
-from dmis.tile import Rendered, Tile, render_tile, split
+from dmis.tile import BASE, Rendered, Statistic, Tile, render_tile, split
 from dmis.variance import Moments
 from dmis.vec import Array
 
 Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
 CHECKPOINT_SECONDS = 10.0
+LEVELS = np.unique(np.round(2 ** np.arange(0, 16.25, 0.5)).astype(np.int64))
+"""Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +140,18 @@ def render(
     try:
         _ = scene.plan, scene.intersector
         begin = time.perf_counter()
-        pilot = {w: work.render(k, "pilot", n, w, "independent") for k, (w, n) in enumerate(sorted(rule.pilot.items()))}
+        gather = getattr(rule, "statistic", None)
+        pilot = {
+            w: work.render(k, "pilot", n, w, "independent", gather)
+            for k, (w, n) in enumerate(sorted(rule.pilot.items()))
+        }
         fitted = time.perf_counter()
         fit = rule.fit(pilot)
+        counts: Array | int = spp - pilot_spp
+        if fit.samples is not None:
+            counts = whole_samples(np.asarray(fit.samples), spp - pilot_spp, stream(seed, len(pilot), 2**31))
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", spp - pilot_spp, fit.weight, settings.sampler)
+        final = work.render(len(pilot), "final", counts, fit.weight, settings.sampler).moments
         end = time.perf_counter()
     except BaseException:
         store.save()
@@ -151,14 +160,18 @@ def render(
         raise
     if owned is not None:
         owned.shutdown()
-    image, variance = _combine([*pilot.values(), final] if settings.reuse_pilot else [final])
+    pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
+    parts = [(final, spp - pilot_spp)]
+    if settings.reuse_pilot:
+        parts += [(pilot[w].moments, n) for w, n in rule.pilot.items()]
+    image, variance = _combine(parts)
     store.remove()
     shape = image.shape[:2]
     return Result(
         image=image,
         variance=variance,
         weight=np.broadcast_to(np.asarray(fit.weight, np.float32), shape).copy(),
-        samples=np.full(shape, spp, np.float32),
+        samples=np.broadcast_to(np.float32(pilot_spp) + np.asarray(counts, np.float32), shape).copy(),
         seconds={
             "pilot": fitted - begin,
             "fit": final_begin - fitted,
@@ -167,7 +180,7 @@ def render(
         },
         rays=dict(work.rays),
         maps=fit.maps,
-        provenance={**provenance, "rays": dict(work.rays)},
+        provenance={**provenance, "rays": dict(work.rays), "pilot_rays": dict(pilot_rays)},
         tiles=tuple(work.tiles),
     )
 
@@ -188,15 +201,40 @@ def _check(spp: int, pilot_spp: int, seed: int, threads: int | None, rule: str) 
         raise ValueError(f"threads must be at least 1; got {threads}")
 
 
-def _combine(parts: list[Moments]) -> tuple[Array, Array]:
-    """Average images by their sample counts; variance of the average."""
-    n = sum(part.n for part in parts)
-    image = sum(part.mean * (part.n / n) for part in parts)
-    counted = [part for part in parts if part.n > 1]
-    variance = np.full(parts[0].mean.shape, np.nan)
-    if len(counted) == len(parts):
-        variance = sum((part.variance() * (part.n / n**2) for part in parts), np.zeros(parts[0].mean.shape))
-    return np.asarray(image, np.float32), variance.astype(np.float32)
+def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
+    """Average images with weights fixed beforehand, their mean numbers of samples; and the variance of the average.
+
+    The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
+    """
+    total = sum(n for _, n in parts)
+    image = np.zeros(parts[0][0].mean.shape)
+    variance = np.zeros(image.shape)
+    for part, n in parts:
+        share = n / total
+        image += part.mean * share
+        with np.errstate(divide="ignore", invalid="ignore"):
+            variance += np.where(np.asarray(part.n) > 1, part.m2 / (part.n - 1) / part.n, np.nan) * share**2
+    return image.astype(np.float32), variance.astype(np.float32)
+
+
+def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
+    """Whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2.
+
+    Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
+    keeps their mean.
+    """
+    if not (np.isfinite(share).all() and (share > 0).all()):
+        raise ValueError("samples of a fit must be positive and finite, because every pixel needs some")
+    least, most = min(2, spp), LEVELS[-1]
+    low_scale, high_scale = 0.0, most / share.min()
+    for _ in range(60):  # what the limits take or give is shared by the others
+        scale = (low_scale + high_scale) / 2
+        wanted = np.clip(share * scale, least, most)
+        low_scale, high_scale = (scale, high_scale) if wanted.mean() < spp else (low_scale, scale)
+    low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
+    step = (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])
+    passed = np.floor(np.cumsum(step.ravel()) + rng.random()).astype(np.int64)
+    return LEVELS[low + np.diff(passed, prepend=0).reshape(low.shape)]
 
 
 def fingerprint(scene: Scene) -> str:
@@ -231,42 +269,80 @@ class _Work:
         self.rays: Counter[str] = Counter()
         self.tiles: list[Tile] = []
 
-    def render(self, pass_: int, stage: str, spp: int, w: Array | float, sampler: Kind) -> Moments:
-        """One pass: `spp` camera samples at weight `w`, one number or ``(H, W)``."""
+    def render(
+        self,
+        pass_: int,
+        stage: str,
+        spp: Array | int,
+        w: Array | float,
+        sampler: Kind,
+        statistic: Callable[[int, int], Statistic] | None = None,
+    ) -> Pilot:
+        """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``."""
         width, height = self._scene.camera.resolution
         tiles = []
-        for number, (rows, columns) in enumerate(split((width, height), spp)):
-            local = w if np.ndim(w) == 0 else np.asarray(w)[slice(*rows), slice(*columns)].reshape(-1)
-            tiles.append(Tile(self._seed, pass_, number, rows, columns, spp, local, sampler, self._settings))
+        uneven = not isinstance(spp, int)
+        for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
+            area = slice(*rows), slice(*columns)
+            local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
+            count = spp if isinstance(spp, int) else spp[area].reshape(-1)
+            tile = Tile(self._seed, pass_, number, rows, columns, count, local, sampler, self._settings, statistic)
+            tiles.append(tile)
         self.tiles.extend(tiles)
-        mean, m2, done = self._store.start(pass_, (height, width, 3), len(tiles), self.rays)
+        stored = self._store.start(pass_, (height, width, 3), len(tiles))
         waiting: dict[Future[Rendered], Tile] = {}
-        total, finished = height * width * spp, 0
+        total, finished = sum(_samples(tile) for tile in tiles), 0
         for tile in tiles:
-            if done[tile.number]:
-                finished += _area(tile) * spp
+            if stored.done[tile.number]:
+                finished += _samples(tile)
             else:
                 waiting[self._executor.submit(render_tile, self._scene, tile)] = tile
         try:
             for future in as_completed(list(waiting)):
                 tile, rendered = waiting.pop(future), future.result()
-                area = slice(*tile.rows), slice(*tile.columns)
-                mean[area], m2[area] = rendered.moments.mean, rendered.moments.m2
-                done[tile.number] = True
-                self.rays.update(rendered.rays)
-                finished += _area(tile) * spp
-                self._store.tick(self.rays)
+                stored.put(tile, rendered)
+                finished += _samples(tile)
+                self._store.tick()
                 if self._progress:
                     self._progress(stage, finished, total)
         except BaseException:
             for future in waiting:
                 future.cancel()
             raise
-        return Moments(spp, mean, m2)
+        self.rays.update(stored.rays)
+        n = spp if isinstance(spp, int) else spp[..., None]
+        return Pilot(Moments(n, stored.mean, stored.m2), dict(stored.rays), stored.sums)
 
 
-def _area(tile: Tile) -> int:
-    return (tile.rows[1] - tile.rows[0]) * (tile.columns[1] - tile.columns[0])
+def _samples(tile: Tile) -> int:
+    """Camera samples of a tile."""
+    area = (tile.rows[1] - tile.rows[0]) * (tile.columns[1] - tile.columns[0])
+    return area * tile.spp if isinstance(tile.spp, int) else int(tile.spp.sum())
+
+
+@dataclass(eq=False)
+class _Pass:
+    """What is finished of one pass over the image."""
+
+    mean: np.ndarray
+    m2: np.ndarray
+    done: np.ndarray
+    rays: Counter[str]
+    sums: dict[str, np.ndarray]
+
+    def put(self, tile: Tile, rendered: Rendered) -> None:
+        """Enter a tile."""
+        area = slice(*tile.rows), slice(*tile.columns)
+        self.mean[area], self.m2[area] = rendered.moments.mean, rendered.moments.m2
+        corner = tile.rows[0] // BASE, tile.columns[0] // BASE
+        for name, values in rendered.sums.items():
+            if name not in self.sums:
+                whole = (-(-n // BASE) for n in self.mean.shape[:2])
+                self.sums[name] = np.zeros((*values.shape[:-2], *whole))
+            rows, columns = (slice(c, c + n) for c, n in zip(corner, values.shape[-2:], strict=True))
+            self.sums[name][..., rows, columns] = values
+        self.rays.update(rendered.rays)
+        self.done[tile.number] = True
 
 
 class _Store:
@@ -275,8 +351,7 @@ class _Store:
     def __init__(self, path: str | os.PathLike[str] | None, provenance: Mapping[str, Any]) -> None:
         self._path = None if path is None else Path(path)
         self._key = json.dumps(provenance, sort_keys=True)
-        self._passes: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        self._rays: Counter[str] = Counter()
+        self._passes: dict[int, _Pass] = {}
         self._saved = time.monotonic()
         self._loaded: dict[str, np.ndarray] = {}
         if self._path is None or not self._path.exists():
@@ -293,22 +368,19 @@ class _Store:
                 f"It holds {key}; asked for is {self._key}"
             )
 
-    def start(
-        self, pass_: int, shape: tuple[int, int, int], tiles: int, rays: Counter[str]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arrays of a pass: mean, sum of squared deviations, and which tiles are done; from the file if it has them."""
-        if not self._passes and "rays" in self._loaded:
-            rays.update(json.loads(str(self._loaded["rays"])))
-        if f"mean{pass_}" in self._loaded:
-            arrays = tuple(self._loaded.pop(f"{name}{pass_}") for name in ("mean", "m2", "done"))
+    def start(self, pass_: int, shape: tuple[int, int, int], tiles: int) -> _Pass:
+        """A pass, as far as the file has it."""
+        loaded = {k.partition(":")[2]: a for k, a in self._loaded.items() if k.startswith(f"{pass_}:")}
+        if loaded:
+            rays = Counter(json.loads(str(loaded.pop("rays"))))
+            mean, m2, done = (loaded.pop(name) for name in ("mean", "m2", "done"))
+            self._passes[pass_] = _Pass(mean, m2, done, rays, loaded)
         else:
-            arrays = (np.zeros(shape), np.zeros(shape), np.zeros(tiles, bool))
-        self._passes[pass_] = arrays  # type: ignore[assignment]
+            self._passes[pass_] = _Pass(np.zeros(shape), np.zeros(shape), np.zeros(tiles, bool), Counter(), {})
         return self._passes[pass_]
 
-    def tick(self, rays: Counter[str]) -> None:
+    def tick(self) -> None:
         """Save if the last time is long enough ago."""
-        self._rays = rays
         if self._path is not None and time.monotonic() - self._saved > CHECKPOINT_SECONDS:
             self.save()
 
@@ -316,9 +388,11 @@ class _Store:
         """Write the file; an interruption leaves the previous one whole."""
         if self._path is None or not self._passes:
             return
-        arrays = {"key": np.array(self._key), "rays": np.array(json.dumps(self._rays))}
-        for pass_, (mean, m2, done) in self._passes.items():
-            arrays |= {f"mean{pass_}": mean, f"m2{pass_}": m2, f"done{pass_}": done}
+        arrays = {"key": np.array(self._key)}
+        for number, p in self._passes.items():
+            rays = np.array(json.dumps(p.rays))
+            parts = {"mean": p.mean, "m2": p.m2, "done": p.done, "rays": rays, **p.sums}
+            arrays |= {f"{number}:{name}": array for name, array in parts.items()}
         partial = self._path.with_name(self._path.name + ".partial")
         with open(partial, "wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]

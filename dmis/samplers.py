@@ -11,7 +11,8 @@ points are shuffled once per tile, so that their order matches nothing.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import itertools
+from collections.abc import Hashable, Sequence
 from functools import lru_cache
 from typing import Literal, Protocol
 
@@ -53,9 +54,9 @@ class Independent:
         self._rng, self._pixels = rng, pixels
         self._size = 0
 
-    def start_block(self, first: int, count: int) -> None:
-        """Begin samples ``first`` to ``first + count - 1`` of every pixel."""
-        self._size = self._pixels * count
+    def start_block(self, first: int, count: int, active: Index | None = None) -> None:
+        """Begin samples ``first`` to ``first + count - 1`` of every pixel, or of the pixels `active`."""
+        self._size = (self._pixels if active is None else len(active)) * count
 
     def draw(self, key: Hashable, index: Index | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
@@ -65,22 +66,27 @@ class Independent:
 class _Sequence:
     """What sampler with a sequence per pixel share: which point of it a sample takes."""
 
-    def __init__(self, rng: np.random.Generator, pixels: int, spp: int, shading_samples: int) -> None:
-        self._rng, self._pixels, self._spp = rng, pixels, spp
-        self._length = spp * shading_samples
-        self._order = rng.permutation(spp)
+    def __init__(self, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int) -> None:
+        self._rng, self._pixels, self._spp = rng, pixels, stops[-1]
+        self._length = self._spp * shading_samples
+        # shuffled between stops only: a pixel that stops early has the beginning of the sequence
+        self._order = np.concatenate([a + rng.permutation(b - a) for a, b in itertools.pairwise((0, *stops))])
         self._first = self._count = 0
+        self._active: Index | None = None
         self._state: dict[Hashable, np.ndarray] = {}
 
-    def start_block(self, first: int, count: int) -> None:
-        """Begin samples ``first`` to ``first + count - 1`` of every pixel."""
-        self._first, self._count = first, count
+    def start_block(self, first: int, count: int, active: Index | None = None) -> None:
+        """Begin samples ``first`` to ``first + count - 1`` of every pixel, or of the pixels `active`."""
+        self._first, self._count, self._active = first, count, active
 
     def _points(self, key: Hashable, index: Index | None, number: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Position in the sequence and pixel of each point, ``(N,)``."""
+        width = self._pixels if self._active is None else len(self._active)
         if index is None:
-            index = np.arange(self._pixels * self._count)
-        sample, pixel = np.divmod(index, self._pixels)
+            index = np.arange(width * self._count)
+        sample, pixel = np.divmod(index, width)
+        if self._active is not None:
+            pixel = self._active.take(pixel)
         if number is not None:
             return np.minimum(number, self._length - 1), pixel
         sample += self._first
@@ -132,9 +138,16 @@ def _sobol(length: int) -> np.ndarray:
 
 
 def make_sampler(
-    kind: Kind, rng: np.random.Generator, pixels: int, spp: int, shading_samples: int
+    kind: Kind, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int
 ) -> Independent | Stratified | Sobol:
     """The sampler `kind` for one tile of `pixels`, whose numbers come from `rng`.
+
+    Parameters
+    ----------
+    stops
+        Numbers of camera samples after which some pixels, and at the last all, have enough; ascending.
+    shading_samples
+        Of each camera sample.
 
     Raises
     ------
@@ -144,7 +157,7 @@ def make_sampler(
     if kind == "independent":
         return Independent(rng, pixels)
     if kind == "stratified":
-        return Stratified(rng, pixels, spp, shading_samples)
+        return Stratified(rng, pixels, stops, shading_samples)
     if kind == "sobol":
-        return Sobol(rng, pixels, spp, shading_samples)
+        return Sobol(rng, pixels, stops, shading_samples)
     raise ValueError(f"sampler must be one of {', '.join(KINDS)}; got {kind!r}")

@@ -23,14 +23,14 @@ class Moments:
     Attributes
     ----------
     n
-        Number of samples, the same for all entries.
+        Number of samples: the same for all entries, or an array that broadcasts to them.
     mean
         Their mean, any shape, float64.
     m2
         Sum of squared deviations from it, the same shape.
     """
 
-    n: int
+    n: int | Array
     mean: Array
     m2: Array
 
@@ -63,8 +63,8 @@ class Moments:
         ValueError
             If there are fewer than two samples.
         """
-        if self.n < 2:
-            raise ValueError(f"a variance needs at least two samples; got {self.n}")
+        if np.min(self.n) < 2:
+            raise ValueError(f"a variance needs at least two samples; got {np.min(self.n):g}")
         return self.m2 / (self.n - 1)
 
 

@@ -40,8 +40,8 @@ def patch_at(scene: dmis.Scene, row: float, column: float, size: int) -> plot.Wi
 def mse_curve(opts: Options, scene: dmis.Scene, patch: plot.Window, weights: Sequence[float] = WEIGHTS) -> Curve:
     """Render the patch alone, again and again, with fixed weights."""
     crop = scene.crop(*patch)
-    reference = opts.reference(crop, opts.pick(1024, 16384))
-    spp, seeds = opts.pick(16, 122), opts.pick(2, 24, 64)
+    reference = opts.reference(crop, opts.pick(1024, 8192, 16384))
+    spp, seeds = opts.pick(16, 122), opts.pick(2, 16, 64)
     runs = measure(crop, [(f"fixed:{w}", spp) for w in weights], range(seeds), reference, threads=1)
     values = [mean_and_error(np.array([run.mse for run in runs[f"fixed:{w}", spp]])) for w in weights]
     mse, error = np.transpose(values)

@@ -17,7 +17,7 @@ from dmis.variance import patch_mean
 
 opts, _ = options(__file__, __doc__)
 PATCH = opts.pick(4, 8)
-SEEDS = range(opts.pick(3, 8, 4))
+SEEDS = range(opts.pick(3, 5))
 
 # %%
 # The error of every patch, against a reference, averaged over seeds.

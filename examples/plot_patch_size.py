@@ -14,7 +14,7 @@ from dmis import plot
 from dmis.experiment import measure
 
 opts, _ = options(__file__, __doc__)
-PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((1, 2, 4, 8, 16, 32, 64), (2, 4, 8, 16)))
+PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((1, 4, 8, 16, 32, 64), (2, 4, 16)))
 
 # %%
 # Half of the usual size in each direction, because there is so much to render.
@@ -40,7 +40,7 @@ for name in SCENES:
 # %%
 # One panel per scene, one line per pilot.
 figure, axes = plot.canvas(1, 4, 18, 4.8)
-colours = ["tab:red", "tab:orange", "tab:green", "tab:blue"]
+colours = ["tab:red", "tab:green", "tab:blue"]
 for axis, (name, ratios) in zip(axes[0], results.items(), strict=True):
     for pilot, colour in zip(PILOTS, colours, strict=False):
         values, errors = np.transpose([ratios[patch, pilot] for patch in PATCHES])

@@ -11,7 +11,7 @@ from dmis.metrics import mse, relmse
 
 
 def run(rule: str, spp: int, seconds: float, overhead: float = 0.0) -> Run:
-    return Run(rule, spp, 0, seconds, overhead, 0, 1.0, 0.1, 1.0)
+    return Run(rule, spp, 0, 0, overhead, 0.0, seconds - overhead, 1.0, 0.1, 1.0)
 
 
 def test_measure(box, tmp_path):

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dmis.fit import RULES, STATUS, Fixed, Rule, Thesis, make_rule, parabola_minimum
+from dmis.fit import RULES, STATUS, Fixed, Pilot, Rule, Thesis, make_rule, parabola_minimum
 from dmis.variance import Moments, patch_mean
 from dmis.vec import Array
 
@@ -109,10 +109,10 @@ def test_three_distinct_weights_are_needed() -> None:
 # The thesis's rule --------------------------------------------------------------------------------------------------
 
 
-def pilot(minimum: Array, n: int = 2) -> dict[float, Moments]:
+def pilot(minimum: Array, n: int = 2) -> dict[float, Pilot]:
     """Moments whose variances are parabolas over w with the given minimum at each pixel, the same in each channel."""
     variances = {w: np.repeat(((w - minimum) ** 2 + 0.1)[..., None], 3, axis=2) for w in PILOT}
-    return {w: Moments(n, np.ones_like(v), v * (n - 1)) for w, v in variances.items()}
+    return {w: Pilot(Moments(n, np.ones_like(v), v * (n - 1))) for w, v in variances.items()}
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (13, 21)])
@@ -140,7 +140,7 @@ def test_thesis_filters_the_weights_of_patches() -> None:
 
 def test_black_patches_get_one_half() -> None:
     """Where nothing was seen, w = 1/2, and no warning of a division."""
-    black = {w: Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3))) for w in PILOT}
+    black = {w: Pilot(Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))) for w in PILOT}
     fit = Thesis(4).fit(black)
     np.testing.assert_array_equal(fit.weight, 0.5)
     assert (fit.maps["status"] == code("no signal")).all()
@@ -157,7 +157,8 @@ def test_thesis_pilot() -> None:
 def test_channels() -> None:
     """A red patch whose minimum differs from the green one's: luminance follows green, rgb the plain mean."""
     minimum = np.array([0.2, 0.8, 0.8])  # of red, green, blue, at equal curvature
-    moments = {w: Moments(2, np.ones((4, 4, 3)), np.broadcast_to((w - minimum) ** 2 + 0.1, (4, 4, 3))) for w in PILOT}
+    variances = {w: np.broadcast_to((w - minimum) ** 2 + 0.1, (4, 4, 3)) for w in PILOT}
+    moments = {w: Pilot(Moments(2, np.ones((4, 4, 3)), v)) for w, v in variances.items()}
     assert Thesis(4, channels="rgb").fit(moments).maps["raw"] == pytest.approx(0.6)
     assert Thesis(4, channels="luminance").fit(moments).maps["raw"] == pytest.approx(0.8 - 0.6 * 0.212671)
 

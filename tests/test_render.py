@@ -87,7 +87,7 @@ def _one_pass(scene, number, w, spp, seed):
 
     with ThreadPoolExecutor(1) as executor:
         work = _Work(scene, seed, dmis.Settings(), executor, None, _Store(None, {}))
-        return work.render(number, "pilot", spp, w, "independent").mean
+        return work.render(number, "pilot", spp, w, "independent").moments.mean
 
 
 @pytest.mark.parametrize("rule", RULES)

@@ -23,7 +23,7 @@ def numbers(
     kind: str, seed: int = 0, pass_: int = 0, tile: int = 0, pixels: int = 7, spp: int = 16, key: object = "camera"
 ) -> Array:
     """Draws ``(2, spp, pixels)`` of one key in one block."""
-    sampler = make_sampler(kind, stream(seed, pass_, tile), pixels, spp, 2)
+    sampler = make_sampler(kind, stream(seed, pass_, tile), pixels, [spp], 2)
     sampler.start_block(0, spp)
     return sampler.draw(key, None).reshape(2, spp, pixels)
 
@@ -68,7 +68,7 @@ def test_coordinates_and_keys_are_independent(kind: str) -> None:
     spp, many = 16, 200
     draws = []
     for seed in range(many):
-        sampler = make_sampler(kind, stream(seed, 0, 0), 2, spp, 2)
+        sampler = make_sampler(kind, stream(seed, 0, 0), 2, [spp], 2)
         sampler.start_block(0, spp)
         camera, light = (sampler.draw(key, None).reshape(2, spp, 2) for key in ("camera", (0, 0, 0)))
         draws.append((camera[0, :, 0], camera[1, :, 0], light[0, :, 0], light[1, :, 0], light[0, :, 1]))
@@ -120,7 +120,7 @@ def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
     Sobol numbers are bit-identical; stratified ones are jittered by numbers drawn per block, in the same cells.
     """
     whole = numbers(kind, key=key)
-    sampler = make_sampler(kind, stream(0, 0, 0), 7, 16, 2)
+    sampler = make_sampler(kind, stream(0, 0, 0), 7, [16], 2)
     parts = []
     for first, count in ((0, 5), (5, 11)):
         sampler.start_block(first, count)
@@ -134,7 +134,7 @@ def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
 
 def test_index_and_number_pick_points() -> None:
     """`index` picks samples of the block; `number` picks the place in their pixel's sequence."""
-    sampler = make_sampler("sobol", stream(0, 0, 0), 7, 16, 2)
+    sampler = make_sampler("sobol", stream(0, 0, 0), 7, [16], 2)
     sampler.start_block(0, 16)
     everything = sampler.draw((0, 0), None)
     index = np.array([3, 50, 111])
@@ -146,7 +146,7 @@ def test_index_and_number_pick_points() -> None:
 def test_unknown_sampler() -> None:
     """The error lists what there is."""
     with pytest.raises(ValueError, match="sampler must be one of independent, stratified, sobol; got 'halton'"):
-        make_sampler("halton", stream(0, 0, 0), 1, 1, 1)
+        make_sampler("halton", stream(0, 0, 0), 1, [1], 1)
 
 
 # The technique pattern and the camera's sequence -------------------------------------------------------------------

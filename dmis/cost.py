@@ -1,0 +1,28 @@
+"""What a camera sample costs at each weight, from counted rays and stored constants.
+
+An image must not depend on a clock: rules that weigh variance against cost use rays by kind, counted in their pilot,
+times the constants below, which were measured once. Only ratios matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dmis.vec import Array
+
+CAMERA, SHADING, RAY = 1.0, 0.3, 0.5
+"""A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
+
+
+def camera_sample(rays: Mapping[str, int], w: Array, shading_samples: int = 2) -> Array:
+    """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at w = 1/2.
+
+    Shading samples whose direction meets no light, or that the surface does not reflect, trace no ray; how often
+    that is for either technique shows in the rays of the pilot.
+    """
+    camera = max(rays.get("camera", 0), 1)
+    each = shading_samples / 2 * camera  # samples of either technique in the pilot, where every camera ray hit
+    light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
+    return np.asarray(CAMERA + shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))

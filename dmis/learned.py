@@ -1,0 +1,139 @@
+"""Rules that learn weights, and numbers of samples, from one pilot at w = 1/2.
+
+Statistics are shared between neighbours, decisions are not: what was gathered is averaged over patches and filtered,
+then each patch takes its own minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dmis.cost import camera_sample
+from dmis.curves import GRID, HALF, Curves, Pooled
+from dmis.fit import Fit, Pilot
+from dmis.objectives import objective
+from dmis.sharing import pool
+from dmis.tile import BASE, Statistic
+from dmis.variance import patch_spread
+from dmis.vec import Array
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Weights that minimise an objective per patch.
+
+    The objective ``second-moment`` is ``V(w) C(w)``, variance times cost: the pilot gives unbiased curves V(w)
+    (`dmis.curves`), which are averaged over patches, filtered, multiplied by the cost of a camera sample at w
+    (`dmis.cost`) and minimised on a grid of weights. The others, ``taylor``, ``inverse-variance``, ``neyman``,
+    ``representativity``, ``kl`` and ``tsallis``, are those of the literature (`dmis.objectives`).
+
+    Parameters
+    ----------
+    objective
+        Name of what is minimised.
+    patch
+        Side of a patch in pixels, a multiple of 4.
+    spp
+        Pilot samples at w = 1/2, at least 2.
+    filter
+        Of the statistics: ``gaussian`` or ``none``.
+    size, sigma
+        Of the Gaussian, in patches.
+    cost
+        Whether cost counts; otherwise variance alone.
+    guard
+        Leave w = 1/2 only where the gain is more than this many standard errors (second-moment).
+    counts
+        Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)`` (second-moment).
+    floor
+        Least number of samples of a patch, as a share of the mean.
+    gamma
+        Order of the divergence (tsallis); 1 is Kullback-Leibler, 2 the second moment.
+    reuse
+        Whether the pilot's samples are part of the image.
+    combiner, sampler
+        Of the final samples.
+    """
+
+    objective: str = "second-moment"
+    patch: int = 4
+    spp: int = 6
+    filter: str = "gaussian"
+    size: int = 5
+    sigma: float = 1.0
+    cost: bool = True
+    guard: float = 2.0
+    counts: bool = False
+    floor: float = 0.1
+    gamma: float = 2.0
+    reuse: bool = True
+    combiner: str = "balance"
+    sampler: str = ""
+
+    def __post_init__(self) -> None:
+        if self.patch < BASE or self.patch % BASE:
+            raise ValueError(f"patch must be a multiple of {BASE} pixels, in which curves are kept; got {self.patch}")
+        if self.spp < 2:
+            raise ValueError(f"spp of the pilot must be at least 2, because curves are variances; got {self.spp}")
+        if self.filter not in ("gaussian", "none"):
+            raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
+        if self.size < 1 or self.size % 2 == 0:
+            raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
+        if not self.sigma > 0:
+            raise ValueError(f"sigma must be positive; got {self.sigma}")
+        if not self.guard >= 0:
+            raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
+        if not 0 < self.floor <= 1:
+            raise ValueError(f"floor must be in (0, 1], a share of the mean number of samples; got {self.floor}")
+        if not self.gamma > 0:
+            raise ValueError(f"gamma must be positive; got {self.gamma}")
+        if self.counts and self.objective != "second-moment":
+            raise ValueError(f"counts needs variances, which the objective {self.objective} does not estimate")
+        if self.filter == "gaussian":
+            import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
+
+    @property
+    def pilot(self) -> Mapping[float, int]:
+        return {0.5: self.spp}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        own = {"combiner": self.combiner, "reuse_pilot": self.reuse}
+        return own | ({"sampler": self.sampler} if self.sampler else {})
+
+    @property
+    def statistic(self) -> Callable[[int, int], Statistic]:
+        """What is gathered in the pilot."""
+        return Curves if self.objective == "second-moment" else objective(self.objective, self.gamma).statistic
+
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        found = pilot[0.5]
+        shape = found.moments.mean.shape[:2]
+        sigma = self.sigma if self.filter == "gaussian" else None
+        means, pixels = pool(found.sums, shape, self.patch, sigma, self.size // 2)
+        cost = camera_sample(found.rays, GRID) if self.cost else np.ones(len(GRID))
+        if self.objective == "second-moment":
+            return self._least_variance(Pooled(**means, pixels=pixels), cost, shape)
+        weight = np.clip(objective(self.objective, self.gamma).solve(means, (cost[0], cost[-1])), 0, 1)
+        return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
+
+    def _least_variance(self, curves: Pooled, cost: Array, shape: tuple[int, int]) -> Fit:
+        variance = curves.variance
+        objective = variance * cost[:, None, None]
+        sure = objective - objective[HALF] < -self.guard * curves.gain_error(cost)
+        sure[HALF] = True
+        best = np.where(sure, objective, np.inf).argmin(axis=0)
+        weight = GRID[best]
+        chosen = np.maximum(np.take_along_axis(variance, best[None], axis=0)[0], 0)
+        maps = {"patch": weight, "variance": chosen, "variances": variance}
+        samples = self._shares(np.sqrt(chosen / cost[best]), shape) if self.counts else None
+        return Fit(patch_spread(weight, self.patch, shape), maps, samples)
+
+    def _shares(self, wanted: Array, shape: tuple[int, int]) -> Array:
+        """Numbers of samples in proportion to `wanted`, not below the floor."""
+        least = self.floor * wanted.mean()
+        return patch_spread(np.maximum(wanted, least) if least > 0 else np.ones_like(wanted), self.patch, shape)

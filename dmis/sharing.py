@@ -1,0 +1,56 @@
+"""Sharing statistics between pixels: sums over patches, averages with their neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dmis.filter import effective, gaussian
+from dmis.tile import BASE, base_sum
+from dmis.vec import Array
+
+
+def pool(
+    sums: Mapping[str, Array], shape: tuple[int, int], patch: int, sigma: float | None = None, radius: int = 2
+) -> tuple[dict[str, Array], Array]:
+    """Means over patches of statistics that were summed over patches of `BASE` pixels.
+
+    Parameters
+    ----------
+    sums
+        By name, ``(..., rows, columns)`` of base patches.
+    shape
+        ``(H, W)`` of the image in pixels.
+    patch
+        Side of the new patches, a multiple of `BASE`.
+    sigma, radius
+        Of a Gaussian over the new patches, in patches; None: no filter.
+
+    Returns
+    -------
+    means
+        By name, ``(..., rows, columns)`` of the new patches.
+    pixels
+        To how many pixels with equal weights each mean amounts, ``(rows, columns)``.
+    """
+    every = {**sums, "pixels": base_sum(np.ones(shape))}
+    coarse = {name: _coarser(a, patch // BASE) for name, a in every.items()}
+    worth = 1.0
+    if sigma is not None:
+        coarse = {name: _each(a, sigma, radius) for name, a in coarse.items()}
+        worth = effective(sigma, radius)
+    pixels = coarse.pop("pixels")
+    return {name: a / pixels for name, a in coarse.items()}, pixels * worth
+
+
+def _coarser(values: Array, times: int) -> Array:
+    """Sums over `times` x `times` entries of the last two axes."""
+    rows, columns = (np.arange(0, n, times) for n in values.shape[-2:])
+    return np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1)
+
+
+def _each(values: Array, sigma: float, radius: int) -> Array:
+    """The Gaussian of each map in the last two axes."""
+    flat = values.reshape(-1, *values.shape[-2:])
+    return np.stack([gaussian(a, sigma, radius) for a in flat]).reshape(values.shape)

@@ -1,0 +1,112 @@
+"""``compare``: the table, the plot, references, and how rules are told apart from their options."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.__main__ import main
+from dmis.compare import COLUMNS, split_rules
+from dmis.fit import RULES
+
+SIZE = ["--resolution", "24x18", "--reference-spp", "16"]
+
+
+@pytest.mark.parametrize(
+    "text, rules",
+    [
+        ("balance", ["balance"]),
+        ("balance,thesis", ["balance", "thesis"]),
+        ("thesis:patch=8,filter=none,auto", ["thesis:patch=8,filter=none", "auto"]),
+        ("fixed:0.25,fixed:0.75", ["fixed:0.25", "fixed:0.75"]),
+        ("auto, thesis:8,sigma=2 ,auto", ["auto", "thesis:8,sigma=2"]),
+    ],
+)
+def test_split_rules(text, rules):
+    """What begins with a rule's name is a new rule; the rest are options; twice is once."""
+    assert split_rules(text) == rules
+
+
+def test_all_rules():
+    """Every rule with its defaults, but for those that need a value or are for teaching."""
+    assert set(split_rules("all")) == set(RULES) - {"fixed", "uniform"}
+
+
+@pytest.mark.parametrize("text", ["", "best", "balance,best", "thesis:patch=8,filter=box"])
+def test_bad_rules(text):
+    """Before anything is rendered."""
+    with pytest.raises(ValueError, match=r"rule must be one of|filter must be|has the options"):
+        split_rules(text)
+
+
+def test_compare(tmp_path, capsys, monkeypatch):
+    """One row per rule, budget and seed, with the ratio to balance; a pilot that does not fit is left out."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    out = tmp_path / "out"
+    arguments = ["compare", "teapot-area-light", "--rules", "thesis,fixed:1", "--spp", "4,8", "--seeds", "2"]
+    assert main([*arguments, *SIZE, "-o", str(out)]) == 0
+    with open(out / "results.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    done = [(row["rule"], int(row["spp"]), int(row["seed"])) for row in rows]
+    assert sorted(done) == sorted(
+        [(rule, n, seed) for seed in (0, 1) for n in (4, 8) for rule in ("balance", "fixed:1")]
+        + [("thesis", 8, seed) for seed in (0, 1)]
+    )
+    for row in rows:
+        base = next(r for r in rows if (r["rule"], r["spp"], r["seed"]) == ("balance", row["spp"], row["seed"]))
+        assert float(row["mse_over_balance"]) == pytest.approx(float(row["mse"]) / float(base["mse"]), rel=1e-4)
+        parts = sum(float(row[f"{stage}_seconds"]) for stage in ("pilot", "fit", "render"))
+        assert float(row["seconds"]) == pytest.approx(parts, abs=2e-4)
+    assert (out / "convergence.png").stat().st_size > 10_000
+    printed = capsys.readouterr().out
+    assert "| 8 | thesis |" in printed and "| 4 | thesis |" not in printed
+
+
+@pytest.mark.parametrize("kind", ["npy", "exr"])
+def test_given_reference(tmp_path, kind):
+    """An image of one's own, as an array or a file."""
+    scene = dmis.load_scene("teapot-area-light", resolution=(24, 18))
+    image = dmis.render(scene, "balance", 64, seed=9).image
+    path = tmp_path / f"reference.{kind}"
+    if kind == "npy":
+        np.save(path, image)
+    else:
+        dmis.write_exr(path, {"RGB": image})
+    arguments = ["compare", "teapot-area-light", "--rules", "balance", "--spp", "4", "--seeds", "1", "--quiet"]
+    assert main([*arguments, "--resolution", "24x18", "--reference", str(path), "-o", str(tmp_path)]) == 0
+    with open(tmp_path / "results.csv", encoding="utf-8") as file:
+        row = next(csv.DictReader(file))
+    expected = dmis.mse(dmis.render(scene, "balance", 4, seed=0).image, image)
+    assert float(row["mse"]) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "more, message",
+    [
+        (["--rules", "best"], "rule must be one of"),
+        (["--seeds", "0"], "--seeds must be at least 1"),
+        (["--reference", "nowhere.exr"], "nowhere.exr"),
+        (["--reference", "small.npy"], "reference must be of 24x18 pixels"),
+        (["--reference", "flat.npy"], "must hold an image of three channels"),
+        (["--reference", "broken.npy"], "not readable as a NumPy array"),
+    ],
+)
+def test_bad_input(tmp_path, capsys, monkeypatch, more, message):
+    """One message and exit code 2."""
+    monkeypatch.chdir(tmp_path)
+    np.save("small.npy", np.zeros((2, 2, 3)))
+    np.save("flat.npy", np.zeros((18, 24)))
+    (tmp_path / "broken.npy").write_bytes(b"no array")
+    assert main(["compare", "teapot-area-light", "--resolution", "24x18", *more, "-o", "out"]) == 2
+    error = capsys.readouterr().err
+    assert message in error and len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("spp", ["0", "8,x", ""])
+def test_bad_budgets(spp, tmp_path, capsys):
+    """The argument's name is in the message."""
+    with pytest.raises(SystemExit) as stop:
+        main(["compare", "tt", "--spp", spp, "-o", str(tmp_path)])
+    assert stop.value.code == 2 and "--spp" in capsys.readouterr().err

@@ -1,0 +1,108 @@
+"""Variance curves from one pilot: closed forms, unbiasedness, and what renders measure."""
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT
+
+import dmis
+from dmis.curves import GRID, HALF, Curves, Pooled
+from dmis.estimator import Record
+from dmis.vec import Array
+
+A = 0.25  # p_l = 2 x, p_b = 2 (1 - x) on [0, 1], f = x + A
+
+
+def f(x: Array) -> Array:
+    return x + A
+
+
+def exact(w: float) -> tuple[float, float, float]:
+    """M2 and both techniques' means of f / p_w, by quadrature."""
+    x = (np.arange(200_000) + 0.5) / 200_000
+    p_l, p_b = 2 * x, 2 * (1 - x)
+    p_w = w * p_l + (1 - w) * p_b
+    return tuple(float(np.mean(g)) for g in (f(x) ** 2 / p_w, p_l * f(x) / p_w, p_b * f(x) / p_w))  # type: ignore[return-value]
+
+
+def pilot(pixels: int, count: int, seed: int, keys: int = 1) -> Curves:
+    """A 1-D pilot: one sample of each technique for each camera sample, at w = 1/2, from `keys` equal lights."""
+    rng = np.random.default_rng(seed)
+    curves = Curves(pixels, 2)
+    n = pixels * count
+    records, radiance = [], np.zeros(n)
+    for key in range(keys):
+        for side in (0, 1):
+            x = np.sqrt(rng.random(n))
+            x = x if side == 0 else 1 - x
+            pdf = np.stack([2 * x, 2 * (1 - x)])
+            value = f(x) / pdf.mean(axis=0)
+            radiance += value / 2
+            records.append(Record(side, (key,), None, value.astype(np.float32), pdf.astype(np.float32)))
+    curves.add(records, np.repeat(radiance[None], 3, axis=0).astype(np.float32), count)
+    return curves
+
+
+@pytest.mark.parametrize("count", [2, 6])
+@pytest.mark.parametrize("keys", [1, 2])
+def test_curve_is_unbiased(count: int, keys: int) -> None:
+    """``(M2 - w m_l^2 - (1 - w) m_b^2) / 2`` for two shading samples, per light; from 2 and 6 camera samples alike.
+
+    The ends of the grid have no finite variance here (p_l = 0 at one end of the interval), so they are left out.
+    """
+    sums = pilot(40_000, count, seed=count, keys=keys).sums()
+    for g in range(1, len(GRID) - 1):
+        w = float(GRID[g])
+        second, light, brdf = exact(w)
+        expected = keys * (second - w * light**2 - (1 - w) * brdf**2) / 2
+        values = sums["curve"][g]
+        z = (values.mean() - expected) / (values.std(ddof=1) / np.sqrt(len(values)))
+        assert abs(z) < Z_LIMIT
+        assert values.std() / np.sqrt(len(values)) < 0.02 * max(expected, exact(0.5)[0] / 10)
+
+
+def test_seen_variance_is_the_curve_at_half() -> None:
+    """Where the camera sample adds nothing, the variance that was seen is what the curve says for w = 1/2."""
+    sums = pilot(40_000, 6, seed=3).sums()
+    difference = sums["seen"] - sums["curve"][HALF]
+    assert abs(difference.mean()) < Z_LIMIT * difference.std() / np.sqrt(len(difference))
+
+
+def test_standard_error_of_the_gain() -> None:
+    """From the sums over pixels, as from the pixels themselves."""
+    sums = pilot(500, 6, seed=4).sums()
+    cost = np.linspace(1, 1.5, len(GRID))
+    pooled = Pooled(**{name: a.mean(axis=-1) for name, a in sums.items()}, pixels=np.array(500))
+    gain = sums["curve"] * cost[:, None] - sums["curve"][HALF] * cost[HALF]
+    np.testing.assert_allclose(pooled.gain_error(cost), gain.std(axis=1, ddof=1) / np.sqrt(500), rtol=1e-6)
+    assert pooled.gain_error(cost)[HALF] == pytest.approx(0, abs=1e-9)
+
+
+def test_black_pixels() -> None:
+    """No record, no variance."""
+    curves = Curves(4, 2)
+    curves.add([], np.zeros((3, 8), np.float32), 2)
+    assert all((a == 0).all() for a in curves.sums().values())
+
+
+def test_one_sample_is_too_few() -> None:
+    """A variance needs two."""
+    with pytest.raises(ValueError, match="at least two camera samples"):
+        Curves(4, 2).add([], np.zeros((3, 4), np.float32), 1)
+
+
+@pytest.mark.parametrize("w", [0.08, 0.27, 0.5, 0.84])
+def test_curve_predicts_renders(box: dmis.Scene, w: float) -> None:
+    """The variance of rendered images at w, over many seeds, is what pilots at 1/2 say.
+
+    In the mean over a part of the floor, where nothing but the shading samples brings variance.
+    """
+    from dmis.learned import Learned
+    from dmis.render import render
+
+    floor = box.crop((18, 24), (0, 10))
+    rule = Learned(patch=32, spp=256, filter="none")
+    fits = [render(floor, rule, 257, seed=s).maps["variances"].mean(axis=(1, 2)) for s in range(6)]
+    predicted = np.mean(fits, axis=0)[list(GRID).index(np.float32(w))]
+    images = np.array([render(floor, f"fixed:{w}", 64, seed=s).image.mean(axis=2) for s in range(96)])
+    measured = images.var(axis=0, ddof=1).mean() * 64
+    assert measured == pytest.approx(predicted, rel=0.08)  # sampling error of both: 2 %

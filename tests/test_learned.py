@@ -1,0 +1,149 @@
+"""The second-moment rule: planted curves, the guard, costs, numbers of samples."""
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.cost import camera_sample
+from dmis.curves import GRID, HALF
+from dmis.fit import Pilot, make_rule
+from dmis.learned import Learned
+from dmis.render import LEVELS, whole_samples
+from dmis.variance import Moments
+from dmis.vec import Array
+
+PLAIN = {"filter": "none", "cost": False, "guard": 0.0}
+
+
+def pilot(curve: Array, noise: float = 0.0, seen: Array | None = None, size: int = 32) -> dict[float, Pilot]:
+    """A pilot whose pixels have the curves given per patch of 4 pixels ``(G, rows, columns)``, with a spread."""
+    rows = columns = size // 4
+    curve = np.broadcast_to(curve, (len(GRID), rows, columns)).astype(float)
+    square = curve**2 + noise**2
+    square[HALF] = curve[HALF] ** 2
+    cross = curve * curve[HALF]
+    seen = curve[HALF] if seen is None else seen
+    sums = {"curve": curve, "square": square, "cross": cross, "seen": np.broadcast_to(seen, (rows, columns))}
+    moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
+    return {0.5: Pilot(moments, {"camera": 100}, {name: a * 16 for name, a in sums.items()})}
+
+
+@pytest.mark.parametrize("g", range(len(GRID)))
+def test_planted_minimum(g: int) -> None:
+    """Every weight of the grid is found where the curve has its minimum there."""
+    curve = ((GRID - GRID[g]) ** 2 + 0.1)[:, None, None]
+    fit = Learned(**PLAIN).fit(pilot(curve))
+    np.testing.assert_array_equal(fit.weight, GRID[g])
+
+
+@pytest.mark.parametrize("patch", [4, 8, 16, 64])
+def test_patches_take_the_minimum_of_their_mean(patch: int) -> None:
+    """Curves are averaged, not weights."""
+    rng = np.random.default_rng(1)
+    curve = rng.random((len(GRID), 8, 8)) + 1
+    fit = Learned(patch=patch, **PLAIN).fit(pilot(curve))
+    k = min(patch // 4, 8)
+    mean = curve.reshape(len(GRID), 8 // k, k, 8 // k, k).mean(axis=(2, 4))
+    np.testing.assert_array_equal(fit.maps["patch"], GRID[mean.argmin(axis=0)])
+    np.testing.assert_allclose(fit.maps["variance"], mean.min(axis=0))
+
+
+def test_guard() -> None:
+    """A gain of 3 standard errors passes a guard of 2, not one of 4."""
+    gain = 0.1
+    curve = np.where(GRID == 1, 1 - gain, 1.0)[:, None, None]
+    noise = gain / 3 * np.sqrt(15)  # 16 pixels; the standard error divides by 15
+    for guard, weight in ((2.0, 1.0), (4.0, 0.5)):
+        fit = Learned(**{**PLAIN, "guard": guard}).fit(pilot(curve, noise))
+        np.testing.assert_array_equal(fit.weight, weight)
+
+
+def test_filtering_makes_surer() -> None:
+    """The same gain in all of a 5x5 neighbourhood passes where that of one patch does not."""
+    curve = np.where(GRID == 1, 0.9, 1.0)[:, None, None]
+    noise = 0.1 * np.sqrt(15)  # one standard error in one patch
+    alone, shared = (Learned(filter=f, cost=False, guard=2.0).fit(pilot(curve, noise)) for f in ("none", "gaussian"))
+    assert np.all(alone.weight == 0.5) and np.all(shared.weight == 1)
+
+
+def test_cost_moves_the_minimum() -> None:
+    """A flat curve goes to the cheaper technique; what does not depend on w makes that stronger."""
+    rays = {"camera": 100, "shadow": 100, "brdf": 0}
+    cost = camera_sample(rays, GRID)
+    assert (np.diff(cost) > 0).all()
+    flat = pilot(np.ones((len(GRID), 1, 1)))
+    flat[0.5] = Pilot(flat[0.5].moments, rays, flat[0.5].sums)
+    assert np.all(Learned(guard=0.0).fit(flat).weight == 0)
+    assert np.all(Learned(guard=0.0, cost=False).fit(pilot(np.ones((len(GRID), 1, 1)))).weight <= 0.5)
+
+
+def test_black_patches_stay_at_one_half() -> None:
+    """Where nothing was seen there is no reason to leave."""
+    fit = Learned(counts=True).fit(pilot(np.zeros((len(GRID), 1, 1))))
+    np.testing.assert_array_equal(fit.weight, 0.5)
+    assert fit.samples is not None and np.ptp(fit.samples) == 0
+
+
+def test_numbers_of_samples() -> None:
+    """In proportion to the square root of the variance over cost, not below the floor."""
+    curve = np.ones((len(GRID), 8, 8))
+    curve[:, :, :4] = 9
+    fit = Learned(counts=True, **PLAIN).fit(pilot(curve))
+    assert fit.samples is not None
+    assert fit.samples[0, 0] / fit.samples[0, -1] == pytest.approx(3)
+    curve[:, :, 4:] = 0
+    fit = Learned(counts=True, floor=0.2, **PLAIN).fit(pilot(curve))
+    assert fit.samples is not None
+    assert fit.samples[0, -1] / fit.samples[0, 0] == pytest.approx(0.2 * 1.5 / 3)
+
+
+@pytest.mark.parametrize(
+    "options", ["patch=6", "patch=2", "spp=1", "guard=-1", "floor=0", "size=4", "sigma=0", "filter=box"]
+)
+def test_bad_options(options: str) -> None:
+    """Errors name the option and what it allows."""
+    with pytest.raises(ValueError, match=options.split("=")[0]):
+        make_rule(f"second-moment:{options}")
+
+
+# Whole numbers of samples -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spp", [2, 7, 122, 1000])
+@pytest.mark.parametrize("spread", [0.0, 1.0, 3.0])
+def test_whole_samples_keep_the_budget(spp: int, spread: float) -> None:
+    """Levels only, at least two, and their mean is the budget."""
+    share = np.exp(np.random.default_rng(1).normal(0, spread, (60, 80)))
+    n = whole_samples(share, spp, np.random.default_rng(2))
+    assert np.isin(n, LEVELS).all() and n.min() >= 2
+    assert n.mean() == pytest.approx(spp, rel=0.01)
+
+
+def test_whole_samples_keep_the_expectation() -> None:
+    """Over many offsets each pixel has what it should have on average."""
+    share = np.array([[1.0, 2.0, 3.0, 5.5, 0.2]])
+    mean = np.mean([whole_samples(share, 50, np.random.default_rng(s)) for s in range(4000)], axis=0)
+    np.testing.assert_allclose(mean, share * (50 / share.mean()), rtol=0.02)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_bad_shares(bad: float) -> None:
+    """Every pixel needs samples."""
+    share = np.ones((4, 4))
+    share[1, 1] = bad
+    with pytest.raises(ValueError, match="samples of a fit must be positive and finite"):
+        whole_samples(share, 8, np.random.default_rng(1))
+
+
+# In a render --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol"])
+def test_counts_render(box: dmis.Scene, sampler: str) -> None:
+    """The samples layer has the budget as its mean; threads do not matter; camera rays are the samples."""
+    rule = f"second-moment:counts=yes,sampler={sampler}"
+    one, two = (dmis.render(box, rule, 32, seed=3, threads=n) for n in (1, 2))
+    assert np.array_equal(one.image, two.image) and np.array_equal(one.samples, two.samples)
+    assert one.samples.mean() == pytest.approx(32, rel=0.02) and np.ptp(one.samples) > 0
+    assert one.rays["camera"] == one.samples.sum()
+    assert np.isfinite(one.image).all() and np.isfinite(one.variance).all()

@@ -1,0 +1,114 @@
+"""Objectives of the literature: planted 1-D problems whose answers are known by quadrature."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import dmis
+from dmis.estimator import Record
+from dmis.objectives import NAMES, objective
+from dmis.vec import Array
+
+N = 400_000
+X = (np.arange(200_000) + 0.5) / 200_000
+P_L, P_B = 2 * X, 2 * (1 - X)
+Q = (P_L + P_B) / 2
+
+
+def f(x: Array) -> Array:
+    """Follows p_l a little more than p_b; its ratio to either is bounded."""
+    return 6 * x * (1 - x) * (1 + 0.4 * x)
+
+
+def integral(g: Array) -> float:
+    return float(np.mean(g))
+
+
+def variance(g: Array, p: Array) -> float:
+    """Of g(x) with x from p."""
+    return integral(p * g**2) - integral(p * g) ** 2
+
+
+def means(name: str, gamma: float = 2.0, pixels: int = 1) -> dict[str, Array]:
+    """What the objective gathers from N camera samples, in one patch."""
+    rng = np.random.default_rng(1)
+    statistic = objective(name, gamma).statistic(pixels, 2)
+    records = []
+    for side in (0, 1):
+        x = np.sqrt(rng.random(N))
+        x = x if side == 0 else 1 - x
+        pdf = np.stack([2 * x, 2 * (1 - x)]).astype(np.float32)
+        records.append(Record(side, (0,), None, f(x).astype(np.float32), pdf))
+    statistic.add(records, np.zeros((3, N), np.float32), N // pixels)
+    return {key: a.mean(axis=-1).reshape(*a.shape[:-1], 1, 1) for key, a in statistic.sums().items()}
+
+
+def weight(name: str, gamma: float = 2.0, cost: tuple[float, float] = (1.0, 1.0)) -> float:
+    return float(objective(name, gamma).solve(means(name, gamma), cost)[0, 0])
+
+
+def test_taylor() -> None:
+    """``1/2 - M2'(1/2) / M2''(1/2)``."""
+    d = (P_L - P_B) / Q
+    slope, bend = (integral(f(X) ** 2 / Q * d**k) for k in (1, 2))
+    assert weight("taylor") == pytest.approx(0.5 + slope / (2 * bend), abs=5e-3)
+
+
+@pytest.mark.parametrize("cost", [(1.0, 1.0), (1.0, 4.0)])
+def test_inverse_variance(cost: tuple[float, float]) -> None:
+    """``w / (1 - w) = c_b v_b / (c_l v_l)``."""
+    light, brdf = cost[1] * variance(f(X) / P_L, P_L), cost[0] * variance(f(X) / P_B, P_B)
+    assert weight("inverse-variance", cost=cost) == pytest.approx(brdf / (light + brdf), abs=5e-3)
+
+
+@pytest.mark.parametrize("cost", [(1.0, 1.0), (1.0, 4.0)])
+def test_neyman(cost: tuple[float, float]) -> None:
+    """``w / (1 - w) = s_l sqrt(c_b) / (s_b sqrt(c_l))``."""
+    light = np.sqrt(variance(f(X) / Q, P_L) / cost[1])
+    brdf = np.sqrt(variance(f(X) / Q, P_B) / cost[0])
+    assert weight("neyman", cost=cost) == pytest.approx(light / (light + brdf), abs=5e-3)
+
+
+def test_representativity() -> None:
+    """``E[f / p]^2 / E[(f / p)^2]`` of each."""
+    light, brdf = (integral(f(X)) ** 2 / integral(f(X) ** 2 / p) for p in (P_L, P_B))
+    assert weight("representativity") == pytest.approx(light / (light + brdf), abs=5e-3)
+
+
+@pytest.mark.parametrize("name, gamma", [("kl", 1.0), ("tsallis", 1.5), ("tsallis", 2.0), ("tsallis", 3.0)])
+def test_divergences(name: str, gamma: float) -> None:
+    """The root of xi; for gamma = 2 the minimum of the second moment.
+
+    Between the weights of the grid xi is interpolated, hence 0.01.
+    """
+
+    def expected(w: float) -> float:
+        p_w = w * P_L + (1 - w) * P_B
+        return integral(f(X) ** gamma * (P_L - P_B) / p_w**gamma)
+
+    root = brentq(expected, 0.01, 0.99)
+    assert weight(name, gamma) == pytest.approx(root, abs=0.01)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_seen(name: str) -> None:
+    """Black patches stay at 1/2."""
+    statistic = objective(name).statistic(4, 2)
+    statistic.add([], np.zeros((3, 8), np.float32), 2)
+    black = {key: a.mean(axis=-1).reshape(*a.shape[:-1], 1, 1) for key, a in statistic.sums().items()}
+    assert objective(name).solve(black, (1.0, 1.0))[0, 0] == 0.5
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rules_render(box: dmis.Scene, name: str) -> None:
+    """Each is a rule: weights within [0, 1], not all at 1/2, where all have an opinion."""
+    result = dmis.render(box, name, 16, seed=1)
+    assert result.weight.min() >= 0 and result.weight.max() <= 1
+    assert (result.weight != 0.5).any()
+    assert np.isfinite(result.image).all()
+
+
+def test_unknown_objective() -> None:
+    """The error lists what there is."""
+    with pytest.raises(ValueError, match=r"objective must be second-moment, taylor, .*; got 'best'"):
+        objective("best")
