@@ -71,11 +71,14 @@ class Curves:
 
 
 def spread(records: Sequence[Record], n: int) -> tuple[Array, Array]:
-    """X and r of both techniques for all camera samples, ``(2, N)`` each; X = 0 where nothing came."""
+    """X, as the mean of the channels, and r of both techniques for all camera samples, ``(2, N)`` each.
+
+    X is 0 where nothing came.
+    """
     x, r = np.zeros((2, n), np.float32), np.full((2, n), 0.5, np.float32)
     for record in records:
         where = slice(None) if record.sample is None else record.sample
-        x[record.side, where] += record.value
+        x[record.side, where] += record.value.mean(axis=0)
         r[record.side, where] = record.pdf[0] / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
     return x, r
 

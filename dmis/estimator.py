@@ -105,7 +105,7 @@ class Batch:
     rays
         Rays traced so far, by kind.
     records
-        Where shading samples that brought light are written down, for `dmis.curves`; None: nowhere.
+        Where shading samples are written down for statistics; None: nowhere.
     """
 
     scene: Scene
@@ -121,7 +121,7 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Shading samples of one technique that brought light.
+    """Shading samples of one technique whose directions meet a light.
 
     Attributes
     ----------
@@ -132,8 +132,8 @@ class Record:
     sample
         Numbers of their camera samples, ``(N,)``, each at most once; None: all, in order.
     value
-        What each would estimate alone, ``W f / (share p_own)``, with the throughput of its path, as the mean of the
-        channels, ``(N,)``.
+        What each would estimate alone, ``W f / (share p_own)``, with the throughput of its path, ``(3, N)``; 0 where
+        something is in between.
     pdf
         Densities of both techniques in its direction, ``(2, N)``.
     """
@@ -320,27 +320,25 @@ def _shade(
     factor *= scale / np.float32(batch.settings.shading_samples)
     f = surface.eval(pair) * (factor * (p_own > 0))
     alive = _where((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
-    if alive is not None and len(alive) == 0:
-        return
-    both = _both(lit, alive)
-    value = take(f, alive) * seen.radiance_at(both)
-    value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
-    where = _both(where, both)
-    _add(points.out, value, where)
+    value = np.zeros((3, 0), np.float32)
+    if alive is None or len(alive):
+        both = _both(lit, alive)
+        value = take(f, alive) * seen.radiance_at(both)
+        value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
+        _add(points.out, value, _both(where, both))
     if batch.records is not None:
-        pdf = np.stack([take(p, alive) for p in ((p_own, p_other) if side == 0 else (p_other, p_own))])
-        _record(batch, points, Record(side, key, where, value, pdf))
+        pdf = np.stack((p_own, p_other) if side == 0 else (p_other, p_own))
+        _record(batch, points, Record(side, key, _both(where, lit), value, pdf), alive)
 
 
-def _record(batch: Batch, points: _Points, record: Record) -> None:
-    """Write down shading samples of `points`, as they arrive at the camera."""
+def _record(batch: Batch, points: _Points, record: Record, alive: Index | None) -> None:
+    """Write down shading samples of `points`, as they arrive at the camera; only those `alive` have a value."""
     assert batch.records is not None
-    value = record.value
+    value = np.zeros((3, record.pdf.shape[1]), np.float32)
+    value[:, slice(None) if alive is None else alive] = record.value * np.float32(batch.settings.shading_samples)
     if points.throughput is not None:
-        value = value * take(points.throughput, record.sample)
-    grey = value[0] if len(value) == 1 else value.mean(axis=0)
-    grey = grey * np.float32(batch.settings.shading_samples)
-    batch.records.append(replace(record, sample=_both(points.sample, record.sample), value=grey))
+        value *= take(points.throughput, record.sample)
+    batch.records.append(replace(record, sample=_both(points.sample, record.sample), value=value))
 
 
 def _delta(

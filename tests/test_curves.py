@@ -37,7 +37,9 @@ def pilot(pixels: int, count: int, seed: int, keys: int = 1) -> Curves:
             pdf = np.stack([2 * x, 2 * (1 - x)])
             value = f(x) / pdf.mean(axis=0)
             radiance += value / 2
-            records.append(Record(side, (key,), None, value.astype(np.float32), pdf.astype(np.float32)))
+            records.append(
+                Record(side, (key,), None, np.repeat(value[None], 3, axis=0).astype(np.float32), pdf.astype(np.float32))
+            )
     curves.add(records, np.repeat(radiance[None], 3, axis=0).astype(np.float32), count)
     return curves
 

@@ -9,14 +9,24 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
-BLOCKS = [(page, code) for page in PAGES for code in re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S)]
+CODE = {page: re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S) for page in PAGES}
 
 
-@pytest.mark.parametrize(("page", "code"), BLOCKS, ids=[f"{page.name}-{k}" for k, (page, _) in enumerate(BLOCKS)])
-def test_python_blocks_run(page, code, tmp_path, monkeypatch):
-    """Every Python block of every page, in an empty folder."""
+@pytest.mark.parametrize("page", [page for page, blocks in CODE.items() if blocks], ids=lambda page: page.name)
+def test_python_blocks_run(page, tmp_path, monkeypatch):
+    """Every Python block of a page, one after the other, in an empty folder."""
+    from dmis.fit import RULES
+
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, str(page), "exec"), {})
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    known = dict(RULES)
+    namespace: dict = {"__name__": "page"}
+    try:
+        for code in CODE[page]:
+            exec(compile(code, str(page), "exec"), namespace)
+    finally:
+        RULES.clear()
+        RULES.update(known)
 
 
 def test_demo_quick(tmp_path):
