@@ -46,6 +46,10 @@ class EnvironmentLight:
         3x3 rotation from the map's frame to the world.
     scale
         RGB factor.
+    compensation
+        Share of the samples, in [0, 1), that are drawn in proportion to what exceeds the sky's mean radiance (Karlik
+        et al. 2019): BRDF samples see the even part of a sky well enough, and light samples may look for the rest.
+        Below 1, so that light sampling alone still reaches every direction.
 
     Notes
     -----
@@ -57,6 +61,7 @@ class EnvironmentLight:
     texels: Array
     to_world: Array | None = None
     scale: Rgb = (1.0, 1.0, 1.0)
+    compensation: float = 0.0
     delta: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -65,6 +70,10 @@ class EnvironmentLight:
             raise ValueError(f"texels must have shape (H, W, 3); got {texels.shape}")
         if not np.isfinite(texels).all() or (texels < 0).any():
             raise ValueError("texels must be finite and not negative, because they are radiance")
+        if not 0 <= self.compensation < 1:
+            raise ValueError(
+                f"compensation must be in [0, 1), so that light samples reach all of the sky; got {self.compensation}"
+            )
         _ = self._data, self._distribution, self._guide
 
     @cached_property
@@ -86,10 +95,15 @@ class EnvironmentLight:
         luminance = (around[:, :-2] + 6 * around[:, 1:-1] + around[:, 2:]) / 8
         around = np.pad(luminance, ((1, 1), (0, 0)), mode="wrap")
         luminance = (around[:-2] + 6 * around[1:-1] + around[2:]) / 8
-        weight = luminance * np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
+        sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
+        weight = luminance * sine
         total = weight.sum()
+        excess = np.maximum(luminance - total / (sine.sum() * width), 0) * sine
         if not total > 0:
             weight, total = np.ones_like(weight), float(weight.size)
+        elif self.compensation and excess.sum() > 0:
+            weight = (1 - self.compensation) * weight / total + self.compensation * excess / excess.sum()
+            total = weight.sum()
         return np.cumsum(weight.reshape(-1) / total), (weight / total * weight.size).astype(np.float32).reshape(-1)
 
     def sample(self, p: Array, u: Array) -> Seen:

@@ -42,7 +42,7 @@ SCENES = {
 
 SHRINK = {"quick": 16, "default": 4, "full": 1}
 """The thesis's size is divided by this."""
-REFERENCE_SPP = {"quick": 64, "default": 256, "full": 256}
+REFERENCE_SPP = {"quick": 64, "default": 256, "full": 128}
 """Camera samples per pixel of each half of a reference."""
 
 

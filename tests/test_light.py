@@ -55,6 +55,8 @@ LIGHTS = {
     "one texel": EnvironmentLight(ONE_TEXEL),
     "constant sky": EnvironmentLight(np.ones((1, 1, 3))),
     "black sky": EnvironmentLight(np.zeros((4, 8, 3))),
+    "compensated sky": EnvironmentLight(RANDOM_SKY, compensation=0.9),
+    "compensated constant sky": EnvironmentLight(np.ones((2, 4, 3)), compensation=0.9),
 }
 each_light = pytest.mark.parametrize("name", LIGHTS)
 SHAPES = [name for name in LIGHTS if "sky" not in name and "texel" not in name]
@@ -403,6 +405,7 @@ ANY: Any = np.ones((1, 1, 3))
         (lambda: EnvironmentLight(-np.ones((2, 2, 3))), "texels must be finite and not negative"),
         (lambda: EnvironmentLight(np.full((2, 2, 3), np.nan)), "texels must be finite"),
         (lambda: EnvironmentLight(ANY, 2 * np.eye(3)), "to_world must be a 3x3 rotation"),
+        (lambda: EnvironmentLight(ANY, compensation=1.0), "compensation must be in"),
         (lambda: PointLight((0, 0, np.nan), WHITE), "position must be three finite"),
         (lambda: PointLight(ORIGIN, (-1, 0, 0)), "intensity must be"),
         (lambda: SpotLight(ORIGIN, (0, 0, 1), WHITE, outer=20, inner=30), "need 0 <= inner <= outer"),
