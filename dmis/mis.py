@@ -73,7 +73,7 @@ def cutoff(alpha: float) -> Heuristic:
 
 def find(name: str) -> Heuristic:
     """A heuristic by name: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (0.1),
-    ``cutoff-0.5``.
+    ``cutoff-0.5``; ``optimal`` begins as balance, see `dmis.combine`.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def find(name: str) -> Heuristic:
         value = float(number) if dash else None
     except ValueError:
         value = np.nan
-    if kind == "balance" and not dash:
+    if kind in ("balance", "optimal") and not dash:
         return balance
     if kind == "maximum" and not dash:
         return maximum
@@ -93,7 +93,9 @@ def find(name: str) -> Heuristic:
         return power(2.0 if value is None else value)
     if kind == "cutoff" and value == value:
         return cutoff(0.1 if value is None else value)
-    raise ValueError(f"combiner must be balance, power[-EXPONENT], maximum or cutoff[-THRESHOLD]; got {name!r}")
+    raise ValueError(
+        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD] or optimal; got {name!r}"
+    )
 
 
 @dataclass(frozen=True, eq=False)

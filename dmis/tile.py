@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from dmis.combine import Optimal
 from dmis.estimator import Batch, Record, Settings, direct
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
@@ -113,7 +114,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     sampler = make_sampler(tile.sampler, rng, pixels, stops, settings.shading_samples)
     offset = rng.random(pixels)
     rays: Counter[str] = Counter()
+    optimal = settings.combiner == "optimal"
     statistic = tile.statistic(pixels, settings.shading_samples) if tile.statistic else None
+    collector = Optimal(tile.w, tile.spp * np.full(pixels, settings.shading_samples)) if optimal else None
     total: Moments | None = None
     for start, stop in itertools.pairwise((0, *stops)):
         active = np.flatnonzero(tile.spp >= stop) if len(stops) > 1 else None
@@ -127,16 +130,21 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
             w = w if w.ndim == 0 else take(w, active)
             counts = allocate(w, settings.shading_samples, first, count, take(offset, active), picks)
             w = w if w.ndim == 0 else np.tile(w, count)
-            records: list[Record] | None = None if statistic is None else []
+            records: list[Record] | None = None if statistic is None and collector is None else []
             batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, w, counts, rays, records)
             radiance = direct(batch, origin, direction)
             if statistic is not None:
                 statistic.add(records or [], radiance, count)
+            if collector is not None:
+                pixel = np.tile(np.arange(pixels) if active is None else active, count)
+                first_side = np.broadcast_to(counts.first, len(pixel))
+                collector.add(records or [], pixel, first_side, settings.shading_samples)
             block = Moments.of(radiance.reshape(3, count, -1).swapaxes(0, 1))
             total = _merge(total, block, active, pixels)
     assert total is not None
     shape = bottom - top, right - left
-    mean, m2 = (np.moveaxis(a.reshape(3, *shape), 0, -1) for a in (total.mean, total.m2))
+    mean = total.mean if collector is None else total.mean + collector.correction()
+    mean, m2 = (np.moveaxis(a.reshape(3, *shape), 0, -1) for a in (mean, total.m2))
     n = total.n if isinstance(total.n, int) else total.n.reshape(*shape, 1)
     found = statistic.sums() if statistic else {}
     sums = {name: base_sum(a.reshape(*a.shape[:-1], *shape)) for name, a in found.items()}

@@ -1,0 +1,89 @@
+"""Combiners that need all samples of a pixel: the optimal weights of Kondapaneni et al. 2019.
+
+Heuristics (`dmis.mis`) weigh each sample as it comes. The optimal combiner fits ``f`` by ``a_l p_l + a_b p_b`` over
+the samples of a pixel, and adds up the fit's integral, which is known because densities integrate to 1 if
+rejected samples count, and what is left of f. It comes on top of any allocation.
+
+The fit uses the samples that it is applied to, so the estimate is consistent, and slightly biased.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dmis.estimator import Record
+from dmis.vec import Array
+
+LEAST = 8
+"""Samples of each technique that the fit needs in a pixel; with fewer the balance heuristic stays."""
+
+
+class Optimal:
+    """Sums for the direct estimator of one tile: solve ``A a = b`` per pixel, light and channel; it is ``sum a``.
+
+    With ``S = sum_k n_k p_k``, ``A_ij = sum p_i p_j / S^2`` and ``b_i = sum f p_i / S^2`` over all samples. Samples
+    that met no light, or that the surface rejected, are no records: there the other density is 0, and they count.
+
+    Parameters
+    ----------
+    w
+        Share of the first technique, ``(P,)`` or one number.
+    samples
+        Shading samples of each pixel in all, ``(P,)``.
+    """
+
+    def __init__(self, w: Array | float, samples: Array) -> None:
+        pixels = len(samples)
+        self._w = np.broadcast_to(np.asarray(w, np.float64), (pixels,))
+        self._samples = np.asarray(samples, np.float64)
+        self._taken = np.zeros((2, pixels))
+        self._keys: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = {}
+
+    def add(self, records: Sequence[Record], pixel: Array, first: Array, shading_samples: int) -> None:
+        """Add one block.
+
+        Parameters
+        ----------
+        pixel
+            Pixel of each camera sample, ``(N,)``.
+        first
+            How many shading samples of each camera sample went to the first technique, ``(N,)``.
+        """
+        pixels = len(self._samples)
+        self._taken[0] += np.bincount(pixel, first, pixels)
+        self._taken[1] += np.bincount(pixel, shading_samples - first, pixels)
+        for record in records:
+            if record.key not in self._keys:
+                zeros = (np.zeros((3, pixels)), np.zeros((2, 3, pixels)), np.zeros((3, pixels)), np.zeros((2, pixels)))
+                self._keys[record.key] = zeros
+            a, b, plain, recorded = self._keys[record.key]
+            at = pixel if record.sample is None else pixel.take(record.sample)
+            w, n = self._w.take(at), self._samples.take(at)
+            light, brdf = record.pdf.astype(np.float64)
+            mixture = np.maximum(n * (w * light + (1 - w) * brdf), 1e-300)
+            light, brdf = light / mixture, brdf / mixture
+            for k, product in enumerate((light * light, light * brdf, brdf * brdf)):
+                a[k] += np.bincount(at, product, pixels)
+            for channel in range(3):
+                value = record.value[channel] / n  # f / S
+                plain[channel] += np.bincount(at, value, pixels)
+                b[0, channel] += np.bincount(at, value * light, pixels)
+                b[1, channel] += np.bincount(at, value * brdf, pixels)
+            recorded[record.side] += np.bincount(at, minlength=pixels)
+
+    def correction(self) -> Array:
+        """What the optimal weights change in the mean of each pixel, ``(3, P)``; 0 where the fit is not possible."""
+        out = np.zeros((3, len(self._samples)))
+        enough = (self._taken >= LEAST).all(axis=0) & (self._w > 0) & (self._w < 1)
+        share = np.where(enough, self._w, 0.5)
+        alone = 1 / (self._samples * np.stack([share, 1 - share])) ** 2
+        for a, b, plain, recorded in self._keys.values():
+            missed = self._taken - recorded
+            ll, lb, bb = a[0] + missed[0] * alone[0], a[1], a[2] + missed[1] * alone[1]
+            determinant = ll * bb - lb * lb
+            good = enough & (determinant > 1e-9 * ll * bb)
+            solved = ((bb - lb) * b[0] + (ll - lb) * b[1]) / np.where(good, determinant, 1)
+            out += np.where(good, solved - plain, 0)
+        return out
