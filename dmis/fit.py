@@ -272,7 +272,7 @@ RULES: dict[str, Callable[..., Rule]] = {
         name: partial(_learned, name)
         for name in ("second-moment", "taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")
     },
-    "auto": partial(_learned, "second-moment", counts=True),
+    "auto": partial(_learned, "second-moment", counts=True, reuse=False),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``;

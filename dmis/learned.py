@@ -51,6 +51,9 @@ class Learned:
         Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)`` (second-moment).
     floor
         Least number of samples of a patch, as a share of the mean.
+    count_sigma
+        Of the Gaussian over the variances that set the numbers of samples, in patches. Less than `sigma`, because a
+        number of samples that is a little off costs little, and highlights are small.
     gamma
         Order of the divergence (tsallis); 1 is Kullback-Leibler, 2 the second moment.
     reuse
@@ -68,7 +71,8 @@ class Learned:
     cost: bool = True
     guard: float = 2.0
     counts: bool = False
-    floor: float = 0.1
+    floor: float = 0.2
+    count_sigma: float = 0.6
     gamma: float = 2.0
     reuse: bool = True
     combiner: str = "balance"
@@ -83,8 +87,9 @@ class Learned:
             raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
         if self.size < 1 or self.size % 2 == 0:
             raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
-        if not self.sigma > 0:
-            raise ValueError(f"sigma must be positive; got {self.sigma}")
+        for name, value in (("sigma", self.sigma), ("count_sigma", self.count_sigma)):
+            if not value > 0:
+                raise ValueError(f"{name} must be positive; got {value}")
         if not self.guard >= 0:
             raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
         if not 0 < self.floor <= 1:
@@ -113,27 +118,38 @@ class Learned:
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         found = pilot[0.5]
         shape = found.moments.mean.shape[:2]
-        sigma = self.sigma if self.filter == "gaussian" else None
-        means, pixels = pool(found.sums, shape, self.patch, sigma, self.size // 2)
+        means, pixels = self._pool(found, shape, self.sigma)
         cost = camera_sample(found.rays, GRID) if self.cost else np.ones(len(GRID))
-        if self.objective == "second-moment":
-            return self._least_variance(Pooled(**means, pixels=pixels), cost, shape)
-        weight = np.clip(objective(self.objective, self.gamma).solve(means, (cost[0], cost[-1])), 0, 1)
-        return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
+        if self.objective != "second-moment":
+            weight = np.clip(objective(self.objective, self.gamma).solve(means, (cost[0], cost[-1])), 0, 1)
+            return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
+        curves = Pooled(**means, pixels=pixels)
+        best = self._least(curves, cost)
+        weight, variance = GRID[best], _at(curves.variance, best)
+        samples = None
+        if self.counts:
+            sharp, pixels = self._pool(found, shape, self.count_sigma)
+            local = _at(Pooled(**sharp, pixels=pixels).variance, best)
+            samples = self._shares(np.sqrt(local / cost[best]), shape)
+        maps = {"patch": weight, "variance": variance, "variances": curves.variance}
+        return Fit(patch_spread(weight, self.patch, shape), maps, samples)
 
-    def _least_variance(self, curves: Pooled, cost: Array, shape: tuple[int, int]) -> Fit:
-        variance = curves.variance
-        objective = variance * cost[:, None, None]
+    def _pool(self, pilot: Pilot, shape: tuple[int, int], sigma: float) -> tuple[dict[str, Array], Array]:
+        return pool(pilot.sums, shape, self.patch, sigma if self.filter == "gaussian" else None, self.size // 2)
+
+    def _least(self, curves: Pooled, cost: Array) -> np.ndarray:
+        """Where variance times cost is least, if that is surely less than at w = 1/2: indices into the grid."""
+        objective = curves.variance * cost[:, None, None]
         sure = objective - objective[HALF] < -self.guard * curves.gain_error(cost)
         sure[HALF] = True
-        best = np.where(sure, objective, np.inf).argmin(axis=0)
-        weight = GRID[best]
-        chosen = np.maximum(np.take_along_axis(variance, best[None], axis=0)[0], 0)
-        maps = {"patch": weight, "variance": chosen, "variances": variance}
-        samples = self._shares(np.sqrt(chosen / cost[best]), shape) if self.counts else None
-        return Fit(patch_spread(weight, self.patch, shape), maps, samples)
+        return np.where(sure, objective, np.inf).argmin(axis=0)
 
     def _shares(self, wanted: Array, shape: tuple[int, int]) -> Array:
         """Numbers of samples in proportion to `wanted`, not below the floor."""
         least = self.floor * wanted.mean()
         return patch_spread(np.maximum(wanted, least) if least > 0 else np.ones_like(wanted), self.patch, shape)
+
+
+def _at(curves: Array, index: np.ndarray) -> Array:
+    """The values of curves ``(G, ...)`` at one index of the grid each, not below 0."""
+    return np.maximum(np.take_along_axis(curves, index[None], axis=0)[0], 0)
