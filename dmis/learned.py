@@ -16,6 +16,7 @@ from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF, Curves, Pooled
 from dmis.fit import Fit, Pilot
 from dmis.objectives import objective
+from dmis.quadtree import adaptive_patches
 from dmis.sharing import pool
 from dmis.tile import BASE, Statistic
 from dmis.variance import patch_spread
@@ -40,7 +41,8 @@ class Learned:
     spp
         Pilot samples at w = 1/2, at least 2.
     filter
-        Of the statistics: ``gaussian`` or ``none``.
+        Of the statistics: ``gaussian`` or ``none``; or ``quadtree``, patches of `patch` pixels that are joined with
+        their neighbours unless they surely differ (second-moment, see `dmis.quadtree`).
     size, sigma
         Of the Gaussian, in patches.
     cost
@@ -83,8 +85,10 @@ class Learned:
             raise ValueError(f"patch must be a multiple of {BASE} pixels, in which curves are kept; got {self.patch}")
         if self.spp < 2:
             raise ValueError(f"spp of the pilot must be at least 2, because curves are variances; got {self.spp}")
-        if self.filter not in ("gaussian", "none"):
-            raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
+        if self.filter not in ("gaussian", "none", "quadtree"):
+            raise ValueError(f"filter must be gaussian, none or quadtree; got {self.filter!r}")
+        if self.filter == "quadtree" and self.objective != "second-moment":
+            raise ValueError(f"filter quadtree needs variances, which the objective {self.objective} does not estimate")
         if self.size < 1 or self.size % 2 == 0:
             raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
         for name, value in (("sigma", self.sigma), ("count_sigma", self.count_sigma)):
@@ -98,7 +102,7 @@ class Learned:
             raise ValueError(f"gamma must be positive; got {self.gamma}")
         if self.counts and self.objective != "second-moment":
             raise ValueError(f"counts needs variances, which the objective {self.objective} does not estimate")
-        if self.filter == "gaussian":
+        if self.filter == "gaussian" or self.counts:
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
     @property
@@ -124,14 +128,19 @@ class Learned:
             weight = np.clip(objective(self.objective, self.gamma).solve(means, (cost[0], cost[-1])), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         curves = Pooled(**means, pixels=pixels)
-        best = self._least(curves, cost)
+        maps = {}
+        if self.filter == "quadtree":
+            sums = {name: a * pixels for name, a in means.items()}
+            best, maps["size"] = adaptive_patches(sums, pixels, cost, self.guard)
+        else:
+            best = self._least(curves, cost)
         weight, variance = GRID[best], _at(curves.variance, best)
         samples = None
         if self.counts:
-            sharp, pixels = self._pool(found, shape, self.count_sigma)
-            local = _at(Pooled(**sharp, pixels=pixels).variance, best)
+            sharp, n = pool(found.sums, shape, self.patch, self.count_sigma, self.size // 2)
+            local = _at(Pooled(**sharp, pixels=n).variance, best)
             samples = self._shares(np.sqrt(local / cost[best]), shape)
-        maps = {"patch": weight, "variance": variance, "variances": curves.variance}
+        maps |= {"patch": weight, "variance": variance, "variances": curves.variance}
         return Fit(patch_spread(weight, self.patch, shape), maps, samples)
 
     def _pool(self, pilot: Pilot, shape: tuple[int, int], sigma: float) -> tuple[dict[str, Array], Array]:

@@ -35,7 +35,7 @@ def pool(
         To how many pixels with equal weights each mean amounts, ``(rows, columns)``.
     """
     every = {**sums, "pixels": base_sum(np.ones(shape))}
-    coarse = {name: _coarser(a, patch // BASE) for name, a in every.items()}
+    coarse = {name: coarser(a, patch // BASE) for name, a in every.items()}
     worth = 1.0
     if sigma is not None:
         coarse = {name: _each(a, sigma, radius) for name, a in coarse.items()}
@@ -44,7 +44,7 @@ def pool(
     return {name: a / pixels for name, a in coarse.items()}, pixels * worth
 
 
-def _coarser(values: Array, times: int) -> Array:
+def coarser(values: Array, times: int) -> Array:
     """Sums over `times` x `times` entries of the last two axes."""
     rows, columns = (np.arange(0, n, times) for n in values.shape[-2:])
     return np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1)

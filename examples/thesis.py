@@ -64,8 +64,8 @@ class Options:
         """One of the values, by size."""
         return {"quick": quick, "default": default, "full": default if full is None else full}[self.size]
 
-    def scene(self, name: str) -> dmis.Scene:
-        """One of the four scenes, the original if ``--scene-dir`` was given."""
+    def scene(self, name: str, shrink: int | None = None) -> dmis.Scene:
+        """One of the four scenes, the original if ``--scene-dir`` was given; `shrink` in place of the usual one."""
         about = SCENES[name]
         width, height = about.size
         source = about.name
@@ -73,7 +73,7 @@ class Options:
             source = self.scene_dir / f"{about.original}.pbrt"
             if about.original == "env":
                 width, height = SCENES["killeroo-gold"].size
-        shrink = SHRINK[self.size]
+        shrink = shrink or SHRINK[self.size]
         return dmis.load_scene(source, resolution=(round(width / shrink), round(height / shrink)))
 
     @staticmethod

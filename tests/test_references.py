@@ -53,7 +53,9 @@ def test_balance_converges_to_pbrt(pbrt_scenes, references, load, name):
     assert block_error(image, reference) < LIMITS[name]
 
 
-@pytest.mark.parametrize("rule", ["fixed:0", "fixed:1", "fixed:0.25", "pbrt", "one-sample", "thesis"])
+@pytest.mark.parametrize(
+    "rule", ["fixed:0", "fixed:1", "fixed:0.25", "pbrt", "one-sample", "thesis", "second-moment", "kl", "auto"]
+)
 @pytest.mark.parametrize("name", LIMITS)
 def test_every_mixture_has_the_same_mean(pbrt_scenes, load, name, rule):
     """The mean over the image differs from the balance heuristic's by noise: |z| < 4 in every channel.

@@ -1,0 +1,89 @@
+"""The oracle: closed forms on planted curves; rendered once, and kept."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.curves import GRID, HALF
+from dmis.oracle import Oracle, make_oracle
+from dmis.variance import patch_spread
+from dmis.vec import Array
+
+BEST = GRID[[0, 3, 6, 9, 12, 4]].reshape(2, 3)
+
+
+@pytest.fixture
+def oracle() -> Oracle:
+    """Patches of 4 pixels with parabolas about `BEST`, and a black one in place of the last."""
+    variance = (GRID[:, None, None] - BEST).astype(float) ** 2 + 0.1
+    variance[:, 1, 2] = 0
+    return Oracle(variance, np.linspace(1, 2, len(GRID)), 4, 100)
+
+
+def pixels(weight: Array) -> Array:
+    return patch_spread(weight, 4, (8, 12))
+
+
+def test_best(oracle: Oracle) -> None:
+    """The minimum of each patch; cheaper weights if cost counts."""
+    best = oracle.best()
+    np.testing.assert_array_equal(best.ravel()[:5], BEST.ravel()[:5])
+    assert (oracle.best(costly=True) <= best).all() and (oracle.best(costly=True) < best).any()
+
+
+def test_variance_of_a_map(oracle: Oracle) -> None:
+    """On the grid exact, between its weights linear; one number is a constant map."""
+    np.testing.assert_allclose(oracle.at(pixels(BEST)).ravel()[:5], 0.1)
+    np.testing.assert_allclose(oracle.at(0.5), oracle.variance[HALF])
+    low, high = GRID[HALF], GRID[HALF + 1]
+    expected = 0.75 * oracle.variance[HALF] + 0.25 * oracle.variance[HALF + 1]
+    np.testing.assert_allclose(oracle.at(float(low + 0.25 * (high - low))), expected, rtol=1e-6)
+
+
+def test_saving_regret_harm(oracle: Oracle) -> None:
+    """The best weights save everything and harm nowhere; 1/2 saves nothing; the wrong end harms."""
+    best, half, wrong = pixels(oracle.best()), np.full((8, 12), 0.5), pixels(np.where(oracle.best() < 0.5, 1.0, 0.0))
+    assert oracle.saving(best) == pytest.approx(1) and oracle.saving(half) == pytest.approx(0)
+    assert not oracle.regret(best).any()
+    assert oracle.harm(best) == (0, 0) and oracle.harm(half) == (0, 0)
+    assert oracle.saving(wrong) < 0 and oracle.harm(wrong)[0] == 1
+    assert oracle.regret(wrong)[1, 2] == 0  # black
+
+
+def test_made_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:
+    """The second time it is read from disk; a rule with its weights saves what it says."""
+    first = make_oracle(box, 64, folder=tmp_path)
+    monkeypatch.setattr("dmis.oracle.render", None)
+    again = make_oracle(box, 64, folder=tmp_path)
+    np.testing.assert_allclose(first.variance, again.variance, rtol=1e-6)
+    assert first.variance.shape == (len(GRID), 6, 8) and (np.diff(first.cost) > 0).all()
+    assert first.saving(pixels_of(first.best(), box)) == pytest.approx(1)
+
+
+def pixels_of(weight: Array, scene: dmis.Scene) -> Array:
+    width, height = scene.camera.resolution
+    return patch_spread(weight, 4, (height, width))
+
+
+def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
+    """What the best weights save in rendered images, over 24 seeds, is what the oracle says."""
+    from dmis.fit import Fit
+
+    oracle = make_oracle(box, 512, folder=tmp_path)
+
+    @dataclass(frozen=True)
+    class Best:
+        pilot: dict = field(default_factory=dict)
+        settings: dict = field(default_factory=dict)
+
+        def fit(self, pilot: object) -> Fit:
+            return Fit(pixels_of(oracle.best(), box))
+
+    def measured(rule: object) -> float:
+        images = np.array([dmis.render(box, rule, 64, seed=s).image.mean(axis=2) for s in range(24)])  # type: ignore[arg-type]
+        return float(images.var(axis=0, ddof=1).mean())
+
+    expected = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
+    assert measured(Best()) / measured("balance") == pytest.approx(expected, rel=0.12)
