@@ -84,10 +84,10 @@ class Rendered:
 
 def split(resolution: tuple[int, int], spp: int, uneven: bool = False) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Rows and columns of the tiles of an image: squares of 32, 64 or 128 pixels, so that `CHUNK` samples fill a
-    batch; of 64 where the numbers of samples are `uneven`, because fewer pixels are left the longer it takes.
+    batch; of 32 where the numbers of samples are `uneven`, so that no tile has most of them.
     """
-    side = 64 if uneven else 32
-    while side < 128 and (2 * side) ** 2 * spp <= CHUNK:
+    side = 32
+    while not uneven and side < 128 and (2 * side) ** 2 * spp <= CHUNK:
         side *= 2
     width, height = resolution
     return [

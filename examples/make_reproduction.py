@@ -39,7 +39,7 @@ def cell(runs: list[Run], baseline: list[Run]) -> str:
 
 lines = ["| scene | rule | MSE / balance 1+1 | MSE / one-sample ½ |", "|---|---|---|---|"]
 for name in SCENES:
-    scene = opts.scene(name)
+    scene = opts.scene(name, opts.pick(16, 4))
     reference = opts.reference(scene)
     rules = {"one-sample ½": "one-sample", **{f"thesis, patch {p}": f"thesis:patch={p}" for p in PATCHES}}
     rules["thesis, patch 16, pilot in the image"] = "thesis:patch=16,reuse=yes"

@@ -14,7 +14,7 @@ from dmis import plot
 from dmis.experiment import measure
 
 opts, _ = options(__file__, __doc__)
-PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((1, 4, 8, 16, 32, 64), (2, 4, 16)))
+PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((1, 4, 8, 16, 64), (2, 4, 16)))
 
 # %%
 # Half of the usual size in each direction, because there is so much to render.
