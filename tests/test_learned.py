@@ -12,7 +12,7 @@ from dmis.render import LEVELS, whole_samples
 from dmis.variance import Moments
 from dmis.vec import Array
 
-PLAIN = {"filter": "none", "cost": False, "guard": 0.0}
+PLAIN = {"filter": "none", "cost": False, "guard": 0.0, "count_sigma": 0.1}
 
 
 def pilot(curve: Array, noise: float = 0.0, seen: Array | None = None, size: int = 32) -> dict[float, Pilot]:
