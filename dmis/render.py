@@ -138,7 +138,7 @@ def render(
     store = _Store(checkpoint, provenance)
     work = _Work(scene, seed, settings, executor, progress, store)
     try:
-        _ = scene.plan, scene.intersector
+        scene.prepare()
         begin = time.perf_counter()
         gather = getattr(rule, "statistic", None)
         pilot = {

