@@ -86,6 +86,8 @@ kind = f"{'original' if opts.scene_dir else 'shipped'} {given.sampler}"
 table = "\n".join([f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples.", "", *lines])
 begin, end = f"<!-- {kind}: begin -->", f"<!-- {kind}: end -->"
 text = given.page.read_text("utf-8")
+if begin not in text:
+    text += f"\n{begin}\n{end}\n"
 before, _, rest = text.partition(begin)
 _, _, after = rest.partition(end)
 given.page.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
