@@ -3,7 +3,6 @@
 __version__ = "0.1.0"
 
 from dmis.camera import Camera as Camera
-from dmis.estimator import Settings as Settings
 from dmis.fit import Fit as Fit
 from dmis.fit import Rule as Rule
 from dmis.fit import make_rule as make_rule
@@ -40,4 +39,5 @@ from dmis.render import Result as Result
 from dmis.render import render as render
 from dmis.scene import Part as Part
 from dmis.scene import Scene as Scene
+from dmis.settings import Settings as Settings
 from dmis.texture import Image as Image

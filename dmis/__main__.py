@@ -20,7 +20,6 @@ from pathlib import Path
 from dmis import __version__
 from dmis.bench import HEADER, bench_row
 from dmis.compare import compare, load_reference, split_rules
-from dmis.estimator import Settings
 from dmis.fit import RULES
 from dmis.image import write_image, write_png
 from dmis.load import SHIPPED, load_scene
@@ -28,6 +27,7 @@ from dmis.reference import make_reference
 from dmis.render import Progress, Result, render
 from dmis.replay import embree_seconds
 from dmis.samplers import KINDS
+from dmis.settings import Settings
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

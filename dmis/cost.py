@@ -12,17 +12,15 @@ import numpy as np
 
 from dmis.vec import Array
 
-CAMERA, SHADING, RAY = 1.0, 0.3, 0.5
-"""A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
+CAMERA, RAY = 1.6, 0.5
+"""A camera ray, its surface point and its shading samples before their rays; an occlusion ray. Relative units."""
 
 
-def camera_sample(rays: Mapping[str, int], w: Array, shading_samples: int = 2) -> Array:
+def camera_sample(rays: Mapping[str, int], w: Array) -> Array:
     """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at w = 1/2.
 
     Shading samples whose direction meets no light, or that the surface does not reflect, trace no ray; how often
     that is for either technique shows in the rays of the pilot.
     """
-    camera = max(rays.get("camera", 0), 1)
-    each = shading_samples / 2 * camera  # samples of either technique in the pilot, where every camera ray hit
-    light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
-    return np.asarray(CAMERA + shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))
+    light, brdf = (2 * rays.get(kind, 0) / max(rays.get("camera", 0), 1) for kind in ("shadow", "brdf"))
+    return np.asarray(CAMERA + RAY * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))

@@ -18,7 +18,7 @@ seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +44,7 @@ class Curves:
     """
 
     def __init__(self, pixels: int, shading_samples: int) -> None:
-        self._shading_samples = shading_samples
+        self._pairs = pairs_of(shading_samples)
         self._n = 0
         self._curve = np.zeros((len(GRID), pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
@@ -56,9 +56,9 @@ class Curves:
         self._n += count
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
-        for key in {record.key for record in records}:
-            x, r = spread([record for record in records if record.key == key], radiance.shape[1])
-            self._curve += count * _curve(x, r, count) / self._shading_samples
+        for x, r in spread(records, radiance.shape[1]):
+            # the mean over the pairs, and half of it: a pair has two shading samples
+            self._curve += count * _curve(x, r, count) / (2 * self._pairs**2)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
@@ -70,17 +70,36 @@ class Curves:
         return {"curve": curve, "square": curve * curve, "cross": curve * curve[HALF], "seen": seen}
 
 
-def spread(records: Sequence[Record], n: int) -> tuple[Array, Array]:
+def pairs_of(shading_samples: int) -> int:
+    """How many pairs of one light and one BRDF sample a camera sample has at w = 1/2.
+
+    Raises
+    ------
+    ValueError
+        If the number of shading samples is odd.
+    """
+    if shading_samples % 2:
+        raise ValueError(
+            f"shading_samples must be even for rules that learn from pairs of a light and a BRDF sample; "
+            f"got {shading_samples}"
+        )
+    return shading_samples // 2
+
+
+def spread(records: Sequence[Record], n: int) -> Iterator[tuple[Array, Array]]:
     """X, as the mean of the channels, and r of both techniques for all camera samples, ``(2, N)`` each.
 
-    X is 0 where nothing came.
+    One pair of a light and a BRDF sample after the other, light by light. X is 0 where nothing came.
     """
-    x, r = np.zeros((2, n), np.float32), np.full((2, n), 0.5, np.float32)
+    pairs: dict[tuple[tuple[int, ...], int], tuple[Array, Array]] = {}
     for record in records:
+        if (record.key, record.turn) not in pairs:
+            pairs[record.key, record.turn] = np.zeros((2, n), np.float32), np.full((2, n), 0.5, np.float32)
+        x, r = pairs[record.key, record.turn]
         where = slice(None) if record.sample is None else record.sample
         x[record.side, where] += record.value.mean(axis=0)
         r[record.side, where] = record.pdf[0] / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
-    return x, r
+    yield from pairs.values()
 
 
 def _curve(x: Array, r: Array, count: int) -> Array:

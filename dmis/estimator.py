@@ -26,68 +26,15 @@ from dmis.brdf import Pair
 from dmis.intersect import RayCaster
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
-from dmis.samplers import KINDS, Independent, Kind, Sampler
+from dmis.samplers import Independent, Sampler
 from dmis.scene import Scene
+from dmis.settings import Settings
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
 from dmis.vec import Array, Index, dot, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How direct lighting is estimated.
-
-    Parameters
-    ----------
-    shading_samples
-        S, light or BRDF samples per camera sample and light.
-    techniques
-        The two techniques that share them; w is the share of the first.
-    combiner
-        Heuristic that weights them, see `dmis.mis.find`.
-    allocation
-        ``systematic`` or ``random``, see `dmis.mis`.
-    lights
-        ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
-    max_depth
-        Number of surfaces that a camera sample may visit through mirrors and glass.
-    sampler
-        ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
-    reuse_pilot
-        Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample.
-    """
-
-    shading_samples: int = 2
-    techniques: tuple[str, str] = ("light", "brdf")
-    combiner: str = "balance"
-    allocation: str = "systematic"
-    lights: str = "all"
-    max_depth: int = 5
-    sampler: Kind = "independent"
-    reuse_pilot: bool = True
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.shading_samples <= 100:
-            raise ValueError(f"shading_samples must be between 1 and 100; got {self.shading_samples}")
-        if len(self.techniques) != 2:
-            raise ValueError(
-                f"techniques must be two names, because w is the share of the first; got {self.techniques}"
-            )
-        for name in self.techniques:
-            technique.find(name)
-        mis.find(self.combiner)
-        for option, value, allowed in (
-            ("allocation", self.allocation, ("systematic", "random")),
-            ("lights", self.lights, ("all", "one")),
-            ("sampler", self.sampler, KINDS),
-        ):
-            if value not in allowed:
-                raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")
-        if not 1 <= self.max_depth <= 100:
-            raise ValueError(f"max_depth must be between 1 and 100; got {self.max_depth}")
 
 
 @dataclass(eq=False)
@@ -129,6 +76,8 @@ class Record:
         0 for the first technique, 1 for the second.
     key
         Which light, and by way of which delta lobes.
+    turn
+        Which of the camera sample's samples of this technique it is, from 0.
     sample
         Numbers of their camera samples, ``(N,)``, each at most once; None: all, in order.
     value
@@ -140,6 +89,7 @@ class Record:
 
     side: int
     key: tuple[int, ...]
+    turn: int
     sample: Index | None
     value: Array
     pdf: Array
@@ -278,7 +228,7 @@ def _mixture(
             u = _draw(batch, key, side, turn, _both(sample, chosen))
             part = points.surface.take(where)
             seen = own.sample(part, light, u)
-            _shade(batch, points, part, where, seen, own, other, side, take(w, chosen), heuristic, scale, key)
+            _shade(batch, points, part, where, seen, own, other, side, turn, take(w, chosen), heuristic, scale, key)
 
 
 def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Index | None) -> Array:
@@ -302,6 +252,7 @@ def _shade(
     own: Technique,
     other: Technique,
     side: int,
+    turn: int,
     w: Array,
     heuristic: Heuristic,
     scale: np.float32,
@@ -328,7 +279,7 @@ def _shade(
         _add(points.out, value, _both(where, both))
     if batch.records is not None:
         pdf = np.stack((p_own, p_other) if side == 0 else (p_other, p_own))
-        _record(batch, points, Record(side, key, _both(where, lit), value, pdf), alive)
+        _record(batch, points, Record(side, key, turn, _both(where, lit), value, pdf), alive)
 
 
 def _record(batch: Batch, points: _Points, record: Record, alive: Index | None) -> None:
@@ -354,7 +305,7 @@ def _delta(
     pair = Pair(surface, wi)
     value = surface.eval(pair) * (pair.cos_i * scale) * seen.radiance_at(lit)
     if traced:
-        value = value * _visible(batch, "shadow", surface.p, wi, take(seen.distance, lit))
+        value = value * _visible(batch, "delta", surface.p, wi, take(seen.distance, lit))
     _add(points.out, value, _both(index, lit))
 
 

@@ -59,7 +59,7 @@ class Pilot:
 
 @runtime_checkable
 class Rule(Protocol):
-    """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.estimator.Settings` that belong to
+    """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.settings.Settings` that belong to
     it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot.
     """
 

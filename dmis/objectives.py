@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from dmis.curves import GRID, LEAST, spread
+from dmis.curves import GRID, LEAST, pairs_of, spread
 from dmis.estimator import Record
 from dmis.tile import Statistic
 from dmis.vec import Array
@@ -54,18 +54,19 @@ class Gather:
 
     def __init__(self, integrand: Integrand, variance: bool, pixels: int, shading_samples: int) -> None:
         self._integrand, self._variance, self._pixels = integrand, variance, pixels
+        self._pairs = pairs_of(shading_samples)
         self._n = 0
         self._sums: dict[str, Array] = {}
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """See `dmis.tile.Statistic.add`."""
         self._n += count
-        for key in {record.key for record in records} or {()}:
-            x, r = spread([record for record in records if record.key == key], radiance.shape[1])
+        black = np.zeros((2, radiance.shape[1]), np.float32)
+        for x, r in (*spread(records, radiance.shape[1]), (black, black)):  # every name is there, whatever was seen
             for name, values in self._integrand(x, r).items():
                 split = values.reshape(*values.shape[:-1], count, self._pixels)
                 found = split.var(axis=-2, ddof=1, dtype=np.float64) if self._variance else split.mean(axis=-2)
-                self._sums[name] = self._sums.get(name, 0) + count * found
+                self._sums[name] = self._sums.get(name, 0) + count / self._pairs * found
 
     def sums(self) -> dict[str, Array]:
         """See `dmis.tile.Statistic.sums`."""

@@ -26,8 +26,6 @@ except ImportError as missing:
 
 Window = tuple[tuple[int, int], tuple[int, int]]
 """Rows and columns, first and end."""
-RULE_COLOURS = {"balance": "0.35", "thesis": "tab:red", "one-sample": "tab:orange", "reference": "black"}
-TECHNIQUE_COLOURS = {"brdf": "tab:red", "balance": "0.35", "light": "tab:blue"}
 
 
 def canvas(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:

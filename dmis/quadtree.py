@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dmis.curves import HALF, Pooled
-from dmis.sharing import coarser
+from dmis.variance import patch_spread, patch_sum
 from dmis.vec import Array
 
 LARGEST = 64
@@ -50,8 +50,8 @@ def adaptive_patches(
     gain, error = np.zeros(shape), np.zeros(shape)
     times = 1
     while True:
-        n = coarser(pixels, times)
-        means = {name: coarser(a, times) / n for name, a in sums.items()}
+        n = patch_sum(pixels, times)
+        means = {name: patch_sum(a, times) / n for name, a in sums.items()}
         curves = Pooled(**means, pixels=n)
         objective = curves.variance * cost[:, None, None]
         difference = objective - objective[HALF]
@@ -62,21 +62,15 @@ def adaptive_patches(
         merged = np.take_along_axis(difference, own[None], axis=0)[0] * n
         merged_error = (np.take_along_axis(spread, own[None], axis=0)[0] * n) ** 2
         if times > 1:
-            apart, apart_error = coarser(gain, 2), coarser(error, 2)
+            apart, apart_error = patch_sum(gain, 2), patch_sum(error, 2)
             keep = merged - apart > (guard + SELECTION) * np.sqrt(apart_error + merged_error)
             merged, merged_error = np.where(keep, apart, merged), np.where(keep, apart_error, merged_error)
-            wide = _spread(~keep, times, shape)
+            wide = patch_spread(~keep, times, shape)
         else:
             wide = np.ones(shape, bool)
-        index = np.where(wide, _spread(own, times, shape), index)
+        index = np.where(wide, patch_spread(own, times, shape), index)
         size = np.where(wide, times, size)
         gain, error = merged, merged_error
         if times >= LARGEST or gain.size == 1:
             return index, size
         times *= 2
-
-
-def _spread(values: np.ndarray, times: int, shape: tuple[int, int]) -> np.ndarray:
-    """Each base patch gets the value of the patch that it is in."""
-    rows, columns = (np.arange(n) // times for n in shape)
-    return values[rows[:, None], columns[None]]

@@ -8,7 +8,6 @@ variance would not be.) Work is cut into tiles (`dmis.tile`) for any `concurrent
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import pickle
 import time
@@ -16,25 +15,23 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dmis import __version__
-from dmis.estimator import Settings
+from dmis.budget import whole_samples
+from dmis.checkpoint import Store
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
-from dmis.tile import BASE, Rendered, Statistic, Tile, render_tile, split
+from dmis.settings import Settings
+from dmis.tile import Rendered, Statistic, Tile, render_tile, split
 from dmis.variance import Moments
 from dmis.vec import Array
 
 Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
-CHECKPOINT_SECONDS = 10.0
-LEVELS = np.unique(np.round(2 ** np.arange(0, 16.25, 0.5)).astype(np.int64))
-"""Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +53,8 @@ class Result:
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
-        Rays traced, by kind: ``camera``, ``shadow`` (towards lights), ``brdf``, ``uniform``, ``specular``.
+        Rays traced, by kind: ``camera``, ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards
+        lights of a single direction), ``specular``.
     maps
         Diagnostics of the rule.
     provenance
@@ -135,7 +133,7 @@ def render(
     owned = None
     if executor is None:
         executor = owned = ThreadPoolExecutor(threads or os.cpu_count() or 1)
-    store = _Store(checkpoint, provenance)
+    store = Store(checkpoint, provenance)
     work = _Work(scene, seed, settings, executor, progress, store)
     try:
         scene.prepare()
@@ -217,26 +215,6 @@ def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
     return image.astype(np.float32), variance.astype(np.float32)
 
 
-def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
-    """Whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2.
-
-    Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
-    keeps their mean.
-    """
-    if not (np.isfinite(share).all() and (share > 0).all()):
-        raise ValueError("samples of a fit must be positive and finite, because every pixel needs some")
-    least, most = min(2, spp), LEVELS[-1]
-    low_scale, high_scale = 0.0, most / share.min()
-    for _ in range(60):  # what the limits take or give is shared by the others
-        scale = (low_scale + high_scale) / 2
-        wanted = np.clip(share * scale, least, most)
-        low_scale, high_scale = (scale, high_scale) if wanted.mean() < spp else (low_scale, scale)
-    low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
-    step = (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])
-    passed = np.floor(np.cumsum(step.ravel()) + rng.random()).astype(np.int64)
-    return LEVELS[low + np.diff(passed, prepend=0).reshape(low.shape)]
-
-
 def fingerprint(scene: Scene) -> str:
     """A short hash of the description: camera, meshes, materials, lights."""
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
@@ -262,7 +240,7 @@ class _Work:
         settings: Settings,
         executor: Executor,
         progress: Progress | None,
-        store: _Store,
+        store: Store,
     ) -> None:
         self._scene, self._seed, self._settings = scene, seed, settings
         self._executor, self._progress, self._store = executor, progress, store
@@ -281,12 +259,15 @@ class _Work:
         """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``."""
         width, height = self._scene.camera.resolution
         tiles = []
+        settings = self._settings
+        if stage == "pilot":  # what rules learn from does not depend on how the final samples are combined
+            settings = replace(settings, combiner="balance", allocation="systematic")
         uneven = not isinstance(spp, int)
         for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
             area = slice(*rows), slice(*columns)
             local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)
-            tile = Tile(self._seed, pass_, number, rows, columns, count, local, sampler, self._settings, statistic)
+            tile = Tile(self._seed, pass_, number, rows, columns, count, local, sampler, settings, statistic)
             tiles.append(tile)
         self.tiles.extend(tiles)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
@@ -318,88 +299,3 @@ def _samples(tile: Tile) -> int:
     """Camera samples of a tile."""
     area = (tile.rows[1] - tile.rows[0]) * (tile.columns[1] - tile.columns[0])
     return area * tile.spp if isinstance(tile.spp, int) else int(tile.spp.sum())
-
-
-@dataclass(eq=False)
-class _Pass:
-    """What is finished of one pass over the image."""
-
-    mean: np.ndarray
-    m2: np.ndarray
-    done: np.ndarray
-    rays: Counter[str]
-    sums: dict[str, np.ndarray]
-
-    def put(self, tile: Tile, rendered: Rendered) -> None:
-        """Enter a tile."""
-        area = slice(*tile.rows), slice(*tile.columns)
-        self.mean[area], self.m2[area] = rendered.moments.mean, rendered.moments.m2
-        corner = tile.rows[0] // BASE, tile.columns[0] // BASE
-        for name, values in rendered.sums.items():
-            if name not in self.sums:
-                whole = (-(-n // BASE) for n in self.mean.shape[:2])
-                self.sums[name] = np.zeros((*values.shape[:-2], *whole))
-            rows, columns = (slice(c, c + n) for c, n in zip(corner, values.shape[-2:], strict=True))
-            self.sums[name][..., rows, columns] = values
-        self.rays.update(rendered.rays)
-        self.done[tile.number] = True
-
-
-class _Store:
-    """Finished tiles of all passes, kept in a file from time to time."""
-
-    def __init__(self, path: str | os.PathLike[str] | None, provenance: Mapping[str, Any]) -> None:
-        self._path = None if path is None else Path(path)
-        self._key = json.dumps(provenance, sort_keys=True)
-        self._passes: dict[int, _Pass] = {}
-        self._saved = time.monotonic()
-        self._loaded: dict[str, np.ndarray] = {}
-        if self._path is None or not self._path.exists():
-            return
-        try:
-            with np.load(self._path, allow_pickle=False) as file:
-                self._loaded = dict(file)
-            key = str(self._loaded["key"])
-        except Exception as error:
-            raise ValueError(f"checkpoint {self._path} is not readable as one: {error}") from error
-        if key != self._key:
-            raise ValueError(
-                f"checkpoint {self._path} belongs to a different image; remove it, or use the same arguments. "
-                f"It holds {key}; asked for is {self._key}"
-            )
-
-    def start(self, pass_: int, shape: tuple[int, int, int], tiles: int) -> _Pass:
-        """A pass, as far as the file has it."""
-        loaded = {k.partition(":")[2]: a for k, a in self._loaded.items() if k.startswith(f"{pass_}:")}
-        if loaded:
-            rays = Counter(json.loads(str(loaded.pop("rays"))))
-            mean, m2, done = (loaded.pop(name) for name in ("mean", "m2", "done"))
-            self._passes[pass_] = _Pass(mean, m2, done, rays, loaded)
-        else:
-            self._passes[pass_] = _Pass(np.zeros(shape), np.zeros(shape), np.zeros(tiles, bool), Counter(), {})
-        return self._passes[pass_]
-
-    def tick(self) -> None:
-        """Save if the last time is long enough ago."""
-        if self._path is not None and time.monotonic() - self._saved > CHECKPOINT_SECONDS:
-            self.save()
-
-    def save(self) -> None:
-        """Write the file; an interruption leaves the previous one whole."""
-        if self._path is None or not self._passes:
-            return
-        arrays = {"key": np.array(self._key)}
-        for number, p in self._passes.items():
-            rays = np.array(json.dumps(p.rays))
-            parts = {"mean": p.mean, "m2": p.m2, "done": p.done, "rays": rays, **p.sums}
-            arrays |= {f"{number}:{name}": array for name, array in parts.items()}
-        partial = self._path.with_name(self._path.name + ".partial")
-        with open(partial, "wb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
-        os.replace(partial, self._path)
-        self._saved = time.monotonic()
-
-    def remove(self) -> None:
-        """The image is finished: the file has served."""
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)

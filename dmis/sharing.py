@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from dmis.filter import effective, gaussian
-from dmis.tile import BASE, base_sum
+from dmis.tile import BASE
+from dmis.variance import patch_sum
 from dmis.vec import Array
 
 
@@ -34,20 +35,14 @@ def pool(
     pixels
         To how many pixels with equal weights each mean amounts, ``(rows, columns)``.
     """
-    every = {**sums, "pixels": base_sum(np.ones(shape))}
-    coarse = {name: coarser(a, patch // BASE) for name, a in every.items()}
+    every = {**sums, "pixels": patch_sum(np.ones(shape), BASE)}
+    coarse = {name: patch_sum(a, patch // BASE) for name, a in every.items()}
     worth = 1.0
     if sigma is not None:
         coarse = {name: _each(a, sigma, radius) for name, a in coarse.items()}
         worth = effective(sigma, radius)
     pixels = coarse.pop("pixels")
     return {name: a / pixels for name, a in coarse.items()}, pixels * worth
-
-
-def coarser(values: Array, times: int) -> Array:
-    """Sums over `times` x `times` entries of the last two axes."""
-    rows, columns = (np.arange(0, n, times) for n in values.shape[-2:])
-    return np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1)
 
 
 def _each(values: Array, sigma: float, radius: int) -> Array:

@@ -11,12 +11,13 @@ from typing import Protocol
 import numpy as np
 
 from dmis.combine import Optimal
-from dmis.estimator import Batch, Record, Settings, direct
+from dmis.estimator import Batch, Record, direct
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
 from dmis.samplers import Kind, make_sampler, stream
 from dmis.scene import Scene
-from dmis.variance import Moments
+from dmis.settings import Settings
+from dmis.variance import Moments, patch_sum
 from dmis.vec import Array, Index, take
 
 CHUNK = 2**15
@@ -147,14 +148,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     mean, m2 = (np.moveaxis(a.reshape(3, *shape), 0, -1) for a in (mean, total.m2))
     n = total.n if isinstance(total.n, int) else total.n.reshape(*shape, 1)
     found = statistic.sums() if statistic else {}
-    sums = {name: base_sum(a.reshape(*a.shape[:-1], *shape)) for name, a in found.items()}
+    sums = {name: patch_sum(a.reshape(*a.shape[:-1], *shape), BASE) for name, a in found.items()}
     return Rendered(tile.number, Moments(n, mean, m2), rays, sums)
-
-
-def base_sum(values: Array) -> Array:
-    """Sums over patches of `BASE` pixels in the last two axes; patches at the end may be smaller."""
-    rows, columns = (np.arange(0, n, BASE) for n in values.shape[-2:])
-    return np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1)
 
 
 def _merge(total: Moments | None, block: Moments, active: Index | None, pixels: int) -> Moments:

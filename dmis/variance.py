@@ -78,25 +78,20 @@ def luminance(rgb: Array) -> Array:
     return rgb @ LUMINANCE
 
 
-def patch_mean(image: Array, size: int) -> Array:
-    """Means over square patches of `size` pixels, ``(ceil(H / size), ceil(W / size))``.
+def patch_sum(values: Array, size: int) -> Array:
+    """Sums over square patches of `size` entries in the last two axes, ``(..., ceil(H / size), ceil(W / size))``.
 
-    Patches at the right and bottom border may be smaller; each is the mean of the pixels that it has.
-
-    Parameters
-    ----------
-    image
-        ``(H, W)``.
-    size
-        At least 1; larger than the image means one patch.
+    Patches at the right and bottom border may be smaller. A `size` larger than the image means one patch.
     """
     if size < 1:
         raise ValueError(f"patch must be at least 1 pixel; got {size}")
-    height, width = image.shape
-    rows, columns = np.arange(0, height, size), np.arange(0, width, size)
-    sums = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
-    areas = np.outer(np.diff(np.append(rows, height)), np.diff(np.append(columns, width)))
-    return sums / areas
+    rows, columns = (np.arange(0, n, size) for n in values.shape[-2:])
+    return np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1)
+
+
+def patch_mean(image: Array, size: int) -> Array:
+    """Means over square patches: each of the pixels that it has; see `patch_sum`."""
+    return patch_sum(image, size) / patch_sum(np.ones(image.shape[-2:]), size)
 
 
 def patch_spread(values: Array, size: int, shape: tuple[int, int]) -> Array:

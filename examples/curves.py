@@ -48,11 +48,15 @@ def mse_curve(opts: Options, scene: dmis.Scene, patch: plot.Window, weights: Seq
     return Curve(np.array(weights, float), mse, error, spp)
 
 
+STRATEGIES = np.array([0, 0.5, 1])
+"""The weights of the thesis's pilots."""
+
+
 @dataclass(frozen=True)
 class Pilot:
     """What one pilot of the thesis's rule says about a patch."""
 
-    variances: np.ndarray  # at w = 0, 1/2, 1
+    variances: np.ndarray  # at STRATEGIES
     w: float  # where the parabola has its minimum, clipped
 
 
@@ -66,10 +70,8 @@ def pilot(scene: dmis.Scene, patch: plot.Window, seed: int, spp: int = 2) -> Pil
 
 
 def parabola(variances: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """The parabola through three variances at w = 0, 1/2, 1: thesis Eqs. 3.2-3.4 with three strategies."""
-    y0, yh, y1 = variances
-    a2, a1 = 2 * (y0 + y1 - 2 * yh), -3 * y0 + 4 * yh - y1
-    return (a2 * w + a1) * w + y0
+    """The parabola through three variances, those of the `STRATEGIES`, at the weights w: thesis Eqs. 3.2-3.4."""
+    return np.polyval(np.polyfit(STRATEGIES, variances, 2), w)
 
 
 def draw_curve(axis, curve: Curve) -> None:
@@ -92,8 +94,30 @@ def draw_pilots(axis, pilots: Sequence[Pilot], spp: int) -> None:
         label = f"parabolas of {len(pilots) - 1} other pilots" if k == 0 else None
         axis.plot(w, parabola(one.variances, w) / spp, color="tab:red", alpha=0.15, label=label)
     first = pilots[0]
-    axis.plot([0, 0.5, 1], first.variances / spp, "s", color="tab:red", label="one pilot: sample variance / spp")
+    axis.plot(STRATEGIES, first.variances / spp, "s", color="tab:red", label="one pilot: sample variance / spp")
     axis.plot(
         w, parabola(first.variances, w) / spp, color="tab:red", linestyle="--", label="its parabola (Eqs. 3.2-3.4)"
     )
     axis.axvline(first.w, color="tab:red", linewidth=1, label=f"the w that it gives (Eq. 3.5): {first.w:.2f}")
+
+
+def measure_patches(opts: Options, scene: dmis.Scene, patches: dict[str, plot.Window], count: int):
+    """The curve of each patch, and what `count` independent pilots say of it, by name; both are printed."""
+    curves = {name: mse_curve(opts, scene, patch) for name, patch in patches.items()}
+    pilots = {name: [pilot(scene, patch, seed) for seed in range(count)] for name, patch in patches.items()}
+    for name, curve in curves.items():
+        best, fitted = f"{curve.mse.min():.2e} at w = {curve.w[curve.best]:g}", [f"{p.w:.2f}" for p in pilots[name]]
+        print(f"{name}: lowest MSE {best}; fitted w of the pilots: {', '.join(fitted)}")
+    return curves, pilots
+
+
+def draw_patches(axes, image: np.ndarray, title: str, patches: dict[str, plot.Window], curves, pilots) -> None:
+    """The image with the patches marked, and in a panel for each its curve and pilots."""
+    plot.picture(axes[0], image, title)
+    for axis, (name, patch), colour in zip(axes[1:], patches.items(), ("red", "cyan"), strict=True):
+        plot.mark(axes[0], patch, colour, name[0])
+        draw_curve(axis, curves[name])
+        draw_pilots(axis, pilots[name], curves[name].spp)
+        (top, bottom), (left, right) = patch
+        axis.set_ylabel(f"mean squared error at {curves[name].spp} spp (linear RGB²)")
+        axis.set_title(f"patch {name}, {right - left}x{bottom - top} pixels")

@@ -11,11 +11,9 @@ the project, once for the scenes that come with dmis, and once (``--scene-dir``)
 from datetime import date
 from pathlib import Path
 
-import numpy as np
-from thesis import SCENES, options, show
+from thesis import SCENES, cell, options, replace_table, show
 
-from dmis.experiment import Run, measure
-from dmis.metrics import ratio
+from dmis.experiment import measure
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reproduction.md"
 PATCHES = (4, 8, 16, 32)
@@ -27,16 +25,9 @@ opts, given = options(
     page={"type": Path, "default": PAGE, "help": "the page whose table is replaced"},
 )
 
-
 # %%
-# MSE of the row over MSE of the column's baseline, same seeds, with the 95 % confidence interval.
-def cell(runs: list[Run], baseline: list[Run]) -> str:
-    """A ratio and its interval; in bold where the interval is below 1."""
-    value, half = ratio(np.array([run.mse for run in runs]), np.array([run.mse for run in baseline]))
-    text = f"{value:.3f} ± {half:.3f}"
-    return f"**{text}**" if value + half < 1 else text
-
-
+# MSE of the row over MSE of the column's baseline, same seeds, with the 95 % confidence interval; in bold where the
+# interval is below 1.
 lines = ["| scene | rule | MSE / balance 1+1 | MSE / one-sample ½ |", "|---|---|---|---|"]
 for name in SCENES:
     scene = opts.scene(name, opts.pick(16, 4))
@@ -55,12 +46,5 @@ for name in SCENES:
 # %%
 # The table goes between two marks in the page.
 kind = "original" if opts.scene_dir else "shipped"
-table = "\n".join(
-    [f"Made on {date.today()} with {given.seeds} seeds at {opts.spp} camera samples per pixel.", "", *lines]
-)
-begin, end = f"<!-- {kind}: begin -->", f"<!-- {kind}: end -->"
-text = given.page.read_text("utf-8")
-before, _, rest = text.partition(begin)
-_, _, after = rest.partition(end)
-given.page.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
-print(given.page)
+about = f"Made on {date.today()} with {given.seeds} seeds at {opts.spp} camera samples per pixel."
+replace_table(given.page, kind, about, "", *lines)

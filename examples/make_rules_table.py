@@ -12,12 +12,11 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from thesis import options, show
+from thesis import cell, options, replace_table, show
 
 import dmis
 from dmis.curves import HALF
-from dmis.experiment import Run, measure, median_seconds, spp_in_time
-from dmis.metrics import ratio
+from dmis.experiment import measure, median_seconds, spp_in_time
 from dmis.oracle import make_oracle
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "rules.md"
@@ -34,19 +33,9 @@ opts, given = options(
 SEEDS = range(given.seeds)
 BASE = f"balance:sampler={given.sampler}"
 
-
 # %%
-# Ratios of mean squared errors over the same seeds, with 95 % confidence intervals; bold where the rule wins.
-def cell(runs: list[Run], baseline: list[Run]) -> str:
-    """One cell of the table."""
-    value, half = ratio(np.array([run.mse for run in runs]), np.array([run.mse for run in baseline]))
-    text = f"{value:.3f} ± {half:.3f}"
-    return f"**{text}**" if value + half < 1 else text
-
-
-# %%
-# Equal samples tell how many samples fit in the time of the balance heuristic; a second round measures with that
-# number.
+# Ratios of mean squared errors over the same seeds, with 95 % confidence intervals; bold where the rule wins. Equal
+# samples tell how many samples fit in the time of the balance heuristic; a second round measures with that number.
 lines = [
     "| scene | oracle, weights only | second-moment, equal samples | saving / oracle's | harm "
     "| second-moment, equal time | auto, equal samples | auto, equal time |",
@@ -83,12 +72,5 @@ for name, shrink in SIZES.items():
 # %%
 # The table goes between two marks in the page.
 kind = f"{'original' if opts.scene_dir else 'shipped'} {given.sampler}"
-table = "\n".join([f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples.", "", *lines])
-begin, end = f"<!-- {kind}: begin -->", f"<!-- {kind}: end -->"
-text = given.page.read_text("utf-8")
-if begin not in text:
-    text += f"\n{begin}\n{end}\n"
-before, _, rest = text.partition(begin)
-_, _, after = rest.partition(end)
-given.page.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
-print(given.page)
+about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples."
+replace_table(given.page, kind, about, "", *lines)

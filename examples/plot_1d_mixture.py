@@ -60,7 +60,7 @@ def draw(technique, count):
     at = rng.normal(MEANS[technique], WIDTHS[technique], count)
     pdf = np.stack([density(0, at), density(1, at)])
     value = np.repeat((f(at) / pdf.mean(axis=0))[None], 3, axis=0)  # the same in all channels
-    return Record(technique, (0,), None, value.astype(np.float32), pdf.astype(np.float32))
+    return Record(technique, (0,), 0, None, value.astype(np.float32), pdf.astype(np.float32))
 
 
 PIXELS, SPP = 64, 6
@@ -75,10 +75,11 @@ learned = GRID[estimate.argmin()]
 # The thesis's rule: variances of 2 samples at w = 0, 1/2, 1, averaged over the pixels, and a parabola.
 alone = [f(at) / density(k, at) for k, at in ((k, rng.normal(MEANS[k], WIDTHS[k], (2, PIXELS))) for k in (1, 0))]
 pairs = radiance[0].reshape(SPP, PIXELS)[:2]
+shares = np.array([0, 0.5, 1])
 points = np.array(
     [alone[0].var(axis=0, ddof=1).mean(), 2 * pairs.var(axis=0, ddof=1).mean(), alone[1].var(axis=0, ddof=1).mean()]
 )
-parabola, _ = parabola_minimum(np.array([0, 0.5, 1]), points)
+vertex = float(parabola_minimum(shares, points)[0])
 
 
 # %%
@@ -91,7 +92,7 @@ def relative(name):
     return float(np.clip(objective(name).solve(means, (1.0, 1.0)), 0, 1)[0, 0])
 
 
-answers = {"second-moment": float(learned), "thesis": float(parabola), **{name: relative(name) for name in NAMES}}
+answers = {"second-moment": float(learned), "thesis": vertex, **{name: relative(name) for name in NAMES}}
 print(f"best w = {best:.2f}, variance {truth.min():.4f}; at w = 1/2: {variance(0.5):.4f}")
 for name, share in answers.items():
     print(f"{name:18} w = {share:.3f}, variance / that of w = 1/2: {variance(share) / variance(0.5):.3f}")
@@ -108,9 +109,8 @@ left.set_xlabel("x")
 left.set_ylabel("f and densities (1 / unit of x)")
 middle.plot(w, truth, color="black", label="V(w), by quadrature")
 middle.plot(GRID, estimate, "o", color="tab:green", label=f"one pilot of {2 * SPP * PIXELS} samples at w = ½")
-middle.plot([0, 0.5, 1], points, "s", color="tab:red", label="three variances of 2 samples per pixel")
-a2, a1 = 2 * (points[0] + points[2] - 2 * points[1]), -3 * points[0] + 4 * points[1] - points[2]
-middle.plot(w, points[0] + a1 * w + a2 * w * w, "--", color="tab:red", label="their parabola")
+middle.plot(shares, points, "s", color="tab:red", label="three variances of 2 samples per pixel")
+middle.plot(w, np.polyval(np.polyfit(shares, points, 2), w), "--", color="tab:red", label="their parabola")
 middle.axvline(best, color="black", linestyle=":", label=f"best w = {best:.2f}")
 middle.set_yscale("log")
 middle.set_ylim(0.3 * truth.min(), 30 * variance(0.5))
@@ -132,5 +132,5 @@ opts.save(
     f"""Left: an integrand and the densities of two techniques. Middle: variance of a sample of the mixture against the
     share of the first technique, by quadrature (black); estimated at all weights at once from one pilot (green); the
     three variances that the thesis's rule uses, and the parabola through them (red), which gives w =
-    {float(parabola):.2f}. Right: what the weight that each rule finds costs. The best is w = {best:.2f}.""",
+    {vertex:.2f}. Right: what the weight that each rule finds costs. The best is w = {best:.2f}.""",
 )

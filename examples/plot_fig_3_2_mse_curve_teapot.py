@@ -7,7 +7,7 @@ with fixed weights, and take the mean squared error over many seeds. The thesis'
 curve, each the variance of two samples per pixel, and puts a parabola through them.
 """
 
-from curves import draw_curve, draw_pilots, mse_curve, patch_at, pilot
+from curves import draw_patches, measure_patches, patch_at
 from thesis import options
 
 from dmis import plot, render
@@ -21,26 +21,16 @@ scene = opts.scene("teapot-area-light")
 patches = {"A: bright floor": patch_at(scene, 0.48, 0.88, SIZE), "B: penumbra": patch_at(scene, 0.66, 0.6, SIZE)}
 
 # %%
-# The true curve of each, and what eleven independent pilots say.
-curves = {name: mse_curve(opts, scene, patch) for name, patch in patches.items()}
-pilots = {name: [pilot(scene, patch, seed) for seed in range(11)] for name, patch in patches.items()}
-for name, curve in curves.items():
-    fitted = ", ".join(f"{p.w:.2f}" for p in pilots[name])
-    print(f"{name}: lowest MSE {curve.mse.min():.2e} at w = {curve.w[curve.best]:g}; fitted w of the pilots: {fitted}")
+# The true curve of each, rendered with fixed weights over many seeds, and what eleven independent pilots say.
+curves, pilots = measure_patches(opts, scene, patches, count=11)
 
 # %%
 # The picture says where the patches are.
 figure, axes = plot.canvas(1, 3, 17, 5)
-plot.picture(
-    axes[0, 0], render(scene, "balance", opts.pick(4, 32), seed=1, threads=opts.threads).image, "TEAPOT AREA LIGHT"
-)
-for axis, (name, curve), colour in zip(axes[0, 1:], curves.items(), ("red", "cyan"), strict=True):
-    plot.mark(axes[0, 0], patches[name], colour, name[0])
-    draw_curve(axis, curve)
-    draw_pilots(axis, pilots[name], curve.spp)
+image = render(scene, "balance", opts.pick(4, 32), seed=1, threads=opts.threads).image
+draw_patches(axes[0], image, "TEAPOT AREA LIGHT", patches, curves, pilots)
+for axis, curve in zip(axes[0, 1:], curves.values(), strict=True):
     axis.set_ylim(0, 2.2 * max(curve.mse[[0, 7, 14]].min(), curve.mse[5:10].max()))
-    axis.set_ylabel(f"mean squared error at {curve.spp} spp (linear RGB²)")
-    axis.set_title(f"patch {name}, {SIZE}x{SIZE} pixels")
     axis.legend(fontsize=7.5, loc="upper right")
 best = {name: f"{curve.w[curve.best]:g}" for name, curve in curves.items()}
 opts.save(

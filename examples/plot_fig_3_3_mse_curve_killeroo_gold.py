@@ -8,7 +8,7 @@ a huge variance, but two samples mostly do not see it: they see zeros, and call 
 """
 
 import numpy as np
-from curves import draw_curve, draw_pilots, mse_curve, patch_at, pilot
+from curves import draw_patches, measure_patches, patch_at
 from thesis import options
 
 from dmis import plot, render
@@ -22,36 +22,22 @@ scene = opts.scene("killeroo-gold")
 patches = {"A: gold": patch_at(scene, 0.125, 0.327, SIZE), "B: wall": patch_at(scene, 0.12, 0.1, SIZE)}
 
 # %%
-# The true curve of each, and what eleven independent pilots say.
-curves = {name: mse_curve(opts, scene, patch) for name, patch in patches.items()}
-pilots = {name: [pilot(scene, patch, seed) for seed in range(11)] for name, patch in patches.items()}
-for name, curve in curves.items():
-    fitted = ", ".join(f"{p.w:.2f}" for p in pilots[name])
-    print(f"{name}: lowest MSE {curve.mse.min():.2e} at w = {curve.w[curve.best]:g}; fitted w of the pilots: {fitted}")
+# The true curve of each, rendered with fixed weights over many seeds, and what eleven independent pilots say.
+curves, pilots = measure_patches(opts, scene, patches, count=11)
 
 # %%
 # The errors span orders of magnitude, so the axis is logarithmic. Parabolas that dip below zero end at the frame.
 figure, axes = plot.canvas(1, 3, 17, 5)
-plot.picture(
-    axes[0, 0], render(scene, "balance", opts.pick(4, 32), seed=1, threads=opts.threads).image, "KILLEROO GOLD"
-)
-for axis, (name, curve), colour in zip(axes[0, 1:], curves.items(), ("red", "cyan"), strict=True):
-    plot.mark(axes[0, 0], patches[name], colour, name[0])
-    draw_curve(axis, curve)
-    draw_pilots(axis, pilots[name], curve.spp)
+image = render(scene, "balance", opts.pick(4, 32), seed=1, threads=opts.threads).image
+draw_patches(axes[0], image, "KILLEROO GOLD", patches, curves, pilots)
+for axis, curve in zip(axes[0, 1:], curves.values(), strict=True):
     axis.set_yscale("log")
     axis.set_ylim(0.2 * curve.mse.min(), 8 * curve.mse.max())
-    axis.set_ylabel(f"mean squared error at {curve.spp} spp (linear RGB²)")
-    axis.set_title(f"patch {name}, {SIZE}x{SIZE} pixels")
     axis.legend(fontsize=7.5, loc="upper center")
 truth = {name: curve.mse[0] / curve.mse[-1] for name, curve in curves.items()}
+worse = {name: 0 if truth[name] > 1 else -1 for name in truth}
 below = {
-    name: np.mean(
-        [
-            p.variances[0 if truth[name] > 1 else 2] / curve.spp < curve.mse[0 if truth[name] > 1 else -1]
-            for p in pilots[name]
-        ]
-    )
+    name: np.mean([p.variances[worse[name]] / curve.spp < curve.mse[worse[name]] for p in pilots[name]])
     for name, curve in curves.items()
 }
 opts.save(

@@ -22,7 +22,7 @@ RULES = {"thesis": "thesis", "second-moment": "second-moment:cost=no", "unguarde
 figure, axes = plot.canvas(4, 2 + len(RULES), 21, 14)
 told = []
 for line, (name, about) in zip(axes, SCENES.items(), strict=True):
-    scene = opts.half(opts.scene(name))
+    scene = opts.scene(name, 2 * opts.shrink)
     oracle = make_oracle(scene, opts.pick(64, 512), threads=opts.threads, progress=show(f"oracle of {name}"))
     plot.picture(line[0], dmis.render(scene, "auto", opts.pick(8, 32), seed=1, threads=opts.threads).image, about.title)
     height, width = oracle.variance.shape[1:]

@@ -20,7 +20,7 @@ PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((1, 4, 8, 16, 64), (2, 4, 16)))
 # Half of the usual size in each direction, because there is so much to render.
 results = {}
 for name in SCENES:
-    scene = opts.half(opts.scene(name))
+    scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
     budgets = {(patch, pilot): (f"thesis:patch={patch},spp={pilot}", opts.spp) for patch in PATCHES for pilot in PILOTS}
     runs = measure(

@@ -25,7 +25,7 @@ SEEDS = range(opts.pick(1, 1, 5))
 # At half of the usual size, because there is so much to render.
 ratios, times = {}, {}
 for name in SCENES:
-    scene = opts.half(opts.scene(name))
+    scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
     budgets = [(rule, opts.spp) for rule in ("balance", *RULES)]
     runs = measure(scene, budgets, SEEDS, reference, threads=opts.threads, progress=show(name))

@@ -10,10 +10,11 @@ fails looks best. (iii) Then w goes to an end of [0, 1], where a mistake costs m
 """
 
 import numpy as np
-from curves import draw_curve, mse_curve, parabola, patch_at, pilot
+from curves import STRATEGIES, draw_curve, mse_curve, parabola, patch_at, pilot
 from thesis import SCENES, options
 
 from dmis import plot
+from dmis.fit import parabola_minimum
 
 opts, _ = options(__file__, __doc__)
 SIZE = opts.pick(4, 16)
@@ -46,8 +47,7 @@ for (above, below), (name, (curve, exact, fitted)) in zip(axes.T, found.items(),
     above.plot(
         dense, parabola(exact, dense), color="tab:red", linestyle="--", label="parabola through V(0), V(½), V(1)"
     )
-    y0, yh, y1 = exact
-    vertex = np.clip((3 * y0 - 4 * yh + y1) / (4 * (y0 + y1 - 2 * yh)), 0, 1)
+    vertex = float(parabola_minimum(STRATEGIES, exact)[0])
     above.axvline(vertex, color="tab:red", linewidth=1, label=f"its minimum: w = {vertex:.2f}")
     above.set_yscale("log")
     above.set_ylim(0.4 * curve.mse.min(), 2.5 * curve.mse.max())

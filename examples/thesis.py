@@ -6,11 +6,16 @@ The thesis: Seo, Data-driven Multiple Importance Sampling for Monte Carlo Render
 import argparse
 import os
 import sys
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 import dmis
 from dmis import plot
+from dmis.experiment import Run
+from dmis.metrics import ratio
 
 FIGURES = Path(__file__).resolve().parent.parent / "figures"
 
@@ -60,6 +65,11 @@ class Options:
         """The budget of a render: the thesis's 128 samples, or fewer to be quick."""
         return 16 if self.size == "quick" else 128
 
+    @property
+    def shrink(self) -> int:
+        """The usual divisor of the thesis's size."""
+        return SHRINK[self.size]
+
     def pick(self, quick, default, full=None):
         """One of the values, by size."""
         return {"quick": quick, "default": default, "full": default if full is None else full}[self.size]
@@ -73,14 +83,8 @@ class Options:
             source = self.scene_dir / f"{about.original}.pbrt"
             if about.original == "env":
                 width, height = SCENES["killeroo-gold"].size
-        shrink = shrink or SHRINK[self.size]
+        shrink = shrink or self.shrink
         return dmis.load_scene(source, resolution=(round(width / shrink), round(height / shrink)))
-
-    @staticmethod
-    def half(scene: dmis.Scene) -> dmis.Scene:
-        """The scene at half the resolution."""
-        width, height = scene.camera.resolution
-        return replace(scene, camera=replace(scene.camera, resolution=(round(width / 2), round(height / 2))))
 
     def reference(self, scene: dmis.Scene, spp: int | None = None) -> dmis.Reference:
         """The reference of a scene in two halves: rendered the first time, read from disk afterwards."""
@@ -129,3 +133,24 @@ def window(scene: dmis.Scene, rows: tuple[float, float], columns: tuple[float, f
     """A window given in shares of the image, in pixels."""
     width, height = scene.camera.resolution
     return (round(rows[0] * height), round(rows[1] * height)), (round(columns[0] * width), round(columns[1] * width))
+
+
+def cell(runs: Sequence[Run], baseline: Sequence[Run]) -> str:
+    """MSE over that of the baseline, same seeds, with its 95 % confidence interval; bold if the interval is below 1."""
+    value, half = ratio(np.array([run.mse for run in runs]), np.array([run.mse for run in baseline]))
+    text = f"{value:.3f} ± {half:.3f}"
+    return f"**{text}**" if value + half < 1 else text
+
+
+def replace_table(page: Path, kind: str, *lines: str) -> None:
+    """Put the lines between the page's two marks of this kind, at the end of the page if it has none; say where."""
+    begin, end = f"<!-- {kind}: begin -->", f"<!-- {kind}: end -->"
+    text = page.read_text("utf-8")
+    if begin not in text:
+        text += f"\n{begin}\n{end}\n"
+    before, _, rest = text.partition(begin)
+    _, found, after = rest.partition(end)
+    if not found:
+        raise ValueError(f"{page} has no {end} after {begin}")
+    page.write_text("\n".join([before + begin, *lines, end + after]), "utf-8")
+    print(page)

@@ -239,7 +239,7 @@ def test_bad_texts(text: str, message: str) -> None:
 
 def test_every_rule_can_be_made() -> None:
     """All names work without options, and a rule's settings are the estimator's."""
-    from dmis.estimator import Settings
+    from dmis.settings import Settings
 
     for name in RULES:
         rule: Any = make_rule(name)

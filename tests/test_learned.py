@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import dmis
+from dmis.budget import LEVELS, whole_samples
 from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF
 from dmis.fit import Pilot, make_rule
 from dmis.learned import Learned
-from dmis.render import LEVELS, whole_samples
 from dmis.variance import Moments
 from dmis.vec import Array
 

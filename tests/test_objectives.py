@@ -38,7 +38,7 @@ def means(name: str, gamma: float = 2.0, pixels: int = 1) -> dict[str, Array]:
         x = np.sqrt(rng.random(N))
         x = x if side == 0 else 1 - x
         pdf = np.stack([2 * x, 2 * (1 - x)]).astype(np.float32)
-        records.append(Record(side, (0,), None, np.repeat(f(x)[None], 3, axis=0).astype(np.float32), pdf))
+        records.append(Record(side, (0,), 0, None, np.repeat(f(x)[None], 3, axis=0).astype(np.float32), pdf))
     statistic.add(records, np.zeros((3, N), np.float32), N // pixels)
     return {key: a.mean(axis=-1).reshape(*a.shape[:-1], 1, 1) for key, a in statistic.sums().items()}
 

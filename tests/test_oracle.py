@@ -7,6 +7,7 @@ import pytest
 
 import dmis
 from dmis.curves import GRID, HALF
+from dmis.metrics import ratio
 from dmis.oracle import Oracle, make_oracle
 from dmis.variance import patch_spread
 from dmis.vec import Array
@@ -68,7 +69,7 @@ def pixels_of(weight: Array, scene: dmis.Scene) -> Array:
 
 
 def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
-    """What the best weights save in rendered images, over 24 seeds, is what the oracle says."""
+    """What the best weights save in rendered images, over 60 seeds, is what the oracle says."""
     from dmis.fit import Fit
 
     oracle = make_oracle(box, 512, folder=tmp_path)
@@ -81,9 +82,11 @@ def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
         def fit(self, pilot: object) -> Fit:
             return Fit(pixels_of(oracle.best(), box))
 
-    def measured(rule: object) -> float:
-        images = np.array([dmis.render(box, rule, 64, seed=s).image.mean(axis=2) for s in range(24)])  # type: ignore[arg-type]
-        return float(images.var(axis=0, ddof=1).mean())
+    def measured(rule: object) -> Array:
+        """Variance of a pixel, from 6 seeds each."""
+        images = np.array([dmis.render(box, rule, 64, seed=s).image.mean(axis=2) for s in range(60)])  # type: ignore[arg-type]
+        return images.reshape(10, 6, *images.shape[1:]).var(axis=1, ddof=1).mean(axis=(1, 2))
 
     expected = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
-    assert measured(Best()) / measured("balance") == pytest.approx(expected, rel=0.12)
+    value, half = ratio(measured(Best()), measured("balance"))
+    assert value == pytest.approx(expected, rel=0.15)

@@ -83,10 +83,11 @@ def test_reused_pilot_is_averaged_by_sample_counts(box):
 
 
 def _one_pass(scene, number, w, spp, seed):
-    from dmis.render import _Store, _Work
+    from dmis.checkpoint import Store
+    from dmis.render import _Work
 
     with ThreadPoolExecutor(1) as executor:
-        work = _Work(scene, seed, dmis.Settings(), executor, None, _Store(None, {}))
+        work = _Work(scene, seed, dmis.Settings(), executor, None, Store(None, {}))
         return work.render(number, "pilot", spp, w, "independent").moments.mean
 
 

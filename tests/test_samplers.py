@@ -7,12 +7,12 @@ import pytest
 from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, z_score
 from scipy.stats import kstest
 
-from dmis.estimator import Settings
 from dmis.geometry import quad
 from dmis.light import DiskLight
 from dmis.material import matte
 from dmis.samplers import KINDS, make_sampler, stream
 from dmis.scene import Part
+from dmis.settings import Settings
 from dmis.tile import Tile, render_tile
 from dmis.vec import Array
 

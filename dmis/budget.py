@@ -1,0 +1,37 @@
+"""Whole numbers of camera samples from the shares that a rule asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmis.vec import Array
+
+LEVELS = np.unique(np.round(2 ** np.arange(0, 16.25, 0.5)).astype(np.int64))
+"""Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
+
+
+def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
+    """Whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2.
+
+    Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
+    keeps their mean.
+
+    Raises
+    ------
+    ValueError
+        If a share is not positive and finite.
+    """
+    if not (np.isfinite(share).all() and (share > 0).all()):
+        raise ValueError("samples of a fit must be positive and finite, because every pixel needs some")
+    least, most = min(2, spp), LEVELS[-1]
+    values, pixels = np.unique(share, return_counts=True)
+    low_scale, high_scale = 0.0, most / values[0]
+    for _ in range(200):  # what the limits take or give is shared by the others
+        scale = (low_scale + high_scale) / 2
+        enough = np.clip(values * scale, least, most) @ pixels >= spp * share.size
+        low_scale, high_scale = (low_scale, scale) if enough else (scale, high_scale)
+    wanted = np.clip(share * high_scale, least, most)
+    low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
+    step = (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])
+    passed = np.floor(np.cumsum(step.ravel()) + rng.random()).astype(np.int64)
+    return LEVELS[low + np.diff(passed, prepend=0).reshape(low.shape)]

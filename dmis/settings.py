@@ -1,0 +1,64 @@
+"""How direct lighting is estimated: what can be chosen, and what goes together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dmis import mis, technique
+from dmis.samplers import KINDS, Kind
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How direct lighting is estimated.
+
+    Parameters
+    ----------
+    shading_samples
+        S, light or BRDF samples per camera sample and light.
+    techniques
+        The two techniques that share them; w is the share of the first.
+    combiner
+        Heuristic that weights them, see `dmis.mis.find`.
+    allocation
+        ``systematic`` or ``random``, see `dmis.mis`.
+    lights
+        ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
+    max_depth
+        Number of surfaces that a camera sample may visit through mirrors and glass.
+    sampler
+        ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
+    reuse_pilot
+        Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample.
+    """
+
+    shading_samples: int = 2
+    techniques: tuple[str, str] = ("light", "brdf")
+    combiner: str = "balance"
+    allocation: str = "systematic"
+    lights: str = "all"
+    max_depth: int = 5
+    sampler: Kind = "independent"
+    reuse_pilot: bool = True
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.shading_samples <= 100:
+            raise ValueError(f"shading_samples must be between 1 and 100; got {self.shading_samples}")
+        if len(self.techniques) != 2:
+            raise ValueError(
+                f"techniques must be two names, because w is the share of the first; got {self.techniques}"
+            )
+        for name in self.techniques:
+            technique.find(name)
+        mis.find(self.combiner)
+        for option, value, allowed in (
+            ("allocation", self.allocation, ("systematic", "random")),
+            ("lights", self.lights, ("all", "one")),
+            ("sampler", self.sampler, KINDS),
+        ):
+            if value not in allowed:
+                raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")
+        if self.combiner == "optimal" and self.lights != "all":
+            raise ValueError("combiner optimal needs lights all, because its fit is over all samples of each light")
+        if not 1 <= self.max_depth <= 100:
+            raise ValueError(f"max_depth must be between 1 and 100; got {self.max_depth}")
