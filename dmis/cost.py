@@ -17,10 +17,11 @@ CAMERA, RAY = 1.6, 0.5
 
 
 def camera_sample(rays: Mapping[str, int], w: Array) -> Array:
-    """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at w = 1/2.
+    """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot.
 
-    Shading samples whose direction meets no light, or that the surface does not reflect, trace no ray; how often
-    that is for either technique shows in the rays of the pilot.
+    A pilot has w = 1/2 and twice the shading samples, so it has as many of either technique as a final camera sample
+    has of the one that it uses alone. Shading samples whose direction meets no light, or that the surface does not
+    reflect, trace no ray; how often that is for either technique shows in the rays.
     """
-    light, brdf = (2 * rays.get(kind, 0) / max(rays.get("camera", 0), 1) for kind in ("shadow", "brdf"))
+    light, brdf = (rays.get(kind, 0) / max(rays.get("camera", 0), 1) for kind in ("shadow", "brdf"))
     return np.asarray(CAMERA + RAY * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))

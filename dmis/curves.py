@@ -1,19 +1,22 @@
 """Variance against the weight: one pilot tells it for every w at once.
 
 A pilot at w = 1/2 draws from ``q = (p_l + p_b) / 2``. With ``X = f / q`` of a shading sample and
-``r = p_l / (p_l + p_b)`` in its direction, the mixture of any weight is ``p_w = m q`` with
-``m(w) = 2 (w r + (1 - w) (1 - r))``, so every pilot sample says what it would have contributed at any w:
-
-* second moment ``M2(w) = integral of f^2 / p_w = E_q[X^2 / m]``;
-* technique means ``m_l(w) = E_{p_l}[f / p_w] = E_q[2 r X / m]``, and m_b alike with ``1 - r``.
-
-With fixed shares of w and 1 - w, a shading sample has the variance ``M2 - w m_l^2 - (1 - w) m_b^2``. Both techniques'
+``d = (p_l - p_b) / (p_l + p_b)`` in its direction, the mixture of any weight is ``p_w = m q`` with
+``m(w) = 1 + (2 w - 1) d``, so every pilot sample says what it would have contributed at any w. Both techniques'
 samples tell of both, which is what makes it work: a technique that fails is known by what the other one sees.
-Squares of means come from products of different camera samples, so all of it is unbiased.
 
-Camera samples carry two shading samples, whose mean has half the variance of one; what the camera sample itself adds
-(edges, textures, lights of a single direction) hardly depends on w: it is the difference to the variance that was
-seen.
+At a point y, where a camera sample meets the scene, let ``I(y)`` be the radiance reflected there,
+``M2(y, w) = E_q[X^2 / m]`` the second moment, and ``D(y, w) = E_q[2 d X / m]`` the difference between the means of
+``f / p_w`` over light samples and over BRDF samples (over both together the mean is I). With fixed shares, a shading
+sample has the variance ``M2 - I^2 - w (1 - w) D^2`` at y. A camera sample takes the mean of S of them, n of which are
+light samples, where n changes from one camera sample to the next so that it is ``w S`` on average. Its variance is
+
+    V(w) = Var_y(I) + E_y[M2 - I^2 - w (1 - w) D^2] / S + var(n / S) Var_y(D).
+
+Edges and textures are in the first term, which does not depend on w; the rest is the *curve*. Squares come from
+products of independent estimates, those at y of two halves of the same camera sample's shading samples, so all of it
+is unbiased. (Taking y for one more dimension of a shading sample would let the shading samples of a camera sample look
+independent, which flatters the weights that use one technique alone.)
 """
 
 from __future__ import annotations
@@ -40,11 +43,11 @@ class Curves:
     pixels
         Number of pixels of the tile.
     shading_samples
-        Of each camera sample.
+        Of each camera sample of the pilot, a multiple of 4; final camera samples have S, half as many.
     """
 
     def __init__(self, pixels: int, shading_samples: int) -> None:
-        self._pairs = pairs_of(shading_samples)
+        self._s = shading_samples // 2
         self._n = 0
         self._curve = np.zeros((len(GRID), pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
@@ -56,68 +59,64 @@ class Curves:
         self._n += count
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
-        for x, r in spread(records, radiance.shape[1]):
-            # the mean over the pairs, and half of it: a pair has two shading samples
-            self._curve += count * _curve(x, r, count) / (2 * self._pairs**2)
+        for x, d in spread(records, 2 * self._s, radiance.shape[1]):
+            self._curve += count * _curve(x, d, count, self._s)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
 
-        ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, and the variance of a camera sample
-        that was ``seen`` ``(P,)``.
+        ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, and Var_y(I) as ``position`` ``(P,)``.
         """
         curve, seen = self._curve / max(self._n, 1), self._total / max(self._n, 1)
-        return {"curve": curve, "square": curve * curve, "cross": curve * curve[HALF], "seen": seen}
+        # the pilot's own variance is V(1/2) with 2 S shading samples in place of S
+        position = seen - curve[HALF] / 2
+        return {"curve": curve, "square": curve * curve, "cross": curve * curve[HALF], "position": position}
 
 
-def pairs_of(shading_samples: int) -> int:
-    """How many pairs of one light and one BRDF sample a camera sample has at w = 1/2.
+def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:
+    """X, as the mean of the channels, and d of all shading samples towards one light after the other.
 
-    Raises
-    ------
-    ValueError
-        If the number of shading samples is odd.
+    Both are ``(S / 2, 2, N)``: pairs of a light and a BRDF sample of N camera samples. X and d are 0 where nothing
+    came.
     """
-    if shading_samples % 2:
-        raise ValueError(
-            f"shading_samples must be even for rules that learn from pairs of a light and a BRDF sample; "
-            f"got {shading_samples}"
-        )
-    return shading_samples // 2
-
-
-def spread(records: Sequence[Record], n: int) -> Iterator[tuple[Array, Array]]:
-    """X, as the mean of the channels, and r of both techniques for all camera samples, ``(2, N)`` each.
-
-    One pair of a light and a BRDF sample after the other, light by light. X is 0 where nothing came.
-    """
-    pairs: dict[tuple[tuple[int, ...], int], tuple[Array, Array]] = {}
+    found: dict[tuple[int, ...], tuple[Array, Array]] = {}
     for record in records:
-        if (record.key, record.turn) not in pairs:
-            pairs[record.key, record.turn] = np.zeros((2, n), np.float32), np.full((2, n), 0.5, np.float32)
-        x, r = pairs[record.key, record.turn]
+        if record.key not in found:
+            x, d = np.zeros((2, shading_samples // 2, 2, n), np.float32)
+            found[record.key] = x, d
+        x, d = found[record.key]
         where = slice(None) if record.sample is None else record.sample
-        x[record.side, where] += record.value.mean(axis=0)
-        r[record.side, where] = record.pdf[0] / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
-    yield from pairs.values()
+        at = record.turn, record.side, where
+        x[at] += record.value.mean(axis=0)
+        d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
+    yield from found.values()
 
 
-def _curve(x: Array, r: Array, count: int) -> Array:
-    """Variance of a shading sample at each weight, per pixel ``(G, P)``."""
-    out = np.empty((len(GRID), x.shape[1] // count), np.float64)
-    pairs = count * (count - 1)
-    for g, w in enumerate(GRID):
-        m = r * (4 * w - 2)
-        m += 2 - 2 * w
-        t = x / np.maximum(m, LEAST, out=m)
-        second = (x * t).reshape(2, count, -1).sum(axis=(0, 1)) * (0.5 / count)
-        both = t[0] + t[1]
-        t *= r
-        light = (t[0] + t[1]).reshape(count, -1)
-        brdf = both.reshape(count, -1) - light
-        light_2, brdf_2 = ((e.sum(axis=0) ** 2 - (e * e).sum(axis=0)) / pairs for e in (light, brdf))
-        out[g] = second - w * light_2 - (1 - w) * brdf_2
-    return out
+def _curve(x: Array, d: Array, count: int, s: int) -> Array:
+    """The part of V(w) that depends on w, per pixel ``(G, P)``."""
+    out = np.empty((len(GRID), x.shape[2] // count), np.float64)
+    radiance_2 = _product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
+    square = x * x
+    for g, w in enumerate(GRID.astype(float)):
+        m = d * np.float32(2 * w - 1)
+        m += 1
+        np.maximum(m, LEAST, out=m)
+        out[g] = (square / m).reshape(-1, count, out.shape[1]).sum(axis=(0, 1)) / (count * 2 * s) - radiance_2
+        if 0 < w < 1:
+            difference = (x * d / m).sum(axis=1)
+            at_y = _product(difference).reshape(count, -1).mean(axis=0)
+            part = w * s % 1
+            out[g] += (part * (1 - part) / s - w * (1 - w)) * at_y
+            if part:
+                pixel = difference.mean(axis=0).reshape(count, -1)
+                everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
+                out[g] -= part * (1 - part) / s * everywhere
+    return out / s
+
+
+def _product(pairs: Array) -> Array:
+    """Product of the means of two halves of independent estimates ``(S / 2, N)``."""
+    return pairs[::2].mean(axis=0) * pairs[1::2].mean(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,11 +126,11 @@ class Pooled:
     Attributes
     ----------
     curve
-        Variance that the shading samples of one camera sample bring, at the weights of `GRID`, ``(G, ...)``.
+        Variance of a camera sample as far as it depends on w, at the weights of `GRID`, ``(G, ...)``.
     square, cross
         Means over pixels of its square and of its product with itself at w = 1/2, for standard errors.
-    seen
-        Variance of a camera sample at w = 1/2, all causes.
+    position
+        The rest of it: that of the radiance over the pixel.
     pixels
         How many pixels were averaged.
     """
@@ -139,20 +138,20 @@ class Pooled:
     curve: Array
     square: Array
     cross: Array
-    seen: Array
+    position: Array
     pixels: Array
 
     @property
     def variance(self) -> Array:
-        """Variance of a camera sample at each weight, ``(G, ...)``: the curve, and what does not depend on w.
+        """Variance of a camera sample at each weight, ``(G, ...)``.
 
         An estimate: where the pilot is small it may be negative.
         """
-        return self.curve + np.maximum(self.seen - self.curve[HALF], 0)
+        return self.curve + np.maximum(self.position, 0)
 
     def gain_error(self, cost: Array) -> Array:
         """Standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""
-        c = np.reshape(cost, (-1,) + (1,) * self.seen.ndim)
+        c = np.reshape(cost, (-1,) + (1,) * self.position.ndim)
         half = c[HALF]
         second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[HALF]
         mean = c * self.curve - half * self.curve[HALF]

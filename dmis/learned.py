@@ -39,7 +39,7 @@ class Learned:
     patch
         Side of a patch in pixels, a multiple of 4.
     spp
-        Pilot samples at w = 1/2, at least 2.
+        Samples of the pilot, at w = 1/2: an even number of at least 4, see `dmis.render.pilot_settings`.
     filter
         Of the statistics: ``gaussian`` or ``none``; or ``quadtree``, patches of `patch` pixels that are joined with
         their neighbours unless they surely differ (second-moment, see `dmis.quadtree`).
@@ -83,8 +83,11 @@ class Learned:
     def __post_init__(self) -> None:
         if self.patch < BASE or self.patch % BASE:
             raise ValueError(f"patch must be a multiple of {BASE} pixels, in which curves are kept; got {self.patch}")
-        if self.spp < 2:
-            raise ValueError(f"spp of the pilot must be at least 2, because curves are variances; got {self.spp}")
+        if self.spp < 4 or self.spp % 2:
+            raise ValueError(
+                f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
+                f"twice the shading samples; got {self.spp}"
+            )
         if self.filter not in ("gaussian", "none", "quadtree"):
             raise ValueError(f"filter must be gaussian, none or quadtree; got {self.filter!r}")
         if self.filter == "quadtree" and self.objective != "second-moment":

@@ -1,7 +1,7 @@
 """What the literature minimises: weights from one pilot at w = 1/2.
 
-With ``X = f / q``, ``r = p_l / (p_l + p_b)`` and ``m(w) = p_w / q = 2 (w r + (1 - w) (1 - r))`` as in `dmis.curves`,
-and ``d = (p_l - p_b) / q = 2 (2 r - 1)``. An objective names what is gathered in the pilot, and solves for the weight
+With ``X = f / q``, ``d = (p_l - p_b) / (p_l + p_b)`` and ``m(w) = p_w / q = 1 + (2 w - 1) d`` as in `dmis.curves`.
+An objective names what is gathered in the pilot, and solves for the weight
 of each patch; `dmis.learned` makes rules of them. All but the first are approximations of the variance that the first
 estimates itself, or stand-ins for it.
 """
@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from dmis.curves import GRID, LEAST, pairs_of, spread
+from dmis.curves import GRID, LEAST, spread
 from dmis.estimator import Record
 from dmis.tile import Statistic
 from dmis.vec import Array
@@ -22,7 +22,7 @@ from dmis.vec import Array
 Means = Mapping[str, Array]
 """Means over pixels of what was gathered, ``(..., rows, columns)``."""
 Integrand = Callable[[Array, Array], Mapping[str, Array]]
-"""From X and r of both techniques' samples, ``(2, N)`` each, to values per camera sample ``(..., N)``."""
+"""From X and d of a light and a BRDF sample, ``(2, N)`` each, to values per camera sample ``(..., N)``."""
 
 
 @dataclass(frozen=True)
@@ -54,19 +54,21 @@ class Gather:
 
     def __init__(self, integrand: Integrand, variance: bool, pixels: int, shading_samples: int) -> None:
         self._integrand, self._variance, self._pixels = integrand, variance, pixels
-        self._pairs = pairs_of(shading_samples)
+        self._shading_samples = shading_samples
         self._n = 0
         self._sums: dict[str, Array] = {}
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """See `dmis.tile.Statistic.add`."""
         self._n += count
-        black = np.zeros((2, radiance.shape[1]), np.float32)
-        for x, r in (*spread(records, radiance.shape[1]), (black, black)):  # every name is there, whatever was seen
-            for name, values in self._integrand(x, r).items():
-                split = values.reshape(*values.shape[:-1], count, self._pixels)
-                found = split.var(axis=-2, ddof=1, dtype=np.float64) if self._variance else split.mean(axis=-2)
-                self._sums[name] = self._sums.get(name, 0) + count / self._pairs * found
+        n, pairs = radiance.shape[1], self._shading_samples // 2
+        black = np.zeros((1, 2, n), np.float32)  # every name is there, whatever was seen
+        for light in (*spread(records, self._shading_samples, n), (black, black)):
+            for x, d in zip(*light, strict=True):
+                for name, values in self._integrand(x, d).items():
+                    split = values.reshape(*values.shape[:-1], count, self._pixels)
+                    found = split.var(axis=-2, ddof=1, dtype=np.float64) if self._variance else split.mean(axis=-2)
+                    self._sums[name] = self._sums.get(name, 0) + count / pairs * found
 
     def sums(self) -> dict[str, Array]:
         """See `dmis.tile.Statistic.sums`."""
@@ -76,33 +78,32 @@ class Gather:
 # Taylor -------------------------------------------------------------------------------------------------------------
 
 
-def _tangent(x: Array, r: Array) -> dict[str, Array]:
-    d = 4 * r - 2
+def _tangent(x: Array, d: Array) -> dict[str, Array]:
     square = x * x * d
     return {"slope": square.sum(axis=0) / 2, "bend": (square * d).sum(axis=0) / 2}
 
 
 def _newton(means: Means, cost: tuple[float, float]) -> Array:
-    """One Newton step of M2(w) from 1/2: ``1/2 + mean(X^2 d) / (2 mean(X^2 d^2))``."""
-    return 0.5 + _divide(means["slope"], 2 * means["bend"])
+    """One Newton step of M2(w) from 1/2: ``1/2 + mean(X^2 d) / (4 mean(X^2 d^2))``."""
+    return 0.5 + _divide(means["slope"], 4 * means["bend"])
 
 
 # Single techniques --------------------------------------------------------------------------------------------------
 
 
-def _alone(x: Array, r: Array) -> dict[str, Array]:
+def _alone(x: Array, d: Array) -> dict[str, Array]:
     """f / p_i of each technique's own sample, ``(2, N)``."""
-    own = np.stack([r[0], 1 - r[1]])
-    return {"alone": x / np.maximum(2 * own, LEAST)}
+    own = np.stack([1 + d[0], 1 - d[1]])
+    return {"alone": x / np.maximum(own, LEAST)}
 
 
-def _halves(x: Array, r: Array) -> dict[str, Array]:
+def _halves(x: Array, d: Array) -> dict[str, Array]:
     """The weighted contribution of each technique, ``W_i f / p_i`` with equal counts, ``(2, N)``."""
     return {"halves": x}
 
 
-def _squares(x: Array, r: Array) -> dict[str, Array]:
-    alone = _alone(x, r)["alone"]
+def _squares(x: Array, d: Array) -> dict[str, Array]:
+    alone = _alone(x, d)["alone"]
     return {"first": alone, "second": alone * alone}
 
 
@@ -127,13 +128,12 @@ def _representativity(means: Means, cost: tuple[float, float]) -> Array:
 # Divergences --------------------------------------------------------------------------------------------------------
 
 
-def _tsallis(gamma: float, x: Array, r: Array) -> dict[str, Array]:
+def _tsallis(gamma: float, x: Array, d: Array) -> dict[str, Array]:
     """``xi(w) = E_q[(X / m)^gamma d]`` at the weights of the grid, without its ends, ``(G - 2, N)``."""
-    d = 4 * r - 2
     raised = x ** np.float32(gamma) if gamma != 1 else x
     out = np.empty((len(GRID) - 2, x.shape[1]), np.float32)
     for g, w in enumerate(GRID[1:-1]):
-        m = np.maximum(r * (4 * w - 2) + (2 - 2 * w), LEAST)
+        m = np.maximum(1 + (2 * w - 1) * d, LEAST)
         out[g] = (raised * d / m ** np.float32(gamma)).sum(axis=0) / 2
     return {"xi": out}
 

@@ -42,7 +42,7 @@ class Oracle:
     patch
         Side of a patch in pixels.
     spp
-        Camera samples per pixel that the curves are made of.
+        Samples per pixel that the curves are made of.
     """
 
     variance: Array
@@ -99,7 +99,7 @@ def make_oracle(
     Parameters
     ----------
     spp
-        Camera samples per pixel.
+        Samples per pixel, an even number.
     patch
         Side of a patch in pixels, a multiple of 4.
     folder, threads, progress

@@ -49,7 +49,8 @@ class Result:
     weight
         ``(H, W)`` float32: share of light samples in the final pass.
     samples
-        ``(H, W)`` float32: camera samples rendered, pilot included, whether or not it is part of the image.
+        ``(H, W)`` float32: samples of the budget spent, pilot included, whether or not it is part of the image. Camera
+        samples, but for a pilot that gathers statistics: there they have twice the shading samples, and count for two.
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
@@ -118,6 +119,8 @@ def render(
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
     settings = replace(settings or Settings(), **{**given, **rule.settings})
+    gather = getattr(rule, "statistic", None)
+    learning = pilot_settings(settings, rule.pilot, gather is not None)
     pilot_spp = sum(rule.pilot.values())
     _check(spp, pilot_spp, seed, threads, rule_text)
     provenance = {
@@ -134,13 +137,12 @@ def render(
     if executor is None:
         executor = owned = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     store = Store(checkpoint, provenance)
-    work = _Work(scene, seed, settings, executor, progress, store)
+    work = _Work(scene, seed, executor, progress, store)
     try:
         scene.prepare()
         begin = time.perf_counter()
-        gather = getattr(rule, "statistic", None)
         pilot = {
-            w: work.render(k, "pilot", n, w, "independent", gather)
+            w: work.render(k, "pilot", n if gather is None else n // 2, w, learning, gather)
             for k, (w, n) in enumerate(sorted(rule.pilot.items()))
         }
         fitted = time.perf_counter()
@@ -149,7 +151,7 @@ def render(
         if fit.samples is not None:
             counts = whole_samples(np.asarray(fit.samples), spp - pilot_spp, stream(seed, len(pilot), 2**31))
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", counts, fit.weight, settings.sampler).moments
+        final = work.render(len(pilot), "final", counts, fit.weight, settings).moments
         end = time.perf_counter()
     except BaseException:
         store.save()
@@ -161,7 +163,7 @@ def render(
     pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
     parts = [(final, spp - pilot_spp)]
     if settings.reuse_pilot:
-        parts += [(pilot[w].moments, n) for w, n in rule.pilot.items()]
+        parts += [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()]
     image, variance = _combine(parts)
     store.remove()
     shape = image.shape[:2]
@@ -181,6 +183,27 @@ def render(
         provenance={**provenance, "rays": dict(work.rays), "pilot_rays": dict(pilot_rays)},
         tiles=tuple(work.tiles),
     )
+
+
+def pilot_settings(settings: Settings, pilot: Mapping[float, int], paired: bool) -> Settings:
+    """What a pilot is rendered with: independent samples, which statistics assume, and the balance heuristic, whose
+    terms are f / p_w, however the final samples are drawn and combined.
+
+    If `paired`, because a statistic is gathered, with twice the shading samples in half the camera samples: what
+    varies over a pixel, and what varies at a point, are told apart by two independent estimates at the same point.
+
+    Raises
+    ------
+    ValueError
+        If a number of samples is odd, and must not be.
+    """
+    settings = replace(settings, combiner="balance", allocation="systematic", sampler="independent")
+    if not paired:
+        return settings
+    for name, n in (("shading_samples", settings.shading_samples), *(("pilot samples", n) for n in pilot.values())):
+        if n % 2:
+            raise ValueError(f"{name} must be even for rules that learn from two halves of them; got {n}")
+    return replace(settings, shading_samples=2 * settings.shading_samples)
 
 
 def _check(spp: int, pilot_spp: int, seed: int, threads: int | None, rule: str) -> None:
@@ -237,12 +260,11 @@ class _Work:
         self,
         scene: Scene,
         seed: int,
-        settings: Settings,
         executor: Executor,
         progress: Progress | None,
         store: Store,
     ) -> None:
-        self._scene, self._seed, self._settings = scene, seed, settings
+        self._scene, self._seed = scene, seed
         self._executor, self._progress, self._store = executor, progress, store
         self.rays: Counter[str] = Counter()
         self.tiles: list[Tile] = []
@@ -253,21 +275,18 @@ class _Work:
         stage: str,
         spp: Array | int,
         w: Array | float,
-        sampler: Kind,
+        settings: Settings,
         statistic: Callable[[int, int], Statistic] | None = None,
     ) -> Pilot:
         """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``."""
         width, height = self._scene.camera.resolution
         tiles = []
-        settings = self._settings
-        if stage == "pilot":  # what rules learn from does not depend on how the final samples are combined
-            settings = replace(settings, combiner="balance", allocation="systematic")
         uneven = not isinstance(spp, int)
         for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
             area = slice(*rows), slice(*columns)
             local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)
-            tile = Tile(self._seed, pass_, number, rows, columns, count, local, sampler, settings, statistic)
+            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic)
             tiles.append(tile)
         self.tiles.extend(tiles)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))

@@ -14,7 +14,7 @@ from dmis.combine import Optimal
 from dmis.estimator import Batch, Record, direct
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
-from dmis.samplers import Kind, make_sampler, stream
+from dmis.samplers import make_sampler, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
@@ -51,7 +51,6 @@ class Tile:
     columns: tuple[int, int]
     spp: np.ndarray | int
     w: Array | float
-    sampler: Kind
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
 
@@ -112,7 +111,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     rng = stream(tile.seed, tile.pass_, tile.number)
     settings = tile.settings
     stops = np.unique(tile.spp).tolist()
-    sampler = make_sampler(tile.sampler, rng, pixels, stops, settings.shading_samples)
+    sampler = make_sampler(settings.sampler, rng, pixels, stops, settings.shading_samples)
     offset = rng.random(pixels)
     rays: Counter[str] = Counter()
     optimal = settings.combiner == "optimal"

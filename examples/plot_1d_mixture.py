@@ -54,30 +54,31 @@ best = w[truth.argmin()]
 
 
 # %%
-# A pilot: n samples of each technique at w = 1/2, as a "patch" of pixels, written down as the renderer does.
-def draw(technique, count):
+# A pilot: a "patch" of pixels, in each of which half of the samples come from either technique at w = 1/2, written down
+# as the renderer does: three camera samples with two pairs each.
+def draw(technique, turn, count):
     """Samples of one technique as a record: where they were, what they bring, both densities."""
     at = rng.normal(MEANS[technique], WIDTHS[technique], count)
     pdf = np.stack([density(0, at), density(1, at)])
     value = np.repeat((f(at) / pdf.mean(axis=0))[None], 3, axis=0)  # the same in all channels
-    return Record(technique, (0,), 0, None, value.astype(np.float32), pdf.astype(np.float32))
+    return Record(technique, (0,), turn, None, value.astype(np.float32), pdf.astype(np.float32))
 
 
-PIXELS, SPP = 64, 6
-records = [draw(0, PIXELS * SPP), draw(1, PIXELS * SPP)]
-radiance = (records[0].value + records[1].value) / 2
-curves = Curves(PIXELS, 2)
+PIXELS, SPP = 64, 3
+records = [draw(technique, turn, PIXELS * SPP) for technique in (0, 1) for turn in (0, 1)]
+radiance = np.mean([record.value for record in records], axis=0)
+curves = Curves(PIXELS, 4)
 curves.add(records, radiance, SPP)
-estimate = 2 * curves.sums()["curve"].mean(axis=1)  # of one sample; a camera sample carries two
+estimate = 2 * curves.sums()["curve"].mean(axis=1)  # of one sample; a final camera sample carries two
 learned = GRID[estimate.argmin()]
 
 # %%
 # The thesis's rule: variances of 2 samples at w = 0, 1/2, 1, averaged over the pixels, and a parabola.
 alone = [f(at) / density(k, at) for k, at in ((k, rng.normal(MEANS[k], WIDTHS[k], (2, PIXELS))) for k in (1, 0))]
-pairs = radiance[0].reshape(SPP, PIXELS)[:2]
+pairs = [((records[0].value + records[2].value) / 2)[0].reshape(SPP, PIXELS)[k] for k in (0, 1)]
 shares = np.array([0, 0.5, 1])
 points = np.array(
-    [alone[0].var(axis=0, ddof=1).mean(), 2 * pairs.var(axis=0, ddof=1).mean(), alone[1].var(axis=0, ddof=1).mean()]
+    [alone[0].var(axis=0, ddof=1).mean(), 2 * np.var(pairs, axis=0, ddof=1).mean(), alone[1].var(axis=0, ddof=1).mean()]
 )
 vertex = float(parabola_minimum(shares, points)[0])
 
@@ -86,7 +87,7 @@ vertex = float(parabola_minimum(shares, points)[0])
 # What the literature makes of the same pilot.
 def relative(name):
     """The weight that an objective gives, and the variance there."""
-    statistic = objective(name).statistic(PIXELS, 2)
+    statistic = objective(name).statistic(PIXELS, 4)
     statistic.add(records, radiance, SPP)
     means = {key: a.mean(axis=-1)[..., None, None] for key, a in statistic.sums().items()}
     return float(np.clip(objective(name).solve(means, (1.0, 1.0)), 0, 1)[0, 0])

@@ -25,7 +25,7 @@ def tile_of(
 ) -> tuple[Array, Counter[str]]:
     """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays."""
     width, height = scene.camera.resolution
-    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, w, sampler, Settings(**settings))
+    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, w, Settings(sampler=sampler, **settings))
     rendered = render_tile(scene, tile)
     return rendered.moments.mean, rendered.rays
 

@@ -15,15 +15,14 @@ from dmis.vec import Array
 PLAIN = {"filter": "none", "cost": False, "guard": 0.0, "count_sigma": 0.1}
 
 
-def pilot(curve: Array, noise: float = 0.0, seen: Array | None = None, size: int = 32) -> dict[float, Pilot]:
+def pilot(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot]:
     """A pilot whose pixels have the curves given per patch of 4 pixels ``(G, rows, columns)``, with a spread."""
     rows = columns = size // 4
     curve = np.broadcast_to(curve, (len(GRID), rows, columns)).astype(float)
     square = curve**2 + noise**2
     square[HALF] = curve[HALF] ** 2
     cross = curve * curve[HALF]
-    seen = curve[HALF] if seen is None else seen
-    sums = {"curve": curve, "square": square, "cross": cross, "seen": np.broadcast_to(seen, (rows, columns))}
+    sums = {"curve": curve, "square": square, "cross": cross, "position": np.zeros((rows, columns))}
     moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
     return {0.5: Pilot(moments, {"camera": 100}, {name: a * 16 for name, a in sums.items()})}
 
@@ -98,7 +97,7 @@ def test_numbers_of_samples() -> None:
 
 
 @pytest.mark.parametrize(
-    "options", ["patch=6", "patch=2", "spp=1", "guard=-1", "floor=0", "size=4", "sigma=0", "filter=box"]
+    "options", ["patch=6", "patch=2", "spp=2", "spp=7", "guard=-1", "floor=0", "size=4", "sigma=0", "filter=box"]
 )
 def test_bad_options(options: str) -> None:
     """Errors name the option and what it allows."""
@@ -145,5 +144,5 @@ def test_counts_render(box: dmis.Scene, sampler: str) -> None:
     one, two = (dmis.render(box, rule, 32, seed=3, threads=n) for n in (1, 2))
     assert np.array_equal(one.image, two.image) and np.array_equal(one.samples, two.samples)
     assert one.samples.mean() == pytest.approx(32, rel=0.02) and np.ptp(one.samples) > 0
-    assert one.rays["camera"] == one.samples.sum()
+    assert one.rays["camera"] == one.samples.sum() - 3 * one.samples.size  # three of the pilot count for six
     assert np.isfinite(one.image).all() and np.isfinite(one.variance).all()

@@ -89,4 +89,4 @@ def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
 
     expected = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
     value, half = ratio(measured(Best()), measured("balance"))
-    assert value == pytest.approx(expected, rel=0.15)
+    assert value == pytest.approx(expected, rel=0.05)

@@ -87,8 +87,8 @@ def _one_pass(scene, number, w, spp, seed):
     from dmis.render import _Work
 
     with ThreadPoolExecutor(1) as executor:
-        work = _Work(scene, seed, dmis.Settings(), executor, None, Store(None, {}))
-        return work.render(number, "pilot", spp, w, "independent").moments.mean
+        work = _Work(scene, seed, executor, None, Store(None, {}))
+        return work.render(number, "pilot", spp, w, dmis.Settings()).moments.mean
 
 
 @pytest.mark.parametrize("rule", RULES)

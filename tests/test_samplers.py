@@ -177,11 +177,11 @@ def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
     """
     light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
     scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
-    settings = Settings(shading_samples=1)
+    settings = Settings(shading_samples=1, sampler=kind)
     sides = []
     for seed in range(64):
         watch = _Watch(scene.intersector)
-        tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, np.full(1, w), kind, settings)
+        tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, np.full(1, w), settings)
         render_tile(scene, tile, watch)
         # the first query is the light technique's: it goes first
         origin = watch.origins[0]
@@ -207,7 +207,7 @@ def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
     paper = Part(quad((0, -2, 0.0001), (2, 0, 0), (0, 4, 0)), matte(0))
     scene = box_scene(matte(0.5), (light,), (paper,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
     means = [
-        render_tile(scene, Tile(seed, 0, 0, (0, 1), (0, 1), 8, w, kind, Settings())).moments.mean[0, 0, 0]
+        render_tile(scene, Tile(seed, 0, 0, (0, 1), (0, 1), 8, w, Settings(sampler=kind))).moments.mean[0, 0, 0]
         for seed in range(400)
     ]
     half = 4 * np.tan(np.radians(5))
