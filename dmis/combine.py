@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmis.estimator import Record
-from dmis.vec import Array
+from dmis.vec import Array, take
 
 LEAST = 8
 """Samples of each technique that the fit needs in a pixel; with fewer the balance heuristic stays."""
@@ -59,7 +59,7 @@ class Optimal:
                 zeros = (np.zeros((3, pixels)), np.zeros((2, 3, pixels)), np.zeros((3, pixels)), np.zeros((2, pixels)))
                 self._keys[record.key] = zeros
             a, b, plain, recorded = self._keys[record.key]
-            at = pixel if record.sample is None else pixel.take(record.sample)
+            at = take(pixel, record.sample)
             w, n = self._w.take(at), self._samples.take(at)
             light, brdf = record.pdf.astype(np.float64)
             mixture = np.maximum(n * (w * light + (1 - w) * brdf), 1e-300)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dmis.seen import FAR, Rgb, Seen, rgb
 from dmis.texture import Image
-from dmis.vec import Array, Index, take
+from dmis.vec import Array, Selection, take
 from dmis.warp import TWO_PI
 
 TWO_PI_SQUARED = np.float32(2 * np.pi**2)
@@ -26,7 +26,7 @@ class _SeenSky(Seen):
         self.distance = np.full(wi.shape[1], FAR)
         self._light, self._s, self._t = light, s, t
 
-    def radiance_at(self, index: Index | None) -> Array:
+    def radiance_at(self, index: Selection | None) -> Array:
         return self._light._lookup(take(self._s, index), take(self._t, index))
 
     @cached_property

@@ -31,7 +31,7 @@ from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
-from dmis.vec import Array, Index, dot, take
+from dmis.vec import Array, Index, Selection, compose, dot, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
@@ -46,7 +46,8 @@ class Batch:
     w
         Share of the first technique, ``(N,)`` or one number.
     counts
-        How many shading samples of each camera sample go to the first technique.
+        How many shading samples of each camera sample go to the first technique; falling, so that those with the
+        same number are a slice, and nothing needs to be gathered.
     rng
         For choices that are not two-dimensional draws.
     rays
@@ -90,7 +91,7 @@ class Record:
     side: int
     key: tuple[int, ...]
     turn: int
-    sample: Index | None
+    sample: Selection | None
     value: Array
     pdf: Array
 
@@ -112,7 +113,7 @@ class _Points:
     """
 
     surface: Surface
-    sample: Index | None
+    sample: Selection | None
     throughput: Array | None
     path: tuple[int, ...]
     out: Array
@@ -124,7 +125,7 @@ class _Rays:
 
     origin: Array
     direction: Array
-    sample: Index | None
+    sample: Selection | None
     throughput: Array | None
     depth: int
     path: tuple[int, ...]
@@ -151,7 +152,7 @@ def direct(batch: Batch, origin: Array, direction: Array) -> Array:
     return radiance
 
 
-def _visit(batch: Batch, rays: _Rays, pending: list[_Rays]) -> Iterator[tuple[Array, Index | None]]:
+def _visit(batch: Batch, rays: _Rays, pending: list[_Rays]) -> Iterator[tuple[Array, Selection | None]]:
     """Trace rays and shade what they meet; yields radiance ``(3, K)`` and camera sample numbers ``(K,)``."""
     scene, plan = batch.scene, batch.scene.plan
     hits = batch.caster.closest(rays.origin, rays.direction)
@@ -167,7 +168,7 @@ def _visit(batch: Batch, rays: _Rays, pending: list[_Rays]) -> Iterator[tuple[Ar
         if index is not None and len(index) == 0:
             continue
         surface, emission = scene.surface(group, hits, index, rays.direction)
-        sample = _both(rays.sample, index)
+        sample = compose(rays.sample, index)
         out = np.zeros(surface.wo.shape, np.float32)
         if emission is not None:
             out += emission
@@ -202,13 +203,13 @@ def _light(batch: Batch, points: _Points) -> None:
 
 
 def _mixture(
-    batch: Batch, points: _Points, light: SampledLight, index: Index | None, scale: np.float32, key: tuple[int, ...]
+    batch: Batch, points: _Points, light: SampledLight, index: Selection | None, scale: np.float32, key: tuple[int, ...]
 ) -> None:
     """Add what the points `index` reflect of one light: S shading samples each, divided between two techniques."""
     settings = batch.settings
     techniques = tuple(technique.find(name) for name in settings.techniques)
     heuristic = mis.find(settings.combiner)
-    sample = _both(points.sample, index)
+    sample = compose(points.sample, index)
     first = batch.counts.first
     if not isinstance(first, int):
         first = take(first, sample)
@@ -221,17 +222,17 @@ def _mixture(
                     break
                 chosen = None
             else:
-                chosen = _where(count > turn)
-                if chosen is not None and len(chosen) == 0:
+                chosen = _run(count > turn)
+                if chosen is not None and chosen.start == chosen.stop:
                     break
-            where = _both(index, chosen)
-            u = _draw(batch, key, side, turn, _both(sample, chosen))
+            where = compose(index, chosen)
+            u = _draw(batch, key, side, turn, compose(sample, chosen))
             part = points.surface.take(where)
             seen = own.sample(part, light, u)
             _shade(batch, points, part, where, seen, own, other, side, turn, take(w, chosen), heuristic, scale, key)
 
 
-def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Index | None) -> Array:
+def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Selection | None) -> Array:
     """Numbers for one shading sample of the camera samples `points`.
 
     Structured samplers spread the numbers of a pixel over all its samples of one technique, so where techniques take
@@ -247,7 +248,7 @@ def _shade(
     batch: Batch,
     points: _Points,
     surface: Surface,
-    where: Index | None,
+    where: Selection | None,
     seen: Seen,
     own: Technique,
     other: Technique,
@@ -273,27 +274,27 @@ def _shade(
     alive = _where((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
     value = np.zeros((3, 0), np.float32)
     if alive is None or len(alive):
-        both = _both(lit, alive)
+        both = compose(lit, alive)
         value = take(f, alive) * seen.radiance_at(both)
         value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
-        _add(points.out, value, _both(where, both))
+        _add(points.out, value, compose(where, both))
     if batch.records is not None:
         pdf = np.stack((p_own, p_other) if side == 0 else (p_other, p_own))
-        _record(batch, points, Record(side, key, turn, _both(where, lit), value, pdf), alive)
+        _record(batch, points, Record(side, key, turn, compose(where, lit), value, pdf), alive)
 
 
-def _record(batch: Batch, points: _Points, record: Record, alive: Index | None) -> None:
+def _record(batch: Batch, points: _Points, record: Record, alive: Selection | None) -> None:
     """Write down shading samples of `points`, as they arrive at the camera; only those `alive` have a value."""
     assert batch.records is not None
     value = np.zeros((3, record.pdf.shape[1]), np.float32)
     value[:, slice(None) if alive is None else alive] = record.value * np.float32(batch.settings.shading_samples)
     if points.throughput is not None:
         value *= take(points.throughput, record.sample)
-    batch.records.append(replace(record, sample=_both(points.sample, record.sample), value=value))
+    batch.records.append(replace(record, sample=compose(points.sample, record.sample), value=value))
 
 
 def _delta(
-    batch: Batch, points: _Points, light: DeltaLight, index: Index | None, scale: np.float32, traced: bool
+    batch: Batch, points: _Points, light: DeltaLight, index: Selection | None, scale: np.float32, traced: bool
 ) -> None:
     """Add what the points `index` reflect of a light that has a single direction."""
     surface = points.surface.take(index)
@@ -306,7 +307,7 @@ def _delta(
     value = surface.eval(pair) * (pair.cos_i * scale) * seen.radiance_at(lit)
     if traced:
         value = value * _visible(batch, "delta", surface.p, wi, take(seen.distance, lit))
-    _add(points.out, value, _both(index, lit))
+    _add(points.out, value, compose(index, lit))
 
 
 def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:
@@ -316,8 +317,8 @@ def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array)
 
 
 def _scatter(
-    scene: Scene, surface: Surface, lobe: Any, sample: Index | None, throughput: Array | None
-) -> tuple[Array, Array, Index | None, Array] | None:
+    scene: Scene, surface: Surface, lobe: Any, sample: Selection | None, throughput: Array | None
+) -> tuple[Array, Array, Selection | None, Array] | None:
     """Follow a delta lobe: origins, directions, camera sample numbers and throughput of the rays that go on."""
     wi, factor = lobe.scatter(surface)
     factor = np.broadcast_to(factor if throughput is None else factor * throughput, wi.shape)
@@ -328,14 +329,14 @@ def _scatter(
     # p lies on wo's side of the surface; what goes through begins on the other
     through = dot(ng, wi) < 0
     origin = take(surface.p, index) - ng * (2 * scene.epsilon * through)
-    return origin, wi, _both(sample, index), factor
+    return origin, wi, compose(sample, index), factor
 
 
-def _onward(rays: _Rays, index: Index | None, radiance: Array) -> tuple[Array, Index | None]:
+def _onward(rays: _Rays, index: Selection | None, radiance: Array) -> tuple[Array, Selection | None]:
     """Radiance found by the rays `index`, as it arrives at the camera, and the camera samples it belongs to."""
     if rays.throughput is not None:
         radiance = radiance * take(rays.throughput, index)
-    return radiance, _both(rays.sample, index)
+    return radiance, compose(rays.sample, index)
 
 
 def _where(condition: np.ndarray) -> Index | None:
@@ -344,22 +345,23 @@ def _where(condition: np.ndarray) -> Index | None:
     return None if len(index) == len(condition) else index
 
 
-def _both(outer: Index | None, inner: Index | None) -> Index | None:
-    """The composition of two selections, where None means everything."""
-    if outer is None or inner is None:
-        return inner if outer is None else outer
-    return outer.take(inner)
+def _run(condition: np.ndarray) -> slice | None:
+    """Where `condition` holds, which is at the beginning or at the end; None if it holds everywhere."""
+    length, number = len(condition), np.count_nonzero(condition)
+    if number == length:
+        return None
+    return slice(0, number) if condition[0] else slice(length - number, length)
 
 
-def _take(values: Array | None, index: Index | None) -> Array | None:
+def _take(values: Array | None, index: Selection | None) -> Array | None:
     """`take` that lets None through."""
     return None if values is None else take(values, index)
 
 
-def _add(out: Array, value: Array, index: Index | None) -> None:
+def _add(out: Array, value: Array, index: Selection | None) -> None:
     """Add `value` ``(3, K)`` to the columns `index` of `out` (None: all of them)."""
-    if index is None:
-        out += value
+    if index is None or isinstance(index, slice):
+        out[:, index or slice(None)] += value
         return
     for row, values in zip(out, value, strict=True):
         np.add.at(row, index, values)

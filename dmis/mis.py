@@ -114,31 +114,43 @@ class Counts:
     first: np.ndarray | int
     reached: np.ndarray | None = None
 
+    def take(self, index: np.ndarray) -> Counts:
+        """Those of the camera samples `index`."""
+        reached = None if self.reached is None else self.reached.take(index, axis=1)
+        return Counts(self.first if isinstance(self.first, int) else self.first.take(index), reached)
+
 
 def allocate(
-    w: Array | float, shading_samples: int, start: int, count: int, offset: Array, rng: np.random.Generator | None
+    w: Array | float,
+    shading_samples: int,
+    pixel: np.ndarray,
+    number: np.ndarray,
+    offset: Array,
+    rng: np.random.Generator | None,
 ) -> Counts:
-    """Divide the shading samples of the camera samples `start` to `start + count` of P pixels, sample-major.
+    """Divide the shading samples of N camera samples.
 
     Parameters
     ----------
     w
-        Share of the first technique: ``(P,)``, or one number for all pixels.
+        Share of the first technique: ``(P,)`` for P pixels, or one number for all of them.
     shading_samples
         S, shading samples per camera sample.
+    pixel, number
+        Pixel of each camera sample, and number of the sample within it, ``(N,)``.
     offset
         Random offsets of the systematic rounding in [0, 1), ``(P,)``.
     rng
         None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
         model of MIS), with numbers from here.
     """
-    pixels = len(offset)
     if np.ndim(w) == 0 and (rng is None or w in (0, 1)) and float(shading_samples * w).is_integer():
         return Counts(int(shading_samples * w))
+    share = w if np.ndim(w) == 0 else np.asarray(w).take(pixel)
     if rng is not None:
-        picks = rng.random((shading_samples, count, pixels), dtype=np.float32) < w
-        return Counts(picks.sum(axis=0, dtype=np.int8).reshape(-1))
-    slots = np.arange(start, start + count + 1)[:, None] * shading_samples
-    reached = np.floor(slots * np.asarray(w, np.float64) + offset).astype(np.int32)
-    first = (reached[1:] - reached[:-1]).astype(np.int8).reshape(-1)
-    return Counts(first, np.stack([reached[:-1], slots[:-1] - reached[:-1]]).reshape(2, -1))
+        picks = rng.random((shading_samples, len(pixel)), dtype=np.float32) < share
+        return Counts(picks.sum(axis=0, dtype=np.int8))
+    share, offset, slot = np.asarray(share, np.float64), offset.take(pixel), number * shading_samples
+    reached = np.floor(slot * share + offset).astype(np.int32)
+    first = np.floor((slot + shading_samples) * share + offset).astype(np.int32) - reached
+    return Counts(first.astype(np.int8), np.stack([reached, slot - reached]))

@@ -1,7 +1,7 @@
 """Uniform numbers for every (pixel, sample, dimension), as functions of (seed, pass, tile) only.
 
 A tile has one random stream, so an image does not depend on how many threads, processes or machines rendered it, or in
-which order. Within a tile, sample ``s`` of pixel ``p`` has the flat index ``s * P + p`` (sample-major).
+which order.
 
 All draws are two-dimensional. `Independent` numbers are just random. The others spread the numbers of one pixel
 evenly: `Stratified` over a jittered grid, `Sobol` over a (0, 2)-sequence with a random digit shift per pixel and
@@ -18,7 +18,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from dmis.vec import Array, Index
+from dmis.vec import Array, Selection, size, take
 
 Kind = Literal["independent", "stratified", "sobol"]
 KINDS = ("independent", "stratified", "sobol")
@@ -32,7 +32,11 @@ def stream(seed: int, pass_: int, tile: int) -> np.random.Generator:
 class Sampler(Protocol):
     """Numbers for one tile."""
 
-    def draw(self, key: Hashable, index: Index | None, number: np.ndarray | None = None) -> Array:
+    def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
+        """Begin a batch of camera samples: pixel, and number within the pixel, ``(N,)`` each."""
+        ...
+
+    def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """Two uniform numbers in [0, 1) for each of N points, ``(2, N)`` float32.
 
         Parameters
@@ -40,7 +44,7 @@ class Sampler(Protocol):
         key
             What the numbers are for; the same key continues the same sequence in a later block.
         index
-            Flat indices of the camera samples, ``(N,)``; None for all of the block.
+            Which camera samples of the batch; None: all of them.
         number
             Which point of its pixel's sequence each one takes, ``(N,)``; None: its sample's own number.
         """
@@ -50,17 +54,16 @@ class Sampler(Protocol):
 class Independent:
     """Random numbers with no structure."""
 
-    def __init__(self, rng: np.random.Generator, pixels: int) -> None:
-        self._rng, self._pixels = rng, pixels
-        self._size = 0
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng, self._size = rng, 0
 
-    def start_block(self, first: int, count: int, active: Index | None = None) -> None:
-        """Begin samples ``first`` to ``first + count - 1`` of every pixel, or of the pixels `active`."""
-        self._size = (self._pixels if active is None else len(active)) * count
+    def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
+        """See `Sampler.start`."""
+        self._size = len(pixel)
 
-    def draw(self, key: Hashable, index: Index | None, number: np.ndarray | None = None) -> Array:
+    def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
-        return self._rng.random((2, self._size if index is None else len(index)), dtype=np.float32)
+        return self._rng.random((2, size(index, self._size)), dtype=np.float32)
 
 
 class _Sequence:
@@ -71,32 +74,28 @@ class _Sequence:
         self._length = self._spp * shading_samples
         # shuffled between stops only: a pixel that stops early has the beginning of the sequence
         self._order = np.concatenate([a + rng.permutation(b - a) for a, b in itertools.pairwise((0, *stops))])
-        self._first = self._count = 0
-        self._active: Index | None = None
+        self._pixel = self._number = np.empty(0, np.int64)
         self._state: dict[Hashable, np.ndarray] = {}
 
-    def start_block(self, first: int, count: int, active: Index | None = None) -> None:
-        """Begin samples ``first`` to ``first + count - 1`` of every pixel, or of the pixels `active`."""
-        self._first, self._count, self._active = first, count, active
+    def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
+        """See `Sampler.start`."""
+        self._pixel, self._number = pixel, number
 
-    def _points(self, key: Hashable, index: Index | None, number: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _points(
+        self, key: Hashable, index: Selection | None, number: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Position in the sequence and pixel of each point, ``(N,)``."""
-        width = self._pixels if self._active is None else len(self._active)
-        if index is None:
-            index = np.arange(width * self._count)
-        sample, pixel = np.divmod(index, width)
-        if self._active is not None:
-            pixel = self._active.take(pixel)
+        pixel = take(self._pixel, index)
         if number is not None:
             return np.minimum(number, self._length - 1), pixel
-        sample += self._first
-        return (self._order.take(sample) if key == "camera" else sample), pixel
+        own = take(self._number, index)
+        return (self._order.take(own) if key == "camera" else own), pixel
 
 
 class Stratified(_Sequence):
     """Jittered grid: n points fill ``floor(sqrt n)`` rows of equal columns; the few left over are random."""
 
-    def draw(self, key: Hashable, index: Index | None, number: np.ndarray | None = None) -> Array:
+    def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
         point, _ = self._points(key, index, number)
         n = self._spp if number is None else self._length
@@ -117,7 +116,7 @@ class Stratified(_Sequence):
 class Sobol(_Sequence):
     """The first two Sobol dimensions, a (0, 2)-sequence, with random digits per pixel and draw."""
 
-    def draw(self, key: Hashable, index: Index | None, number: np.ndarray | None = None) -> Array:
+    def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
         point, pixel = self._points(key, index, number)
         shift = self._state.get(key)
@@ -155,7 +154,7 @@ def make_sampler(
         If the kind is not one of `KINDS`.
     """
     if kind == "independent":
-        return Independent(rng, pixels)
+        return Independent(rng)
     if kind == "stratified":
         return Stratified(rng, pixels, stops, shading_samples)
     if kind == "sobol":

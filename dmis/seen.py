@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmis import mesh
-from dmis.vec import Array, Index, take
+from dmis.vec import Array, Selection, take
 
 Rgb = tuple[float, float, float]
 FAR = np.float32(1e30)
@@ -38,7 +38,7 @@ class Seen:
     pdf: Array
     emits: Array
 
-    def radiance_at(self, index: Index | None) -> Array:
+    def radiance_at(self, index: Selection | None) -> Array:
         """Radiance along the directions `index`, ``(3, 1)`` or ``(3, K)``."""
         return take(self.radiance, index)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf import Delta, Glossy, Pair
-from dmis.vec import Array, Index, dot, frame, normalise, take
+from dmis.vec import Array, Selection, compose, dot, frame, normalise, take
 
 
 class Surface:
@@ -49,14 +49,14 @@ class Surface:
     def __init__(self, **attributes: Any) -> None:
         self.__dict__.update(attributes)
         self._parent: Surface | None = None
-        self._index: Index = np.empty(0, np.intp)
+        self._index: Selection | None = None
 
-    def take(self, index: Index | None) -> Surface:
+    def take(self, index: Selection | None) -> Surface:
         """The points `index`; None means all of them."""
         if index is None:
             return self
         part = Surface()
-        part._parent, part._index = (self, index) if self._parent is None else (self._parent, self._index.take(index))
+        part._parent, part._index = self._parent or self, compose(self._index, index)
         return part
 
     def __getattr__(self, name: str) -> Any:
@@ -114,7 +114,7 @@ class Surface:
         return wi
 
 
-def _gather(value: Any, index: Index) -> Any:
+def _gather(value: Any, index: Selection | None) -> Any:
     """The points `index` of an array, or of all arrays in a lobe or a tuple of lobes; constants stay as they are."""
     if isinstance(value, np.ndarray):
         return take(value, index)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ from dmis.samplers import make_sampler, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
-from dmis.vec import Array, Index, take
+from dmis.vec import Array, compose
 
 CHUNK = 2**15
 """Camera samples per batch: the arrays of one batch stay in the cache."""
@@ -107,40 +107,48 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     """
     (top, bottom), (left, right) = tile.rows, tile.columns
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[top:bottom, left:right])
-    pixels = len(x)
+    pixels, settings = len(x), tile.settings
+    shading_samples = settings.shading_samples
     rng = stream(tile.seed, tile.pass_, tile.number)
-    settings = tile.settings
-    stops = np.unique(tile.spp).tolist()
-    sampler = make_sampler(settings.sampler, rng, pixels, stops, settings.shading_samples)
+    sampler = make_sampler(settings.sampler, rng, pixels, np.unique(tile.spp).tolist(), shading_samples)
     offset = rng.random(pixels)
+    picks = rng if settings.allocation == "random" else None
+    w = np.asarray(tile.w, np.float32)
+    if w.ndim and (w == w[0]).all():
+        w = w[0]
     rays: Counter[str] = Counter()
-    optimal = settings.combiner == "optimal"
-    statistic = tile.statistic(pixels, settings.shading_samples) if tile.statistic else None
-    collector = Optimal(tile.w, tile.spp * np.full(pixels, settings.shading_samples)) if optimal else None
+    statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
+    collector = None
+    if settings.combiner == "optimal":
+        collector = Optimal(tile.w, tile.spp * np.full(pixels, shading_samples))
     total: Moments | None = None
-    for start, stop in itertools.pairwise((0, *stops)):
-        active = np.flatnonzero(tile.spp >= stop) if len(stops) > 1 else None
-        for first, count in _blocks(start, stop, max(1, CHUNK // (pixels if active is None else len(active)))):
-            sampler.start_block(first, count, active)
-            u = sampler.draw("camera", None).reshape(2, count, -1)
-            direction = scene.camera.rays((take(x, active) + u[0]).reshape(-1), (take(y, active) + u[1]).reshape(-1))
-            origin = np.repeat(scene.camera.origin, direction.shape[1], axis=1)
-            picks = rng if settings.allocation == "random" else None
-            w = np.asarray(tile.w, np.float32)
-            w = w if w.ndim == 0 else take(w, active)
-            counts = allocate(w, settings.shading_samples, first, count, take(offset, active), picks)
-            w = w if w.ndim == 0 else np.tile(w, count)
-            records: list[Record] | None = None if statistic is None and collector is None else []
-            batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, w, counts, rays, records)
-            radiance = direct(batch, origin, direction)
-            if statistic is not None:
-                statistic.add(records or [], radiance, count)
-            if collector is not None:
-                pixel = np.tile(np.arange(pixels) if active is None else active, count)
-                first_side = np.broadcast_to(counts.first, len(pixel))
-                collector.add(records or [], pixel, first_side, settings.shading_samples)
-            block = Moments.of(radiance.reshape(3, count, -1).swapaxes(0, 1))
-            total = _merge(total, block, active, pixels)
+    for blocks in _batches(tile.spp, pixels):
+        pixel, number = (np.concatenate(a) for a in zip(*(block.samples() for block in blocks), strict=True))
+        counts = allocate(w, shading_samples, pixel, number, offset, picks)
+        order = None if isinstance(counts.first, int) else np.argsort(-counts.first, kind="stable")
+        if order is not None:
+            pixel, number, counts = pixel.take(order), number.take(order), counts.take(order)
+        sampler.start(pixel, number)
+        u = sampler.draw("camera", None)
+        direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
+        origin = np.repeat(scene.camera.origin, direction.shape[1], axis=1)
+        records: list[Record] | None = None if statistic is None and collector is None else []
+        share = w if w.ndim == 0 else w.take(pixel)
+        batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records)
+        radiance = direct(batch, origin, direction)
+        if collector is not None:
+            collector.add(records or [], pixel, np.broadcast_to(counts.first, len(pixel)), shading_samples)
+        if order is not None:
+            radiance = _back(order, radiance)
+            records = [replace(record, sample=compose(order, record.sample)) for record in records or ()]
+        if statistic is not None:
+            statistic.add(records or [], radiance, blocks[0].count)
+        begin = 0
+        for block in blocks:
+            end = begin + block.count * len(block.pixels)
+            samples = radiance[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
+            total = _merge(total, Moments.of(samples), block.pixels if np.ndim(tile.spp) else None, pixels)
+            begin = end
     assert total is not None
     shape = bottom - top, right - left
     mean = total.mean if collector is None else total.mean + collector.correction()
@@ -151,7 +159,45 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     return Rendered(tile.number, Moments(n, mean, m2), rays, sums)
 
 
-def _merge(total: Moments | None, block: Moments, active: Index | None, pixels: int) -> Moments:
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Camera samples `first` to ``first + count`` of each of some pixels of the tile."""
+
+    pixels: np.ndarray
+    first: int
+    count: int
+
+    def samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pixel of each camera sample and its number within the pixel, sample-major."""
+        numbers = np.arange(self.first, self.first + self.count)
+        return np.tile(self.pixels, self.count), np.repeat(numbers, len(self.pixels))
+
+
+def _back(order: np.ndarray, values: Array) -> Array:
+    """Undo the selection of the columns in another `order`."""
+    out = np.empty_like(values)
+    for row, found in zip(out, values, strict=True):
+        row[order] = found
+    return out
+
+
+def _batches(spp: np.ndarray | int, pixels: int) -> Iterator[list[_Block]]:
+    """All camera samples of a tile in batches of nearly equal size, at most about `CHUNK`."""
+    stops = [0, *np.unique(spp).tolist()]
+    active = [np.flatnonzero(np.broadcast_to(spp, pixels) >= stop) for stop in stops[1:]]
+    begins = np.cumsum([0, *(np.diff(stops) * [len(a) for a in active])])
+    edges = np.linspace(0, begins[-1], max(1, -(-begins[-1] // CHUNK)) + 1)
+    cuts = [
+        np.rint(np.clip((edges - begin) / len(of), 0, stop - start)).astype(int) + start
+        for begin, of, (start, stop) in zip(begins[:-1], active, itertools.pairwise(stops), strict=True)
+    ]
+    for k in range(len(edges) - 1):
+        blocks = [_Block(of, cut[k], cut[k + 1] - cut[k]) for of, cut in zip(active, cuts, strict=True)]
+        if blocks := [block for block in blocks if block.count]:
+            yield blocks
+
+
+def _merge(total: Moments | None, block: Moments, active: np.ndarray | None, pixels: int) -> Moments:
     """`total` with a block of the pixels `active` (None: all) added."""
     if active is None:
         return block if total is None else total.merge(block)
@@ -162,11 +208,3 @@ def _merge(total: Moments | None, block: Moments, active: Index | None, pixels: 
     merged = Moments(n[:, active], mean[:, active], m2[:, active]).merge(block)
     n[:, active], mean[:, active], m2[:, active] = merged.n, merged.mean, merged.m2
     return total
-
-
-def _blocks(start: int, stop: int, most: int) -> Iterator[tuple[int, int]]:
-    """First sample and number of samples of each block of nearly equal size, at most `most`."""
-    blocks = -(-(stop - start) // most)
-    edges = [start + (stop - start) * k // blocks for k in range(blocks + 1)]
-    for first, end in itertools.pairwise(edges):
-        yield first, end - first

@@ -15,6 +15,8 @@ Array = npt.NDArray[Any]
 """Any array; ray-side ones are float32."""
 Index = npt.NDArray[Any]
 """Whole numbers that index the last axis of a batch."""
+Selection = Index | slice
+"""A selection from the last axis of a batch: whole numbers, or a slice from start to stop."""
 
 TINY = np.float32(1e-30)
 """Keeps square roots and divisions finite: a NaN in a ray would make Embree walk its whole tree."""
@@ -53,8 +55,28 @@ def frame(n: Array) -> tuple[Array, Array]:
     return s, t
 
 
-def take(a: Array, index: Index | None) -> Array:
-    """The entries `index` of the last axis; constants (last axis 1 or none) and ``index=None`` pass through."""
+def take(a: Array, index: Selection | None) -> Array:
+    """The entries `index` of the last axis; constants (last axis 1 or none) and ``index=None`` pass through.
+
+    Slices are views: nothing is copied.
+    """
     if index is None or a.ndim == 0 or a.shape[-1] == 1:
         return a
-    return a.take(index, axis=-1)
+    return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1)
+
+
+def compose(outer: Selection | None, inner: Selection | None) -> Selection | None:
+    """The selection `inner` from the selection `outer`, where None means everything."""
+    if outer is None or inner is None:
+        return inner if outer is None else outer
+    if isinstance(outer, slice):
+        start = outer.start
+        return slice(start + inner.start, start + inner.stop) if isinstance(inner, slice) else inner + start
+    return take(outer, inner)
+
+
+def size(index: Selection | None, everything: int) -> int:
+    """How many are selected."""
+    if index is None:
+        return everything
+    return index.stop - index.start if isinstance(index, slice) else len(index)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import LEVEL, Z_LIMIT, chi2_p
 
-from dmis.mis import allocate, balance, cutoff, find, maximum, power
+from dmis.mis import Counts, allocate, balance, cutoff, find, maximum, power
 from dmis.vec import Array
 
 HEURISTICS = ["balance", "power", "power-1", "power-3", "power-0.5", "maximum", "cutoff", "cutoff-0.5", "cutoff-1"]
@@ -92,6 +92,12 @@ def test_unknown_heuristics(name: str, message: str) -> None:
         find(name)
 
 
+def divide(w, shading_samples: int, start: int, count: int, offset: Array, rng=None) -> Counts:
+    """Samples `start` to ``start + count`` of all pixels, sample-major."""
+    pixel, number = np.tile(np.arange(len(offset)), count), np.repeat(np.arange(start, start + count), len(offset))
+    return allocate(w, shading_samples, pixel, number, offset, rng)
+
+
 # Allocation ---------------------------------------------------------------------------------------------------------
 
 
@@ -101,7 +107,7 @@ def test_systematic_totals(w: float, shading_samples: int) -> None:
     """Each camera sample gives 0 to S samples to the first technique; a pixel's total is ``n w`` within 1."""
     pixels, spp = 500, 37
     offset = np.random.default_rng(3).random(pixels)
-    first = allocate(np.full(pixels, w), shading_samples, 0, spp, offset, None).first.reshape(spp, pixels)
+    first = divide(np.full(pixels, w), shading_samples, 0, spp, offset).first.reshape(spp, pixels)
     assert first.min() >= 0 and first.max() <= shading_samples
     n = spp * shading_samples
     assert (np.abs(first.sum(axis=0) - n * w) < 1).all()
@@ -110,8 +116,8 @@ def test_systematic_totals(w: float, shading_samples: int) -> None:
 def test_half_is_one_each() -> None:
     """At w = 1/2 and S = 2 every camera sample has exactly one sample of each technique."""
     offset = np.random.default_rng(4).random(1000)
-    assert allocate(0.5, 2, 0, 8, offset, None).first == 1
-    assert (allocate(np.full(1000, 0.5), 2, 0, 8, offset, None).first == 1).all()
+    assert divide(0.5, 2, 0, 8, offset).first == 1
+    assert (divide(np.full(1000, 0.5), 2, 0, 8, offset).first == 1).all()
 
 
 @pytest.mark.parametrize("w", [0.1, 0.25, 0.5, 0.9])
@@ -122,7 +128,7 @@ def test_slots_have_probability_w(w: float) -> None:
     """
     count = 20000
     offset = np.random.default_rng(5).random(count)
-    first = allocate(np.full(count, w), 1, 0, 12, offset, None).first.reshape(12, count)
+    first = divide(np.full(count, w), 1, 0, 12, offset).first.reshape(12, count)
     z = (first.sum(axis=1) - count * w) / np.sqrt(count * w * (1 - w))
     assert np.abs(z).max() < Z_LIMIT
 
@@ -132,16 +138,16 @@ def test_slots_have_probability_w(w: float) -> None:
 def test_a_number_is_the_same_as_a_map(w: float, shading_samples: int) -> None:
     """One share for all pixels gives what a constant map of it gives."""
     offset = np.random.default_rng(6).random(50)
-    one = allocate(w, shading_samples, 3, 6, offset, None)
-    many = allocate(np.full(50, w), shading_samples, 3, 6, offset, None)
+    one = divide(w, shading_samples, 3, 6, offset)
+    many = divide(np.full(50, w), shading_samples, 3, 6, offset)
     np.testing.assert_array_equal(np.broadcast_to(one.first, 300), many.first)
 
 
 def test_blocks_continue() -> None:
     """Samples 0 to 9 in one block, or in blocks of 4 and 6, are divided alike."""
     offset, w = np.random.default_rng(7).random(20), np.random.default_rng(8).random(20)
-    whole = allocate(w, 2, 0, 10, offset, None)
-    parts = [allocate(w, 2, 0, 4, offset, None), allocate(w, 2, 4, 6, offset, None)]
+    whole = divide(w, 2, 0, 10, offset)
+    parts = [divide(w, 2, 0, 4, offset), divide(w, 2, 4, 6, offset)]
     np.testing.assert_array_equal(np.concatenate([p.first for p in parts]), whole.first)
     np.testing.assert_array_equal(np.concatenate([p.reached for p in parts], axis=1), whole.reached)
 
@@ -149,7 +155,7 @@ def test_blocks_continue() -> None:
 def test_reached_counts_what_came_before() -> None:
     """`reached` is the running total of each technique, from 0, so that each takes its own sequence in order."""
     offset, w = np.random.default_rng(9).random(20), np.random.default_rng(10).random(20)
-    counts = allocate(w, 2, 0, 10, offset, None)
+    counts = divide(w, 2, 0, 10, offset)
     first = counts.first.reshape(10, 20).astype(int)
     before = np.vstack([np.zeros((1, 20), int), np.cumsum(first, axis=0)[:-1]])
     reached = counts.reached.reshape(2, 10, 20)
@@ -164,7 +170,7 @@ def test_random_allocation_is_binomial(w: float, shading_samples: int) -> None:
     from scipy.stats import binom
 
     rng, count = np.random.default_rng(11), 40000
-    first = allocate(w, shading_samples, 0, 4, np.zeros(count // 4), rng).first
+    first = divide(w, shading_samples, 0, 4, np.zeros(count // 4), rng).first
     if w in (0, 1):
         assert (np.asarray(first) == w * shading_samples).all()
         return

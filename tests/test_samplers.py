@@ -10,7 +10,7 @@ from scipy.stats import kstest
 from dmis.geometry import quad
 from dmis.light import DiskLight
 from dmis.material import matte
-from dmis.samplers import KINDS, make_sampler, stream
+from dmis.samplers import KINDS, Sampler, make_sampler, stream
 from dmis.scene import Part
 from dmis.settings import Settings
 from dmis.tile import Tile, render_tile
@@ -19,12 +19,17 @@ from dmis.vec import Array
 each_kind = pytest.mark.parametrize("kind", KINDS)
 
 
+def start(sampler: Sampler, first: int, count: int, pixels: int) -> None:
+    """A batch of samples ``first`` to ``first + count`` of all pixels, sample-major."""
+    sampler.start(np.tile(np.arange(pixels), count), np.repeat(np.arange(first, first + count), pixels))
+
+
 def numbers(
     kind: str, seed: int = 0, pass_: int = 0, tile: int = 0, pixels: int = 7, spp: int = 16, key: object = "camera"
 ) -> Array:
     """Draws ``(2, spp, pixels)`` of one key in one block."""
     sampler = make_sampler(kind, stream(seed, pass_, tile), pixels, [spp], 2)
-    sampler.start_block(0, spp)
+    start(sampler, 0, spp, pixels)
     return sampler.draw(key, None).reshape(2, spp, pixels)
 
 
@@ -69,7 +74,7 @@ def test_coordinates_and_keys_are_independent(kind: str) -> None:
     draws = []
     for seed in range(many):
         sampler = make_sampler(kind, stream(seed, 0, 0), 2, [spp], 2)
-        sampler.start_block(0, spp)
+        start(sampler, 0, spp, 2)
         camera, light = (sampler.draw(key, None).reshape(2, spp, 2) for key in ("camera", (0, 0, 0)))
         draws.append((camera[0, :, 0], camera[1, :, 0], light[0, :, 0], light[1, :, 0], light[0, :, 1]))
     columns = np.concatenate(draws, axis=1)
@@ -123,7 +128,7 @@ def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
     sampler = make_sampler(kind, stream(0, 0, 0), 7, [16], 2)
     parts = []
     for first, count in ((0, 5), (5, 11)):
-        sampler.start_block(first, count)
+        start(sampler, first, count, 7)
         parts.append(sampler.draw(key, None).reshape(2, count, 7))
     parts_ = np.concatenate(parts, axis=1)
     if kind == "sobol":
@@ -135,7 +140,7 @@ def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
 def test_index_and_number_pick_points() -> None:
     """`index` picks samples of the block; `number` picks the place in their pixel's sequence."""
     sampler = make_sampler("sobol", stream(0, 0, 0), 7, [16], 2)
-    sampler.start_block(0, 16)
+    start(sampler, 0, 16, 7)
     everything = sampler.draw((0, 0), None)
     index = np.array([3, 50, 111])
     np.testing.assert_array_equal(sampler.draw((0, 0), index), everything[:, index])
