@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dmis
+from dmis.fit import RULES
 from dmis.metrics import block_error
 
 pytestmark = pytest.mark.slow
@@ -54,7 +55,13 @@ def test_balance_converges_to_pbrt(pbrt_scenes, references, load, name):
 
 
 @pytest.mark.parametrize(
-    "rule", ["fixed:0", "fixed:1", "fixed:0.25", "pbrt", "one-sample", "thesis", "second-moment", "kl", "auto"]
+    "rule",
+    [
+        "fixed:0",
+        "fixed:0.25",
+        *(rule for rule in RULES if rule not in ("balance", "uniform")),
+        *(f"second-moment:combiner={combiner}" for combiner in ("power", "maximum", "cutoff")),
+    ],
 )
 @pytest.mark.parametrize("name", LIMITS)
 def test_every_mixture_has_the_same_mean(pbrt_scenes, load, name, rule):
