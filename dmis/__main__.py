@@ -63,8 +63,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--integrator", choices=("direct", "path"), default="direct")
     command.add_argument(
         "--rule",
-        default="thesis",
-        help=f"{', '.join(RULES)}; with options, thesis:patch=8,filter=none (default thesis)",
+        help=f"{', '.join(RULES)}; with options, thesis:patch=8,filter=none (default auto; balance for few samples)",
     )
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--threads", type=int, help="default: one per processor")
@@ -183,7 +182,8 @@ def _render(options: argparse.Namespace) -> int:
     if not options.quiet:
         seconds = result.seconds["total"]
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
-        print(f"{output}: {options.rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
+        rule = result.provenance["rule"]
+        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
     return 0
 
 

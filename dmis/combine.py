@@ -4,7 +4,8 @@ Heuristics (`dmis.mis`) weigh each sample as it comes. The optimal combiner fits
 the samples of a pixel, and adds up the fit's integral, which is known because densities integrate to 1 if
 rejected samples count, and what is left of f. It comes on top of any allocation.
 
-The fit uses the samples that it is applied to, so the estimate is consistent, and slightly biased.
+The direct form, ``optimal``, applies the fit to the samples that it was made of: consistent, and slightly biased. The
+progressive form, ``optimal-progressive``, applies it to later ones, and is unbiased.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from dmis.vec import Array, take
 
 LEAST = 8
 """Samples of each technique that the fit needs in a pixel; with fewer the balance heuristic stays."""
+STAGES = 16
+"""Into how many stages the progressive form divides the samples of a pixel: at 128 camera samples the first fit has
+`LEAST` samples of each technique, and misses a sixteenth of them.
+"""
 
 
 class Optimal:
@@ -33,6 +38,8 @@ class Optimal:
     samples
         Shading samples of each pixel in all, ``(P,)``.
     """
+
+    stages = 1
 
     def __init__(self, w: Array | float, samples: Array) -> None:
         pixels = len(samples)
@@ -81,9 +88,76 @@ class Optimal:
         alone = 1 / (self._samples * np.stack([share, 1 - share])) ** 2
         for a, b, plain, recorded in self._keys.values():
             missed = self._taken - recorded
-            ll, lb, bb = a[0] + missed[0] * alone[0], a[1], a[2] + missed[1] * alone[1]
-            determinant = ll * bb - lb * lb
-            good = enough & (determinant > 1e-9 * ll * bb)
-            solved = ((bb - lb) * b[0] + (ll - lb) * b[1]) / np.where(good, determinant, 1)
-            out += np.where(good, solved - plain, 0)
+            solved, good = _solve(a[0] + missed[0] * alone[0], a[1], a[2] + missed[1] * alone[1], b)
+            out += np.where(good & enough, solved.sum(axis=0) - plain, 0)
         return out
+
+
+class Progressive(Optimal):
+    """Sums for the progressive estimator (Kondapaneni et al. 2019, Sec. 7): unbiased.
+
+    The samples of a pixel are taken in `STAGES` stages. What all stages before found as ``a`` is the control variate of
+    the next; it is 0 in the first, and until there are `LEAST` samples of each technique. With n samples in all, n_k of
+    them in stage k, the estimate is
+
+        ``sum_k [sum_k f / S + sum_j a_j (n_k / n - sum_k p_j / S)]``,
+
+    the second sums over the samples of stage k. Their terms have the mean 0 whatever a is, because a comes from other
+    samples, and so does each stage's rounding of the shares (`slot`); hence samples must be independent. Costs the
+    sums of the direct form for each stage. Known failures: few samples per pixel, where the first fit comes late and is
+    noisy (of what the direct form saves, four fifths at 64 camera samples and half at 16 where f is smooth); spikes.
+    """
+
+    stages = STAGES
+
+    def __init__(self, w: Array | float, samples: Array) -> None:
+        super().__init__(np.tile(np.broadcast_to(w, samples.shape), STAGES), np.tile(samples, STAGES))
+
+    def correction(self) -> Array:
+        """What the control variates change in the mean of each pixel, ``(3, P)``."""
+        taken, w, n = (a.reshape(*a.shape[:-1], STAGES, -1) for a in (self._taken, self._w, self._samples))
+        usable = (w > 0) & (w < 1)
+        share = np.where(usable, np.stack([w, 1 - w]), 0.5)
+        enough = usable & (_before(taken) >= LEAST).all(axis=0)
+        out = np.zeros((3, taken.shape[-1]))
+        for sums in self._keys.values():
+            a, b, _, recorded = (found.reshape(*found.shape[:-1], STAGES, -1) for found in sums)
+            missed = (taken - recorded) / (n * share) ** 2
+            ll, lb, bb = a[0] + missed[0], a[1], a[2] + missed[1]
+            fit, good = _solve(_before(ll), _before(lb), _before(bb), _before(b))
+            # sum p_j / S, because n (w p_l + (1 - w) p_b) / S is 1
+            density = n * np.stack([share[0] * ll + share[1] * lb, share[0] * lb + share[1] * bb])
+            change = fit * (taken.sum(axis=0) / n - density)[:, None]
+            out += np.where(good & enough, change, 0).sum(axis=(0, 2))
+        return out
+
+
+COLLECTORS = {"optimal": Optimal, "optimal-progressive": Progressive}
+"""By the name of the combiner."""
+
+
+def slot(pixel: Array, number: Array, spp: Array | int, pixels: int, stages: int) -> Array:
+    """Pixel and stage of camera samples as one number, ``(N,)``: those of the first stage come first.
+
+    Parameters
+    ----------
+    pixel, number
+        Pixel of each, and number within it.
+    spp
+        Camera samples of each pixel, ``(P,)`` or one number.
+    """
+    if stages == 1:
+        return pixel
+    return number * stages // (spp if np.ndim(spp) == 0 else spp.take(pixel)) * pixels + pixel  # type: ignore[union-attr]
+
+
+def _solve(ll: Array, lb: Array, bb: Array, b: Array) -> tuple[Array, Array]:
+    """Solve ``A a = b``, `b` ``(2, 3, ...)``, and where that is possible, ``(...)``."""
+    determinant = ll * bb - lb * lb
+    good = determinant > 1e-9 * ll * bb
+    return np.stack([bb * b[0] - lb * b[1], ll * b[1] - lb * b[0]]) / np.where(good, determinant, 1), good
+
+
+def _before(sums: Array) -> Array:
+    """Sums over the stages before each, which are in the last axis but one."""
+    return np.cumsum(sums, axis=-2) - sums

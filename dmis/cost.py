@@ -12,16 +12,21 @@ import numpy as np
 
 from dmis.vec import Array
 
-CAMERA, RAY = 1.6, 0.5
-"""A camera ray, its surface point and its shading samples before their rays; an occlusion ray. Relative units."""
+CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
+"""A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
 
 
-def camera_sample(rays: Mapping[str, int], w: Array) -> Array:
-    """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot.
+def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: int = 2) -> Array:
+    """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at w = 1/2.
 
-    A pilot has w = 1/2 and twice the shading samples, so it has as many of either technique as a final camera sample
-    has of the one that it uses alone. Shading samples whose direction meets no light, or that the surface does not
-    reflect, trace no ray; how often that is for either technique shows in the rays.
+    Shading samples whose direction meets no light, or that the surface does not reflect, trace no ray; how often
+    that is for either technique shows in the rays of the pilot.
+
+    Parameters
+    ----------
+    pilot_samples, shading_samples
+        Shading samples of each camera sample, in the pilot and in what is asked for.
     """
-    light, brdf = (rays.get(kind, 0) / max(rays.get("camera", 0), 1) for kind in ("shadow", "brdf"))
-    return np.asarray(CAMERA + RAY * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))
+    each = max(rays.get("camera", 0), 1) * pilot_samples / 2  # samples of either technique
+    light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
+    return np.asarray(CAMERA + shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))

@@ -22,7 +22,7 @@ independent, which flatters the weights that use one technique alone.)
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,20 +76,28 @@ class Curves:
 def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:
     """X, as the mean of the channels, and d of all shading samples towards one light after the other.
 
-    Both are ``(S / 2, 2, N)``: pairs of a light and a BRDF sample of N camera samples. X and d are 0 where nothing
-    came.
+    Both are ``(S / 2, 2, N)``: pairs of a light and a BRDF sample of N camera samples, see `nothing`.
     """
     found: dict[tuple[int, ...], tuple[Array, Array]] = {}
     for record in records:
         if record.key not in found:
-            x, d = np.zeros((2, shading_samples // 2, 2, n), np.float32)
-            found[record.key] = x, d
+            found[record.key] = nothing(shading_samples, n)
         x, d = found[record.key]
         where = slice(None) if record.sample is None else record.sample
         at = record.turn, record.side, where
         x[at] += record.value.mean(axis=0)
         d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
     yield from found.values()
+
+
+def nothing(shading_samples: int, n: int) -> tuple[Array, Array]:
+    """X and d of shading samples whose directions meet no light that the surface could reflect, which are not recorded.
+
+    X is 0. d is 1 for light samples (they point below the surface: p_b = 0) and -1 for BRDF samples (p_l = 0).
+    """
+    x, d = np.zeros((2, shading_samples // 2, 2, n), np.float32)
+    d[:, 0], d[:, 1] = 1, -1
+    return x, d
 
 
 def _curve(x: Array, d: Array, count: int, s: int) -> Array:
@@ -149,6 +157,10 @@ class Pooled:
         """
         return self.curve + np.maximum(self.position, 0)
 
+    def split(self, times: int) -> Pooled:
+        """The curves of camera samples with that many times the shading samples."""
+        return replace(self, curve=self.curve / times, square=self.square / times**2, cross=self.cross / times**2)
+
     def gain_error(self, cost: Array) -> Array:
         """Standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""
         c = np.reshape(cost, (-1,) + (1,) * self.position.ndim)
@@ -156,3 +168,27 @@ class Pooled:
         second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[HALF]
         mean = c * self.curve - half * self.curve[HALF]
         return np.sqrt(np.maximum(second - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
+
+
+def least(curves: Pooled, cost: Array, guard: float, allowed: np.ndarray) -> np.ndarray:
+    """Where variance times cost is least: indices into the grid.
+
+    w = 1/2 is left only for a gain of more than `guard` standard errors, and for weights that are `allowed` ``(G,)``.
+    """
+    c = np.reshape(cost, (-1,) + (1,) * curves.position.ndim)
+    objective = curves.variance * c
+    sure = objective - objective[HALF] < -guard * curves.gain_error(cost)
+    sure &= np.reshape(allowed, c.shape)
+    sure[HALF] = True
+    return np.where(sure, objective, np.inf).argmin(axis=0)
+
+
+def allowed(curve: Array) -> np.ndarray:
+    """Which weights of the grid may be used, ``(G,)`` bool, by the curve of the whole image ``(G,)``.
+
+    At its ends one technique is left out. Where that fails it is for rare samples that would count a lot, and that
+    the pilot of a patch seldom has; the image's has some. So an end may be used if it is as good for the image.
+    """
+    out = np.ones(len(curve), bool)
+    out[0], out[-1] = curve[0] <= curve[1], curve[-1] <= curve[-2]
+    return out

@@ -54,6 +54,8 @@ class Batch:
         Rays traced so far, by kind.
     records
         Where shading samples are written down for statistics; None: nowhere.
+    control
+        Coefficient of the control variate, ``(3, N)``, see `dmis.control`; None: there is none.
     """
 
     scene: Scene
@@ -65,6 +67,7 @@ class Batch:
     counts: Counts
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
+    control: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +216,7 @@ def _mixture(
     first = batch.counts.first
     if not isinstance(first, int):
         first = take(first, sample)
-    w = batch.w if batch.w.ndim == 0 else take(batch.w, sample)
+    w, control = take(batch.w, sample), _take(batch.control, sample)
     for side, count in enumerate((first, settings.shading_samples - first)):
         own, other = techniques[side], techniques[1 - side]
         for turn in range(settings.shading_samples):
@@ -229,7 +232,11 @@ def _mixture(
             u = _draw(batch, key, side, turn, compose(sample, chosen))
             part = points.surface.take(where)
             seen = own.sample(part, light, u)
-            _shade(batch, points, part, where, seen, own, other, side, turn, take(w, chosen), heuristic, scale, key)
+            share = take(w, chosen)
+            found = _shade(batch, points, part, where, seen, own, other, side, turn, share, heuristic, scale, key)
+            if control is not None:
+                beta = take(control, chosen) * (scale / np.float32(settings.shading_samples))
+                _add(points.out, -beta * _control(side, share, part.p.shape[1], *found), where)
 
 
 def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Selection | None) -> Array:
@@ -258,17 +265,21 @@ def _shade(
     heuristic: Heuristic,
     scale: np.float32,
     key: tuple[int, ...],
-) -> None:
-    """Add one shading sample of technique `own` to each of the points `where`, whose surface is given."""
+) -> tuple[Index | None, Array, Array]:
+    """Add one shading sample of technique `own` to each of the points `where`, whose surface is given.
+
+    Returns which of them have a direction that meets a light, and the own and the other technique's densities there.
+    """
     lit = _where(seen.emits & (dot(surface.ng, seen.wi) > 0))
     if lit is not None and len(lit) == 0:
-        return
+        return lit, np.zeros(0, np.float32), np.zeros(0, np.float32)
     surface, wi, w = surface.take(lit), take(seen.wi, lit), take(w, lit)
     light_pdf = take(seen.pdf, lit)
     pair = Pair(surface, wi)
     p_own, p_other = own.pdf(surface, pair, light_pdf), other.pdf(surface, pair, light_pdf)
     share = w if side == 0 else 1 - w
-    factor = heuristic(share * p_own, (1 - share) * p_other, side == 0) * pair.cos_i
+    other_share = mis.against(batch.settings.combiner, share)
+    factor = heuristic(share * p_own, other_share * p_other, side == 0) * pair.cos_i
     factor *= scale / np.float32(batch.settings.shading_samples)
     f = surface.eval(pair) * (factor * (p_own > 0))
     alive = _where((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
@@ -278,9 +289,23 @@ def _shade(
         value = take(f, alive) * seen.radiance_at(both)
         value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
         _add(points.out, value, compose(where, both))
+    if batch.records is None and batch.control is None:
+        return lit, p_own, p_other
+    accepted = p_own > 0  # others are as if they had met no light
+    p_own, p_other = np.where(accepted, p_own, 1), np.where(accepted, p_other, 0)
     if batch.records is not None:
         pdf = np.stack((p_own, p_other) if side == 0 else (p_other, p_own))
         _record(batch, points, Record(side, key, turn, compose(where, lit), value, pdf), alive)
+    return lit, p_own, p_other
+
+
+def _control(side: int, w: Array, n: int, lit: Index | None, p_own: Array, p_other: Array) -> Array:
+    """``(p_l - p_b) / p_w`` of n shading samples of one technique, those that are not `lit` included, ``(n,)``."""
+    share = np.broadcast_to(w if side == 0 else 1 - w, n)
+    g = 1 / share
+    share = take(share, lit)
+    g[slice(None) if lit is None else lit] = (p_own - p_other) / (share * p_own + (1 - share) * p_other)
+    return g if side == 0 else -g
 
 
 def _record(batch: Batch, points: _Points, record: Record, alive: Selection | None) -> None:

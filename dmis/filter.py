@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from dmis.vec import Array
@@ -42,3 +44,51 @@ def effective(sigma: float = 1.0, radius: int = 2) -> float:
     """How many equal entries an average by `gaussian` is worth: one over the sum of its squared taps."""
     taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     return float((taps.sum() ** 2 / (taps**2).sum()) ** 2)
+
+
+def joint(
+    values: Array, guides: Mapping[str, Array], scales: Mapping[str, float], sigma: float = 1.0, radius: int = 2
+) -> tuple[Array, Array]:
+    """Joint (cross-) bilateral filter of a stack of maps: a Gaussian in space times one in the differences of guides.
+
+    ``w_pq = exp(-|p - q|^2 / (2 sigma^2) - sum_g |g_p - g_q|^2 / (2 scale_g^2))``. Guides are free of noise, so that
+    what is averaged does not depend on the values: means stay unbiased where the guides tell all that matters. Edges
+    that no guide shows, such as those of shadows, are blurred.
+
+    Parameters
+    ----------
+    values
+        Maps ``(..., H, W)``, which are filtered with the same weights.
+    guides, scales
+        By name: ``(C, H, W)``, and the distance in it that counts as one standard deviation.
+    sigma, radius
+        See `gaussian`. Taps outside the map are left out.
+
+    Returns
+    -------
+    filtered
+        Means with weights that sum to 1, ``(..., H, W)``.
+    entries
+        How many equal entries each is worth, ``(sum w)^2 / sum w^2``, ``(H, W)``.
+    """
+    if not (sigma > 0 and np.isfinite(sigma)):
+        raise ValueError(f"sigma must be positive; got {sigma}")
+    if radius < 0:
+        raise ValueError(f"radius must not be negative; got {radius}")
+    height, width = values.shape[-2:]
+    guide = np.concatenate([np.zeros((1, height, width)), *(g / scales[name] for name, g in guides.items())])
+    total = np.array(values, np.float64)
+    weight, square = np.ones((2, height, width))
+    for dy in range(min(radius, height - 1) + 1):
+        for dx in range(-min(radius, width - 1), min(radius, width - 1) + 1):
+            if (dy, dx) <= (0, 0):  # each pair of entries once; itself is in already
+                continue
+            p = ..., slice(0, height - dy), slice(max(-dx, 0), width - max(dx, 0))
+            q = ..., slice(dy, height), slice(max(dx, 0), width - max(-dx, 0))
+            difference = guide[p] - guide[q]
+            w = np.exp(-0.5 * ((dy * dy + dx * dx) / sigma**2 + (difference * difference).sum(axis=0)))
+            for a, b in ((p, q), (q, p)):
+                total[a] += w * values[b]
+                weight[a] += w
+                square[a] += w * w
+    return total / weight, weight * weight / square

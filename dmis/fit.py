@@ -31,11 +31,14 @@ class Fit:
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
         Diagnostics by name, in the last two axes one value per patch.
+    split
+        Final camera samples have this many times the shading samples, and are fewer by it.
     """
 
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
+    split: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +53,24 @@ class Pilot:
         Traced, by kind.
     sums
         What the rule's statistic found, summed over patches of `dmis.tile.BASE` pixels, ``(..., rows, columns)``.
+    shading_samples
+        Of each camera sample.
+    guides
+        What the camera sees in these patches, if the rule is `guided`, see `dmis.guides`.
     """
 
     moments: Moments
     rays: Mapping[str, int] = field(default_factory=dict)
     sums: Mapping[str, Array] = field(default_factory=dict)
+    shading_samples: int = 4
+    guides: Mapping[str, Array] = field(default_factory=dict)
 
 
 @runtime_checkable
 class Rule(Protocol):
     """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.settings.Settings` that belong to
-    it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot.
+    it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot, and be `guided`:
+    then its pilot brings guides, see `dmis.guides`.
     """
 
     @property
@@ -94,6 +104,11 @@ class Fixed:
     def __post_init__(self) -> None:
         if not 0 <= self.w <= 1:
             raise ValueError(f"w must be in [0, 1], the share of light samples; got {self.w}")
+        if self.combiner == "frozen" and self.w in (0, 1):
+            raise ValueError(
+                f"w must not be 0 or 1 with combiner frozen, which gives each technique its part of f at any share; "
+                f"got {self.w:g}"
+            )
 
     @property
     def pilot(self) -> Mapping[float, int]:
@@ -261,6 +276,8 @@ def _learned(objective: str, **options: Any) -> Rule:
     return Learned(objective, **options)
 
 
+_RELATIVES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis", "linear")
+
 RULES: dict[str, Callable[..., Rule]] = {
     "balance": Fixed,
     "fixed": Fixed,
@@ -268,10 +285,8 @@ RULES: dict[str, Callable[..., Rule]] = {
     "one-sample": lambda **options: Fixed(**{"allocation": "random", **options}),
     "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
     "thesis": Thesis,
-    **{
-        name: partial(_learned, name)
-        for name in ("second-moment", "taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")
-    },
+    "second-moment": partial(_learned, "second-moment"),
+    **{name: partial(_learned, name, shrink=False) for name in _RELATIVES},
     "auto": partial(_learned, "second-moment", counts=True, reuse=False),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,

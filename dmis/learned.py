@@ -13,14 +13,18 @@ from typing import Any
 import numpy as np
 
 from dmis.cost import camera_sample
-from dmis.curves import GRID, HALF, Curves, Pooled
+from dmis.curves import GRID, Curves, Pooled, allowed, least
 from dmis.fit import Fit, Pilot
 from dmis.objectives import objective
 from dmis.quadtree import adaptive_patches
 from dmis.sharing import pool
+from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
 from dmis.variance import patch_spread
 from dmis.vec import Array
+
+SPLITS = (1, 2, 4, 8)
+"""Times the shading samples that camera samples may have."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Learned:
     The objective ``second-moment`` is ``V(w) C(w)``, variance times cost: the pilot gives unbiased curves V(w)
     (`dmis.curves`), which are averaged over patches, filtered, multiplied by the cost of a camera sample at w
     (`dmis.cost`) and minimised on a grid of weights. The others, ``taylor``, ``inverse-variance``, ``neyman``,
-    ``representativity``, ``kl`` and ``tsallis``, are those of the literature (`dmis.objectives`).
+    ``representativity``, ``kl``, ``tsallis`` and ``linear``, are those of the literature (`dmis.objectives`).
 
     Parameters
     ----------
@@ -41,14 +45,21 @@ class Learned:
     spp
         Samples of the pilot, at w = 1/2: an even number of at least 4, see `dmis.render.pilot_settings`.
     filter
-        Of the statistics: ``gaussian`` or ``none``; or ``quadtree``, patches of `patch` pixels that are joined with
-        their neighbours unless they surely differ (second-moment, see `dmis.quadtree`).
+        Of the statistics: ``gaussian`` or ``none``; ``joint``, a Gaussian among neighbours that look alike
+        (`dmis.filter.joint`, `dmis.guides`); or ``quadtree``, patches of `patch` pixels that are joined with their
+        neighbours unless they surely differ (second-moment, see `dmis.quadtree`).
     size, sigma
         Of the Gaussian, in patches.
+    shrink
+        Whether each patch's curve is moved towards the image's by as much as it is uncertain, after the filter
+        (second-moment, see `dmis.shrinkage`).
     cost
         Whether cost counts; otherwise variance alone.
     guard
         Leave w = 1/2 only where the gain is more than this many standard errors (second-moment).
+    split
+        Whether camera samples may have 2, 4 or 8 times the shading samples, and be fewer for it, if that is best for
+        the image (second-moment).
     counts
         Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)`` (second-moment).
     floor
@@ -67,11 +78,13 @@ class Learned:
     objective: str = "second-moment"
     patch: int = 4
     spp: int = 6
-    filter: str = "gaussian"
+    filter: str = "joint"
     size: int = 5
     sigma: float = 1.0
+    shrink: bool = True
     cost: bool = True
-    guard: float = 2.0
+    guard: float = 1.5
+    split: bool = False
     counts: bool = False
     floor: float = 0.2
     count_sigma: float = 0.6
@@ -88,10 +101,8 @@ class Learned:
                 f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
                 f"twice the shading samples; got {self.spp}"
             )
-        if self.filter not in ("gaussian", "none", "quadtree"):
-            raise ValueError(f"filter must be gaussian, none or quadtree; got {self.filter!r}")
-        if self.filter == "quadtree" and self.objective != "second-moment":
-            raise ValueError(f"filter quadtree needs variances, which the objective {self.objective} does not estimate")
+        if self.filter not in ("gaussian", "none", "joint", "quadtree"):
+            raise ValueError(f"filter must be gaussian, none, joint or quadtree; got {self.filter!r}")
         if self.size < 1 or self.size % 2 == 0:
             raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
         for name, value in (("sigma", self.sigma), ("count_sigma", self.count_sigma)):
@@ -103,8 +114,15 @@ class Learned:
             raise ValueError(f"floor must be in (0, 1], a share of the mean number of samples; got {self.floor}")
         if not self.gamma > 0:
             raise ValueError(f"gamma must be positive; got {self.gamma}")
-        if self.counts and self.objective != "second-moment":
-            raise ValueError(f"counts needs variances, which the objective {self.objective} does not estimate")
+        if self.objective != "second-moment":
+            for name, chosen in (
+                ("filter quadtree", self.filter == "quadtree"),
+                ("shrink", self.shrink),
+                ("split", self.split),
+                ("counts", self.counts),
+            ):
+                if chosen:
+                    raise ValueError(f"{name} needs variances, which the objective {self.objective} does not estimate")
         if self.filter == "gaussian" or self.counts:
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
@@ -118,6 +136,11 @@ class Learned:
         return own | ({"sampler": self.sampler} if self.sampler else {})
 
     @property
+    def guided(self) -> bool:
+        """Whether the pilot should bring guides."""
+        return self.filter == "joint"
+
+    @property
     def statistic(self) -> Callable[[int, int], Statistic]:
         """What is gathered in the pilot."""
         return Curves if self.objective == "second-moment" else objective(self.objective, self.gamma).statistic
@@ -126,35 +149,57 @@ class Learned:
         found = pilot[0.5]
         shape = found.moments.mean.shape[:2]
         means, pixels = self._pool(found, shape, self.sigma)
-        cost = camera_sample(found.rays, GRID) if self.cost else np.ones(len(GRID))
         if self.objective != "second-moment":
-            weight = np.clip(objective(self.objective, self.gamma).solve(means, (cost[0], cost[-1])), 0, 1)
+            ends = (1.0, 1.0) if not self.cost else camera_sample(found.rays, np.array([0, 1]), found.shading_samples)
+            weight = np.clip(objective(self.objective, self.gamma).solve(means, tuple(ends)), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         curves = Pooled(**means, pixels=pixels)
+        times, cost = self._split(curves, found)
+        prepare = self._prepare(times)
+        whole = (curves.curve * pixels).sum(axis=(1, 2))
         maps = {}
         if self.filter == "quadtree":
             sums = {name: a * pixels for name, a in means.items()}
-            best, maps["size"] = adaptive_patches(sums, pixels, cost, self.guard)
+            best, maps["size"] = adaptive_patches(sums, pixels, cost, self.guard, prepare)
+            curves = prepare(curves)
         else:
-            best = self._least(curves, cost)
+            curves = prepare(curves)
+            best = least(curves, cost, self.guard, allowed(whole))
         weight, variance = GRID[best], _at(curves.variance, best)
         samples = None
         if self.counts:
-            sharp, n = pool(found.sums, shape, self.patch, self.count_sigma, self.size // 2)
-            local = _at(Pooled(**sharp, pixels=n).variance, best)
+            guides = found.guides if self.guided else None
+            sharp, n = pool(found.sums, shape, self.patch, self.count_sigma, self.size // 2, guides)
+            local = _at(Pooled(**sharp, pixels=n).split(times).variance, best)
             samples = self._shares(np.sqrt(local / cost[best]), shape)
         maps |= {"patch": weight, "variance": variance, "variances": curves.variance}
-        return Fit(patch_spread(weight, self.patch, shape), maps, samples)
+        return Fit(patch_spread(weight, self.patch, shape), maps, samples, times)
+
+    def _prepare(self, times: int) -> Callable[[Pooled], Pooled]:
+        """What is done with curves before weights are chosen."""
+        return lambda curves: shrink(curves.split(times)) if self.shrink else curves.split(times)
+
+    def _split(self, curves: Pooled, pilot: Pilot) -> tuple[int, Array]:
+        """How many times the shading samples are best for the image, and what camera samples with them cost."""
+        found = []
+        for times in SPLITS if self.split else SPLITS[:1]:
+            shading_samples = pilot.shading_samples // 2 * times
+            cost = np.full(len(GRID), float(times))
+            if self.cost:
+                cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, shading_samples)
+            variance = np.maximum(curves.split(times).variance, 0)
+            best = (variance * cost[:, None, None]).argmin(axis=0)
+            v, c = _at(variance, best), cost[best]
+            total = (np.sqrt(v * c) * curves.pixels).sum() ** 2
+            if not self.counts:
+                total = (v * curves.pixels).sum() * (c * curves.pixels).sum()
+            found.append((total, times, cost))
+        return min(found, key=lambda one: one[:2])[1:]
 
     def _pool(self, pilot: Pilot, shape: tuple[int, int], sigma: float) -> tuple[dict[str, Array], Array]:
-        return pool(pilot.sums, shape, self.patch, sigma if self.filter == "gaussian" else None, self.size // 2)
-
-    def _least(self, curves: Pooled, cost: Array) -> np.ndarray:
-        """Where variance times cost is least, if that is surely less than at w = 1/2: indices into the grid."""
-        objective = curves.variance * cost[:, None, None]
-        sure = objective - objective[HALF] < -self.guard * curves.gain_error(cost)
-        sure[HALF] = True
-        return np.where(sure, objective, np.inf).argmin(axis=0)
+        guides = pilot.guides if self.guided else None
+        wide = sigma if self.filter in ("gaussian", "joint") else None
+        return pool(pilot.sums, shape, self.patch, wide, self.size // 2, guides)
 
     def _shares(self, wanted: Array, shape: tuple[int, int]) -> Array:
         """Numbers of samples in proportion to `wanted`, not below the floor."""

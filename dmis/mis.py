@@ -15,6 +15,8 @@ A heuristic takes the effective densities ``a = w_own p_own`` and ``b = w_other 
 W is the MIS weight of the own technique's sample: the factor that multiplies ``f`` in its estimate. With the balance
 heuristic it is ``1 / (a + b)``, the reciprocal of the mixture density. Source: Veach and Guibas 1995; Veach 1997,
 chapter 9.
+
+Frozen weights are those of equal counts, whatever the shares, see `against`.
 """
 
 from __future__ import annotations
@@ -71,9 +73,29 @@ def cutoff(alpha: float) -> Heuristic:
     return heuristic
 
 
+def against(combiner: str, share: Array) -> Array:
+    """The share that the other technique has in the weights of samples of a technique with `share`: what is left of 1,
+    but for the combiner ``frozen`` the same, so that the shares cancel in the weights.
+
+    Frozen weights are ``W = p_own / (p_own + p_other)``, and a sample's estimate is ``W f / (share p_own)``, which is
+    balance at the densities ``share p_own`` and ``share p_other``. With n samples in fixed shares its variance is
+    ``(s_l^2 / w + s_b^2 / (1 - w)) / n``, s being standard deviations of ``W f / p_own``: least, ``(s_l + s_b)^2 /
+    n``, at Neyman's allocation ``w = s_l / (s_l + s_b)``, and there never more than at equal counts. Source: Neyman
+    1934; see the rule ``neyman``. Needs no statistics, costs nothing. Known failures: where a share is 0 a part of f
+    is missing, a bias (hence `FROZEN`); rules that learn w for balance, such as ``second-moment``, minimise another
+    variance.
+    """
+    return share if combiner == "frozen" else 1 - share
+
+
+FROZEN = 0.05, 0.95
+"""Range to which learned weights are clipped where the combiner is ``frozen``."""
+
+
 def find(name: str) -> Heuristic:
     """A heuristic by name: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (0.1),
-    ``cutoff-0.5``; ``optimal`` begins as balance, see `dmis.combine`.
+    ``cutoff-0.5``. ``frozen`` is balance at other densities, see `against`; ``optimal`` and ``optimal-progressive``
+    begin as balance, see `dmis.combine`; so does ``controlled``, see `dmis.control`.
 
     Raises
     ------
@@ -85,7 +107,7 @@ def find(name: str) -> Heuristic:
         value = float(number) if dash else None
     except ValueError:
         value = np.nan
-    if kind in ("balance", "optimal") and not dash:
+    if name in ("balance", "frozen", "optimal", "optimal-progressive", "controlled"):
         return balance
     if kind == "maximum" and not dash:
         return maximum
@@ -94,7 +116,8 @@ def find(name: str) -> Heuristic:
     if kind == "cutoff" and value == value:
         return cutoff(0.1 if value is None else value)
     raise ValueError(
-        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD] or optimal; got {name!r}"
+        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen, optimal, "
+        f"optimal-progressive or controlled; got {name!r}"
     )
 
 

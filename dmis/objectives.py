@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from dmis.curves import GRID, LEAST, spread
+from dmis.curves import GRID, LEAST, nothing, spread
 from dmis.estimator import Record
 from dmis.tile import Statistic
 from dmis.vec import Array
@@ -62,8 +62,8 @@ class Gather:
         """See `dmis.tile.Statistic.add`."""
         self._n += count
         n, pairs = radiance.shape[1], self._shading_samples // 2
-        black = np.zeros((1, 2, n), np.float32)  # every name is there, whatever was seen
-        for light in (*spread(records, self._shading_samples, n), (black, black)):
+        black = nothing(2, n)  # every name is there, whatever was seen
+        for light in (*spread(records, self._shading_samples, n), black):
             for x, d in zip(*light, strict=True):
                 for name, values in self._integrand(x, d).items():
                     split = values.reshape(*values.shape[:-1], count, self._pixels)
@@ -148,6 +148,30 @@ def _root(means: Means, cost: tuple[float, float]) -> Array:
     return np.where((xi == 0).all(axis=0), 0.5, between)
 
 
+# Linear combination -------------------------------------------------------------------------------------------------
+
+
+def _normal(x: Array, d: Array) -> dict[str, Array]:
+    """Normal equations of the regression of X on ``p_l / q = 1 + d`` and ``p_b / q = 1 - d``.
+
+    Pairs of which neither sample met the light are left out: the surface faces away from it, or there is none.
+    """
+    seen = (d[0] < 1) | (d[1] > -1) | (x.sum(axis=0) > 0)
+    light, brdf = 1 + d, 1 - d
+    pairs = {"matrix": (light * light, light * brdf, brdf * brdf), "vector": (x * light, x * brdf)}
+    return {name: np.stack([a.sum(axis=0) for a in rows]) / 2 * seen for name, rows in pairs.items()}
+
+
+def _combination(means: Means, cost: tuple[float, float]) -> Array:
+    """``a_l / (a_l + a_b)`` of the solution, which is negative in one of them at most; 1/2 where it is not unique."""
+    light, both, brdf = means["matrix"]
+    f_light, f_brdf = means["vector"]
+    regular = light * brdf - both * both > 1e-6 * light * brdf
+    a_light = np.where(regular, np.maximum(brdf * f_light - both * f_brdf, 0), 0)
+    a_brdf = np.where(regular, np.maximum(light * f_brdf - both * f_light, 0), 0)
+    return _share(a_light, a_brdf)
+
+
 def _divide(a: Array, b: Array, otherwise: float = 0.0) -> Array:
     """a / b, and `otherwise` where b is 0."""
     return np.divide(a, b, out=np.full(np.shape(a), otherwise), where=b != 0)
@@ -164,6 +188,7 @@ _OBJECTIVES = {
     "neyman": Objective(partial(Gather, _halves, True), _neyman),
     "representativity": Objective(partial(Gather, _squares, False), _representativity),
     "kl": Objective(partial(Gather, partial(_tsallis, 1.0), False), _root),
+    "linear": Objective(partial(Gather, _normal, False), _combination),
 }
 NAMES = (*_OBJECTIVES, "tsallis")
 
@@ -185,6 +210,16 @@ def objective(name: str, gamma: float = 2.0) -> Objective:
     ``kl``, ``tsallis``
         Sbert, Szirmay-Kalos et al.: the root of ``xi(w) = E_q[(X / m)^gamma d]``, gamma = 1 for the Kullback-Leibler
         divergence of f and p_w, robust; gamma = 2 for the second moment.
+    ``linear``
+        After Sbert and Szirmay-Kalos 2023, who fit f by ``a_l p_l + a_b p_b`` and take shares in proportion to a: solve
+        ``P a = F``, ``P_ik = <p_k>_i``, ``F_i = <f>_i``, means over samples of technique i. Since
+        ``<g>_i = E_q[g p_i / q]``, these are the normal equations of least squares in the metric 1. Here the metric is
+        1 / q: ``P_ik = <p_k / q>_i``, ``F_i = <f / q>_i``, which minimises
+        ``E_q[(X - a_l (1 + d) - a_b (1 - d))^2]``, with scale-free terms that no spike of a density outweighs (the
+        equations of Kondapaneni et al. 2019 at equal counts); either metric recovers an f that is such a combination.
+        Both techniques' samples are in every mean. Samples that meet no light count with f = 0, d = 1 or -1: what a
+        technique wastes there keeps its share small. All lights have the same a. Negative a become 0. Erratic in small
+        patches, and a fit of f, not of its variance: a narrow peak that neither density follows moves it too little.
 
     Raises
     ------

@@ -110,7 +110,7 @@ def make_oracle(
     path = cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        rule = Learned(patch=patch, spp=spp, filter="none")
+        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False)
         kept = path.with_suffix(".checkpoint")
         result = render(scene, rule, spp + 1, seed=SEED + 2, threads=threads, progress=progress, checkpoint=kept)
         rays = json.dumps(result.provenance["pilot_rays"])

@@ -6,11 +6,11 @@ keeping their own weights surely gains.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from dmis.curves import HALF, Pooled
+from dmis.curves import HALF, Pooled, allowed, least
 from dmis.variance import patch_spread, patch_sum
 from dmis.vec import Array
 
@@ -21,7 +21,11 @@ SELECTION = 2.0
 
 
 def adaptive_patches(
-    sums: Mapping[str, Array], pixels: Array, cost: Array, guard: float
+    sums: Mapping[str, Array],
+    pixels: Array,
+    cost: Array,
+    guard: float,
+    prepare: Callable[[Pooled], Pooled] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The weight of every base patch, from patches of the size that its surroundings allow.
 
@@ -35,6 +39,8 @@ def adaptive_patches(
         Of a camera sample at the weights of the grid, ``(G,)``.
     guard
         Standard errors that leaving w = 1/2 must gain in a patch; a split must gain `SELECTION` more.
+    prepare
+        What is done with the curves of patches of every size, such as `dmis.shrinkage.shrink`; None: nothing.
 
     Returns
     -------
@@ -49,17 +55,16 @@ def adaptive_patches(
     # of the patches so far: total of objective - objective at 1/2, and the square of its standard error
     gain, error = np.zeros(shape), np.zeros(shape)
     times = 1
+    may = allowed(sums["curve"].sum(axis=(1, 2)))
     while True:
         n = patch_sum(pixels, times)
         means = {name: patch_sum(a, times) / n for name, a in sums.items()}
         curves = Pooled(**means, pixels=n)
-        objective = curves.variance * cost[:, None, None]
-        difference = objective - objective[HALF]
-        spread = curves.gain_error(cost)
-        sure = difference < -guard * spread
-        sure[HALF] = True
-        own = np.where(sure, difference, np.inf).argmin(axis=0)
-        merged = np.take_along_axis(difference, own[None], axis=0)[0] * n
+        if prepare is not None:
+            curves = prepare(curves)
+        own = least(curves, cost, guard, may)
+        objective, spread = curves.variance * cost[:, None, None], curves.gain_error(cost)
+        merged = np.take_along_axis(objective - objective[HALF], own[None], axis=0)[0] * n
         merged_error = (np.take_along_axis(spread, own[None], axis=0)[0] * n) ** 2
         if times > 1:
             apart, apart_error = patch_sum(gain, 2), patch_sum(error, 2)

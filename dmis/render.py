@@ -19,10 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from dmis import __version__
+from dmis import __version__, control
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
 from dmis.fit import Pilot, Rule, make_rule
+from dmis.guides import guides
+from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
@@ -32,6 +34,8 @@ from dmis.vec import Array
 
 Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
+LEARNING = 16
+"""Samples per pixel from which on a pilot pays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +54,12 @@ class Result:
         ``(H, W)`` float32: share of light samples in the final pass.
     samples
         ``(H, W)`` float32: samples of the budget spent, pilot included, whether or not it is part of the image. Camera
-        samples, but for a pilot that gathers statistics: there they have twice the shading samples, and count for two.
+        samples, where they have as many shading samples as `settings` says; with more they count for as many.
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
         Rays traced, by kind: ``camera``, ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards
-        lights of a single direction), ``specular``.
+        lights of a single direction), ``specular``; ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance
@@ -75,7 +79,7 @@ class Result:
 
 def render(
     scene: Scene,
-    rule: Rule | str = "thesis",
+    rule: Rule | str | None = None,
     spp: int = 128,
     *,
     seed: int = 0,
@@ -91,7 +95,8 @@ def render(
     Parameters
     ----------
     rule
-        A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.fit.RULES`.
+        A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.fit.RULES`. None: ``auto``, or
+        ``balance`` for fewer than `LEARNING` samples or an odd number of shading samples.
     spp
         Camera samples per pixel, the rule's pilot included.
     seed
@@ -115,11 +120,17 @@ def render(
     ValueError
         If an argument is out of range, or the checkpoint belongs to a different image.
     """
+    if rule is None:
+        paired = (settings or Settings()).shading_samples % 2 == 0
+        rule = "auto" if spp >= LEARNING and paired else "balance"
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
     settings = replace(settings or Settings(), **{**given, **rule.settings})
     gather = getattr(rule, "statistic", None)
+    controlled = settings.combiner == "controlled"
+    if controlled:
+        gather = control.statistic(rule.pilot, gather)
     learning = pilot_settings(settings, rule.pilot, gather is not None)
     pilot_spp = sum(rule.pilot.values())
     _check(spp, pilot_spp, seed, threads, rule_text)
@@ -145,13 +156,22 @@ def render(
             w: work.render(k, "pilot", n if gather is None else n // 2, w, learning, gather)
             for k, (w, n) in enumerate(sorted(rule.pilot.items()))
         }
+        if getattr(rule, "guided", False):
+            seen, rays = guides(scene)
+            work.rays["guide"] += rays
+            pilot = {w: replace(p, guides=seen) for w, p in pilot.items()}
         fitted = time.perf_counter()
-        fit = rule.fit(pilot)
-        counts: Array | int = spp - pilot_spp
+        fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
+        if settings.combiner == "frozen" and pilot:
+            fit = replace(fit, weight=np.clip(fit.weight, *FROZEN))
+        mean = max(1, round((spp - pilot_spp) / fit.split))
+        counts: Array | int = mean
         if fit.samples is not None:
-            counts = whole_samples(np.asarray(fit.samples), spp - pilot_spp, stream(seed, len(pilot), 2**31))
+            counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))
+        shading = replace(settings, shading_samples=settings.shading_samples * fit.split)
+        beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", counts, fit.weight, settings).moments
+        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta).moments
         end = time.perf_counter()
     except BaseException:
         store.save()
@@ -161,7 +181,7 @@ def render(
     if owned is not None:
         owned.shutdown()
     pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
-    parts = [(final, spp - pilot_spp)]
+    parts = [(final, mean)]
     if settings.reuse_pilot:
         parts += [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()]
     image, variance = _combine(parts)
@@ -171,7 +191,7 @@ def render(
         image=image,
         variance=variance,
         weight=np.broadcast_to(np.asarray(fit.weight, np.float32), shape).copy(),
-        samples=np.broadcast_to(np.float32(pilot_spp) + np.asarray(counts, np.float32), shape).copy(),
+        samples=np.broadcast_to(np.float32(pilot_spp) + fit.split * np.asarray(counts, np.float32), shape).copy(),
         seconds={
             "pilot": fitted - begin,
             "fit": final_begin - fitted,
@@ -277,8 +297,9 @@ class _Work:
         w: Array | float,
         settings: Settings,
         statistic: Callable[[int, int], Statistic] | None = None,
+        control: Array | None = None,
     ) -> Pilot:
-        """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``."""
+        """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``; `control` is ``(H, W, 3)``."""
         width, height = self._scene.camera.resolution
         tiles = []
         uneven = not isinstance(spp, int)
@@ -286,7 +307,8 @@ class _Work:
             area = slice(*rows), slice(*columns)
             local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)
-            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic)
+            beta = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
+            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta)
             tiles.append(tile)
         self.tiles.extend(tiles)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
@@ -311,7 +333,7 @@ class _Work:
             raise
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
-        return Pilot(Moments(n, stored.mean, stored.m2), dict(stored.rays), stored.sums)
+        return Pilot(Moments(n, stored.mean, stored.m2), dict(stored.rays), stored.sums, settings.shading_samples)
 
 
 def _samples(tile: Tile) -> int:

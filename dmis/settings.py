@@ -58,7 +58,14 @@ class Settings:
         ):
             if value not in allowed:
                 raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")
-        if self.combiner == "optimal" and self.lights != "all":
-            raise ValueError("combiner optimal needs lights all, because its fit is over all samples of each light")
+        if self.combiner.startswith("optimal") and self.lights != "all":
+            raise ValueError(
+                f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light"
+            )
+        if self.combiner == "optimal-progressive" and self.sampler != "independent":
+            raise ValueError(
+                f"combiner optimal-progressive needs sampler independent, because structured samples depend on earlier "
+                f"ones, and so on the fit to these; got {self.sampler!r}"
+            )
         if not 1 <= self.max_depth <= 100:
             raise ValueError(f"max_depth must be between 1 and 100; got {self.max_depth}")

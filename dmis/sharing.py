@@ -6,14 +6,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dmis.filter import effective, gaussian
+from dmis.filter import effective, gaussian, joint
+from dmis.guides import SCALES
 from dmis.tile import BASE
-from dmis.variance import patch_sum
+from dmis.variance import patch_mean, patch_sum
 from dmis.vec import Array
 
 
 def pool(
-    sums: Mapping[str, Array], shape: tuple[int, int], patch: int, sigma: float | None = None, radius: int = 2
+    sums: Mapping[str, Array],
+    shape: tuple[int, int],
+    patch: int,
+    sigma: float | None = None,
+    radius: int = 2,
+    guides: Mapping[str, Array] | None = None,
 ) -> tuple[dict[str, Array], Array]:
     """Means over patches of statistics that were summed over patches of `BASE` pixels.
 
@@ -27,6 +33,8 @@ def pool(
         Side of the new patches, a multiple of `BASE`.
     sigma, radius
         Of a Gaussian over the new patches, in patches; None: no filter.
+    guides
+        Of base patches, see `dmis.guides`: the Gaussian is narrowed to neighbours that are alike. None: it is not.
 
     Returns
     -------
@@ -37,8 +45,15 @@ def pool(
     """
     every = {**sums, "pixels": patch_sum(np.ones(shape), BASE)}
     coarse = {name: patch_sum(a, patch // BASE) for name, a in every.items()}
-    worth = 1.0
-    if sigma is not None:
+    worth: Array | float = 1.0
+    if sigma is not None and guides is not None:
+        alike = {name: patch_mean(a, patch // BASE) for name, a in guides.items()}
+        ends = np.cumsum([a[..., 0, 0].size for a in coarse.values()])[:-1]
+        flat = np.concatenate([a.reshape(-1, *a.shape[-2:]) for a in coarse.values()])
+        flat, worth = joint(flat, alike, SCALES, sigma, radius)
+        parts = np.split(flat, ends)
+        coarse = {name: part.reshape(a.shape) for (name, a), part in zip(coarse.items(), parts, strict=True)}
+    elif sigma is not None:
         coarse = {name: _each(a, sigma, radius) for name, a in coarse.items()}
         worth = effective(sigma, radius)
     pixels = coarse.pop("pixels")

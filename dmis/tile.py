@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dmis.combine import Optimal
+from dmis.combine import COLLECTORS, slot
 from dmis.estimator import Batch, Record, direct
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
@@ -42,6 +42,8 @@ class Tile:
         Share of the first technique, one number or ``(P,)``.
     statistic
         What is gathered from the shading samples, see `Statistic`; None: nothing.
+    control
+        Coefficient of the control variate, ``(3, P)``, see `dmis.control`; None: there is none.
     """
 
     seed: int
@@ -53,6 +55,7 @@ class Tile:
     w: Array | float
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
+    control: Array | None = None
 
 
 class Statistic(Protocol):
@@ -111,33 +114,37 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     shading_samples = settings.shading_samples
     rng = stream(tile.seed, tile.pass_, tile.number)
     sampler = make_sampler(settings.sampler, rng, pixels, np.unique(tile.spp).tolist(), shading_samples)
-    offset = rng.random(pixels)
+    collector = None
+    if settings.combiner in COLLECTORS:
+        collector = COLLECTORS[settings.combiner](tile.w, tile.spp * np.full(pixels, shading_samples))
+    stages = 1 if collector is None else collector.stages
+    offset = rng.random(stages * pixels)
     picks = rng if settings.allocation == "random" else None
     w = np.asarray(tile.w, np.float32)
     if w.ndim and (w == w[0]).all():
         w = w[0]
     rays: Counter[str] = Counter()
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
-    collector = None
-    if settings.combiner == "optimal":
-        collector = Optimal(tile.w, tile.spp * np.full(pixels, shading_samples))
     total: Moments | None = None
     for blocks in _batches(tile.spp, pixels):
         pixel, number = (np.concatenate(a) for a in zip(*(block.samples() for block in blocks), strict=True))
-        counts = allocate(w, shading_samples, pixel, number, offset, picks)
+        place = slot(pixel, number, tile.spp, pixels, stages)
+        counts = allocate(w if w.ndim == 0 else np.tile(w, stages), shading_samples, place, number, offset, picks)
         order = None if isinstance(counts.first, int) else np.argsort(-counts.first, kind="stable")
         if order is not None:
-            pixel, number, counts = pixel.take(order), number.take(order), counts.take(order)
+            pixel, number, place = pixel.take(order), number.take(order), place.take(order)
+            counts = counts.take(order)
         sampler.start(pixel, number)
         u = sampler.draw("camera", None)
         direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
         origin = np.repeat(scene.camera.origin, direction.shape[1], axis=1)
         records: list[Record] | None = None if statistic is None and collector is None else []
         share = w if w.ndim == 0 else w.take(pixel)
-        batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records)
+        control = None if tile.control is None else tile.control.take(pixel, axis=1)
+        batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control)
         radiance = direct(batch, origin, direction)
         if collector is not None:
-            collector.add(records or [], pixel, np.broadcast_to(counts.first, len(pixel)), shading_samples)
+            collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
             radiance = _back(order, radiance)
             records = [replace(record, sample=compose(order, record.sample)) for record in records or ()]

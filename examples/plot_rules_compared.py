@@ -17,7 +17,7 @@ from dmis.metrics import ratio
 opts, _ = options(__file__, __doc__)
 RULES = (
     "one-sample", "pbrt", "thesis", "inverse-variance", "neyman", "representativity", "taylor", "kl", "tsallis",
-    "second-moment", "auto",
+    "linear", "second-moment", "auto",
 )  # fmt: skip
 SEEDS = range(opts.pick(1, 1, 5))
 

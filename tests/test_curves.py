@@ -121,7 +121,7 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float) -> None:
     from dmis.render import render
 
     floor = box.crop((18, 24), (0, 10))
-    rule = Learned(patch=32, spp=256, filter="none")
+    rule = Learned(patch=32, spp=256, filter="none", shrink=False)
     fits = [render(floor, rule, 257, seed=s).maps["variances"].mean(axis=(1, 2)) for s in range(6)]
     predicted = np.mean(fits, axis=0)[list(GRID).index(np.float32(w))]
     images = np.array([render(floor, f"fixed:{w}", 64, seed=s).image.mean(axis=2) for s in range(96)])

@@ -21,11 +21,18 @@ BLACK = Material(())
 
 
 def tile_of(
-    scene: Scene, seed: int = 0, spp: int = 16, w: float = 0.5, sampler: str = "independent", **settings: object
+    scene: Scene,
+    seed: int = 0,
+    spp: int = 16,
+    w: float = 0.5,
+    sampler: str = "independent",
+    beta: float | None = None,
+    **settings: object,
 ) -> tuple[Array, Counter[str]]:
-    """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays."""
+    """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays; `beta` of a control variate."""
     width, height = scene.camera.resolution
-    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, w, Settings(sampler=sampler, **settings))
+    control = None if beta is None else np.full((3, width * height), beta, np.float32)
+    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, w, Settings(sampler=sampler, **settings), control=control)
     rendered = render_tile(scene, tile)
     return rendered.moments.mean, rendered.rays
 
@@ -107,6 +114,12 @@ WAYS = {
     "power 1/4": {"combiner": "power", "w": 0.25},
     "maximum": {"combiner": "maximum"},
     "cutoff": {"combiner": "cutoff-0.3"},
+    "frozen 1/4": {"combiner": "frozen", "w": 0.25},
+    "frozen 0.9, three samples": {"combiner": "frozen", "w": 0.9, "shading_samples": 3},
+    "controlled": {"beta": 0.3},
+    "controlled 1/4": {"beta": -0.2, "w": 0.25},
+    "controlled, random 0.8": {"beta": 0.2, "w": 0.8, "allocation": "random"},
+    "controlled, one light": {"beta": 0.2, "w": 0.7, "lights": "one"},
     "one light": {"lights": "one"},
     "stratified": {"sampler": "stratified", "w": 0.25},
     "sobol": {"sampler": "sobol", "w": 0.25},

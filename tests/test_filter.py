@@ -1,9 +1,9 @@
-"""The Gaussian filter of weight maps."""
+"""The Gaussian filter of weight maps, and the joint filter of statistics."""
 
 import numpy as np
 import pytest
 
-from dmis.filter import gaussian
+from dmis.filter import effective, gaussian, joint
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 3), (20, 9)])
@@ -79,3 +79,76 @@ def test_bad_options(options: dict[str, float], message: str) -> None:
     """Errors name the option."""
     with pytest.raises(ValueError, match=message):
         gaussian(np.ones((2, 2)), **options)
+
+
+# Joint filter -------------------------------------------------------------------------------------------------------
+
+FLAT = {"normal": np.zeros((3, 20, 17))}
+ONE = {"normal": 1.0, "step": 0.1}
+
+
+def test_joint_keeps_constants() -> None:
+    """Whatever the guides are, at the edges too, and for all maps of a stack."""
+    guides = {"normal": np.random.default_rng(1).random((3, 20, 17))}
+    out, _ = joint(np.full((2, 3, 20, 17), 0.3), guides, ONE)
+    np.testing.assert_allclose(out, 0.3, rtol=1e-14)
+
+
+@pytest.mark.parametrize("radius", [0, 1, 2, 30])
+def test_joint_of_equal_guides_is_a_gaussian(radius: int) -> None:
+    """Of (2 r + 1)^2 taps, renormalised at the edges, any number of maps; checked against the definition."""
+    values = np.random.default_rng(1).random((2, 20, 17))
+    out, entries = joint(values, FLAT, ONE, 1.5, radius)
+    for at in ((0, 0), (3, 9), (10, 8), (19, 1)):
+        y, x = np.mgrid[:20, :17] - np.reshape(at, (2, 1, 1))
+        w = np.exp(-(x * x + y * y) / (2 * 1.5**2)) * (np.maximum(abs(x), abs(y)) <= radius)
+        np.testing.assert_allclose(out[:, *at], (w * values).sum(axis=(1, 2)) / w.sum(), rtol=1e-12)
+        np.testing.assert_allclose(entries[at], w.sum() ** 2 / (w * w).sum(), rtol=1e-12)
+    if radius <= 2:
+        inside = slice(2, -2), slice(2, -2)
+        np.testing.assert_allclose(out[0][inside], gaussian(values[0], 1.5, radius)[inside], rtol=1e-12)
+        np.testing.assert_allclose(entries[inside], effective(1.5, radius), rtol=1e-12)
+
+
+def test_joint_follows_the_definition() -> None:
+    """Several guides with scales of their own."""
+    rng = np.random.default_rng(2)
+    values, guides = rng.random((6, 5)), {"normal": rng.random((3, 6, 5)), "step": rng.random((1, 6, 5))}
+    out, _ = joint(values, guides, {"normal": 0.5, "step": 0.2}, 2.0, 6)
+    at = 4, 1
+    y, x = np.mgrid[:6, :5] - np.reshape(at, (2, 1, 1))
+    exponent = (x * x + y * y) / 8
+    for guide, scale in zip(guides.values(), (0.5, 0.2), strict=True):
+        exponent = exponent + ((guide - guide[:, at[0], at[1], None, None]) ** 2).sum(axis=0) / (2 * scale**2)
+    w = np.exp(-exponent)
+    assert out[at] == pytest.approx((w * values).sum() / w.sum(), rel=1e-12)
+
+
+def test_joint_does_not_cross_steps() -> None:
+    """What is on one side of a step of ten standard deviations does not show on the other; nor does it count."""
+    step = np.zeros((1, 20, 17))
+    step[..., 8:] = 1
+    values = np.where(step[0] > 0, 5.0, np.random.default_rng(1).random((20, 17)))
+    guides = {**FLAT, "step": step}
+    out, entries = joint(values, guides, ONE)
+    left, alone = joint(values[:, :8], {"step": step[..., :8]}, ONE)
+    np.testing.assert_allclose(out[:, :8], left, rtol=1e-12)
+    np.testing.assert_allclose(out[:, 8:], 5, rtol=1e-12)
+    np.testing.assert_allclose(entries[:, :8], alone, rtol=1e-12)
+    assert np.abs(gaussian(values) - out).max() > 1
+
+
+def test_joint_reduces_noise_as_said() -> None:
+    """The variance of white noise falls by the number of entries."""
+    rng = np.random.default_rng(3)
+    guides = {"step": 0.1 * rng.integers(0, 3, (1, 20, 17))}
+    out, entries = joint(rng.normal(size=(4000, 20, 17)), guides, ONE)
+    np.testing.assert_allclose(out.var(axis=0) * entries, 1, atol=0.15)
+    assert np.ptp(entries) > 2
+
+
+@pytest.mark.parametrize("options, message", [({"sigma": 0}, "sigma must be"), ({"radius": -1}, "radius must not")])
+def test_bad_options_of_joint(options: dict[str, float], message: str) -> None:
+    """Errors name the option."""
+    with pytest.raises(ValueError, match=message):
+        joint(np.ones((2, 2)), {}, {}, **options)

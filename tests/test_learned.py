@@ -1,5 +1,7 @@
 """The second-moment rule: planted curves, the guard, costs, numbers of samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from dmis.learned import Learned
 from dmis.variance import Moments
 from dmis.vec import Array
 
-PLAIN = {"filter": "none", "cost": False, "guard": 0.0, "count_sigma": 0.1}
+PLAIN = {"filter": "none", "shrink": False, "cost": False, "guard": 0.0, "count_sigma": 0.1}
 
 
 def pilot(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot]:
@@ -40,6 +42,7 @@ def test_patches_take_the_minimum_of_their_mean(patch: int) -> None:
     """Curves are averaged, not weights."""
     rng = np.random.default_rng(1)
     curve = rng.random((len(GRID), 8, 8)) + 1
+    curve[[1, -2]] += 1  # so that the ends are good for the image
     fit = Learned(patch=patch, **PLAIN).fit(pilot(curve))
     k = min(patch // 4, 8)
     mean = curve.reshape(len(GRID), 8 // k, k, 8 // k, k).mean(axis=(2, 4))
@@ -61,7 +64,9 @@ def test_filtering_makes_surer() -> None:
     """The same gain in all of a 5x5 neighbourhood passes where that of one patch does not."""
     curve = np.where(GRID == 1, 0.9, 1.0)[:, None, None]
     noise = 0.1 * np.sqrt(15)  # one standard error in one patch
-    alone, shared = (Learned(filter=f, cost=False, guard=2.0).fit(pilot(curve, noise)) for f in ("none", "gaussian"))
+    alone, shared = (
+        Learned(filter=f, shrink=False, cost=False, guard=2.0).fit(pilot(curve, noise)) for f in ("none", "gaussian")
+    )
     assert np.all(alone.weight == 0.5) and np.all(shared.weight == 1)
 
 
@@ -74,6 +79,26 @@ def test_cost_moves_the_minimum() -> None:
     flat[0.5] = Pilot(flat[0.5].moments, rays, flat[0.5].sums)
     assert np.all(Learned(guard=0.0).fit(flat).weight == 0)
     assert np.all(Learned(guard=0.0, cost=False).fit(pilot(np.ones((len(GRID), 1, 1)))).weight <= 0.5)
+
+
+def test_ends_are_for_images_that_like_them() -> None:
+    """A patch that would leave a technique out stops short of it where the image as a whole fares badly there."""
+    inner, outer = (np.abs(GRID - g) + 0.1 for g in (0.5, 1.0))
+    curve = np.where(np.arange(8) < 2, outer[:, None, None], inner[:, None, None])
+    weight = np.broadcast_to(Learned(**PLAIN).fit(pilot(curve)).weight, (32, 32))
+    assert (weight[:, :8] == GRID[-2]).all() and (weight[:, 8:] == 0.5).all()
+
+
+@pytest.mark.parametrize("shared, times", [(0.0, 8), (100.0, 1)])
+def test_split(shared: float, times: int) -> None:
+    """Many shading samples where they bring the variance, few where edges and textures do."""
+    found = pilot(np.ones((len(GRID), 8, 8)))[0.5]
+    found = replace(found, sums={**found.sums, "position": np.full((8, 8), shared * 16)})
+    for counts in (False, True):
+        assert Learned(split=True, counts=counts).fit({0.5: found}).split == times
+        assert Learned(split=False, counts=counts).fit({0.5: found}).split == 1
+    variance = Learned(split=True, filter="none", shrink=False).fit({0.5: found}).maps["variance"]
+    np.testing.assert_allclose(variance, shared + 1 / times)
 
 
 def test_black_patches_stay_at_one_half() -> None:
@@ -132,6 +157,19 @@ def test_bad_shares(bad: float) -> None:
     share[1, 1] = bad
     with pytest.raises(ValueError, match="samples of a fit must be positive and finite"):
         whole_samples(share, 8, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("counts", ["yes", "no"])
+def test_split_renders(box: dmis.Scene, monkeypatch, counts: str) -> None:
+    """Fewer camera samples, as many shading samples: the budget is kept, and so is the mean."""
+    monkeypatch.setattr("dmis.learned.SPLITS", (4,))
+    result = dmis.render(box, f"second-moment:split=yes,counts={counts}", 66, seed=1)
+    pixels = result.samples.size
+    assert result.rays["camera"] / pixels == pytest.approx(3 + 60 / 4, rel=0.02)
+    assert result.samples.mean() == pytest.approx(66, rel=0.02)
+    truth = dmis.render(box, "balance", 512, seed=2)
+    error = np.sqrt((result.variance + truth.variance).mean() / pixels)
+    assert abs(result.image.mean() - truth.image.mean()) < 4 * error
 
 
 # In a render --------------------------------------------------------------------------------------------------------

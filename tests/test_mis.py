@@ -2,12 +2,25 @@
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, chi2_p
+from helpers import LEVEL, Z_LIMIT, chi2_p, z_score
 
-from dmis.mis import Counts, allocate, balance, cutoff, find, maximum, power
+import dmis
+from dmis.fit import make_rule
+from dmis.mis import Counts, against, allocate, balance, cutoff, find, maximum, power
 from dmis.vec import Array
 
-HEURISTICS = ["balance", "power", "power-1", "power-3", "power-0.5", "maximum", "cutoff", "cutoff-0.5", "cutoff-1"]
+HEURISTICS = [
+    "balance",
+    "frozen",
+    "power",
+    "power-1",
+    "power-3",
+    "power-0.5",
+    "maximum",
+    "cutoff",
+    "cutoff-0.5",
+    "cutoff-1",
+]
 each_heuristic = pytest.mark.parametrize("name", HEURISTICS)
 
 
@@ -69,6 +82,82 @@ def test_limits() -> None:
     np.testing.assert_allclose(cutoff(0)(a, b, True), balance(a, b, True), rtol=1e-6)
     np.testing.assert_allclose(cutoff(1)(a, b, True), maximum(a, b, True), rtol=1e-6)
     np.testing.assert_allclose(cutoff(1)(a, a, True) * a, 0.5)
+
+
+# Frozen weights -----------------------------------------------------------------------------------------------------
+
+
+def estimates(combiner: str, w: float, side: int, p_own: Array, p_other: Array) -> Array:
+    """The factor of f in the estimate of a sample, as the estimator makes it."""
+    share = np.float64(w if side == 0 else 1 - w)
+    return find(combiner)(share * p_own, against(combiner, share) * p_other, side == 0)
+
+
+@pytest.mark.parametrize("w", [0.05, 0.3, 0.5, 0.95])
+def test_frozen_weights_are_those_of_equal_counts(w: float) -> None:
+    """``share p_own`` times the factor is ``p_own / (p_own + p_other)`` at every w, and the two weights sum to 1.
+
+    At w = 1/2 that is balance.
+    """
+    light, brdf = 10 ** np.random.default_rng(1).uniform(-6, 6, (2, 1000))
+    first = w * light * estimates("frozen", w, 0, light, brdf)
+    second = (1 - w) * brdf * estimates("frozen", w, 1, brdf, light)
+    np.testing.assert_allclose(first, light / (light + brdf))
+    np.testing.assert_allclose(first + second, 1)
+    if w == 0.5:
+        np.testing.assert_allclose(first, w * light * estimates("balance", w, 0, light, brdf))
+
+
+def planted(combiner: str, w: float, pixels: int, n: int, seed: int) -> Array:
+    """Estimates of the integral of x^4 over [0, 1], which is 1/5, from w n samples of 2 x, the others of 2 (1 - x)."""
+    rng, total = np.random.default_rng(seed), np.zeros(pixels)
+    for side, count in enumerate((round(w * n), n - round(w * n))):
+        x = np.sqrt(rng.random((count, pixels)))
+        x = x if side == 0 else 1 - x
+        pdf = np.stack([2 * x, 2 * (1 - x)])
+        total += (x**4 * estimates(combiner, w, side, pdf[side], pdf[1 - side])).sum(axis=0) / n
+    return total
+
+
+def test_neyman_with_frozen_weights() -> None:
+    """The variance at ``w = s_l / (s_l + s_b)`` is ``(s_l + s_b)^2 / n``; no other w has less, and equal counts more.
+
+    By hand: ``W f / p = f / (p_l + p_b) = x^4 / 2``, whose variances are ``E[x^8] / 4 - E[x^4]^2 / 4``, with
+    ``E[x^k]`` = 2 / (k + 2) under 2 x and 2 / ((k + 1) (k + 2)) under 2 (1 - x).
+    """
+    s_l, s_b = (np.sqrt((a - b * b) / 4) for a, b in ((1 / 5, 1 / 3), (1 / 45, 1 / 15)))
+    assert s_l != pytest.approx(s_b)
+    n, best = 100, s_l / (s_l + s_b)
+    spread = {w: planted("frozen", w, 40_000, n, 2).var() * n for w in (0.25, 0.5, 0.9, best)}
+    for w, found in spread.items():
+        w = round(w * n) / n
+        assert found == pytest.approx(s_l**2 / w + s_b**2 / (1 - w), rel=0.03)
+    assert spread[best] == pytest.approx((s_l + s_b) ** 2, rel=0.03)
+    assert spread[best] < 0.9 * spread[0.5]
+
+
+@pytest.mark.parametrize("combiner", ["balance", "frozen"])
+@pytest.mark.parametrize("w", [0.05, 0.25, 0.7, 0.95])
+def test_planted_mean(combiner: str, w: float) -> None:
+    """A z-test of 40000 pixels against 1/5."""
+    assert abs(z_score(planted(combiner, w, 40_000, 20, 3), 0.2)) < Z_LIMIT
+
+
+@pytest.mark.parametrize("rule", ["fixed:w=0,combiner=frozen", "fixed:w=1,combiner=frozen", "uniform:combiner=frozen"])
+def test_frozen_needs_both_techniques(rule: str) -> None:
+    """One technique alone would miss the other's part of f."""
+    with pytest.raises(ValueError, match="w must not be 0 or 1 with combiner frozen"):
+        make_rule(rule)
+
+
+def test_frozen_renders(box: dmis.Scene) -> None:
+    """Learned weights are clipped, and the mean of the image is that of balance, by a z-test over seeds."""
+    rule = "second-moment:cost=no,combiner=frozen"
+    results = [dmis.render(box, rule, 24, seed=s, threads=1) for s in range(24)]
+    assert max(r.maps["patch"].max() for r in results) == 1
+    assert max(r.weight.max() for r in results) == np.float32(0.95)
+    balanced = [dmis.render(box, "balance", 96, seed=s, threads=1).image.mean() for s in range(100, 124)]
+    assert abs(z_score([r.image.mean() for r in results], balanced)) < Z_LIMIT
 
 
 @pytest.mark.parametrize(

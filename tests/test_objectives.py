@@ -90,6 +90,76 @@ def test_divergences(name: str, gamma: float) -> None:
     assert weight(name, gamma) == pytest.approx(root, abs=0.01)
 
 
+def test_linear() -> None:
+    """Least squares in the metric 1 / q, by quadrature."""
+    densities = np.stack([P_L, P_B])
+    a = np.linalg.solve(densities * (1 / Q) @ densities.T, densities @ (f(X) / Q))
+    assert weight("linear") == pytest.approx(a[0] / a.sum(), abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    "light, brdf, expected", [(3, 5, 3 / 8), (1, 0, 1), (0, 2, 0), (2, -0.3, 1), (-0.3, 2, 0), (0, 0, 0.5)]
+)
+def test_linear_recovers_combinations(light: float, brdf: float, expected: float) -> None:
+    """Exactly, from few samples; negative shares become 0."""
+    rng = np.random.default_rng(2)
+    n = 64
+    records = []
+    for side in (0, 1):
+        x = np.sqrt(rng.random(n))
+        x = x if side == 0 else 1 - x
+        pdf = np.stack([2 * x, 2 * (1 - x)])
+        value = (light * pdf[0] + brdf * pdf[1]) / pdf.mean(axis=0)
+        records.append(Record(side, (0,), 0, None, value[None].repeat(3, 0), pdf))
+    assert _linear(records, n) == pytest.approx(expected, abs=1e-5)
+
+
+def test_linear_counts_what_meets_no_light() -> None:
+    """A BRDF technique of which three in four samples meet no light: they are part of its mean, with f = 0.
+
+    ``p_b`` has a quarter of its mass where p_l is, with the same density there, so the fit of ``f = p_l`` has
+    ``P = [[1.6, 0.4], [0.4, 1.6]]``, ``F = [1.6, 0.4]``: a = (1, 0). Leaving the wasted samples out would make the
+    matrix singular.
+    """
+    n = 40_000
+    pdf = np.repeat(np.array([[1.0], [0.25]]), n, axis=1)
+    value = pdf[:1].repeat(3, 0) / pdf.mean(axis=0)
+    hit = np.arange(0, n, 4)
+    records = [Record(0, (0,), 0, None, value, pdf), Record(1, (0,), 0, hit, value[:, hit], pdf[:, hit])]
+    assert _linear(records, n) == pytest.approx(1, abs=1e-5)
+    np.testing.assert_allclose(_sums(records, n)["matrix"], [1.6, 0.4, 1.6], rtol=1e-4)
+
+
+def test_linear_leaves_out_where_there_is_nothing() -> None:
+    """Pixels beside the object, where neither sample meets a light, do not move the weight of its patch."""
+    rng = np.random.default_rng(3)
+    n = 50
+    seen = np.arange(n)
+    records = []
+    for side in (0, 1):
+        x = rng.uniform(0.1, 0.9, n)
+        pdf = np.stack([2 * x, 2 * (1 - x)])
+        records.append(Record(side, (0,), 0, seen, (f(x) / pdf.mean(axis=0))[None].repeat(3, 0), pdf))
+    assert _linear(records, 10 * n) == pytest.approx(_linear(records, n), rel=1e-4)
+
+
+def test_linear_stays_where_it_is_not_unique() -> None:
+    """Equal densities: every weight is as good."""
+    pdf, value = np.ones((2, 8)), np.ones((3, 8))
+    assert _linear([Record(side, (0,), 0, None, value, pdf) for side in (0, 1)], 8) == 0.5
+
+
+def _sums(records: list[Record], n: int) -> dict[str, Array]:
+    """What ``linear`` gathers from n camera samples of one pixel."""
+    statistic = objective("linear").statistic(1, 2)
+    statistic.add(records, np.zeros((3, n), np.float32), n)
+    return {key: a[..., 0] for key, a in statistic.sums().items()}
+
+
+def _linear(records: list[Record], n: int) -> float:
+    return float(objective("linear").solve(_sums(records, n), (1.0, 1.0)))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_seen(name: str) -> None:
     """Black patches stay at 1/2."""

@@ -63,6 +63,14 @@ def test_crop_is_a_part_of_the_image(box):
     assert dmis.render(box, "balance", 1).provenance["scene_hash"] != part.provenance["scene_hash"]
 
 
+def test_the_default_rule_learns_where_that_pays(box):
+    """``auto``, but for few samples and for odd numbers of shading samples."""
+    assert dmis.render(box, spp=16).provenance["rule"] == "auto"
+    assert dmis.render(box, spp=15).provenance["rule"] == "balance"
+    odd = dmis.Settings(shading_samples=3)
+    assert dmis.render(box, spp=16, settings=odd).provenance["rule"] == "balance"
+
+
 def test_pilot_counts_in_the_budget(box):
     """Rays: spp camera rays per pixel in all, six of them the pilot's; `samples` says the same."""
     result = dmis.render(box, "thesis", 16)

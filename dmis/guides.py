@@ -1,0 +1,100 @@
+"""Guides: what the camera sees in each patch, for filters that should not blur over the edges of objects.
+
+A few camera rays per patch, at fixed places, tell the mean shading normal, the mean albedo and the share of each
+material. They are free of the noise that statistics of shading samples have (`dmis.filter.joint` compares them), as in
+the cross-bilateral filters of images (Eisemann and Durand 2004, Petschnigg et al. 2004; for path tracing Dammertz et
+al. 2010). They know nothing of shadows, of the lights, nor of what is seen in mirrors.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf import BlendBase, BlendCoat, Microfacet, SpecularReflection, SpecularTransmission
+from dmis.plan import NOTHING
+from dmis.scene import Scene
+from dmis.tile import BASE
+from dmis.variance import patch_mean
+from dmis.vec import Array
+
+SCALES = {"normal": 1.0, "albedo": 1.0, "material": 0.5}
+"""Differences between guides that count as much as one standard deviation in space: of unit normals (1 is 60 degrees),
+of reflectances, of shares of materials. Generous for the first two: narrower ones cost more in noise than they saved in
+the scenes that come with the library, and albedo scales a curve without moving its minimum.
+"""
+STEP = BASE // 2
+"""Side in pixels of the blocks through whose centres rays go: four rays for each patch of `BASE` pixels."""
+CHUNK = 2**15
+"""Rays per batch."""
+
+
+def guides(scene: Scene) -> tuple[dict[str, Array], int]:
+    """Guides of the patches of `BASE` pixels, and the number of rays traced for them.
+
+    Returns
+    -------
+    guides
+        Means over rays, ``(C, rows, columns)``: ``normal`` (3), the shading normal on the camera's side, 0 where
+        nothing is seen; ``albedo`` (3), see `albedo`; ``material``, shares of the materials that are seen, "nothing"
+        being one.
+    rays
+        Their number.
+    """
+    width, height = scene.camera.resolution
+    columns, rows = _centres(width), _centres(height)
+    y, x = (a.reshape(-1) for a in np.meshgrid(rows, columns, indexing="ij"))
+    seen = [_look(scene, x[k : k + CHUNK], y[k : k + CHUNK]) for k in range(0, len(x), CHUNK)]
+    shape = len(rows), len(columns)
+    normal, colour, material = (np.concatenate(parts, axis=-1).reshape(-1, *shape) for parts in zip(*seen, strict=True))
+    shares = material == np.unique(material)[:, None, None]
+    maps = {"normal": normal, "albedo": colour, "material": shares.astype(np.float64)}
+    return {name: patch_mean(a, BASE // STEP) for name, a in maps.items()}, len(x)
+
+
+def albedo(lobes: tuple[Any, ...], n: int) -> Array:
+    """Nominal reflectance at n points: the sum of the lobes' colours, times Fresnel's at normal incidence, ``(3, n)``.
+
+    A number to tell surfaces apart, not an integral of the BRDF.
+    """
+    total = np.zeros((3, n), np.float32)
+    for lobe in lobes:
+        total += _colour(lobe)
+    return total
+
+
+def _colour(lobe: Any) -> Array:
+    if isinstance(lobe, BlendBase):
+        return lobe.diffuse * (1 - lobe.specular)
+    if isinstance(lobe, BlendCoat):
+        return lobe.specular
+    if isinstance(lobe, SpecularTransmission):
+        return lobe.transmittance
+    if isinstance(lobe, Microfacet | SpecularReflection) and lobe.fresnel is not None:
+        return lobe.reflectance * lobe.fresnel(np.ones(1, np.float32))
+    return lobe.reflectance
+
+
+def _centres(size: int) -> Array:
+    """Raster coordinates of the centres of blocks of `STEP` pixels; the last one may be smaller."""
+    edges = np.arange(0, size, STEP, dtype=np.float32)
+    return (edges + np.minimum(edges + STEP, size)) / 2
+
+
+def _look(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Normals ``(3, N)``, albedos ``(3, N)`` and numbers of materials ``(N,)``, -1 for nothing, at raster points."""
+    plan = scene.plan
+    direction = scene.camera.rays(x, y)
+    hits = scene.intersector.closest(np.repeat(scene.camera.origin, len(x), axis=1), direction)
+    group_of = plan.face_group.take(hits.prim)
+    normal, colour = np.zeros((2, *direction.shape), np.float32)
+    material = np.full(len(x), -1)
+    for number, group in enumerate(plan.groups):
+        index = np.flatnonzero(group_of == number)
+        if len(index):
+            surface, _ = scene.surface(group, hits, index, direction)
+            normal[:, index] = surface.n
+            colour[:, index] = albedo((*surface.glossy, *surface.delta), len(index))
+            material[index] = number + (NOTHING + 1) * plan.face_row.take(hits.prim.take(index))
+    return normal, colour, material
