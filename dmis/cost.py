@@ -16,7 +16,7 @@ CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
 
 
-def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: int = 2) -> Array:
+def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: float = 2) -> Array:
     """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at w = 1/2.
 
     Shading samples whose direction meets no light, or that the surface does not reflect, trace no ray; how often

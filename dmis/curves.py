@@ -49,7 +49,7 @@ class Curves:
     def __init__(self, pixels: int, shading_samples: int) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._curve = np.zeros((len(GRID), pixels), np.float64)
+        self._curve, self._pattern = np.zeros((2, len(GRID), pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -60,17 +60,23 @@ class Curves:
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
         for x, d in spread(records, 2 * self._s, radiance.shape[1]):
-            self._curve += count * _curve(x, d, count, self._s)
+            at_y, over_y = _curve(x, d, count)
+            self._curve += count / self._s * at_y
+            self._pattern += count * over_y
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
 
-        ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, and Var_y(I) as ``position`` ``(P,)``.
+        ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, Var_y(D) as ``pattern`` ``(G, P)``,
+        and Var_y(I) as ``position`` ``(P,)``.
         """
-        curve, seen = self._curve / max(self._n, 1), self._total / max(self._n, 1)
+        n = max(self._n, 1)
+        pattern, seen = self._pattern / n, self._total / n
+        curve = self._curve / n + _rounding(self._s)[:, None] * pattern
         # the pilot's own variance is V(1/2) with 2 S shading samples in place of S
         position = seen - curve[HALF] / 2
-        return {"curve": curve, "square": curve * curve, "cross": curve * curve[HALF], "position": position}
+        squares = {"square": curve * curve, "cross": curve * curve[HALF]}
+        return {"curve": curve, **squares, "pattern": pattern, "position": position}
 
 
 def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:
@@ -100,26 +106,31 @@ def nothing(shading_samples: int, n: int) -> tuple[Array, Array]:
     return x, d
 
 
-def _curve(x: Array, d: Array, count: int, s: int) -> Array:
-    """The part of V(w) that depends on w, per pixel ``(G, P)``."""
-    out = np.empty((len(GRID), x.shape[2] // count), np.float64)
+def _rounding(s: float) -> Array:
+    """var(n / S) at the weights of the grid, ``(G,)``: n is w S, rounded down or up."""
+    part = GRID.astype(np.float64) * s % 1
+    return part * (1 - part) / s**2
+
+
+def _curve(x: Array, d: Array, count: int) -> Array:
+    """Variance of a shading sample at y, and variance of D over y, per pixel, ``(2, G, P)``."""
+    out = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
+    samples = x.shape[0] * x.shape[1] * count
     radiance_2 = _product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
     square = x * x
     for g, w in enumerate(GRID.astype(float)):
         m = d * np.float32(2 * w - 1)
         m += 1
         np.maximum(m, LEAST, out=m)
-        out[g] = (square / m).reshape(-1, count, out.shape[1]).sum(axis=(0, 1)) / (count * 2 * s) - radiance_2
+        out[0, g] = (square / m).reshape(-1, count, out.shape[2]).sum(axis=(0, 1)) / samples - radiance_2
         if 0 < w < 1:
             difference = (x * d / m).sum(axis=1)
             at_y = _product(difference).reshape(count, -1).mean(axis=0)
-            part = w * s % 1
-            out[g] += (part * (1 - part) / s - w * (1 - w)) * at_y
-            if part:
-                pixel = difference.mean(axis=0).reshape(count, -1)
-                everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
-                out[g] -= part * (1 - part) / s * everywhere
-    return out / s
+            pixel = difference.mean(axis=0).reshape(count, -1)
+            everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
+            out[0, g] -= w * (1 - w) * at_y
+            out[1, g] = at_y - everywhere
+    return out
 
 
 def _product(pairs: Array) -> Array:
@@ -137,6 +148,8 @@ class Pooled:
         Variance of a camera sample as far as it depends on w, at the weights of `GRID`, ``(G, ...)``.
     square, cross
         Means over pixels of its square and of its product with itself at w = 1/2, for standard errors.
+    pattern
+        Variance of D over the pixel, which counts if light samples are unevenly divided, ``(G, ...)``.
     position
         The rest of it: that of the radiance over the pixel.
     pixels
@@ -146,6 +159,7 @@ class Pooled:
     curve: Array
     square: Array
     cross: Array
+    pattern: Array
     position: Array
     pixels: Array
 
@@ -157,9 +171,17 @@ class Pooled:
         """
         return self.curve + np.maximum(self.position, 0)
 
-    def split(self, times: int) -> Pooled:
-        """The curves of camera samples with that many times the shading samples."""
-        return replace(self, curve=self.curve / times, square=self.square / times**2, cross=self.cross / times**2)
+    def split(self, times: float, shading_samples: int) -> Pooled:
+        """The curves of camera samples with that many times the `shading_samples` that these have.
+
+        In standard errors the part that comes from rounding counts as known.
+        """
+        change = _rounding(shading_samples * times) - _rounding(shading_samples) / times
+        more = np.reshape(change, (-1,) + (1,) * self.position.ndim) * self.pattern
+        curve = self.curve / times
+        square = self.square / times**2 + (2 * curve + more) * more
+        cross = self.cross / times**2 + more * (curve[HALF] + more[HALF]) + curve * more[HALF]
+        return replace(self, curve=curve + more, square=square, cross=cross)
 
     def gain_error(self, cost: Array) -> Array:
         """Standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""

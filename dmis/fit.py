@@ -32,13 +32,14 @@ class Fit:
     maps
         Diagnostics by name, in the last two axes one value per patch.
     split
-        Final camera samples have this many times the shading samples, and are fewer by it.
+        Final camera samples have this many times the shading samples, and are as many times fewer; a whole number
+        of shading samples.
     """
 
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
-    split: int = 1
+    split: float = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +288,7 @@ RULES: dict[str, Callable[..., Rule]] = {
     "thesis": Thesis,
     "second-moment": partial(_learned, "second-moment"),
     **{name: partial(_learned, name, shrink=False) for name in _RELATIVES},
-    "auto": partial(_learned, "second-moment", counts=True, reuse=False),
+    "auto": partial(_learned, "second-moment", counts=True, split=True, reuse=False),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``;

@@ -23,7 +23,7 @@ from dmis.tile import BASE, Statistic
 from dmis.variance import patch_spread
 from dmis.vec import Array
 
-SPLITS = (1, 2, 4, 8)
+SPLITS = (1, 0.5, 2, 4, 8)
 """Times the shading samples that camera samples may have."""
 
 
@@ -58,8 +58,8 @@ class Learned:
     guard
         Leave w = 1/2 only where the gain is more than this many standard errors (second-moment).
     split
-        Whether camera samples may have 2, 4 or 8 times the shading samples, and be fewer for it, if that is best for
-        the image (second-moment).
+        Whether camera samples may have 2, 4 or 8 times the shading samples, and be fewer for it, or half of them, and
+        be more, if that is best for the image (second-moment, and only if cost counts).
     counts
         Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)`` (second-moment).
     floor
@@ -86,8 +86,8 @@ class Learned:
     guard: float = 1.5
     split: bool = False
     counts: bool = False
-    floor: float = 0.2
-    count_sigma: float = 0.6
+    floor: float = 0.1
+    count_sigma: float = 0.4
     gamma: float = 2.0
     reuse: bool = True
     combiner: str = "balance"
@@ -155,7 +155,7 @@ class Learned:
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         curves = Pooled(**means, pixels=pixels)
         times, cost = self._split(curves, found)
-        prepare = self._prepare(times)
+        prepare = self._prepare(times, found.shading_samples // 2)
         whole = (curves.curve * pixels).sum(axis=(1, 2))
         maps = {}
         if self.filter == "quadtree":
@@ -170,24 +170,24 @@ class Learned:
         if self.counts:
             guides = found.guides if self.guided else None
             sharp, n = pool(found.sums, shape, self.patch, self.count_sigma, self.size // 2, guides)
-            local = _at(Pooled(**sharp, pixels=n).split(times).variance, best)
+            local = _at(Pooled(**sharp, pixels=n).split(times, found.shading_samples // 2).variance, best)
             samples = self._shares(np.sqrt(local / cost[best]), shape)
         maps |= {"patch": weight, "variance": variance, "variances": curves.variance}
         return Fit(patch_spread(weight, self.patch, shape), maps, samples, times)
 
-    def _prepare(self, times: int) -> Callable[[Pooled], Pooled]:
+    def _prepare(self, times: float, s: int) -> Callable[[Pooled], Pooled]:
         """What is done with curves before weights are chosen."""
-        return lambda curves: shrink(curves.split(times)) if self.shrink else curves.split(times)
+        return lambda curves: shrink(curves.split(times, s)) if self.shrink else curves.split(times, s)
 
-    def _split(self, curves: Pooled, pilot: Pilot) -> tuple[int, Array]:
+    def _split(self, curves: Pooled, pilot: Pilot) -> tuple[float, Array]:
         """How many times the shading samples are best for the image, and what camera samples with them cost."""
         found = []
-        for times in SPLITS if self.split else SPLITS[:1]:
-            shading_samples = pilot.shading_samples // 2 * times
-            cost = np.full(len(GRID), float(times))
+        for times in SPLITS if self.split and self.cost else SPLITS[:1]:
+            s = pilot.shading_samples // 2
+            cost = np.ones(len(GRID))
             if self.cost:
-                cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, shading_samples)
-            variance = np.maximum(curves.split(times).variance, 0)
+                cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, s * times)
+            variance = np.maximum(curves.split(times, s).variance, 0)
             best = (variance * cost[:, None, None]).argmin(axis=0)
             v, c = _at(variance, best), cost[best]
             total = (np.sqrt(v * c) * curves.pixels).sum() ** 2

@@ -168,7 +168,7 @@ def render(
         counts: Array | int = mean
         if fit.samples is not None:
             counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))
-        shading = replace(settings, shading_samples=settings.shading_samples * fit.split)
+        shading = replace(settings, shading_samples=round(settings.shading_samples * fit.split))
         beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
         final_begin = time.perf_counter()
         final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta).moments
@@ -191,7 +191,9 @@ def render(
         image=image,
         variance=variance,
         weight=np.broadcast_to(np.asarray(fit.weight, np.float32), shape).copy(),
-        samples=np.broadcast_to(np.float32(pilot_spp) + fit.split * np.asarray(counts, np.float32), shape).copy(),
+        samples=np.broadcast_to(
+            np.float32(pilot_spp) + np.float32(fit.split) * np.asarray(counts, np.float32), shape
+        ).copy(),
         seconds={
             "pilot": fitted - begin,
             "fit": final_begin - fitted,
@@ -314,7 +316,7 @@ class _Work:
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
         waiting: dict[Future[Rendered], Tile] = {}
         total, finished = sum(_samples(tile) for tile in tiles), 0
-        for tile in tiles:
+        for tile in sorted(tiles, key=_samples, reverse=True):  # so that no large one is waited for at the end
             if stored.done[tile.number]:
                 finished += _samples(tile)
             else:

@@ -7,7 +7,7 @@ A parameter of a lobe is a plain number, an RGB triple, or an `Image`. Products 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -45,12 +45,16 @@ class Image:
             raise ValueError(f"wrap must be 'repeat', 'black' or 'clamp'; got {self.wrap!r}")
         if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
             texels = texels[..., :1]
-        object.__setattr__(self, "texels", np.ascontiguousarray(texels))
+        object.__setattr__(self, "texels", _planar(texels))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Pickles do not keep the order of axes in memory."""
+        self.__dict__.update(state, texels=_planar(state["texels"]))
 
     def __call__(self, uv: Array) -> Array:
         """Values ``(C, N)`` at texture coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
         height, width, channels = self.texels.shape
-        flat = self.texels.reshape(-1, channels).T
+        flat = np.moveaxis(self.texels, 2, 0).reshape(channels, -1)  # a view: see `_planar`
         s = uv[0] * np.float32(self.scale[0]) + np.float32(self.offset[0])
         t = uv[1] * np.float32(self.scale[1]) + np.float32(self.offset[1])
         if self.wrap == "repeat":
@@ -67,6 +71,14 @@ class Image:
         out += flat.take(row1 + j0, axis=1) * (gx0 * gy1)
         out += flat.take(row1 + j1, axis=1) * (gx1 * gy1)
         return out
+
+
+def _planar(texels: Array) -> Array:
+    """The same ``(H, W, C)``, one channel after the other in memory, so that lookups gather from whole arrays.
+
+    (`numpy.take` copies an array that is not contiguous, all of it, at every call.)
+    """
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(texels, 2, 0)), 0, 2)
 
 
 Parameter = float | tuple[float, ...] | Array | Image

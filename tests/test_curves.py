@@ -70,6 +70,16 @@ def test_curve_is_unbiased(count: int, s: int) -> None:
         assert values.std() / np.sqrt(len(values)) < 0.05 * exact(0.5, s)[0]
 
 
+def test_split_curves() -> None:
+    """Curves for half and for three times the shading samples, from those for four."""
+    sums = pilot(40_000, 4, seed=5, s=4).sums()
+    for times in (0.25, 0.5, 3.0):
+        pixels = Pooled(**sums, pixels=np.ones(40_000)).split(times, 4)
+        for g in range(1, len(GRID) - 1):
+            total, position = exact(float(GRID[g]), round(4 * times))
+            assert unbiased(pixels.curve[g], total - position)
+
+
 def test_lights_add_up() -> None:
     """Curves of two equal lights are twice that of one, and their radiance varies together over the pixel."""
     sums = pilot(40_000, 6, seed=2, keys=2).sums()

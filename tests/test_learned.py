@@ -24,7 +24,8 @@ def pilot(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot
     square = curve**2 + noise**2
     square[HALF] = curve[HALF] ** 2
     cross = curve * curve[HALF]
-    sums = {"curve": curve, "square": square, "cross": cross, "position": np.zeros((rows, columns))}
+    sums = {"curve": curve, "square": square, "cross": cross}
+    sums |= {"pattern": np.zeros(curve.shape), "position": np.zeros((rows, columns))}
     moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
     return {0.5: Pilot(moments, {"camera": 100}, {name: a * 16 for name, a in sums.items()})}
 
@@ -89,8 +90,8 @@ def test_ends_are_for_images_that_like_them() -> None:
     assert (weight[:, :8] == GRID[-2]).all() and (weight[:, 8:] == 0.5).all()
 
 
-@pytest.mark.parametrize("shared, times", [(0.0, 8), (100.0, 1)])
-def test_split(shared: float, times: int) -> None:
+@pytest.mark.parametrize("shared, times", [(0.0, 8), (2.0, 1), (100.0, 0.5)])
+def test_split(shared: float, times: float) -> None:
     """Many shading samples where they bring the variance, few where edges and textures do."""
     found = pilot(np.ones((len(GRID), 8, 8)))[0.5]
     found = replace(found, sums={**found.sums, "position": np.full((8, 8), shared * 16)})

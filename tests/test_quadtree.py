@@ -17,7 +17,7 @@ def sums(best: Array, noise: float = 0.02, seed: int = 1) -> tuple[dict[str, Arr
     samples = curve[..., None] + noise * 4 * rng.normal(size=(*curve.shape, 16))
     cross = samples * samples[HALF]
     found = {"curve": samples.sum(-1), "square": (samples**2).sum(-1), "cross": cross.sum(-1)}
-    return {**found, "position": np.zeros(best.shape)}, pixels
+    return {**found, "pattern": np.zeros((len(GRID), *best.shape)), "position": np.zeros(best.shape)}, pixels
 
 
 def test_agreement_makes_one_patch() -> None:
@@ -55,6 +55,6 @@ def test_a_black_image_stays_at_one_half() -> None:
     """Nothing to learn."""
     zero = np.zeros((len(GRID), 8, 8))
     index, _ = adaptive_patches(
-        {"curve": zero, "square": zero, "cross": zero, "position": zero[0]}, np.ones((8, 8)), ONE, 3.0
+        {"curve": zero, "square": zero, "cross": zero, "pattern": zero, "position": zero[0]}, np.ones((8, 8)), ONE, 3.0
     )
     assert (index == HALF).all()

@@ -1,5 +1,7 @@
 """Textures: bilinear lookup, wrap modes, products."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -110,3 +112,11 @@ def test_bad_images(texels: Array, options: dict[str, str], message: str) -> Non
     """Errors name the argument and the constraint."""
     with pytest.raises(ValueError, match=message):
         Image(texels, **options)
+
+
+def test_planes_survive_pickling() -> None:
+    """Lookups gather from contiguous planes, in this process and in the next."""
+    image = Image(np.random.default_rng(1).random((4, 5, 3)))
+    for one in (image, pickle.loads(pickle.dumps(image))):
+        assert np.moveaxis(one.texels, 2, 0).flags.c_contiguous
+        np.testing.assert_array_equal(one.texels, image.texels)
