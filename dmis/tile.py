@@ -189,11 +189,11 @@ def _back(order: np.ndarray, values: Array) -> Array:
 
 
 def _batches(spp: np.ndarray | int, pixels: int) -> Iterator[list[_Block]]:
-    """All camera samples of a tile in batches of nearly equal size, at most about `CHUNK`."""
+    """All camera samples of a tile in batches of nearly equal size, about `CHUNK`."""
     stops = [0, *np.unique(spp).tolist()]
     active = [np.flatnonzero(np.broadcast_to(spp, pixels) >= stop) for stop in stops[1:]]
     begins = np.cumsum([0, *(np.diff(stops) * [len(a) for a in active])])
-    edges = np.linspace(0, begins[-1], max(1, -(-begins[-1] // CHUNK)) + 1)
+    edges = np.linspace(0, begins[-1], max(1, round(begins[-1] / CHUNK)) + 1)
     cuts = [
         np.rint(np.clip((edges - begin) / len(of), 0, stop - start)).astype(int) + start
         for begin, of, (start, stop) in zip(begins[:-1], active, itertools.pairwise(stops), strict=True)
