@@ -38,7 +38,7 @@ BASE = f"balance:sampler={given.sampler}"
 # samples tell how many samples fit in the time of the balance heuristic; a second round measures with that number.
 lines = [
     "| scene | oracle, weights only | second-moment, equal samples | saving / oracle's | harm "
-    "| second-moment, equal time | auto, equal samples | auto, equal time |",
+    "| second-moment, equal time | auto, equal shading samples | auto, equal time |",
     "|---|---|---|---|---|---|---|---|",
 ]
 for name, shrink in SIZES.items():
