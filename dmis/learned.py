@@ -17,6 +17,7 @@ from dmis.curves import GRID, Curves, Pooled, allowed, least
 from dmis.fit import Fit, Pilot
 from dmis.objectives import objective
 from dmis.quadtree import adaptive_patches
+from dmis.settings import MOST
 from dmis.sharing import pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
@@ -182,8 +183,8 @@ class Learned:
     def _split(self, curves: Pooled, pilot: Pilot) -> tuple[float, Array]:
         """How many times the shading samples are best for the image, and what camera samples with them cost."""
         found = []
-        for times in SPLITS if self.split and self.cost else SPLITS[:1]:
-            s = pilot.shading_samples // 2
+        s = pilot.shading_samples // 2
+        for times in (t for t in SPLITS if t == 1 or (self.split and self.cost and s * t <= MOST)):
             cost = np.ones(len(GRID))
             if self.cost:
                 cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, s * times)

@@ -27,7 +27,7 @@ from dmis.guides import guides
 from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
-from dmis.settings import Settings
+from dmis.settings import MOST, Settings
 from dmis.tile import Rendered, Statistic, Tile, render_tile, split
 from dmis.variance import Moments
 from dmis.vec import Array
@@ -96,7 +96,7 @@ def render(
     ----------
     rule
         A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.fit.RULES`. None: ``auto``, or
-        ``balance`` for fewer than `LEARNING` samples or an odd number of shading samples.
+        ``balance`` for fewer than `LEARNING` samples or for a number of shading samples that is odd or very large.
     spp
         Camera samples per pixel, the rule's pilot included.
     seed
@@ -121,8 +121,8 @@ def render(
         If an argument is out of range, or the checkpoint belongs to a different image.
     """
     if rule is None:
-        paired = (settings or Settings()).shading_samples % 2 == 0
-        rule = "auto" if spp >= LEARNING and paired else "balance"
+        s = (settings or Settings()).shading_samples
+        rule = "auto" if spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST else "balance"
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}

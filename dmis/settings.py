@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from dmis import mis, technique
 from dmis.samplers import KINDS, Kind
 
+MOST = 100
+"""Shading samples of a camera sample."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -42,8 +45,8 @@ class Settings:
     reuse_pilot: bool = True
 
     def __post_init__(self) -> None:
-        if not 1 <= self.shading_samples <= 100:
-            raise ValueError(f"shading_samples must be between 1 and 100; got {self.shading_samples}")
+        if not 1 <= self.shading_samples <= MOST:
+            raise ValueError(f"shading_samples must be between 1 and {MOST}; got {self.shading_samples}")
         if len(self.techniques) != 2:
             raise ValueError(
                 f"techniques must be two names, because w is the share of the first; got {self.techniques}"

@@ -67,8 +67,9 @@ def test_the_default_rule_learns_where_that_pays(box):
     """``auto``, but for few samples and for odd numbers of shading samples."""
     assert dmis.render(box, spp=16).provenance["rule"] == "auto"
     assert dmis.render(box, spp=15).provenance["rule"] == "balance"
-    odd = dmis.Settings(shading_samples=3)
-    assert dmis.render(box, spp=16, settings=odd).provenance["rule"] == "balance"
+    for s, rule in ((3, "balance"), (50, "auto"), (52, "balance")):
+        settings = dmis.Settings(shading_samples=s)
+        assert dmis.render(box.crop((0, 8), (0, 8)), spp=16, settings=settings).provenance["rule"] == rule
 
 
 def test_pilot_counts_in_the_budget(box):
