@@ -21,7 +21,7 @@ from dmis.settings import MOST
 from dmis.sharing import pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
-from dmis.variance import patch_spread
+from dmis.variance import patch_spread, patch_sum
 from dmis.vec import Array
 
 SPLITS = (1, 0.5, 2, 4, 8)
@@ -155,9 +155,10 @@ class Learned:
             weight = np.clip(objective(self.objective, self.gamma).solve(means, tuple(ends)), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         curves = Pooled(**means, pixels=pixels)
-        times, cost = self._split(curves, found)
+        area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how sure means are
+        times, cost = self._split(curves, area, found)
         prepare = self._prepare(times, found.shading_samples // 2)
-        whole = (curves.curve * pixels).sum(axis=(1, 2))
+        whole = (curves.curve * area).sum(axis=(1, 2))
         maps = {}
         if self.filter == "quadtree":
             sums = {name: a * pixels for name, a in means.items()}
@@ -180,7 +181,7 @@ class Learned:
         """What is done with curves before weights are chosen."""
         return lambda curves: shrink(curves.split(times, s)) if self.shrink else curves.split(times, s)
 
-    def _split(self, curves: Pooled, pilot: Pilot) -> tuple[float, Array]:
+    def _split(self, curves: Pooled, area: Array, pilot: Pilot) -> tuple[float, Array]:
         """How many times the shading samples are best for the image, and what camera samples with them cost."""
         found = []
         s = pilot.shading_samples // 2
@@ -191,9 +192,9 @@ class Learned:
             variance = np.maximum(curves.split(times, s).variance, 0)
             best = (variance * cost[:, None, None]).argmin(axis=0)
             v, c = _at(variance, best), cost[best]
-            total = (np.sqrt(v * c) * curves.pixels).sum() ** 2
+            total = (np.sqrt(v * c) * area).sum() ** 2
             if not self.counts:
-                total = (v * curves.pixels).sum() * (c * curves.pixels).sum()
+                total = (v * area).sum() * (c * area).sum()
             found.append((total, times, cost))
         return min(found, key=lambda one: one[:2])[1:]
 

@@ -109,7 +109,9 @@ left.plot(x[inside], p_b[inside], color="tab:red", label='p_b, the "BRDF"')
 left.set_xlabel("x")
 left.set_ylabel("f and densities (1 / unit of x)")
 middle.plot(w, truth, color="black", label="V(w), by quadrature")
-middle.plot(GRID, estimate, "o", color="tab:green", label=f"one pilot of {2 * SPP * PIXELS} samples at w = ½")
+middle.plot(
+    GRID, estimate, "o", color="tab:green", label=f"one pilot of {len(records) * SPP * PIXELS} samples at w = ½"
+)
 middle.plot(shares, points, "s", color="tab:red", label="three variances of 2 samples per pixel")
 middle.plot(w, np.polyval(np.polyfit(shares, points, 2), w), "--", color="tab:red", label="their parabola")
 middle.axvline(best, color="black", linestyle=":", label=f"best w = {best:.2f}")
@@ -132,6 +134,7 @@ opts.save(
     "One dimension: a mixture of two densities",
     f"""Left: an integrand and the densities of two techniques. Middle: variance of a sample of the mixture against the
     share of the first technique, by quadrature (black); estimated at all weights at once from one pilot (green); the
-    three variances that the thesis's rule uses, and the parabola through them (red), which gives w =
-    {vertex:.2f}. Right: what the weight that each rule finds costs. The best is w = {best:.2f}.""",
+    three variances that the thesis's rule uses, those at the ends above the frame, and the parabola through them
+    (red), which gives w = {vertex:.2f}. Right: what the weight that each rule finds costs. The best is
+    w = {best:.2f}.""",
 )
