@@ -21,7 +21,7 @@ from dmis.settings import MOST
 from dmis.sharing import pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
-from dmis.variance import patch_spread, patch_sum
+from dmis.variance import patch_mean, patch_spread, patch_sum
 from dmis.vec import Array
 
 SPLITS = (1, 0.5, 2, 4, 8)
@@ -52,8 +52,8 @@ class Learned:
     size, sigma
         Of the Gaussian, in patches.
     shrink
-        Whether each patch's curve is moved towards the image's by as much as it is uncertain, after the filter
-        (second-moment, see `dmis.shrinkage`).
+        Whether each patch's curve is moved towards that of its kind by as much as it is uncertain, after the filter
+        (second-moment, see `dmis.shrinkage`). Kinds are materials if the filter is ``joint``, else there is but one.
     cost
         Whether cost counts; otherwise variance alone.
     guard
@@ -157,7 +157,7 @@ class Learned:
         curves = Pooled(**means, pixels=pixels)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how sure means are
         times, cost = self._split(curves, area, found)
-        prepare = self._prepare(times, found.shading_samples // 2)
+        prepare = self._prepare(times, found)
         whole = (curves.curve * area).sum(axis=(1, 2))
         maps = {}
         if self.filter == "quadtree":
@@ -177,9 +177,14 @@ class Learned:
         maps |= {"patch": weight, "variance": variance, "variances": curves.variance}
         return Fit(patch_spread(weight, self.patch, shape), maps, samples, times)
 
-    def _prepare(self, times: float, s: int) -> Callable[[Pooled], Pooled]:
+    def _prepare(self, times: float, pilot: Pilot) -> Callable[[Pooled], Pooled]:
         """What is done with curves before weights are chosen."""
-        return lambda curves: shrink(curves.split(times, s)) if self.shrink else curves.split(times, s)
+        s = pilot.shading_samples // 2
+        if not self.shrink:
+            return lambda curves: curves.split(times, s)
+        material = pilot.guides.get("material") if self.guided else None
+        kinds = None if material is None else patch_mean(material, self.patch // BASE)
+        return lambda curves: shrink(curves.split(times, s), kinds)
 
     def _split(self, curves: Pooled, area: Array, pilot: Pilot) -> tuple[float, Array]:
         """How many times the shading samples are best for the image, and what camera samples with them cost."""

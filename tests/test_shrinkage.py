@@ -61,6 +61,36 @@ def test_different_groups_stay() -> None:
     assert np.abs(minima(shrunk) - best).max() < 0.12
 
 
+def test_kinds_do_not_speak_for_one_another() -> None:
+    """Few patches of one material among many of another: both get their own minimum, which one kind for all misses."""
+    few = np.zeros(SHAPE)
+    few[:, :4] = 1
+    curves, _ = planted(np.where(few, 0.73, 0.27), 0.2)
+    minimum = minima(shrink(curves, np.stack([few, 1 - few])))
+    at_few, at_many = (np.abs(minimum[few == k] - best) for k, best in ((1, 0.73), (0, 0.27)))
+    assert np.mean(at_few < 0.12) > 0.95 and np.mean(at_many < 0.12) > 0.95
+    assert np.mean(np.abs(minima(shrink(curves))[few == 1] - 0.73) < 0.12) < 0.8
+
+
+def test_mixed_and_black_kinds() -> None:
+    """A patch of two kinds has a shape in between; a kind without light is no kind; one kind for all is none."""
+    curves, _ = planted(np.where(np.arange(SHAPE[1]) < 12, 0.16, 0.84)[None].repeat(SHAPE[0], 0), 0.05)
+    left = np.zeros(SHAPE)
+    left[:, :12] = 1
+    left[0, 0] = 0.5
+    curve = curves.curve.copy()
+    curve[:, 1, 1] = 0
+    dark = np.zeros(SHAPE)
+    dark[1, 1] = 1
+    kinds = np.stack([left, 1 - left, 0 * left]) * (1 - dark) + dark * np.array([0, 0, 1])[:, None, None]
+    curves = replace(curves, curve=curve, square=np.maximum(curves.square, curve * curve))
+    shrunk = shrink(curves, kinds)
+    assert np.isfinite(shrunk.curve).all() and (shrunk.curve[HALF] >= 0).all()
+    assert 0.16 < minima(shrunk)[0, 0] < 0.84
+    alone = shrink(curves, np.ones((1, *SHAPE)))
+    np.testing.assert_allclose(alone.curve, shrink(curves).curve)
+
+
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.3])
 def test_it_is_closer_to_the_truth(noise: float) -> None:
     """Than both extremes, the patches' own curves and the image's alone, with a continuum of shapes."""
