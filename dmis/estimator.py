@@ -35,6 +35,8 @@ from dmis.vec import Array, Index, Selection, compose, dot, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
+MORE = -1
+"""Tells random numbers beyond the first two of a sample apart from those, in the place of a light's number."""
 
 
 @dataclass(eq=False)
@@ -230,6 +232,9 @@ def _mixture(
                     break
             where = compose(index, chosen)
             u = _draw(batch, key, side, turn, compose(sample, chosen))
+            if own.numbers > 2:
+                more = _draw(batch, (*key, MORE), side, turn, compose(sample, chosen))
+                u = np.concatenate([u, more])[: own.numbers]
             part = points.surface.take(where)
             seen = own.sample(part, light, u)
             share = take(w, chosen)

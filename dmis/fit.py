@@ -285,14 +285,16 @@ RULES: dict[str, Callable[..., Rule]] = {
     "pbrt": lambda **options: Fixed(**{"combiner": "power", **options}),
     "one-sample": lambda **options: Fixed(**{"allocation": "random", **options}),
     "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
+    "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
     "thesis": Thesis,
     "second-moment": partial(_learned, "second-moment"),
     **{name: partial(_learned, name, shrink=False) for name in _RELATIVES},
     "auto": partial(_learned, "second-moment", counts=True, split=True, reuse=False),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
-``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching), ``thesis``;
-``second-moment`` and its relatives in the literature, see `dmis.learned`; ``auto``, the best of them all.
+``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),
+``resampled:W`` (`dmis.resampling` in the place of light sampling), ``thesis``; ``second-moment`` and its relatives in
+the literature, see `dmis.learned`; ``auto``, the best of them all.
 """
 
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis import __version__, control
+from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
 from dmis.fit import Pilot, Rule, make_rule
@@ -96,7 +96,8 @@ def render(
     ----------
     rule
         A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.fit.RULES`. None: ``auto``, or
-        ``balance`` for fewer than `LEARNING` samples or for a number of shading samples that is odd or very large.
+        ``balance`` for fewer than `LEARNING` samples, for a number of shading samples that is odd or very large, or
+        with the technique ``resampled``.
     spp
         Camera samples per pixel, the rule's pilot included.
     seed
@@ -121,13 +122,18 @@ def render(
         If an argument is out of range, or the checkpoint belongs to a different image.
     """
     if rule is None:
-        s = (settings or Settings()).shading_samples
-        rule = "auto" if spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST else "balance"
+        s, exact = (settings or Settings()).shading_samples, _exact(settings or Settings())
+        rule = "auto" if spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST and exact else "balance"
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
     settings = replace(settings or Settings(), **{**given, **rule.settings})
     gather = getattr(rule, "statistic", None)
+    if gather is not None and not _exact(settings):
+        raise ValueError(
+            f"rule {rule_text} learns from densities, and that of technique resampled is not known; rules that learn "
+            f"from variances, such as thesis, and fixed weights do without"
+        )
     controlled = settings.combiner == "controlled"
     if controlled:
         gather = control.statistic(rule.pilot, gather)
@@ -226,6 +232,10 @@ def pilot_settings(settings: Settings, pilot: Mapping[float, int], paired: bool)
         if n % 2:
             raise ValueError(f"{name} must be even for rules that learn from two halves of them; got {n}")
     return replace(settings, shading_samples=2 * settings.shading_samples)
+
+
+def _exact(settings: Settings) -> bool:
+    return all(technique.find(name).exact for name in settings.techniques)
 
 
 def _check(spp: int, pilot_spp: int, seed: int, threads: int | None, rule: str) -> None:

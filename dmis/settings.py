@@ -51,9 +51,12 @@ class Settings:
             raise ValueError(
                 f"techniques must be two names, because w is the share of the first; got {self.techniques}"
             )
-        for name in self.techniques:
-            technique.find(name)
+        techniques = [technique.find(name) for name in self.techniques]
         mis.find(self.combiner)
+        if not all(t.exact for t in techniques) and self.combiner.startswith(("optimal", "controlled")):
+            raise ValueError(
+                f"combiner {self.combiner} needs densities that are known, which those of technique resampled are not"
+            )
         for option, value, allowed in (
             ("allocation", self.allocation, ("systematic", "random")),
             ("lights", self.lights, ("all", "one")),

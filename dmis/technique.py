@@ -1,7 +1,8 @@
 """Sampling techniques: ways to pick a direction for direct lighting.
 
 Each technique is a pair of functions with the same leading arguments: ``sample`` picks directions at surface points and
-tells what they see of a light; ``pdf`` is the density, per solid angle, with which it would pick given directions.
+tells what they see of a light; ``pdf`` is the density, per solid angle, with which it would pick given directions,
+or, where that is not known, what stands in for it in MIS weights (`dmis.resampling`).
 Two techniques are mixed by `dmis.mis`; anything that has these two functions can be one of them.
 """
 
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from dmis.brdf import Pair
 from dmis.light import AreaLight as _AreaLight
 from dmis.light import EnvironmentLight, Seen
+from dmis.resampling import resampled
 from dmis.surface import Surface
 from dmis.vec import Array
 from dmis.warp import TWO_PI, square_to_hemisphere, to_world
@@ -31,15 +33,21 @@ class Technique:
     rays
         The kind under which its occlusion rays are counted.
     sample
-        ``(surface, light, u) -> Seen``, `u` ``(2, N)``.
+        ``(surface, light, u) -> Seen``, `u` ``(numbers, N)``.
     pdf
-        ``(surface, pair, seen) -> (N,)``.
+        ``(surface, pair, light_pdf) -> (N,)``.
+    numbers
+        How many uniform numbers a sample needs, 2 to 4.
+    exact
+        Whether `pdf` is the density of `sample`, and no stand-in.
     """
 
     name: str
     rays: str
     sample: Callable[[Surface, SampledLight, Array], Seen]
     pdf: Callable[[Surface, Pair, Array], Array]
+    numbers: int = 2
+    exact: bool = True
 
 
 def _light_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
@@ -69,8 +77,9 @@ def _uniform_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
 LIGHT = Technique("light", "shadow", _light_sample, _light_pdf)
 BRDF = Technique("brdf", "brdf", _brdf_sample, _brdf_pdf)
 UNIFORM = Technique("uniform", "uniform", _uniform_sample, _uniform_pdf)
+RESAMPLED = Technique("resampled", "shadow", resampled, _light_pdf, numbers=3, exact=False)
 
-TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM)}
+TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)}
 """By name. `UNIFORM`, equal density over the hemisphere, is for teaching: importance sampling improves on it."""
 
 
