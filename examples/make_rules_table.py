@@ -12,7 +12,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from thesis import cell, options, replace_table, show
+from thesis import TABLES, cell, options, replace_table, show
 
 import dmis
 from dmis.curves import HALF
@@ -20,8 +20,6 @@ from dmis.experiment import measure, median_seconds, spp_in_time
 from dmis.oracle import make_oracle
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "rules.md"
-SIZES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}
-"""The thesis's size is divided by this."""
 
 opts, given = options(
     __file__,
@@ -41,7 +39,7 @@ lines = [
     "| second-moment, equal time | auto, equal shading samples | auto, equal time |",
     "|---|---|---|---|---|---|---|---|",
 ]
-for name, shrink in SIZES.items():
+for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 1024))
     oracle = make_oracle(scene, opts.pick(64, 1024), threads=opts.threads, progress=show("oracle"))

@@ -47,6 +47,8 @@ SCENES = {
 
 SHRINK = {"quick": 16, "default": 5, "full": 1}
 """The thesis's size is divided by this."""
+TABLES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}
+"""The same for the tables of docs/rules.md."""
 REFERENCE_SPP = {"quick": 64, "default": 256, "full": 128}
 """Camera samples per pixel of each half of a reference."""
 

@@ -92,3 +92,14 @@ def test_reproduction_table(cache, tmp_path):
         "<!-- shipped: end -->\nafter\n"
     )
     assert text.count("| thesis, patch 8 |") == 4 and "stale" not in text
+
+
+def test_budget_table(cache, tmp_path):
+    """Two rules on four scenes at two budgets, with a sampler."""
+    page = tmp_path / "page.md"
+    page.write_text("", "utf-8")
+    script = ROOT / "examples" / "make_budget_table.py"
+    run(script, cache, "--seeds", "2", "--sampler", "sobol", "--page", page)
+    text = page.read_text("utf-8")
+    assert text.count("| auto |") == text.count("| second-moment |") == 4
+    assert "<!-- budgets sobol: begin -->" in text and "| 16 spp | 32 spp |" in text
