@@ -60,7 +60,12 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--png", metavar="OUT.png", help="also write a preview")
     command.add_argument("--spp", type=int, default=128, help="camera samples per pixel, pilot included (default 128)")
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
-    command.add_argument("--integrator", choices=("direct", "path"), default="direct")
+    command.add_argument(
+        "--integrator",
+        choices=("direct", "path"),
+        default="direct",
+        help="light from the lights alone, or also what other surfaces scatter (default direct)",
+    )
     command.add_argument(
         "--rule",
         help=f"{', '.join(RULES)}; with options, thesis:patch=8,filter=none (default auto; balance for few samples)",
@@ -75,7 +80,12 @@ def _parser() -> argparse.ArgumentParser:
         "--lights", choices=("all", "one"), default="all", help="sample all lights, or one picked at random"
     )
     command.add_argument(
-        "--max-depth", type=int, default=5, help="surfaces visited through mirrors and glass (default 5)"
+        "--max-depth",
+        type=_depth,
+        default=5,
+        metavar="D",
+        help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
+        "lighting, or none for any number (default 5)",
     )
     command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
     command.add_argument(
@@ -148,9 +158,11 @@ def _compare(options: argparse.Namespace) -> int:
     return 0
 
 
+def _depth(text: str) -> int | None:
+    return None if text == "none" else int(text)
+
+
 def _render(options: argparse.Namespace) -> int:
-    if options.integrator == "path":
-        raise ValueError("--integrator path is not available: this version computes direct lighting")
     output = Path(options.output)
     for path in (output, options.png, options.stats, options.checkpoint):
         if path is not None and not Path(path).resolve().parent.is_dir():
@@ -167,7 +179,10 @@ def _render(options: argparse.Namespace) -> int:
             seed=options.seed,
             sampler=options.sampler,
             settings=Settings(
-                shading_samples=options.shading_samples, lights=options.lights, max_depth=options.max_depth
+                shading_samples=options.shading_samples,
+                lights=options.lights,
+                integrator=options.integrator,
+                max_depth=options.max_depth,
             ),
             threads=options.threads,
             progress=progress,

@@ -19,7 +19,8 @@ CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: float = 2) -> Array:
     """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at w = 1/2.
 
-    Shading samples whose direction meets no light, or that the surface does not reflect, trace no ray; how often
+    Where paths go on, a camera sample is as many surface points as there are rays that lead to one. Shading samples
+    whose direction meets no light, or that the surface does not reflect, trace no ray; how often
     that is for either technique shows in the rays of the pilot.
 
     Parameters
@@ -27,6 +28,8 @@ def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, sha
     pilot_samples, shading_samples
         Shading samples of each camera sample, in the pilot and in what is asked for.
     """
-    each = max(rays.get("camera", 0), 1) * pilot_samples / 2  # samples of either technique
+    camera = max(rays.get("camera", 0), 1)
+    points = 1 + rays.get("bounce", 0) / camera
+    each = camera * points * pilot_samples / 2  # samples of either technique
     light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
-    return np.asarray(CAMERA + shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))
+    return np.asarray(points * (CAMERA + shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf)))

@@ -1,8 +1,9 @@
-"""Direct lighting: camera rays in, radiance out, one batch per bounce.
+"""Direct lighting and path tracing: camera rays in, radiance out, one batch per bounce.
 
-Follow one camera sample: its ray meets a surface (`direct`); each light is sampled by two techniques, S shading
+Follow one camera sample: its ray meets a surface (`radiance`); each light is sampled by two techniques, S shading
 samples in all (`_mixture`); a shading sample is a direction, the BRDF and the light's radiance there, a weight, and
-an occlusion ray (`_shade`). Mirrors and glass send the sample on, to be shaded where it arrives.
+an occlusion ray (`_shade`). Mirrors and glass send the sample on, to be shaded where it arrives; in path tracing every
+surface does (`dmis.bounce`).
 
 The radiance reflected at p towards wo is the integral over wi of ``f = f_r(wo, wi) L(wi) |n.wi| V(wi)``. With
 densities p_l (light sampling), p_b (BRDF sampling) and the share w of light samples, the balance heuristic estimates
@@ -17,11 +18,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from dmis import mis, technique
+from dmis.bounce import Rays, bounce, merge, scatter
 from dmis.brdf import Pair
 from dmis.intersect import RayCaster
 from dmis.light import DeltaLight, Seen
@@ -31,12 +32,12 @@ from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
-from dmis.vec import Array, Index, Selection, compose, dot, take
+from dmis.vec import Array, Index, Selection, compose, dot, indices, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
-MORE = -1
-"""Tells random numbers beyond the first two of a sample apart from those, in the place of a light's number."""
+MORE, CONTINUE = -1, -2
+"""In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""
 
 
 @dataclass(eq=False)
@@ -124,20 +125,8 @@ class _Points:
     out: Array
 
 
-@dataclass(eq=False)
-class _Rays:
-    """Rays in flight: camera sample numbers ``(N,)`` (None: all, in order), and what they will be multiplied by."""
-
-    origin: Array
-    direction: Array
-    sample: Selection | None
-    throughput: Array | None
-    depth: int
-    path: tuple[int, ...]
-
-
-def direct(batch: Batch, origin: Array, direction: Array) -> Array:
-    """Radiance along camera rays by direct lighting.
+def radiance(batch: Batch, origin: Array, direction: Array) -> Array:
+    """Radiance along camera rays, by the settings' integrator.
 
     Parameters
     ----------
@@ -148,44 +137,76 @@ def direct(batch: Batch, origin: Array, direction: Array) -> Array:
     -------
     ``(3, N)`` float32 linear RGB.
     """
-    radiance = np.zeros(direction.shape, np.float32)
-    pending = [_Rays(origin, direction, None, None, 0, ())]
+    found = np.zeros(direction.shape, np.float32)
+    pending = [Rays(origin, direction, None, None, 0, ())]
     while pending:
         rays = pending.pop()
-        for part in _visit(batch, rays, pending):
-            _add(radiance, *part)
-    return radiance
+        onward: list[Rays] = []
+        for part in _visit(batch, rays, onward):
+            _add(found, *part)
+        if onward and batch.settings.integrator == "path":
+            pending.append(merge(onward, direction.shape[1]))
+        else:
+            pending += onward
+    return found
 
 
-def _visit(batch: Batch, rays: _Rays, pending: list[_Rays]) -> Iterator[tuple[Array, Selection | None]]:
-    """Trace rays and shade what they meet; yields radiance ``(3, K)`` and camera sample numbers ``(K,)``."""
-    scene, plan = batch.scene, batch.scene.plan
+def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array, Selection | None]]:
+    """Trace rays and shade what they meet; yields radiance ``(3, K)`` and camera sample numbers ``(K,)``.
+
+    Rays that go on are appended to `onward`.
+    """
+    scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
     hits = batch.caster.closest(rays.origin, rays.direction)
-    batch.rays["camera" if rays.depth == 0 else "specular"] += len(hits.prim)
+    kind = "bounce" if settings.integrator == "path" else "specular"
+    batch.rays["camera" if rays.depth == 0 else kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment:
-        missed = _where(hits.prim < 0)
+        missed = indices(hits.prim < 0 if rays.sees is True else (hits.prim < 0) & rays.sees)
         if missed is None or len(missed):
             for light in plan.environment:
                 yield _onward(rays, missed, light.radiance(take(rays.direction, missed)))
+    last = settings.max_depth is not None and rays.depth >= settings.max_depth
     for number, group in enumerate(plan.groups):
-        index = _where(group_of == number)
+        if last and group.emission is None:
+            continue
+        index = indices(group_of == number)
         if index is not None and len(index) == 0:
             continue
         surface, emission = scene.surface(group, hits, index, rays.direction)
-        sample = compose(rays.sample, index)
+        sample, throughput = compose(rays.sample, index), _take(rays.throughput, index)
         out = np.zeros(surface.wo.shape, np.float32)
         if emission is not None:
-            out += emission
-        throughput = _take(rays.throughput, index)
-        if group.glossy:
+            out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
+        if group.glossy and not last:
             _light(batch, _Points(surface, sample, throughput, rays.path, out))
         yield _onward(rays, index, out)
-        if rays.depth + 1 < batch.settings.max_depth:
-            for k, lobe in enumerate(surface.delta):
-                following = _scatter(scene, surface, lobe, sample, throughput)
-                if following is not None:
-                    pending.append(_Rays(*following, rays.depth + 1, (*rays.path, k)))
+        if not last:
+            onward += _continue(batch, rays, surface, sample, throughput)
+
+
+def _continue(
+    batch: Batch, rays: Rays, surface: Surface, sample: Selection | None, throughput: Array | None
+) -> Iterator[Rays]:
+    """The rays that go on from the points of one group: one per point in path tracing, else one per delta lobe."""
+    settings, epsilon = batch.settings, batch.scene.epsilon
+    ends = settings.max_depth is not None and rays.depth + 1 >= settings.max_depth
+    if settings.integrator == "path":
+        if ends and not surface.delta:  # the light that one more surface would send was gathered here
+            return
+        u = batch.sampler.draw((*rays.path, CONTINUE), sample)
+        following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, epsilon)
+        if following is not None:
+            yield following
+        return
+    for k, lobe in enumerate(surface.delta if not ends else ()):
+        origin, direction, factor = scatter(surface, lobe, epsilon)
+        if throughput is not None:
+            factor = factor * throughput
+        index = indices(factor.max(axis=0) > 0)
+        if index is None or len(index):
+            origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
+            yield Rays(origin, direction, compose(sample, index), factor, rays.depth + 1, (*rays.path, k))
 
 
 def _light(batch: Batch, points: _Points) -> None:
@@ -196,7 +217,7 @@ def _light(batch: Batch, points: _Points) -> None:
     if batch.settings.lights == "one" and len(lights) > 1:
         picked = batch.rng.integers(len(lights), size=points.out.shape[1], dtype=np.int16)
     for k, light in enumerate(lights):
-        index = None if picked is None else _where(picked == k)
+        index = None if picked is None else indices(picked == k)
         if index is not None and len(index) == 0:
             continue
         scale = np.float32(1 if picked is None else len(lights))
@@ -275,7 +296,7 @@ def _shade(
 
     Returns which of them have a direction that meets a light, and the own and the other technique's densities there.
     """
-    lit = _where(seen.emits & (dot(surface.ng, seen.wi) > 0))
+    lit = indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
     if lit is not None and len(lit) == 0:
         return lit, np.zeros(0, np.float32), np.zeros(0, np.float32)
     surface, wi, w = surface.take(lit), take(seen.wi, lit), take(w, lit)
@@ -287,7 +308,7 @@ def _shade(
     factor = heuristic(share * p_own, other_share * p_other, side == 0) * pair.cos_i
     factor *= scale / np.float32(batch.settings.shading_samples)
     f = surface.eval(pair) * (factor * (p_own > 0))
-    alive = _where((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
+    alive = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
     value = np.zeros((3, 0), np.float32)
     if alive is None or len(alive):
         both = compose(lit, alive)
@@ -329,7 +350,7 @@ def _delta(
     """Add what the points `index` reflect of a light that has a single direction."""
     surface = points.surface.take(index)
     seen = light.sample(surface.p)
-    lit = _where(seen.emits & (dot(surface.ng, seen.wi) > 0))
+    lit = indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
     if lit is not None and len(lit) == 0:
         return
     surface, wi = surface.take(lit), take(seen.wi, lit)
@@ -346,33 +367,11 @@ def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array)
     return ~batch.caster.occluded(origin, wi, distance * SHADOW_END)
 
 
-def _scatter(
-    scene: Scene, surface: Surface, lobe: Any, sample: Selection | None, throughput: Array | None
-) -> tuple[Array, Array, Selection | None, Array] | None:
-    """Follow a delta lobe: origins, directions, camera sample numbers and throughput of the rays that go on."""
-    wi, factor = lobe.scatter(surface)
-    factor = np.broadcast_to(factor if throughput is None else factor * throughput, wi.shape)
-    index = _where(factor.max(axis=0) > 0)
-    if index is not None and len(index) == 0:
-        return None
-    wi, factor, ng = take(wi, index), take(factor, index), take(surface.ng, index)
-    # p lies on wo's side of the surface; what goes through begins on the other
-    through = dot(ng, wi) < 0
-    origin = take(surface.p, index) - ng * (2 * scene.epsilon * through)
-    return origin, wi, compose(sample, index), factor
-
-
-def _onward(rays: _Rays, index: Selection | None, radiance: Array) -> tuple[Array, Selection | None]:
+def _onward(rays: Rays, index: Selection | None, radiance: Array) -> tuple[Array, Selection | None]:
     """Radiance found by the rays `index`, as it arrives at the camera, and the camera samples it belongs to."""
     if rays.throughput is not None:
         radiance = radiance * take(rays.throughput, index)
     return radiance, compose(rays.sample, index)
-
-
-def _where(condition: np.ndarray) -> Index | None:
-    """Indices at which `condition` holds; None if it holds everywhere, so that nothing needs to be gathered."""
-    index = np.flatnonzero(condition)
-    return None if len(index) == len(condition) else index
 
 
 def _run(condition: np.ndarray) -> slice | None:

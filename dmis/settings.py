@@ -9,6 +9,8 @@ from dmis.samplers import KINDS, Kind
 
 MOST = 100
 """Shading samples of a camera sample."""
+DEEPEST = 10_000
+"""Surfaces that a camera sample visits."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,13 @@ class Settings:
         ``systematic`` or ``random``, see `dmis.mis`.
     lights
         ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
+    integrator
+        ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
+        has been scattered by other surfaces too.
     max_depth
-        Number of surfaces that a camera sample may visit through mirrors and glass.
+        Of ``direct``: surfaces that a camera sample may visit through mirrors and glass. Of ``path``: surfaces that
+        may scatter light on its way from a light to the camera, 1 being direct lighting; None: any number, ended by
+        Russian roulette.
     sampler
         ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
     reuse_pilot
@@ -40,7 +47,8 @@ class Settings:
     combiner: str = "balance"
     allocation: str = "systematic"
     lights: str = "all"
-    max_depth: int = 5
+    integrator: str = "direct"
+    max_depth: int | None = 5
     sampler: Kind = "independent"
     reuse_pilot: bool = True
 
@@ -58,6 +66,7 @@ class Settings:
                 f"combiner {self.combiner} needs densities that are known, which those of technique resampled are not"
             )
         for option, value, allowed in (
+            ("integrator", self.integrator, ("direct", "path")),
             ("allocation", self.allocation, ("systematic", "random")),
             ("lights", self.lights, ("all", "one")),
             ("sampler", self.sampler, KINDS),
@@ -73,5 +82,7 @@ class Settings:
                 f"combiner optimal-progressive needs sampler independent, because structured samples depend on earlier "
                 f"ones, and so on the fit to these; got {self.sampler!r}"
             )
-        if not 1 <= self.max_depth <= 100:
-            raise ValueError(f"max_depth must be between 1 and 100; got {self.max_depth}")
+        if self.max_depth is None and self.integrator != "path":
+            raise ValueError("max_depth must be a number with integrator direct, because mirrors may face each other")
+        if self.max_depth is not None and not 1 <= self.max_depth <= DEEPEST:
+            raise ValueError(f"max_depth must be between 1 and {DEEPEST}; got {self.max_depth}")

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from dmis.combine import COLLECTORS, slot
-from dmis.estimator import Batch, Record, direct
+from dmis.estimator import Batch, Record, radiance
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
 from dmis.samplers import make_sampler, stream
@@ -142,18 +142,18 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         share = w if w.ndim == 0 else w.take(pixel)
         control = None if tile.control is None else tile.control.take(pixel, axis=1)
         batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control)
-        radiance = direct(batch, origin, direction)
+        values = radiance(batch, origin, direction)
         if collector is not None:
             collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
-            radiance = _back(order, radiance)
+            values = _back(order, values)
             records = [replace(record, sample=compose(order, record.sample)) for record in records or ()]
         if statistic is not None:
-            statistic.add(records or [], radiance, blocks[0].count)
+            statistic.add(records or [], values, blocks[0].count)
         begin = 0
         for block in blocks:
             end = begin + block.count * len(block.pixels)
-            samples = radiance[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
+            samples = values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
             total = _merge(total, Moments.of(samples), block.pixels if np.ndim(tile.spp) else None, pixels)
             begin = end
     assert total is not None

@@ -65,6 +65,12 @@ def take(a: Array, index: Selection | None) -> Array:
     return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1)
 
 
+def indices(condition: np.ndarray) -> Index | None:
+    """Indices at which `condition` holds; None if it holds everywhere, so that nothing needs to be gathered."""
+    index = np.flatnonzero(condition)
+    return None if len(index) == len(condition) else index
+
+
 def compose(outer: Selection | None, inner: Selection | None) -> Selection | None:
     """The selection `inner` from the selection `outer`, where None means everything."""
     if outer is None or inner is None:

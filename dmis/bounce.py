@@ -1,0 +1,166 @@
+"""Rays that go on from a surface: through mirrors and glass, or along a path that a BRDF scatters.
+
+*Direct lighting* follows every delta lobe of a surface, each as a batch of its own. *Path tracing* continues with one
+direction per point, picked among the lobes, so that paths do not branch; all that go on from one depth are one batch.
+Light is gathered at each surface by the same mixture of techniques (next-event estimation with MIS), so what a
+continued ray meets counts as emission only if a delta lobe sent it: other directions had it in their mixture.
+
+A path's throughput is ``f_r cos / pdf`` multiplied along it. From depth `ROULETTE` on it survives with the probability
+q of its largest throughput, at most 1, and counts 1 / q times (Russian roulette, Arvo and Kirk 1990): unbiased, because
+its contribution is right in the mean whatever q is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf import Pair
+from dmis.surface import Surface
+from dmis.vec import Array, Selection, compose, dot, indices, take
+
+ROULETTE = 3
+"""Depth from which on paths of little throughput are ended at random."""
+
+
+@dataclass(eq=False)
+class Rays:
+    """Rays in flight.
+
+    Attributes
+    ----------
+    sample
+        Camera sample numbers, ``(N,)``, rising; None: all, in order.
+    throughput
+        What they will be multiplied by, ``(3, N)``; None: nothing.
+    depth
+        Surfaces that scattered them.
+    path
+        What led here, to tell random numbers apart.
+    sees
+        Whether lights that they meet count, ``(N,)`` bool, or one for all.
+    """
+
+    origin: Array
+    direction: Array
+    sample: Selection | None
+    throughput: Array | None
+    depth: int
+    path: tuple[int, ...]
+    sees: np.ndarray | bool = True
+
+
+def scatter(surface: Surface, lobe: Any, epsilon: np.float32) -> tuple[Array, Array, Array]:
+    """Origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on."""
+    wi, factor = lobe.scatter(surface)
+    # p lies on wo's side of the surface; what goes through begins on the other
+    through = dot(surface.ng, wi) < 0
+    return surface.p - surface.ng * (2 * epsilon * through), wi, np.broadcast_to(factor, wi.shape)
+
+
+def bounce(
+    surface: Surface,
+    sample: Selection | None,
+    throughput: Array | None,
+    depth: int,
+    u: Array,
+    rng: np.random.Generator,
+    epsilon: np.float32,
+) -> Rays | None:
+    """Continue the paths at N points, each in one direction; None if none goes on.
+
+    Parameters
+    ----------
+    sample, throughput, depth
+        Of the rays that came here.
+    u
+        Uniform numbers for directions, ``(2, N)``.
+    rng
+        For the choice among lobes, and for roulette.
+    """
+    n = len(surface.cos_o)
+    ways: list[Any] = [*surface.delta, *([None] if surface.glossy else [])]
+    if not ways:
+        return None
+    origin, direction, factor = np.empty((3, 3, n), np.float32)
+    sees = np.zeros(n, bool)
+    for way, index, chance in _choose(surface, ways, n, rng):
+        part = surface.take(index)
+        at: Any = slice(None) if index is None else index
+        if way is None:
+            wi = part.sample(take(u, index))
+            found = part.p, wi, _reflected(part, wi)
+        else:
+            found = scatter(part, surface.take(index).delta[way], epsilon)
+            sees[at] = True
+        for out, value in zip((origin, direction, factor), (*found[:2], found[2] / chance), strict=True):
+            out[:, at] = value
+    if throughput is not None:
+        factor *= throughput
+    largest = factor.max(axis=0)
+    alive = largest > 0
+    if depth + 1 >= ROULETTE:
+        survival = np.minimum(largest, np.float32(1))
+        alive &= rng.random(n, dtype=np.float32) < survival
+        factor /= np.maximum(survival, np.float32(1e-30))
+    index = indices(alive)
+    if index is not None and len(index) == 0:
+        return None
+    origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
+    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), take(sees, index))
+
+
+def merge(parts: Sequence[Rays], samples: int) -> Rays:
+    """Rays of one depth as one batch, in the order of their camera samples, of which there are `samples`."""
+    if len(parts) == 1:
+        return parts[0]
+    numbers = [np.arange(samples) if p.sample is None else np.arange(samples)[p.sample] for p in parts]
+    sample = np.concatenate(numbers)
+    order = np.argsort(sample, kind="stable")
+    fields = zip(*((p.origin, p.direction, _throughput(p)) for p in parts), strict=True)
+    origin, direction, throughput = (np.concatenate(f, axis=1).take(order, axis=1) for f in fields)
+    sees = np.concatenate([np.broadcast_to(p.sees, p.origin.shape[1]) for p in parts])[order]
+    return Rays(origin, direction, sample[order], throughput, parts[0].depth, parts[0].path, sees)
+
+
+def _throughput(rays: Rays) -> Array:
+    return np.ones(rays.origin.shape, np.float32) if rays.throughput is None else rays.throughput
+
+
+def _reflected(surface: Surface, wi: Array) -> Array:
+    """``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
+    pair = Pair(surface, wi)
+    pdf = surface.pdf(pair)
+    accepted = (pdf > 0) & (dot(surface.ng, wi) > 0)
+    factor = pair.cos_i / np.where(accepted, pdf, 1) * accepted
+    return np.broadcast_to(surface.eval(pair) * factor, wi.shape)
+
+
+def _choose(
+    surface: Surface, ways: list[Any], n: int, rng: np.random.Generator
+) -> list[tuple[int | None, Selection | None, Array | np.float32]]:
+    """Divide the points among the lobes: number of the delta lobe (None: the glossy ones), points, probability.
+
+    Delta lobes are picked in proportion to what they let through, glossy ones share what is left of 1, and get at
+    least a tenth.
+    """
+    if len(ways) == 1:
+        return [(None if ways[0] is None else 0, None, np.float32(1))]
+    wanted = np.zeros((len(ways), n), np.float32)
+    for k, lobe in enumerate(surface.delta):
+        wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
+    if surface.glossy:
+        wanted[-1] = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
+    reached = np.cumsum(wanted, axis=0)
+    total = np.maximum(reached[-1], np.float32(1e-30))
+    chosen = np.minimum((reached <= rng.random(n, dtype=np.float32) * total).sum(axis=0), len(ways) - 1)
+    out: list[tuple[int | None, Selection | None, Array | np.float32]] = []
+    for k, way in enumerate(ways):
+        index = indices(chosen == k)
+        if index is None or len(index):
+            chance = np.maximum(take(wanted[k] / total, index), np.float32(1e-30))
+            out.append((None if way is None else k, index, chance))
+    return out
