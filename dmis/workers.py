@@ -125,12 +125,15 @@ class Workers:
             self._executor = self._pool()
             return
         first = lost[0]
-        again = f"in {ATTEMPTS} new pools in a row " if self._own else ""
+        again, hint = "", ", or if the scheduler of a cluster does"
+        if self._own:
+            again = f"in {ATTEMPTS} new pools in a row "
+            hint = "; or, in a script, if what starts the rendering is not under `if __name__ == '__main__':`"
         raise ChildProcessError(
             f"{len(lost)} tiles were lost {again}with the workers that rendered them, the first at rows "
             f"{first.rows[0]} to {first.rows[1]}, columns {first.columns[0]} to {first.columns[1]} "
-            f"({type(reason).__name__}: {reason}). Workers die if memory runs out; or, in a script, if what starts the "
-            "rendering is not under `if __name__ == '__main__':`"
+            f"({type(reason).__name__}: {reason}). Tiles are lost if memory runs out{hint}. "
+            "Finished ones are kept if there is a checkpoint"
         ) from reason
 
     def _pool(self) -> ProcessPoolExecutor:

@@ -4,10 +4,14 @@ import multiprocessing
 import os
 import pickle
 import signal
+import subprocess
+import sys
+import time
 import weakref
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +102,41 @@ def test_pools_that_always_die_are_given_up(wide, monkeypatch):
     with pytest.raises(ChildProcessError, match="15 tiles were lost in 3 new pools in a row"):
         dmis.render(wide, "balance", 32, workers=1)
     assert len(made) == 3
+
+
+def test_processes_end_with_the_one_that_started_them(tmp_path):
+    """Killed with -9, it leaves neither workers nor the scene's file behind."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    command = [sys.executable, script]
+    environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(dmis.__file__).parent.parent)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        pids = process.stdout.readline().split()
+        assert len(pids) == 2 and len(list(tmp_path.glob("dmis-scene-*"))) == 1
+        process.kill()
+    end = time.monotonic() + 20
+    while any(map(_runs, pids)) or list(tmp_path.glob("dmis-scene-*")):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+SCRIPT = """
+import multiprocessing
+import dmis
+
+def tell(*_):
+    print(*(child.pid for child in multiprocessing.active_children()), flush=True)
+
+if __name__ == "__main__":
+    dmis.render(dmis.load_scene("teapot-area-light", (400, 400)), "balance", 256, workers=2, progress=tell)
+"""
+
+
+def _runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 class Inline(Executor):
