@@ -92,3 +92,14 @@ def test_reproduction_table(cache, tmp_path):
         "<!-- shipped: end -->\nafter\n"
     )
     assert text.count("| thesis, patch 8 |") == 4 and "stale" not in text
+
+
+def test_cluster_tables(cache, tmp_path):
+    """Three tables, of bytes, of renders with the same bits, and of what follows for many workers."""
+    pytest.importorskip("distributed")
+    page = tmp_path / "page.md"
+    page.write_text("before\n", "utf-8")
+    run(ROOT / "examples" / "measure_cluster.py", cache, "--page", page)
+    text = page.read_text("utf-8")
+    assert text.startswith("before\n") and "| 2 worker processes |" in text and "**extrapolated**" in text
+    assert "nan" not in text and "inf" not in text
