@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
 import resource
+import shlex
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-from dmis import __version__
+from dmis import __version__, camera
 from dmis.bench import HEADER, bench_row
 from dmis.compare import compare, load_reference, split_rules
+from dmis.files import check_writable, replacing
 from dmis.fit import RULES
 from dmis.image import write_image, write_png
 from dmis.load import SHIPPED, load_scene
@@ -28,6 +33,9 @@ from dmis.render import Progress, Result, render
 from dmis.replay import embree_seconds
 from dmis.samplers import KINDS
 from dmis.settings import Settings
+
+PATIENCE = 30.0
+"""Seconds to wait for a cluster."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,9 +49,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"dmis: error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        kept = f"; finished tiles are kept in {options.checkpoint}" if getattr(options, "checkpoint", None) else ""
-        print(f"dmis: interrupted{kept}", file=sys.stderr)
+        print(f"dmis: interrupted{_kept(options, arguments)}", file=sys.stderr)
         return 130
+
+
+def _kept(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
+    """What an interrupted command leaves, and how to go on."""
+    path = getattr(options, "checkpoint", None)
+    if path is None or not Path(path).exists():
+        return ""
+    command = shlex.join(["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)])
+    return f"; finished tiles are kept in {path}. To go on, give the same command:\n  {command}"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -71,7 +87,10 @@ def _parser() -> argparse.ArgumentParser:
         help=f"{', '.join(RULES)}; with options, thesis:patch=8,filter=none (default auto; balance for few samples)",
     )
     command.add_argument("--seed", type=int, default=0)
-    command.add_argument("--threads", type=int, help="default: one per processor")
+    where = command.add_mutually_exclusive_group()
+    where.add_argument("--threads", type=int, help="default: one per processor")
+    where.add_argument("--workers", type=int, metavar="N", help="processes in place of threads")
+    where.add_argument("--cluster", metavar="ADDRESS", help="a Dask scheduler, such as tcp://10.0.0.1:8786")
     command.add_argument("--sampler", choices=KINDS, default="independent")
     command.add_argument(
         "--shading-samples", type=int, default=2, help="light or BRDF samples per camera sample (default 2)"
@@ -128,6 +147,10 @@ def _resolution(text: str) -> tuple[int, int]:
     width, x, height = text.lower().partition("x")
     if not (x and width.isdecimal() and height.isdecimal()):
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 342x256; got {text!r}")
+    try:
+        camera.check_resolution(int(width), int(height))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     return int(width), int(height)
 
 
@@ -164,14 +187,16 @@ def _depth(text: str) -> int | None:
 
 def _render(options: argparse.Namespace) -> int:
     output = Path(options.output)
-    for path in (output, options.png, options.stats, options.checkpoint):
-        if path is not None and not Path(path).resolve().parent.is_dir():
-            raise FileNotFoundError(f"cannot write {path}: its directory does not exist")
     if output.suffix.lower() not in (".exr", ".png"):
         raise ValueError(f"-o must end in .exr (or .png for a preview); got {output}")
-    threads = options.threads or os.cpu_count() or 1
+    files = [path for path in (output, options.png, options.stats, options.checkpoint) if path is not None]
+    for path in files:
+        check_writable(path)
+    threads = options.threads or options.workers or os.cpu_count() or 1
     scene = load_scene(options.scene, resolution=options.resolution)
-    with _progress_bar(options.quiet) as progress:
+    for path in files:
+        check_writable(path, 32 * math.prod(scene.camera.resolution) + 2**16)  # eight channels and their description
+    with _cluster(options.cluster) as executor, _progress_bar(options.quiet) as progress:
         result = render(
             scene,
             options.rule,
@@ -185,6 +210,8 @@ def _render(options: argparse.Namespace) -> int:
                 max_depth=options.max_depth,
             ),
             threads=options.threads,
+            workers=options.workers,
+            executor=executor,
             progress=progress,
             checkpoint=options.checkpoint,
         )
@@ -193,13 +220,36 @@ def _render(options: argparse.Namespace) -> int:
         write_png(options.png, result.image)
     if options.stats:
         floor = embree_seconds(scene, result.tiles, threads)
-        Path(options.stats).write_text(json.dumps(_stats(result, floor, threads), indent=2) + "\n")
+        with replacing(options.stats) as partial:
+            partial.write_text(json.dumps(_stats(result, floor, threads), indent=2) + "\n")
     if not options.quiet:
         seconds = result.seconds["total"]
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
         rule = result.provenance["rule"]
         print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
     return 0
+
+
+@contextmanager
+def _cluster(address: str | None) -> Iterator[Executor | None]:
+    """The Dask cluster at `address`; None: none."""
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError("--cluster needs Dask: pip install 'dmis[cluster]'") from error
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except OSError as error:
+        raise ValueError(f"no Dask scheduler answers at {address}: {error}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError as error:
+            raise ValueError(f"the Dask scheduler at {address} has no workers") from error
+        yield client.get_executor(pure=False)
 
 
 def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:

@@ -10,6 +10,12 @@ import numpy as np
 from dmis.vec import TINY, Array
 
 
+def check_resolution(width: int, height: int) -> None:
+    """Refuse an image that is empty or too large, before memory is taken for it."""
+    if not (1 <= width <= 65535 and 1 <= height <= 65535 and width * height <= 2**25):
+        raise ValueError(f"resolution must be 1 to 65535 on a side and at most 2**25 pixels; got {width}x{height}")
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A pinhole camera with a box filter of one pixel.
@@ -43,8 +49,7 @@ class Camera:
                 f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}"
             )
         width, height = self.resolution
-        if not (1 <= width <= 65535 and 1 <= height <= 65535 and width * height <= 2**25):
-            raise ValueError(f"resolution must be 1 to 65535 on a side and at most 2**25 pixels; got {width}x{height}")
+        check_resolution(width, height)
         (left, top), (wide, high) = self.corner, self.frame or self.resolution
         if not (0 <= left <= wide - width and 0 <= top <= high - height):
             raise ValueError(

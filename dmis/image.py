@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.files import replacing
 from dmis.vec import Array
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def write_exr(
     ValueError
         If the extension is not .exr, or a layer has another shape.
     OSError
-        If the directory does not exist.
+        If the directory does not exist, or the disk is full: a file that was there before is then left as it was.
     """
     import OpenEXR  # imported where used: it is not needed to render
 
@@ -65,10 +66,11 @@ def write_exr(
         "type": OpenEXR.scanlineimage,
         **(attributes or {}),
     }
-    partial = path.with_name(path.name + ".partial")
-    with OpenEXR.File(header, channels) as file:
-        file.write(os.fspath(partial))
-    os.replace(partial, path)
+    with replacing(path) as partial, OpenEXR.File(header, channels) as file:
+        try:
+            file.write(os.fspath(partial))
+        except RuntimeError as error:
+            raise OSError(f"cannot write {path}: {error}") from error
 
 
 def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, str]]:
@@ -109,4 +111,5 @@ def write_png(path: str | os.PathLike[str], image: Array) -> None:
         from matplotlib.image import imsave
     except ImportError as error:
         raise ValueError("writing PNG needs matplotlib: pip install 'dmis[plot]', or write .exr instead") from error
-    imsave(os.fspath(path), tonemap(image).astype(np.float32))
+    with replacing(path) as partial:
+        imsave(os.fspath(partial), tonemap(image).astype(np.float32), format="png")

@@ -8,12 +8,14 @@ variance would not be.) Work is cut into tiles (`dmis.tile`) for any `concurrent
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import pickle
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -22,20 +24,23 @@ import numpy as np
 from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
+from dmis.files import check_writable
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.guides import guides
 from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
 from dmis.settings import MOST, Settings
-from dmis.tile import Rendered, Statistic, Tile, render_tile, split
+from dmis.tile import Statistic, Tile, split
 from dmis.variance import Moments
 from dmis.vec import Array
+from dmis.workers import Workers
 
 Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
 LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
+_SAVED = 48  # bytes that a checkpoint has for a pixel and pass, sums aside
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +91,7 @@ def render(
     sampler: Kind | None = None,
     settings: Settings | None = None,
     threads: int | None = None,
+    workers: int | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -107,19 +113,25 @@ def render(
     settings
         Estimator settings; a rule's own settings (its combiner, its sampler) replace those.
     threads
-        Number of threads if no executor is given; default: one per processor.
+        Number of threads if neither workers nor an executor are given; default: one per processor.
+    workers
+        Number of processes in place of threads. Tiles of one that dies are rendered again. A script must then start
+        from under ``if __name__ == "__main__":``.
     executor
-        Where tiles are rendered; any `concurrent.futures.Executor`.
+        Where tiles are rendered in place of these: any `concurrent.futures.Executor`, Dask's
+        ``Client.get_executor(pure=False)`` among them. It is not shut down.
     progress
         Called in this thread after each tile.
     checkpoint
-        A file that finished tiles are saved to every few seconds and when interrupted; if it exists, rendering goes
-        on from it. It is removed at the end.
+        A file that every finished tile is saved to; if it exists, rendering goes on from it. It is removed at the
+        end.
 
     Raises
     ------
     ValueError
-        If an argument is out of range, or the checkpoint belongs to a different image.
+        If an argument is out of range, or the checkpoint is damaged, in use, or belongs to a different image.
+    OSError
+        If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
     if rule is None:
         s, exact = (settings or Settings()).shading_samples, _exact(settings or Settings())
@@ -139,7 +151,8 @@ def render(
         gather = control.statistic(rule.pilot, gather)
     learning = pilot_settings(settings, rule.pilot, gather is not None)
     pilot_spp = sum(rule.pilot.values())
-    _check(spp, pilot_spp, seed, threads, rule_text)
+    _check(spp, pilot_spp, seed, rule_text)
+    _check_workers(threads, workers, executor)
     provenance = {
         "dmis": __version__,
         "scene": scene.name,
@@ -150,11 +163,11 @@ def render(
         "seed": seed,
         "settings": asdict(settings),
     }
-    owned = None
-    if executor is None:
-        executor = owned = ThreadPoolExecutor(threads or os.cpu_count() or 1)
+    if checkpoint is not None:
+        check_writable(checkpoint, _SAVED * math.prod(scene.camera.resolution) * (len(rule.pilot) + 1))
     store = Store(checkpoint, provenance)
-    work = _Work(scene, seed, executor, progress, store)
+    crew = Workers(scene, executor, threads, workers)
+    work = _Work(scene, seed, crew, progress, store)
     try:
         scene.prepare()
         begin = time.perf_counter()
@@ -180,12 +193,10 @@ def render(
         final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta).moments
         end = time.perf_counter()
     except BaseException:
-        store.save()
-        if owned is not None:
-            owned.shutdown(wait=False, cancel_futures=True)
+        store.close()
+        crew.close(now=True)
         raise
-    if owned is not None:
-        owned.shutdown()
+    crew.close()
     pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
     parts = [(final, mean)]
     if settings.reuse_pilot:
@@ -238,7 +249,7 @@ def _exact(settings: Settings) -> bool:
     return all(technique.find(name).exact for name in settings.techniques)
 
 
-def _check(spp: int, pilot_spp: int, seed: int, threads: int | None, rule: str) -> None:
+def _check(spp: int, pilot_spp: int, seed: int, rule: str) -> None:
     if spp < 1 or spp != int(spp):
         raise ValueError(f"spp must be a whole number of at least 1; got {spp}")
     if spp <= pilot_spp:
@@ -250,8 +261,17 @@ def _check(spp: int, pilot_spp: int, seed: int, threads: int | None, rule: str) 
         raise ValueError(f"spp must be at most 2**20; got {spp}")
     if seed < 0 or seed != int(seed):
         raise ValueError(f"seed must be a whole number that is not negative; got {seed}")
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1; got {threads}")
+
+
+def _check_workers(threads: int | None, workers: int | None, executor: Executor | None) -> None:
+    for name, number in (("threads", threads), ("workers", workers)):
+        if number is not None and number < 1:
+            raise ValueError(f"{name} must be at least 1; got {number}")
+    given = {"threads": threads, "workers": workers, "executor": executor}
+    if len(names := [name for name, value in given.items() if value is not None]) > 1:
+        raise ValueError(
+            f"tiles are rendered by threads, workers or an executor, not by more; got {' and '.join(names)}"
+        )
 
 
 def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
@@ -292,12 +312,12 @@ class _Work:
         self,
         scene: Scene,
         seed: int,
-        executor: Executor,
+        workers: Workers,
         progress: Progress | None,
         store: Store,
     ) -> None:
         self._scene, self._seed = scene, seed
-        self._executor, self._progress, self._store = executor, progress, store
+        self._workers, self._progress, self._store = workers, progress, store
         self.rays: Counter[str] = Counter()
         self.tiles: list[Tile] = []
 
@@ -324,25 +344,16 @@ class _Work:
             tiles.append(tile)
         self.tiles.extend(tiles)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
-        waiting: dict[Future[Rendered], Tile] = {}
-        total, finished = sum(_samples(tile) for tile in tiles), 0
-        for tile in sorted(tiles, key=_samples, reverse=True):  # so that no large one is waited for at the end
-            if stored.done[tile.number]:
+        tiles.sort(key=_samples, reverse=True)  # so that no large one is waited for at the end
+        missing = [tile for tile in tiles if not stored.done[tile.number]]
+        total = sum(map(_samples, tiles))
+        finished = total - sum(map(_samples, missing))
+        with closing(self._workers.render(missing)) as results:
+            for tile, rendered in results:
+                self._store.put(tile, rendered)
                 finished += _samples(tile)
-            else:
-                waiting[self._executor.submit(render_tile, self._scene, tile)] = tile
-        try:
-            for future in as_completed(list(waiting)):
-                tile, rendered = waiting.pop(future), future.result()
-                stored.put(tile, rendered)
-                finished += _samples(tile)
-                self._store.tick()
                 if self._progress:
                     self._progress(stage, finished, total)
-        except BaseException:
-            for future in waiting:
-                future.cancel()
-            raise
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
         return Pilot(Moments(n, stored.mean, stored.m2), dict(stored.rays), stored.sums, settings.shading_samples)

@@ -2,8 +2,13 @@
 
 import json
 import os
+import re
+import shlex
+import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -109,6 +114,12 @@ def test_bench_prints_a_table(scene, capsys):
         (["render", "SCENE", "-o", "a.exr", "--integrator", "bidirectional"], "invalid choice"),
         (["render", "SCENE", "-o", "a.exr", "--max-depth", "none"], "max_depth must be a number"),
         (["render", "SCENE", "-o", "a.exr", "--max-depth", "many"], "max-depth"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "6000x6000"], "at most 2**25 pixels; got 6000x6000"),
+        (["info", "SCENE", "--resolution", "65536x1"], "1 to 65535 on a side"),
+        (["compare", "SCENE", "-o", "a", "--resolution", "65535x65535"], "at most 2**25 pixels"),
+        (["bench", "SCENE", "--resolution", "1x65536"], "1 to 65535 on a side"),
+        (["render", "SCENE", "-o", "a.exr", "--workers", "0"], "workers must be at least 1"),
+        (["render", "SCENE", "-o", "a.exr", "--workers", "2", "--threads", "2"], "not allowed with"),
         (["render", "SCENE", "-o", "a.exr", "--threads", "-2"], "threads"),
         (["render", "SCENE", "-o", "a.exr", "--shading-samples", "0"], "shading_samples"),
         (["render", "SCENE", "-o", "a.exr", "--max-depth", "0"], "max_depth"),
@@ -146,13 +157,46 @@ def test_module_runs(scene, tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_interrupt_keeps_the_checkpoint(scene, tmp_path, monkeypatch, capsys):
-    """Ctrl-C ends with 130 and says where the finished tiles are."""
-    import dmis.__main__ as cli
+def test_interrupt_keeps_the_checkpoint(scene, tmp_path):
+    """Ctrl-C ends with 130 and says how to go on; that gives the pixels of a render in one go."""
+    paths = {name: str(tmp_path / name) for name in ("a.exr", "b.exr", "c")}
+    options = ["--spp", "128", "--rule", "thesis", "--resolution", "320x240", "--quiet"]
+    command = ["render", scene, "-o", paths["a.exr"], *options, "--checkpoint", paths["c"]]
+    with subprocess.Popen([sys.executable, "-m", "dmis", *command], stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not (os.path.exists(paths["c"]) and os.path.getsize(paths["c"]) > 3_000_000):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        error = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert f"finished tiles are kept in {paths['c']}" in error and "Traceback" not in error
+    assert not os.path.exists(paths["a.exr"])
+    again = shlex.split(error.splitlines()[-1])
+    assert again[:3] == ["python", "-m", "dmis"]
+    assert main(again[3:]) == 0 and not os.path.exists(paths["c"])
+    assert main(["render", scene, "-o", paths["b.exr"], *options]) == 0
+    np.testing.assert_array_equal(*(read_exr(paths[name])[0]["RGB"] for name in ("a.exr", "b.exr")))
 
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "render", interrupted)
-    assert main(["render", scene, "-o", str(tmp_path / "a.exr"), "--checkpoint", str(tmp_path / "c")]) == 130
-    assert "are kept in" in capsys.readouterr().err
+@pytest.mark.parametrize("option", ["-o", "--png", "--stats", "--checkpoint"])
+@pytest.mark.parametrize(
+    ("trouble", "message"),
+    [
+        ("full", r"may need .* MB, and .* has 0.0 MB left"),
+        ("folder", "is a directory"),
+        ("missing", "its directory does not exist"),
+        ("forbidden", "cannot write /proc/"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_first(scene, tmp_path, monkeypatch, capsys, option, trouble, message):
+    """No room, no folder, no permission: known before the first ray, for every file."""
+    monkeypatch.setattr("dmis.workers.Workers.render", lambda *_: pytest.fail("it has begun"))
+    (tmp_path / "folder.exr").mkdir()
+    name = {"full": "x.exr", "folder": "folder.exr", "missing": "no/x.exr", "forbidden": "/proc/x.exr"}[trouble]
+    if trouble == "full":
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
+        if option == "--checkpoint":  # let the image pass
+            monkeypatch.setattr("dmis.__main__.check_writable", lambda *_: None)
+    files = {"-o": str(tmp_path / "ok.exr"), option: name if name.startswith("/") else str(tmp_path / name)}
+    assert main(["render", scene, "--spp", "4", *(text for pair in files.items() for text in pair)]) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["folder.exr", "scene.pbrt"]

@@ -103,3 +103,14 @@ def test_budget_table(cache, tmp_path):
     text = page.read_text("utf-8")
     assert text.count("| auto |") == text.count("| second-moment |") == 4
     assert "<!-- budgets sobol: begin -->" in text and "| 16 spp | 32 spp |" in text
+
+
+def test_cluster_tables(cache, tmp_path):
+    """Three tables, of bytes, of renders with the same bits, and of what follows for many workers."""
+    pytest.importorskip("distributed")
+    page = tmp_path / "page.md"
+    page.write_text("before\n", "utf-8")
+    run(ROOT / "examples" / "measure_cluster.py", cache, "--page", page)
+    text = page.read_text("utf-8")
+    assert text.startswith("before\n") and "| 2 worker processes |" in text and "**extrapolated**" in text
+    assert "nan" not in text and "inf" not in text

@@ -2,6 +2,7 @@
 
 import json
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -94,9 +95,10 @@ def test_reused_pilot_is_averaged_by_sample_counts(box):
 def _one_pass(scene, number, w, spp, seed):
     from dmis.checkpoint import Store
     from dmis.render import _Work
+    from dmis.workers import Workers
 
-    with ThreadPoolExecutor(1) as executor:
-        work = _Work(scene, seed, executor, None, Store(None, {}))
+    with closing(Workers(scene, threads=1)) as workers:
+        work = _Work(scene, seed, workers, None, Store(None, {}))
         return work.render(number, "pilot", spp, w, dmis.Settings()).moments.mean
 
 
