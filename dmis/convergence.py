@@ -117,7 +117,10 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
         time = median_seconds(mine)
         needed, between = read_off(baseline, seconds, mse)
         reached, within = read_off(seconds, baseline, time)
-        over, interval = ratio(np.array([run.mse for run in mine]), np.array([run.mse for run in runs["balance", spp]]))
+        with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
+            over, interval = ratio(
+                np.array([run.mse for run in mine]), np.array([run.mse for run in runs["balance", spp]])
+            )
         found.append(
             Gain(
                 rule=rule,

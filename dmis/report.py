@@ -114,7 +114,7 @@ def _verdict(found: Sequence[Gain]) -> str:
     """One sentence: which rule is the most efficient at the largest budget."""
     last = [g for g in found if g.spp == max(g.spp for g in found)]
     best = max(last, key=lambda g: g.efficiency)
-    if best.rule == "balance":
+    if best.rule == "balance" or np.isnan(best.equal_error):
         return f"<p>At {best.spp} samples per pixel no rule is more efficient than the balance heuristic.</p>"
     return (
         f"<p>At {best.spp} samples per pixel the most efficient is <b>{_text(best.rule)}</b>: it reaches its error "
@@ -143,7 +143,7 @@ def _efficiency(found: Sequence[Gain]) -> str:
     rows, marks = [], []
     for g in found:
         first = g.rule == "balance"
-        dagger = "†" if g.extrapolated and not first else ""
+        dagger = "†" if g.extrapolated and not first and np.isfinite(g.equal_error) else ""
         interval = "" if np.isnan(g.interval) or first else f" ± {g.interval:.3f}"
         rows.append(
             [

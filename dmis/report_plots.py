@@ -49,12 +49,15 @@ def error_lines(
         if rule == "balance" and oracle is not None:
             axis.plot(x, mean * np.sqrt(oracle.limit()), color=ink, linestyle="--", linewidth=1.1, label="best weights")
     ends = np.array([min(x for x, _ in feet), max(x for x, _ in feet)])
-    below = 0.8 * min((least for _, least in feet if least > 0), default=np.nan)
-    axis.plot(ends, below / np.sqrt(ends), color=ink, linestyle=":", linewidth=1.1, label="N^(-1/2)")
-    axis.set_xscale("log")
-    axis.set_yscale("log")
     axis.set_xlabel(LABELS[over])
     axis.set_ylabel("RMSE (linear RGB)")
+    if not any(least > 0 for _, least in feet):
+        axis.text(0.5, 0.5, "no error above zero", ha="center", transform=axis.transAxes)
+        return
+    below = 0.8 * min(least for _, least in feet if least > 0) / np.sqrt(ends)
+    axis.plot(ends, below, color=ink, linestyle=":", linewidth=1.1, label="N^(-1/2)")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
     axis.grid(alpha=0.25, which="both", linewidth=0.5)
     _few_ticks(axis)
 

@@ -46,9 +46,11 @@ def conditions(scene: Scene, reference: Reference, threads: int | None) -> dict[
 def cells(scene: str, run: Run, balance: Run) -> list[str]:
     """A row: `run`, and that of the balance heuristic with the same samples and seed."""
     seconds = (run.pilot_seconds, run.fit_seconds, run.render_seconds, run.seconds)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
+        over_balance = np.divide(run.mse, balance.mse)
     return [
         scene, run.rule, str(run.spp), str(run.seed), str(run.rays), *(f"{t:.4f}" for t in seconds),
-        f"{run.mse:.6g}", f"{run.relmse:.6g}", f"{np.divide(run.mse, balance.mse):.5f}", f"{run.mse_error:.3g}",
+        f"{run.mse:.6g}", f"{run.relmse:.6g}", f"{over_balance:.5f}", f"{run.mse_error:.3g}",
         f"{run.cpu_seconds:.4f}",
     ]  # fmt: skip
 
