@@ -43,6 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         kept = f"; finished tiles are kept in {options.checkpoint}" if getattr(options, "checkpoint", None) else ""
+        if options.run is _compare:
+            kept = f"; finished renders are kept in {options.output}: the same command goes on from there"
         print(f"dmis: interrupted{kept}", file=sys.stderr)
         return 130
 

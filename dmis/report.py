@@ -39,8 +39,9 @@ in equal time: MSE of the balance heuristic in the rule's seconds, over the rule
 balance heuristic; † where it is continued as MSE ∝ 1 / seconds. Bold: the most efficient."""
 MAPS = """Variance is that which each render estimates of itself, in patches of 4×4 pixels; it is as noisy as the
 samples that it is made of."""
-REGRET = """ Regret is variance beyond that of the best weight, over that of w = ½, at equal samples. Saving: share of
-what the best weights save over w = ½. Harm: share of lit patches with more than 1.02 times the variance of w = ½."""
+REGRET = """ Regret of a rule's weights, with the balance heuristic: variance beyond that of the best weight, over that
+of w = ½, at equal samples. Saving: share of what the best weights save over w = ½. Harm: share of lit patches with more
+than 1.02 times the variance of w = ½."""
 NO_REGRET = " Maps of regret are here if an oracle of this scene is kept or given (compare --oracle-spp)."
 RATIO = 4.0
 """Maps of variance ratios go from one over this to this, in steps that double."""

@@ -33,7 +33,6 @@ for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     for axis, over in zip(column, ("seconds", "rays"), strict=True):
         error_lines(axis, runs, over, oracle)
     column[0].set_title(about.title, fontsize=11)
-    column[0].legend(fontsize=8)
 
     # %%
     # Slopes of -1/2 are what independent samples must have; over seconds what is constant bends the lines.
@@ -44,6 +43,7 @@ for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
         (samples, error), (seconds, spread) = (slope(*line(runs, rule, over)) for over in ("spp", "seconds"))
         print(f"    {rule:14} {samples:10.3f} ± {error:.3f}    {seconds:8.3f} ± {spread:.3f} {speed[rule]:24.2f}")
     told.append(f"{name} {speed['thesis']:.2f} and {speed['auto']:.2f}")
+figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center")
 opts.save(
     figure,
     "Error against time",

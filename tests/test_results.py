@@ -171,3 +171,17 @@ def test_command_line_refuses_another_scene(tmp_path, capsys, monkeypatch):
     assert main(["compare", "teapot-area-light", "--resolution", "9x8", *more]) == 2
     error = capsys.readouterr().err
     assert "resolution was [8, 8], now is [9, 8]" in error and len(error.splitlines()) == 1
+
+
+def test_command_line_says_how_to_go_on(tmp_path, capsys, monkeypatch):
+    """After Ctrl-C: exit code 130, and where it is kept."""
+    import dmis.__main__ as command
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(command, "compare", interrupted)
+    size = ["--resolution", "8x8", "--reference-spp", "4"]
+    assert command.main(["compare", "teapot-area-light", *size, "-o", str(tmp_path / "out")]) == 130
+    assert f"kept in {tmp_path / 'out'}" in capsys.readouterr().err
