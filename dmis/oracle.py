@@ -74,13 +74,9 @@ class Oracle:
         half = self.variance[HALF].sum()
         return float((half - self.at(weight).sum()) / (half - self.variance.min(axis=0).sum()))
 
-    def limit(self, spread: bool = False) -> float:
-        """Variance of the image with the best weights over that with w = 1/2, at equal samples.
-
-        If `spread`, also with the best numbers of samples, in proportion to the standard deviation of each patch.
-        """
-        best = np.maximum(self.variance.min(axis=0), 0)
-        return float((np.sqrt(best).mean() ** 2 if spread else best.mean()) / self.variance[HALF].mean())
+    def limit(self) -> float:
+        """Variance of the image with the best weights over that with w = 1/2, at equal samples."""
+        return float(self.variance.min(axis=0).sum() / self.variance[HALF].sum())
 
     def regret(self, weight: Array) -> Array:
         """Variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
