@@ -8,7 +8,7 @@ READY := $(VENV)/.installed
 SOURCES := $(wildcard dmis examples scenes tests)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo figures test test-slow bench check format docs clean
+.PHONY: help setup demo figures report test test-slow bench check format docs clean
 
 help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -27,6 +27,9 @@ demo: $(READY)  ## render the teapot with the balance heuristic and with the the
 
 figures: $(READY)  ## draw all figures and figures/index.html (minutes)
 	$(BIN)/python examples/make_figures.py
+
+report: $(READY)  ## measure error against time on the four scenes, write figures/report.html (10 minutes)
+	$(BIN)/python examples/make_report.py
 
 test: $(READY)  ## run the tests (minutes)
 	$(BIN)/python -m pytest

@@ -23,11 +23,12 @@ from pathlib import Path
 
 from dmis import __version__, camera
 from dmis.bench import HEADER, bench_row
-from dmis.compare import compare, load_reference, split_rules
+from dmis.compare import compare, load_reference, split_rules, summary
 from dmis.files import check_writable, replacing
 from dmis.fit import RULES
 from dmis.image import write_image, write_png
 from dmis.load import SHIPPED, load_scene
+from dmis.oracle import make_oracle
 from dmis.reference import make_reference
 from dmis.render import Progress, Result, render
 from dmis.replay import embree_seconds
@@ -55,6 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _kept(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
     """What an interrupted command leaves, and how to go on."""
+    if options.run is _compare:
+        return f"; finished renders are kept in {options.output}: the same command goes on from there"
     path = getattr(options, "checkpoint", None)
     if path is None or not Path(path).exists():
         return ""
@@ -121,9 +124,14 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--seed", type=int, default=0, help="the first seed")
     command.add_argument("--reference", type=Path, metavar="REF", help=".exr or .npy; default: rendered once and kept")
     command.add_argument("--reference-spp", type=int, default=1024, help="of each half, if rendered (default 1024)")
+    command.add_argument(
+        "--oracle-spp", type=int, metavar="N", help="render the oracle too, and keep it (default: only if it is kept)"
+    )
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
     command.add_argument("--threads", type=int, help="default: one per processor")
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="what is there already is gone on from"
+    )
     command.add_argument("--quiet", action="store_true", help="no progress, no table")
 
     command = commands.add_parser("info", help="versions, and what a scene needs")
@@ -172,12 +180,18 @@ def _compare(options: argparse.Namespace) -> int:
         else:
             reference = make_reference(scene, options.reference_spp, threads=options.threads, progress=progress)
         seeds = range(options.seed, options.seed + options.seeds)
-        table = compare(
-            scene, rules, options.spp, seeds, reference, options.output, threads=options.threads, progress=progress
-        )
+        oracle = None
+        if options.oracle_spp is not None:
+            oracle = make_oracle(scene, options.oracle_spp, threads=options.threads, progress=progress)
+        comparison = compare(
+            scene, rules, options.spp, seeds, reference, options.output,
+            oracle=oracle, threads=options.threads, progress=progress,
+        )  # fmt: skip
     if not options.quiet:
-        print(table)
-        print(options.output / "results.csv")
+        print(summary(comparison.runs))
+        for name in ("results.csv", "report.html"):
+            if (options.output / name).exists():
+                print(options.output / name)
     return 0
 
 

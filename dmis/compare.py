@@ -1,24 +1,63 @@
-"""``python -m dmis compare``: rules side by side, a table in ``results.csv``, a plot of error against time."""
+"""``python -m dmis compare``: rules side by side, ``results.csv``, a plot of error against time, a report."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from dmis.experiment import Budget, Run, measure, median_seconds
+from dmis.convergence import gains
+from dmis.experiment import Budget, Run, measure
 from dmis.fit import RULES, make_rule
-from dmis.image import read_exr
-from dmis.metrics import ratio
+from dmis.image import read_exr, write_image
+from dmis.oracle import Oracle, cached_oracle
 from dmis.reference import Reference
+from dmis.render import Result
+from dmis.results import COLUMNS as COLUMNS
+from dmis.results import Results, conditions
 from dmis.scene import Scene
+from dmis.vec import Array
 
-COLUMNS = (
-    "scene", "rule", "spp", "seed", "rays", "pilot_seconds", "fit_seconds", "render_seconds", "seconds",
-    "mse", "relmse", "mse_over_balance",
-)  # fmt: skip
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Rules side by side on one scene: what `dmis.report` makes a page of.
+
+    Attributes
+    ----------
+    about
+        See `dmis.results.conditions`.
+    runs
+        Of each rule and budget, in the order of the seeds, as they are in ``results.csv``.
+    pictures
+        One image of each rule and budget, with the layers RGB, weight, variance, samples.
+    oracle
+        None: not known.
+    """
+
+    about: Mapping[str, Any]
+    runs: Mapping[Budget, Sequence[Run]]
+    pictures: Mapping[Budget, Mapping[str, Array]]
+    reference: Reference
+    oracle: Oracle | None
+
+    @property
+    def scene(self) -> str:
+        """Its name."""
+        return str(self.about["scene"])
+
+    @property
+    def rules(self) -> list[str]:
+        """The balance heuristic first."""
+        return list(dict.fromkeys(rule for rule, _ in self.runs))
+
+    @property
+    def seeds(self) -> int:
+        """Number of them."""
+        return max(len(of) for of in self.runs.values())
 
 
 def split_rules(text: str) -> list[str]:
@@ -75,91 +114,75 @@ def compare(
     reference: Reference,
     folder: Path,
     *,
+    oracle: Oracle | None = None,
     threads: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> str:
-    """Measure `rules` at each number of samples; write ``results.csv`` row by row, then ``convergence.png``.
+) -> Comparison:
+    """Measure `rules` at each number of samples; write ``results.csv`` row by row, then ``convergence.png`` and
+    ``report.html`` (needs matplotlib; left out without).
 
     The balance heuristic is measured whether it is asked for or not. A rule whose pilot does not fit in a budget is
-    left out there.
+    left out there. What ``results.csv`` has already is not rendered again.
 
-    Returns
-    -------
-    A table in Markdown: for each budget and rule the ratio of its mean squared error to that of the balance
-    heuristic, with its 95 % confidence interval over the seeds.
+    Parameters
+    ----------
+    oracle
+        For the maps of regret; default: the one that is on disk, if there is.
+
+    Raises
+    ------
+    ValueError
+        If the reference is of another size, or ``results.csv`` was measured under other conditions.
     """
     width, height = scene.camera.resolution
     if reference.first.shape[:2] != (height, width):
         raise ValueError(f"reference must be of {width}x{height} pixels; got {reference.first.shape[1::-1]}")
-    folder.mkdir(parents=True, exist_ok=True)
+    if oracle is not None and oracle.variance.shape[1:] != (-(-height // oracle.patch), -(-width // oracle.patch)):
+        rows, columns = oracle.variance.shape[1:]
+        raise ValueError(
+            f"oracle must cover {width}x{height} pixels; got {columns}x{rows} patches of {oracle.patch} pixels"
+        )
+    results = Results(folder, conditions(scene, reference, threads))
     budgets = [
         (rule, n) for n in spp for rule in dict.fromkeys(("balance", *rules)) if sum(make_rule(rule).pilot.values()) < n
     ]
-    with open(folder / "results.csv", "w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(COLUMNS)
-        baseline: dict[tuple[int, int], float] = {}
+    seen = {(run.rule, run.spp) for run in results.runs}
 
-        def record(run: Run) -> None:
-            if run.rule == "balance":
-                baseline[run.spp, run.seed] = run.mse
-            table.writerow(
-                [
-                    scene.name, run.rule, run.spp, run.seed, run.rays, *(f"{t:.4f}" for t in (
-                        run.pilot_seconds, run.fit_seconds, run.render_seconds, run.seconds)),
-                    f"{run.mse:.6g}", f"{run.relmse:.6g}", f"{run.mse / baseline[run.spp, run.seed]:.5f}",
-                ]
-            )  # fmt: skip
-            file.flush()
+    def keep(budget: Budget, result: Result) -> None:
+        if budget not in seen:
+            results.image(budget).parent.mkdir(exist_ok=True)
+            write_image(results.image(budget), result)
+            seen.add(budget)
 
-        runs = measure(scene, budgets, seeds, reference, threads=threads, record=record, progress=progress)
+    measure(
+        scene, budgets, seeds, reference,
+        threads=threads, done=tuple(results.runs), keep=keep, record=results.append, progress=progress,
+    )  # fmt: skip
+    written = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
+    runs = {(rule, n): [written[rule, n, seed] for seed in seeds] for rule, n in budgets}
+    oracle = oracle or cached_oracle(scene)
+    comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
     try:
-        _draw(scene, runs, folder / "convergence.png")
+        from dmis.report import write_report
+        from dmis.report_plots import convergence
     except ImportError:
-        pass  # the table is there without matplotlib
-    return summary(runs)
+        return comparison  # the table is there without matplotlib
+    convergence(comparison, folder / "convergence.png")
+    write_report([comparison], folder / "report.html")
+    return comparison
 
 
-def summary(runs: dict[Budget, list[Run]]) -> str:
-    """The table that `compare` returns."""
+def summary(runs: Mapping[Budget, Sequence[Run]]) -> str:
+    """A table in Markdown: for each budget and rule the ratio of its mean squared error to that of the balance
+    heuristic, with its 95 % confidence interval over the seeds.
+    """
     lines = ["| spp | rule | MSE | MSE / balance | seconds | time / balance |", "|---|---|---|---|---|---|"]
-    for (rule, spp), mine in runs.items():
-        base = runs["balance", spp]
-        value, half = ratio(np.array([run.mse for run in mine]), np.array([run.mse for run in base]))
-        interval = "" if np.isnan(half) else f" ± {half:.3f}"
-        seconds = median_seconds(mine)
+    found = gains(runs)
+    base = {gain.spp: gain.seconds for gain in found if gain.rule == "balance"}
+    for g in found:
+        interval = "" if np.isnan(g.interval) else f" ± {g.interval:.3f}"
         lines.append(
-            f"| {spp} | {rule} | {np.mean([run.mse for run in mine]):.3e} | {value:.3f}{interval} | {seconds:.2f} "
-            f"| {seconds / median_seconds(base):.2f} |"
+            f"| {g.spp} | {g.rule} | {g.mse:.3e} | {g.over_balance:.3f}{interval} | {g.seconds:.2f} "
+            f"| {g.seconds / base[g.spp]:.2f} |"
         )
     return "\n".join(lines)
-
-
-def _draw(scene: Scene, runs: dict[Budget, list[Run]], path: Path) -> None:
-    """Error against seconds and against rays, a line for each rule."""
-    from dmis import plot
-
-    figure, axes = plot.canvas(1, 2, 12, 5)
-    for rule in dict.fromkeys(rule for rule, _ in runs):
-        mine = [of for (name, _), of in runs.items() if name == rule]
-        mse = [np.mean([run.mse for run in of]) for of in mine]
-        spread = [np.std([run.mse for run in of]) for of in mine]
-        seconds = [median_seconds(of) for of in mine]
-        rays = [np.mean([run.rays for run in of]) for of in mine]
-        for axis, x in zip(axes[0], (seconds, rays), strict=True):
-            axis.errorbar(x, mse, spread, marker="o", markersize=4, capsize=3, label=rule)
-    for axis, name in zip(axes[0], ("seconds", "rays"), strict=True):
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_xlabel(name)
-        axis.set_ylabel("mean squared error (linear RGB²)")
-        axis.grid(alpha=0.3, which="both")
-        axis.legend(fontsize=8)
-    seeds = max(len(of) for of in runs.values())
-    plot.save(
-        figure,
-        path,
-        f"{scene.name}: error against time and rays",
-        f"""Mean squared error against the reference, mean over {seeds} seeds; bars are the standard deviation between
-        seeds. Time is from the pilot to the last sample, fit included.""",
-    )

@@ -6,7 +6,8 @@ rule's budget and of its time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from dmis.fit import make_rule
 from dmis.metrics import mean_and_error, relmse, squared_error
 from dmis.reference import Reference
-from dmis.render import render
+from dmis.render import Result, render
 from dmis.scene import Scene
 
 Budget = tuple[str, int]
@@ -33,6 +34,8 @@ class Run:
         Wall times of the three stages.
     mse, mse_error
         Mean squared error over pixels and channels, and the standard error of this mean over pixels.
+    cpu_seconds
+        Of all threads of this process, from the call of `render` to its return.
     """
 
     rule: str
@@ -45,6 +48,7 @@ class Run:
     mse: float
     mse_error: float
     relmse: float
+    cpu_seconds: float = float("nan")
 
     @property
     def overhead(self) -> float:
@@ -64,6 +68,8 @@ def measure(
     reference: Reference,
     *,
     threads: int | None = None,
+    done: Iterable[Run] = (),
+    keep: Callable[[Budget, Result], None] | None = None,
     record: Callable[[Run], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[Budget, list[Run]]:
@@ -71,6 +77,10 @@ def measure(
 
     Parameters
     ----------
+    done
+        Runs of an earlier call, which are not rendered again.
+    keep
+        Called with each budget and its result, before `record`.
     record
         Called with each run as soon as it is finished.
     progress
@@ -81,30 +91,40 @@ def measure(
     The runs of each budget, in the order of the seeds.
     """
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
+    known = {(run.rule, run.spp, run.seed): run for run in done}
     total = len(runs) * len(seeds)
     for k, seed in enumerate(seeds):
         for n, (rule, spp) in enumerate(runs):
-            result = render(scene, rule, spp, seed=seed, threads=threads)
-            mse, error = mean_and_error(squared_error(result.image, reference.first, reference.second))
-            runs[rule, spp].append(
-                Run(
-                    rule=rule,
-                    spp=spp,
-                    seed=seed,
-                    rays=sum(result.rays.values()),
-                    pilot_seconds=result.seconds["pilot"],
-                    fit_seconds=result.seconds["fit"],
-                    render_seconds=result.seconds["render"],
-                    mse=mse,
-                    mse_error=error,
-                    relmse=relmse(result.image, reference.first, reference.second),
-                )
-            )
-            if record:
-                record(runs[rule, spp][-1])
+            run = known.get((rule, spp, seed))
+            if run is None:
+                begin = time.process_time()
+                result = render(scene, rule, spp, seed=seed, threads=threads)
+                run = _measured(result, rule, spp, seed, time.process_time() - begin, reference)
+                if keep:
+                    keep((rule, spp), result)
+                if record:
+                    record(run)
+            runs[rule, spp].append(run)
             if progress:
                 progress(rule, k * len(runs) + n + 1, total)
     return runs
+
+
+def _measured(result: Result, rule: str, spp: int, seed: int, cpu_seconds: float, reference: Reference) -> Run:
+    mse, error = mean_and_error(squared_error(result.image, reference.first, reference.second))
+    return Run(
+        rule=rule,
+        spp=spp,
+        seed=seed,
+        rays=sum(result.rays.values()),
+        pilot_seconds=result.seconds["pilot"],
+        fit_seconds=result.seconds["fit"],
+        render_seconds=result.seconds["render"],
+        mse=mse,
+        mse_error=error,
+        relmse=relmse(result.image, reference.first, reference.second),
+        cpu_seconds=cpu_seconds,
+    )
 
 
 def median_seconds(runs: Sequence[Run]) -> float:

@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -73,6 +74,10 @@ class Oracle:
         half = self.variance[HALF].sum()
         return float((half - self.at(weight).sum()) / (half - self.variance.min(axis=0).sum()))
 
+    def limit(self) -> float:
+        """Variance of the image with the best weights over that with w = 1/2, at equal samples."""
+        return float(self.variance.min(axis=0).sum() / self.variance[HALF].sum())
+
     def regret(self, weight: Array) -> Array:
         """Variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
         excess = self.at(weight) - self.variance.min(axis=0)
@@ -105,9 +110,7 @@ def make_oracle(
     folder, threads, progress
         See `dmis.reference.make_reference`.
     """
-    width, height = scene.camera.resolution
-    digest = hashlib.sha256(json.dumps([__version__, fingerprint(scene), spp, patch]).encode()).hexdigest()[:12]
-    path = cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"
+    path = _path(scene, spp, patch, folder)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         rule = Learned(patch=patch, spp=spp, filter="none", shrink=False)
@@ -118,3 +121,17 @@ def make_oracle(
     with np.load(path, allow_pickle=False) as file:
         rays_by_kind: Mapping[str, int] = json.loads(str(file["rays"]))
         return Oracle(file["variance"].astype(np.float64), camera_sample(rays_by_kind, GRID), patch, spp)
+
+
+def cached_oracle(scene: Scene, patch: int = 4, *, folder: str | os.PathLike[str] | None = None) -> Oracle | None:
+    """The oracle of `scene` that is on disk already, that of most samples (a power of two to 16384), or None."""
+    for spp in (2**k for k in range(14, 5, -1)):
+        if _path(scene, spp, patch, folder).exists():
+            return make_oracle(scene, spp, patch, folder=folder)
+    return None
+
+
+def _path(scene: Scene, spp: int, patch: int, folder: str | os.PathLike[str] | None) -> Path:
+    width, height = scene.camera.resolution
+    digest = hashlib.sha256(json.dumps([__version__, fingerprint(scene), spp, patch]).encode()).hexdigest()[:12]
+    return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"

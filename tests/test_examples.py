@@ -13,6 +13,7 @@ from PIL import Image
 
 ROOT = Path(__file__).parent.parent
 FIGURES = sorted((ROOT / "examples").glob("plot_*.py"))
+SCENES = ["teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt"]
 THESIS = ["fig_2_1", "fig_3_1", "fig_3_2", "fig_3_3", "fig_3_4", "fig_3_5", "fig_4_1", "fig_5_1", "table_4_1", "eq_3_1"]
 
 
@@ -114,3 +115,15 @@ def test_cluster_tables(cache, tmp_path):
     text = page.read_text("utf-8")
     assert text.startswith("before\n") and "| 2 worker processes |" in text and "**extrapolated**" in text
     assert "nan" not in text and "inf" not in text
+
+
+def test_report(cache, tmp_path):
+    """Four scenes in one page, each with a folder that the next run goes on from."""
+    script = ROOT / "examples" / "make_report.py"
+    printed = run(script, cache, "-o", tmp_path / "any.png", "--seeds", "1")
+    assert printed.rstrip().endswith(str(tmp_path / "report.html")) and printed.count("| 32 | auto |") == 4
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert page.count("<section ") == page.count('class="viewer"') == 4 and "regret" in page
+    tables = {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}
+    run(script, cache, "-o", tmp_path / "any.png", "--seeds", "1")
+    assert tables == {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}

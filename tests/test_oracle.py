@@ -8,7 +8,7 @@ import pytest
 import dmis
 from dmis.curves import GRID, HALF
 from dmis.metrics import ratio
-from dmis.oracle import Oracle, make_oracle
+from dmis.oracle import Oracle, cached_oracle, make_oracle
 from dmis.variance import patch_spread
 from dmis.vec import Array
 
@@ -51,6 +51,21 @@ def test_saving_regret_harm(oracle: Oracle) -> None:
     assert oracle.harm(best) == (0, 0) and oracle.harm(half) == (0, 0)
     assert oracle.saving(wrong) < 0 and oracle.harm(wrong)[0] == 1
     assert oracle.regret(wrong)[1, 2] == 0  # black
+
+
+def test_limit(oracle: Oracle) -> None:
+    """What is left of the variance at w = 1/2."""
+    left = 0.5 / (((0.5 - BEST.ravel()[:5]) ** 2).sum() + 0.5)
+    assert oracle.limit() == pytest.approx(left, rel=1e-5)
+
+
+def test_cached(box: dmis.Scene, tmp_path) -> None:
+    """None, until one has been made; then that of most samples."""
+    assert cached_oracle(box, folder=tmp_path) is None
+    for spp in (64, 128):
+        make_oracle(box, spp, folder=tmp_path)
+        found = cached_oracle(box, folder=tmp_path)
+        assert found is not None and found.spp == spp
 
 
 def test_made_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:
