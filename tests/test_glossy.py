@@ -1,6 +1,8 @@
 """The models of the literature: sampling, densities, energy, symmetry, closed forms, and agreement in renders."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,18 +156,64 @@ def test_normalised_lobes_reflect_everything_at_normal_incidence(name: str) -> N
     np.testing.assert_allclose(albedo(MODELS[name], name, 0.0), 1, atol=2e-3)
 
 
-def test_albedo_of_ward_against_the_forms_it_replaces() -> None:
-    """At 85 degrees: Ward's own form is too dark, Dür's reflects more than arrives, the bounded one does neither."""
-    material, wo = MODELS["ward 0.6"], polar(85.0)
+def ward_and_duer(alpha: float, degrees: float) -> tuple[float, float]:
+    """Albedo of Ward's lobe in the two forms that the bounded one replaces: Ward's own, and Dür's."""
+    wo = polar(degrees)
     w, weights = hemisphere("ward 0.6", wo)
-    some = surface(material, wo, w.shape[1])
+    some = surface(dmis.ward(0, 1, alpha), wo, w.shape[1])
     pair = Pair(some, w)
     spread = some.glossy[0].distribution.density(pair).astype(float) * pair.cos_h**4 * weights
     cos_i, cos_o = w[2].astype(float), wo[2]
-    original = (spread / (4 * np.sqrt(cos_i * cos_o)) * cos_i).sum()
-    duer = (spread / (4 * cos_i * cos_o) * cos_i).sum()
-    assert original < 0.5 and duer > 1.05
-    assert 0.5 < albedo(material, "ward 0.6", 85.0) < 1
+    return (spread / (4 * np.sqrt(cos_i * cos_o)) * cos_i).sum(), (spread / (4 * cos_i * cos_o) * cos_i).sum()
+
+
+def page_table(first: str) -> dict[str, list[float]]:
+    """Numbers of the table of docs/brdfs.md whose header begins with `first`, by the first cell of each row."""
+    text = (Path(__file__).parent.parent / "docs" / "brdfs.md").read_text("utf-8")
+    lines = text[text.index(f"| {first} |") :].split("\n\n")[0].splitlines()[2:]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    numbers = [" ".join(cell for cell in row[1:] if "D" not in cell) for row in cells]
+    return {row[0]: [float(x) for x in re.findall(r"\d+\.\d+", text)] for row, text in zip(cells, numbers, strict=True)}
+
+
+PAGE = {
+    "Phong 50": dmis.phong(0, 1, 50),
+    "Blinn-Phong 50": dmis.blinn_phong(0, 1, 50),
+    "Ward 0.15": dmis.ward(0, 1, 0.15),
+    "Ashikhmin–Shirley 100, coat": dmis.ashikhmin_shirley(0, 1, 100),
+    "Torrance–Sparrow 50": dmis.torrance_sparrow(0, 1, 50),
+    "Cook–Torrance 0.2": dmis.cook_torrance(0, 1, 0.2),
+    "Cook–Torrance 0.5": dmis.cook_torrance(0, 1, 0.5),
+    "GGX 0.2": dmis.ggx(0, 1, 0.2),
+    "GGX 0.5": dmis.ggx(0, 1, 0.5),
+    "GGX 1": dmis.ggx(0, 1, 1.0),
+}
+
+
+def test_albedos_of_the_page() -> None:
+    """docs/brdfs.md gives albedo and accepted mass of white lobes, rounded to a hundredth."""
+    table = page_table("lobe")
+    assert table.keys() == PAGE.keys()
+    for name, numbers in table.items():
+        for k, degrees in enumerate((0.0, 45.0, 75.0, 85.0)):
+            wo = polar(degrees)
+            w, weights = hemisphere("ward 0.6", wo)  # about the mirror direction
+            some = surface(PAGE[name], wo, w.shape[1])
+            mass = float(some.glossy[-1].pdf(Pair(some, w)) @ weights)
+            got = albedo(PAGE[name], "ward 0.6", degrees), mass
+            np.testing.assert_allclose(got, numbers[2 * k : 2 * k + 2], atol=0.006, err_msg=name)
+
+
+def test_albedo_of_ward_against_the_forms_it_replaces() -> None:
+    """Towards grazing angles Ward's own form is too dark, Dür's reflects more than arrives, the bounded one neither."""
+    table = page_table("form")
+    for k, degrees in enumerate((0.0, 45.0, 75.0, 85.0, 89.0)):
+        original, duer = ward_and_duer(0.5, degrees)
+        bounded = albedo(dmis.ward(0, 1, 0.5), "ward 0.6", degrees)
+        got = [numbers[k] for numbers in table.values()]
+        np.testing.assert_allclose([original, duer, bounded], got, atol=0.006, rtol=0.02)
+        assert bounded < 1
+    assert original < 0.6 and duer > 5
 
 
 @pytest.mark.parametrize("alpha, degrees, expected", [(0.02, 0.0, 1.0), (0.02, 60.0, 1.0), (1.0, 0.0, None)])
