@@ -14,6 +14,7 @@ from dmis.geometry import sphere
 from dmis.glossy import Lafortune
 from dmis.light import QuadLight
 from dmis.material import Material
+from dmis.render import fingerprint
 from dmis.roughness import Beckmann, Elliptic, Isotropic
 from dmis.scene import Part
 from dmis.settings import Settings
@@ -425,6 +426,7 @@ def test_tangent_of_a_part_is_laid_upon_its_surface() -> None:
         flat = np.array([*tangent[:2], 0.0]) / np.linalg.norm(tangent[:2])
         np.testing.assert_allclose(s[:, 0], flat, atol=1e-6)
         np.testing.assert_allclose(np.cross(points.n[:, 0], s[:, 0]), t[:, 0], atol=1e-6)
+        assert fingerprint(scene) != fingerprint(base)
     isotropic = box_scene(dmis.ggx(0, 1, 0.1))
     isotropic = replace(isotropic, parts=(replace(isotropic.parts[0], tangent=(1, 0, 0)),))
     assert isotropic.plan.groups[0].tangent is None
