@@ -142,6 +142,16 @@ Fresnel = Dielectric | Conductor
 # Distributions of half vectors --------------------------------------------------------------------------------------
 
 
+class Distribution(Protocol):
+    """Half vectors of microfacets: D with ``int D cos_h = 1``; how they are sampled, and its solid-angle density."""
+
+    def density(self, pair: Pair) -> Array: ...
+
+    def pdf_h(self, pair: Pair) -> Array: ...
+
+    def sample_h(self, surface: Frame, u: Array) -> Array: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Blinn:
     """Blinn's distribution, ``D = (e+2)/(2 pi) cos_h^e``; pbrt's roughness is ``1/e``."""
@@ -188,9 +198,6 @@ class Anisotropic:
         return power(pair.cos_h, (self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
 
 
-Distribution = Blinn | Anisotropic
-
-
 # Lobes --------------------------------------------------------------------------------------------------------------
 
 
@@ -203,13 +210,18 @@ def _cosine_sample(surface: Frame, u: Array) -> Array:
     return normalise(surface.n + square_to_sphere(u))
 
 
-def _half_vector_pdf(distribution: Distribution, pair: Pair) -> Array:
+def half_vector_pdf(distribution: Distribution, pair: Pair) -> Array:
     """Density of wi = reflect(wo, h): dh/dwi = 1/(4 wo.h)."""
     return distribution.pdf_h(pair) / (4 * pair.cos_d) * pair.above
 
 
-def _half_vector_sample(distribution: Distribution, surface: Frame, u: Array) -> Array:
-    h = distribution.sample_h(surface, u)
+def half_vector_sample(distribution: Distribution, surface: Frame, u: Array) -> Array:
+    """wi = reflect(wo, h), ``(3, N)``; some of them below the horizon."""
+    return reflect(surface, distribution.sample_h(surface, u))
+
+
+def reflect(surface: Frame, h: Array) -> Array:
+    """wo mirrored at the half vectors `h`, ``(3, N)``."""
     return h * (2 * dot(surface.wo, h)) - surface.wo
 
 
@@ -271,10 +283,10 @@ class Microfacet:
         return self.reflectance * out
 
     def pdf(self, pair: Pair) -> Array:
-        return _half_vector_pdf(self.distribution, pair)
+        return half_vector_pdf(self.distribution, pair)
 
     def sample(self, surface: Frame, u: Array) -> Array:
-        return _half_vector_sample(self.distribution, surface, u)
+        return half_vector_sample(self.distribution, surface, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +297,7 @@ class BlendBase:
     specular: Any
 
     def eval(self, pair: Pair) -> Array:
-        through = (1 - _fifth(1 - pair.cos_i / 2)) * (1 - _fifth(1 - pair.cos_o / 2))
+        through = (1 - fifth(1 - pair.cos_i / 2)) * (1 - fifth(1 - pair.cos_o / 2))
         return self.diffuse * (1 - self.specular) * (np.float32(28 / 23) * INV_PI * through)
 
     def pdf(self, pair: Pair) -> Array:
@@ -303,15 +315,15 @@ class BlendCoat:
     distribution: Distribution
 
     def eval(self, pair: Pair) -> Array:
-        schlick = self.specular + _fifth(1 - pair.cos_d) * (1 - self.specular)
+        schlick = self.specular + fifth(1 - pair.cos_d) * (1 - self.specular)
         coat = self.distribution.density(pair)
         return schlick * (coat / np.maximum(4 * pair.cos_d * np.maximum(pair.cos_i, pair.cos_o), TINY))
 
     def pdf(self, pair: Pair) -> Array:
-        return _half_vector_pdf(self.distribution, pair)
+        return half_vector_pdf(self.distribution, pair)
 
     def sample(self, surface: Frame, u: Array) -> Array:
-        return _half_vector_sample(self.distribution, surface, u)
+        return half_vector_sample(self.distribution, surface, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,13 +367,22 @@ def _index(eta: float, outside: Array) -> Array:
     return np.where(outside, np.float32(eta), np.float32(1 / eta))
 
 
-Glossy = Lambert | OrenNayar | Microfacet | BlendBase | BlendCoat
-"""Lobes that are functions: they can be evaluated, and take part in MIS."""
+class Glossy(Protocol):
+    """Lobes that are functions, and take part in MIS: any frozen dataclass with these methods."""
+
+    def eval(self, pair: Pair) -> Array: ...
+
+    def pdf(self, pair: Pair) -> Array: ...
+
+    def sample(self, surface: Frame, u: Array) -> Array: ...
+
+
 Delta = SpecularReflection | SpecularTransmission
 """Lobes that are Dirac deltas."""
 Lobe = Glossy | Delta
 
 
-def _fifth(x: Array) -> Array:
+def fifth(x: Array) -> Array:
+    """``x^5``, of Schlick's Fresnel."""
     x2 = x * x
     return x2 * x2 * x

@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Anisotropic, Conductor, Delta, Dielectric, Glossy, Lobe
+from dmis.brdf import Anisotropic, Conductor, Delta, Dielectric, Glossy
 from dmis.camera import Camera
 from dmis.geometry import Mesh
 from dmis.light import AreaLight, DeltaLight, EnvironmentLight, Light, PointLight
 from dmis.material import Material
+from dmis.mesh import direction
+from dmis.roughness import Elliptic
 from dmis.texture import Image
 from dmis.vec import Array, Index
 
@@ -27,11 +29,20 @@ NOTHING = 255
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A mesh with its material; `light` is the light whose visible surface it is. Its winding gives the bright side."""
+    """A mesh with its material; `light` is the light whose visible surface it is. Its winding gives the bright side.
+
+    `tangent` is the direction that anisotropic lobes call u, laid upon the surface; by default the one in which the
+    mesh's texture coordinate u grows.
+    """
 
     mesh: Mesh
     material: Material
     light: AreaLight | None = None
+    tangent: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.tangent is not None:
+            direction("tangent", self.tangent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +59,8 @@ class Group:
         ``(3, M)`` radiance of the bright side; None if nothing here emits.
     textured, smooth, anisotropic
         Whether texture coordinates, interpolated normals, tangents are needed.
+    tangent
+        ``(3, 1)``, the same for all points; None if tangents are those of the meshes.
     """
 
     materials: tuple[Material, ...]
@@ -57,6 +70,7 @@ class Group:
     textured: bool
     smooth: bool
     anisotropic: bool
+    tangent: Array | None = None
 
     def bind(self, lobe: Any, row: Index | None, uv: Array | None) -> Any:
         """`lobe` with the parameters of each point: rows of the tables, or texture values at `uv` ``(2, N)``."""
@@ -159,7 +173,7 @@ class Plan:
 
 
 _COLOURS = {"reflectance", "diffuse", "specular", "transmittance"}
-_SCALARS = {"exponent", "u", "v"}
+_SCALARS = {"exponent", "u", "v", "alpha", "alpha_u", "alpha_v"}
 
 
 def _parameters(lobe: Any) -> Iterator[tuple[str, Any]]:
@@ -182,6 +196,13 @@ def _textures(lobe: Any) -> bool:
     return any(isinstance(v, Image) or (is_dataclass(v) and _textures(v)) for _, v in _parameters(lobe))
 
 
+def _anisotropic(lobe: Any) -> bool:
+    """Whether a lobe, or the data nested in it, needs tangents."""
+    if isinstance(lobe, Anisotropic | Elliptic):
+        return True
+    return any(_anisotropic(value) for _, value in _parameters(lobe) if is_dataclass(value))
+
+
 def _group_key(part: Part) -> Any:
     """Equal for parts that can be shaded together; None for parts that neither reflect nor emit."""
     material = part.material
@@ -189,11 +210,12 @@ def _group_key(part: Part) -> Any:
         return None
     own = id(material) if any(_textures(lobe) for lobe in material.lobes) else None
     smooth = part.mesh.normals is not None and bool(material.lobes)
-    return tuple(_shape_of(lobe) for lobe in material.lobes), own, smooth, part.light is not None
+    tangent = part.tangent if any(_anisotropic(lobe) for lobe in material.lobes) else None
+    return tuple(_shape_of(lobe) for lobe in material.lobes), own, smooth, part.light is not None, tangent
 
 
 def _make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Group:
-    _, own, smooth, emits = key
+    _, own, smooth, emits, tangent = key
     materials = tuple(material for material, _ in members)
     lobes = tuple(_tabulate(same) for same in zip(*(material.lobes for material in materials), strict=True))
     emission = None
@@ -208,11 +230,12 @@ def _make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> G
         emission,
         own is not None,
         smooth,
-        any(isinstance(value, Anisotropic) for lobe in lobes for _, value in _parameters(lobe)),
+        any(_anisotropic(lobe) for lobe in lobes),
+        None if tangent is None else direction("tangent", tangent).astype(np.float32)[:, None],
     )
 
 
-def _tabulate(lobes: tuple[Lobe, ...] | tuple[Any, ...]) -> Any:
+def _tabulate(lobes: tuple[Any, ...]) -> Any:
     """One lobe whose parameters are tables over the materials: colours ``(1 or 3, M)``, scalars ``(M,)``."""
     changes: dict[str, Any] = {}
     for name, value in _parameters(lobes[0]):

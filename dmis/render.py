@@ -302,6 +302,8 @@ def fingerprint(scene: Scene) -> str:
     for part in scene.parts:
         digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
         digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())
+        if part.tangent is not None:
+            digest.update(np.asarray(part.tangent, np.float64).tobytes())
     return digest.hexdigest()[:16]
 
 

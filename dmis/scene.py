@@ -101,7 +101,7 @@ class Scene:
                 _ = self.tables.normals
             if group.textured:
                 _ = self.tables.uv
-            if group.anisotropic:
+            if group.anisotropic and group.tangent is None:
                 _ = self.tables.dpdu
 
     @cached_property
@@ -154,7 +154,9 @@ class Scene:
         if group.textured:
             rows = np.ascontiguousarray(self.tables.uv.take(prim, axis=0).T)
             uv = rows[2:4] * u + rows[4:6] * v + rows[:2]
-        if group.anisotropic:
+        if group.tangent is not None:
+            dpdu = group.tangent
+        elif group.anisotropic:
             dpdu = np.ascontiguousarray(self.tables.dpdu.take(prim, axis=0).T)
         outside = facing > 0
         emission = None

@@ -33,7 +33,7 @@ class Surface:
     outside
         Whether wo is on the side that the mesh's winding calls outside, ``(N,)`` bool; read by delta lobes only.
     dpdu
-        ``(3, N)``; read by anisotropic lobes only, None where there are none.
+        ``(3, N)`` or ``(3, 1)``; read by anisotropic lobes only, None where there are none.
     """
 
     p: Array
@@ -72,10 +72,14 @@ class Surface:
 
     @cached_property
     def tangents(self) -> tuple[Array, Array]:
-        """Unit tangents along and across dp/du; any frame where the surface has no dp/du. Each ``(3, N)``."""
+        """Unit tangents along and across dp/du; any frame where there is none, or it is along n. Each ``(3, N)``."""
         if self.dpdu is None:
             return frame(self.n)
-        s = normalise(self.dpdu - self.n * dot(self.n, self.dpdu))
+        s = self.dpdu - self.n * dot(self.n, self.dpdu)
+        along = np.flatnonzero(dot(s, s) <= np.float32(1e-8) * dot(self.dpdu, self.dpdu))
+        if len(along):
+            s[:, along] = frame(self.n[:, along])[0]
+        s = normalise(s)
         x, y, z = self.n
         t = np.stack([y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]])
         return s, t
