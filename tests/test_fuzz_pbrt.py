@@ -1,7 +1,7 @@
 """Bad pbrt files of every kind: a scene or the reader's own error, with file, line and token; no hang, no flood.
 
 Cases are the shipped scenes with their tokens dropped, doubled, swapped, changed, and files made of words that belong
-to the format in orders that may not. What once failed is in `CORPUS`.
+to the format in orders that may not.
 """
 
 import re
@@ -25,7 +25,7 @@ SECONDS = 5.0
 FAST = settings(
     max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-MANY = settings(FAST, max_examples=10_000, derandomize=False)
+MANY = settings(FAST, max_examples=2_500, derandomize=False)
 
 SCENES = Path(__file__).parent.parent / "scenes"
 TOKEN = re.compile(r'\[[^\]"]*\]|"[^"\n]*"|[^\s"\[\]#]+|\[|\]|#[^\n]*')
@@ -140,9 +140,11 @@ NAMES = (
 ).split()
 VALUES = st.sampled_from(['"a.exr"', '"a.ply"', '"a.spd"', '"matte"', '"a"', "true", '"metal-Cu-eta"', "3", "-1", ".5"])
 COMMON = """"float radius" 2,"point P" [0 0 0 1 0 0 0 1 0],"integer indices" [0 1 2],"rgb L" [1 2 3],
-"rgb Kd" [.5 .5 .5],"float scale" 3,"string filename" "a.ply","string filename" "a.exr","texture Kd" "t","integer levels" 2,"rgb I" [1 1 1],
+"rgb Kd" [.5 .5 .5],"float scale" 3,"string filename" "a.ply","string filename" "a.exr",
+"texture Kd" "t","integer levels" 2,"rgb I" [1 1 1],
 "normal N" [0 0 1 0 0 1 0 0 1],"integer nlevels" 20,"float power" 3,"rgb Ks" [0 0 0],"float zmin" 0,
-"spectrum L" "a.spd","string type" "matte","rgb reflectance" [.1 .1 .1],"string mapname" "a.exr","bool twosided" "false\""""
+"spectrum L" "a.spd","string type" "matte","rgb reflectance" [.1 .1 .1],"string mapname" "a.exr",
+"bool twosided" "false\""""
 PARAMETER = st.one_of(
     st.sampled_from(COMMON.replace("\n", "").split(",")),
     st.tuples(
@@ -167,8 +169,6 @@ MAKERS = {
 MADE = st.sampled_from([f'{line} "{kind}"' for line, kinds in MAKERS.items() for kind in kinds.split()])
 PLAIN = "AttributeBegin AttributeEnd TransformBegin TransformEnd ObjectEnd ReverseOrientation Identity".split()
 MOVES = st.tuples(
-    st.sampled_from(["Translate", "Scale"]), st.lists(st.sampled_from("1 -1 .5 0 1e9".split()), min_size=3)
-)
     st.sampled_from(["Translate", "Scale"]), st.lists(st.sampled_from("1 -1 .5 0 1e9".split()), min_size=3)
 )
 LINE = st.one_of(
