@@ -33,6 +33,7 @@ from dmis.reference import make_reference
 from dmis.render import Progress, Result, render
 from dmis.replay import embree_seconds
 from dmis.samplers import KINDS
+from dmis.scene import Scene
 from dmis.settings import Settings
 
 PATIENCE = 30.0
@@ -72,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("render", help="render a scene to an EXR file with layers")
     command.set_defaults(run=_render)
+    _add_scene_options(command)
     command.add_argument("scene", help="a pbrt file, a mesh file, or the name of a scene that comes with dmis")
     command.add_argument(
         "-o", "--output", required=True, metavar="OUT.exr", help="layers RGB, weight, variance, samples"
@@ -117,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("compare", help="rules side by side: error, time, rays")
     command.set_defaults(run=_compare)
+    _add_scene_options(command)
     command.add_argument("scene", help="a pbrt file, or the name of a scene that comes with dmis")
     command.add_argument("--rules", default="balance,thesis,auto", help="separated by commas, or all")
     command.add_argument("--spp", type=_numbers, default=[128], metavar="N,N,...", help="budgets (default 128)")
@@ -136,6 +139,7 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("info", help="versions, and what a scene needs")
     command.set_defaults(run=_info)
+    _add_scene_options(command)
     command.add_argument("scene", nargs="?")
     command.add_argument("--resolution", type=_resolution, metavar="WxH")
     command.add_argument("--seed", type=int, default=0, help=argparse.SUPPRESS)
@@ -149,6 +153,19 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--threads", type=int, default=1, help="default 1")
     command.add_argument("--seed", type=int, default=0)
     return parser
+
+
+def _add_scene_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--dialect", choices=("v2", "v3", "v4"), help="of pbrt files (default: by what they say)")
+    command.add_argument(
+        "--allow-outside", action="store_true", help="let the scene read files outside of its own folder"
+    )
+
+
+def _load(options: argparse.Namespace) -> Scene:
+    return load_scene(
+        options.scene, resolution=options.resolution, dialect=options.dialect, outside=options.allow_outside
+    )
 
 
 def _resolution(text: str) -> tuple[int, int]:
@@ -173,7 +190,7 @@ def _compare(options: argparse.Namespace) -> int:
     if options.seeds < 1:
         raise ValueError(f"--seeds must be at least 1; got {options.seeds}")
     rules = split_rules(options.rules)
-    scene = load_scene(options.scene, resolution=options.resolution)
+    scene = _load(options)
     with _progress_bar(options.quiet) as progress:
         if options.reference is not None:
             reference = load_reference(options.reference)
@@ -207,7 +224,7 @@ def _render(options: argparse.Namespace) -> int:
     for path in files:
         check_writable(path)
     threads = options.threads or options.workers or os.cpu_count() or 1
-    scene = load_scene(options.scene, resolution=options.resolution)
+    scene = _load(options)
     for path in files:
         check_writable(path, 32 * math.prod(scene.camera.resolution) + 2**16)  # eight channels and their description
     with _cluster(options.cluster) as executor, _progress_bar(options.quiet) as progress:
@@ -290,7 +307,7 @@ def _info(options: argparse.Namespace) -> int:
     )
     if options.scene:
         begin = time.perf_counter()
-        scene = load_scene(options.scene, resolution=options.resolution)
+        scene = _load(options)
         _ = scene.intersector
         width, height = scene.camera.resolution
         described = f"{width}x{height} pixels, {scene.plan.describe()}"

@@ -86,7 +86,9 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     import trimesh
 
     try:
-        loaded: Any = trimesh.load(path, process=False)  # process=True would merge and reorder vertices
+        # a PLY file may name an image, anywhere: it is not looked at
+        bare: dict[str, Any] = {"skip_materials": True} if suffix == ".ply" else {}  # an image
+        loaded: Any = trimesh.load(path, process=False, **bare)  # process=True would merge and reorder vertices
         mesh = from_trimesh(loaded)
     except Exception as error:  # whatever trimesh's readers meet comes through
         reason = "it is empty" if path.stat().st_size == 0 else f"{type(error).__name__}: {error}"

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from dmis.render import Result
 
 
+MAX_PIXELS = 2**26
+"""Most pixels of an image that is read: 800 MB of RGB."""
+
+
 def write_image(path: str | os.PathLike[str], result: Result) -> None:
     """Write a rendered image: ``.exr`` with all layers, or ``.png`` for a look at it.
 
@@ -89,6 +93,11 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
     if not path.is_file():
         raise FileNotFoundError(f"no such image: {path}")
     try:
+        with OpenEXR.File(os.fspath(path), header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+        width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+        if width * height > MAX_PIXELS:
+            raise ValueError(f"an image must have at most {MAX_PIXELS} pixels; it says {width}x{height}")
         with OpenEXR.File(os.fspath(path)) as file:
             attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
             layers = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}

@@ -40,13 +40,15 @@ def load_scene(
     camera: Camera | None = None,
     lights: Sequence[Light] | None = None,
     material: Material | Mapping[str, Material] | None = None,
+    dialect: str | None = None,
+    outside: bool = False,
 ) -> Scene:
     """Load or make a scene.
 
     Parameters
     ----------
     source
-        A pbrt-v2 file, the name of a scene that comes with the library (`SHIPPED`), a GLB, OBJ, PLY or STL file,
+        A pbrt file, the name of a scene that comes with the library (`SHIPPED`), a GLB, OBJ, PLY or STL file,
         or a mesh. A pbrt scene has everything; a mesh needs what follows.
     resolution
         ``(width, height)`` in place of the file's or the camera's.
@@ -57,6 +59,10 @@ def load_scene(
         radiance 1 in every direction, in which a white surface in the open has radiance 1.
     material
         One for all, or, for a trimesh scene, by the names of its geometries. Default: matte grey.
+    dialect
+        Of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: what the file's own words say.
+    outside
+        Whether a pbrt file may name files outside of its folder.
 
     Raises
     ------
@@ -73,7 +79,8 @@ def load_scene(
             for name, value in (("camera", camera), ("lights", lights), ("material", material)):
                 if value is not None:
                     raise ValueError(f"{name} must not be given for {path}, because a pbrt scene has its own")
-            return read_pbrt(path if suffix == ".pbrt" else _shipped(path), resolution)
+            path = path if suffix == ".pbrt" else _shipped(path)
+            return read_pbrt(path, resolution, dialect=dialect, outside=outside)
         named, title = {"": geometry.load_mesh(path)}, path.stem
     else:
         named, title = _meshes(source), "scene"

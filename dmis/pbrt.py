@@ -1,9 +1,11 @@
-"""Scenes from pbrt-v2 files.
+"""Scenes from files of pbrt-v2, v3 and v4.
 
-`read_pbrt` reads the text format of pbrt-v2: M. Pharr and G. Humphreys, *Physically Based Rendering*, 2nd edition,
-appendix B. It makes no wrong image in silence: what it does not know or cannot render is an error that names file, line
-and token; options and parameters that do not change the expected image are named in one warning. The later dialects
-mean other things by the same words and are refused. Beside the shapes of pbrt-v2 it knows their ``plymesh``.
+`read_pbrt` reads the text format of pbrt: M. Pharr and G. Humphreys, *Physically Based Rendering*, 2nd edition,
+appendix B, and the common subset of the formats of the 3rd and 4th edition. It makes no wrong image in silence: what it
+does not know or cannot render is an error that names file, line and token; options and parameters that do not change
+the expected image are named in one warning. The later dialects mean other things by the same words, so a file is read
+by the rules of one dialect (`dmis.pbrt_dialect`): the one that its words belong to, or the one that the caller names.
+Beside the shapes of pbrt-v2 the reader knows ``plymesh`` in all dialects. docs/scenes.md lists what is read.
 
 What pbrt-v2 does and a textbook would not. The rest of the library knows nothing of it:
 
@@ -27,30 +29,44 @@ What pbrt-v2 does and a textbook would not. The rest of the library knows nothin
   sides are no powers of 2.
 * Without a PixelFilter line the filter is a box of one pixel, the only one that is rendered here.
 
-File names are relative to the folder of the file that they stand in, else to that of the file read first.
+What v3 and v4 do otherwise is told where it is done: sides of lights and glass in `dmis.pbrt_shapes`, colours in
+`dmis.pbrt_spectra`, materials and lights in `dmis.pbrt_materials` and `dmis.pbrt_lights`.
 
-The modules: `dmis.pbrt_tokens` (text), `dmis.pbrt_directives` (lines), `dmis.pbrt_reader` (what they add up to),
-`dmis.pbrt_objects` (textures, materials, lights), `dmis.pbrt_shapes` (meshes, sides, parts).
+File names are relative to the folder of the file that they stand in, else to that of the file read first, and must not
+lead out of the latter unless the caller allows it.
+
+The modules: `dmis.pbrt_dialect` (dialects as data), `dmis.pbrt_tokens` (text), `dmis.pbrt_directives` (lines),
+`dmis.pbrt_reader` (what they add up to), `dmis.pbrt_objects` (textures, materials and lights of v2),
+`dmis.pbrt_materials`, `dmis.pbrt_lights` and `dmis.pbrt_spectra` (by dialect), `dmis.pbrt_shapes` (meshes, sides,
+parts).
 """
 
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from dmis.camera import Camera
+from dmis.pbrt_dialect import DIALECTS, detect
 from dmis.pbrt_directives import carry_out
 from dmis.pbrt_reader import PbrtWarning, Reader
-from dmis.pbrt_tokens import PbrtError, Source
+from dmis.pbrt_tokens import PbrtError, Source, tokens_of
 from dmis.scene import Scene
 
 __all__ = ["PbrtError", "PbrtWarning", "read_pbrt"]
 
 
-def read_pbrt(path: str | os.PathLike[str], resolution: tuple[int, int] | None = None) -> Scene:
-    """Read a pbrt-v2 scene file.
+def read_pbrt(
+    path: str | os.PathLike[str],
+    resolution: tuple[int, int] | None = None,
+    *,
+    dialect: str | None = None,
+    outside: bool = False,
+) -> Scene:
+    """Read a pbrt scene file.
 
     Parameters
     ----------
@@ -59,6 +75,10 @@ def read_pbrt(path: str | os.PathLike[str], resolution: tuple[int, int] | None =
     resolution
         ``(width, height)`` in place of the file's. The field of view belongs to the shorter side, so a change of shape
         shows more or less on the longer one.
+    dialect
+        ``v2``, ``v3`` or ``v4``. Default: what the file's own words say; v2 if they fit all.
+    outside
+        Whether the scene may read files outside of its folder. Links count as where they lead.
 
     Returns
     -------
@@ -73,7 +93,7 @@ def read_pbrt(path: str | os.PathLike[str], resolution: tuple[int, int] | None =
     PbrtError
         If it is malformed, or asks for what is not supported. The message begins ``FILE:LINE: token TOKEN:``.
     ValueError
-        If the resolution is not one.
+        If the resolution or the dialect is not one, or the file is too large.
 
     Warns
     -----
@@ -85,7 +105,11 @@ def read_pbrt(path: str | os.PathLike[str], resolution: tuple[int, int] | None =
         raise FileNotFoundError(f"there is no scene file {path}")
     if resolution is not None:
         Camera(np.eye(4), 90.0, resolution)
-    source = Source.read(path)
+    if dialect is not None and dialect not in DIALECTS:
+        raise ValueError(f"dialect must be one of {', '.join(DIALECTS)}; got {dialect!r}")
+    source = Source.read(path, outside)
+    spoken = detect(tokens_of(source)) if dialect is None else DIALECTS[dialect]
+    source = replace(source, dialect=spoken)
     reader = Reader(source, resolution)
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
         carry_out(reader, source)

@@ -1,4 +1,4 @@
-"""The directives of pbrt-v2 files, and what each does to a `dmis.pbrt_reader.Reader`."""
+"""The directives of pbrt files, and what each does to a `dmis.pbrt_reader.Reader`."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from dmis import geometry
-from dmis.pbrt_objects import check_material, make_light, make_material, make_texture, radiance
-from dmis.pbrt_reader import Reader, inverse
-from dmis.pbrt_shapes import make_light_part, make_shape
-from dmis.pbrt_tokens import Cursor, Floats, Source, Token, blame
+from dmis.pbrt_dialect import DIALECTS, V2, V4
+from dmis.pbrt_lights import emission, make_light
+from dmis.pbrt_materials import check_material, make_material
+from dmis.pbrt_objects import make_texture
+from dmis.pbrt_reader import DIRECT, Reader, State, inverse
+from dmis.pbrt_shapes import areas, make_light_part, make_shape
+from dmis.pbrt_tokens import MAX_TEXT, Cursor, Floats, Parameters, Source, Token, blame
 
 MAX_INCLUDES = 32
-BOX_FILTER = 'PixelFilter "box" "float xwidth" [0.5] "float ywidth" [0.5]'
+MAX_FILES = 10_000
+"""Most files that are included, each time counted."""
 
 
 def carry_out(reader: Reader, source: Source) -> None:
@@ -25,8 +29,8 @@ def carry_out(reader: Reader, source: Source) -> None:
         reader.token = token
         if token.kind != "word" or not token.text[0].isalpha():
             raise token.error("a directive is expected here, such as Shape or Translate")
-        if token.text not in _DIRECTIVES:
-            raise token.error(_unknown(token.text))
+        if token.text not in _DIRECTIVES or token.text in _SPECIAL - reader.dialect.directives:
+            raise token.error(_unknown(token.text, reader.dialect.name))
         phase, directive = _DIRECTIVES[token.text]
         if reader.phase == "end":
             raise token.error("nothing may follow WorldEnd, because one file makes one image")
@@ -35,14 +39,21 @@ def carry_out(reader: Reader, source: Source) -> None:
             raise token.error(f"{token.text} must stand {where}")
         directive(reader, token, cursor)
     reader.including.pop()
+    if not reader.including and reader.phase == "world" and not reader.dialect.ends:
+        _world_end(reader, reader.token, cursor)
     if not reader.including and reader.phase != "end":
         raise token.error(f"{'WorldEnd' if reader.phase == 'world' else 'WorldBegin'} is missing")
 
 
-def _unknown(word: str) -> str:
-    if word in _LATER:
-        return f"{word} belongs to a later dialect, where the same words mean other things; only pbrt-v2 is read"
-    return f"there is no such directive; there are {', '.join(_DIRECTIVES)}"
+def _unknown(word: str, dialect: str) -> str:
+    theirs = [name for name, one in DIALECTS.items() if word in one.directives]
+    if theirs:
+        return (
+            f"{word} belongs to {' and '.join(theirs)}, where the same words mean other things; "
+            f"by its other words, or because you said so, this file is read as {dialect}"
+        )
+    known = [name for name in _DIRECTIVES if name not in _SPECIAL - DIALECTS[dialect].directives]
+    return f"there is no such directive; there are {', '.join(known)}"
 
 
 # Each directive is given the reader, its own token, and the cursor behind it
@@ -58,8 +69,26 @@ def _include(reader: Reader, token: Token, cursor: Cursor) -> None:
     if len(reader.including) >= MAX_INCLUDES:
         raise name.error(f"files must not include each other to a depth of more than {MAX_INCLUDES}")
     with blame(name):
-        source = Source.read(path, top=name.source.folders[-1])
+        source = name.source.include(path)
+    reader.files, reader.characters = reader.files + 1, reader.characters + len(source.text)
+    if reader.files > MAX_FILES or reader.characters > MAX_TEXT:
+        raise name.error(f"a scene must not include more than {MAX_FILES} files or {MAX_TEXT} characters in total")
     carry_out(reader, source)
+
+
+def _import(reader: Reader, token: Token, cursor: Cursor) -> None:
+    state, blocks = reader.state, len(reader.blocks)
+    _include(reader, token, cursor)
+    if len(reader.blocks) != blocks:
+        raise token.error("an imported file must close what it opens")
+    reader.state = _restored(reader, state)
+
+
+def _restored(reader: Reader, saved: State) -> State:
+    """The state that a block began with, but for the names that outlive it."""
+    if not reader.dialect.global_names:
+        return saved
+    return replace(saved, textures=reader.state.textures, named_materials=reader.state.named_materials)
 
 
 def _set(reader: Reader, token: Token, matrix: Floats) -> None:
@@ -149,7 +178,9 @@ def _pop(reader: Reader, token: Token) -> None:
     if open_one.text != opener:
         raise token.error(f"{token.text} must close {opener}; {open_one.text} of line {open_one.line} is open")
     _, saved = reader.blocks.pop()
-    reader.state = replace(reader.state, to_world=saved.to_world) if opener == "TransformBegin" else saved
+    reader.state = (
+        replace(reader.state, to_world=saved.to_world) if opener == "TransformBegin" else _restored(reader, saved)
+    )
 
 
 def _world_begin(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -178,32 +209,42 @@ def _camera(reader: Reader, token: Token, cursor: Cursor) -> None:
 
 def _film(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of film")
-    if name.name != "image":
-        raise name.error("the film must be image; others are not supported")
+    films = reader.dialect.film
+    if name.name not in films:
+        raise name.error(f"the film must be {' or '.join(films)}; others are not supported")
     reader.film = cursor.parameters(token)
 
 
 def _pixel_filter(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of filter")
     p = cursor.parameters(token)
-    if name.name != "box" or (p.number("xwidth", 0.5), p.number("ywidth", 0.5)) != (0.5, 0.5):
-        raise name.error(f"the filter must be a box of one pixel, no other is rendered; make the line {BOX_FILTER}")
+    if name.name != "box" or any(p.number(half, 0.5) != 0.5 for half in reader.dialect.box):
+        line = 'PixelFilter "box" ' + " ".join(f'"float {half}" [0.5]' for half in reader.dialect.box)
+        raise name.error(f"the filter must be a box of one pixel, no other is rendered; make the line {line}")
     reader.note(p)
+    reader.filter = True
 
 
 def _integrator(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of integrator")
     p = cursor.parameters(token)
-    if name.name == "path":
-        raise name.error('paths are not supported yet; for direct light alone write SurfaceIntegrator "directlighting"')
-    if name.name != "directlighting":
-        raise name.error("the integrator must be directlighting; others make other images")
+    reader.integrator, dialect = True, reader.dialect
+    p.fixed(dialect.fixed.get("Integrator", {}))
+    depth = p.integer("maxdepth", 5)
+    if dialect is not V2 and name.name in ("path", "volpath") and depth == 1:
+        reader.depth = p.items["maxdepth"].token  # one surface that scatters: direct light
+        reader.note(p)
+        return
+    if name.name in ("path", "volpath"):
+        raise name.error(f"paths are not supported yet; {DIRECT[dialect.name]}")
+    if name.name != "directlighting" or dialect is V4:
+        raise name.error(f"the integrator must be directlighting; others make other images; {DIRECT[dialect.name]}")
     strategy = p.string("strategy", "all")
     if strategy not in ("all", "one"):
         raise p.items["strategy"].token.error(f"strategy must be all or one; got {strategy!r}")
     if strategy == "one":
         p.asked.discard("strategy")  # lights are sampled as the renderer is told; the expected image is the same
-    if p.integer("maxdepth", 5) != 5:
+    if depth != 5:
         reader.depth = p.items["maxdepth"].token
         p.asked.discard("maxdepth")
     reader.note(p)
@@ -226,7 +267,59 @@ def _volume(reader: Reader, token: Token, cursor: Cursor) -> None:
     raise token.error("volumes are not supported")
 
 
+def _option(reader: Reader, token: Token, cursor: Cursor) -> None:
+    p = cursor.parameters(token)
+    p.fixed(reader.dialect.fixed["Option"])
+    known = ("seed", "quiet", "pixelstats", "wavefront", "rendercoordsys", "disablewavelengthjitter")
+    for name, item in p.items.items():
+        if name not in p.asked and name not in known:
+            raise item.token.error(f"there is no option {name!r} here; there are {', '.join([*p.asked, *known])}")
+    reader.note(p)
+
+
+def _color_space(reader: Reader, token: Token, cursor: Cursor) -> None:
+    name = cursor.string(token, "a name")
+    if name.name != "srgb":
+        raise name.error("the colour space must be srgb; others are not supported")
+
+
+def _make_named_medium(reader: Reader, token: Token, cursor: Cursor) -> None:
+    name, p = cursor.string(token, "a name"), cursor.parameters(token)
+    empty = p.string("type", "") == "homogeneous" and all(
+        (found := p.get(key, "color", "rgb", "spectrum")) is not None and not any(found.colour())
+        for key in ("sigma_a", "sigma_s")
+    )
+    p.asked.update(p.items)
+    reader.vacuums = reader.vacuums | {name.name} if empty else reader.vacuums - {name.name}
+    reader.skip(token)
+
+
+def _medium_interface(reader: Reader, token: Token, cursor: Cursor) -> None:
+    names = [cursor.string(token, "the name of a medium")]
+    if cursor.peek().kind == "string" and " " not in cursor.peek().name:
+        names.append(cursor.next())
+    for name in names:
+        if name.text != '""' and name.name not in reader.vacuums:
+            raise name.error("a medium changes the image, and media are not supported; remove it to render a vacuum")
+    reader.skip(token)
+
+
 # The world
+
+
+def _attribute(reader: Reader, token: Token, cursor: Cursor) -> None:
+    kind = cursor.string(token, "shape, light, material, medium or texture")
+    if kind.name not in ("shape", "light", "material", "medium", "texture"):
+        raise kind.error("Attribute must be of shape, light, material, medium or texture")
+    added = {**reader.state.added.get(kind.name, {}), **cursor.parameters(token).items}
+    reader.state = replace(reader.state, added={**reader.state.added, kind.name: added})
+
+
+def _parameters(reader: Reader, token: Token, cursor: Cursor, kind: str) -> Parameters:
+    """Parameters of a shape, light, material or texture, with those that Attribute lines add."""
+    p = cursor.parameters(token)
+    added = reader.state.added.get(kind)
+    return Parameters(p.directive, {**added, **p.items}) if added else p
 
 
 def _texture(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -235,7 +328,9 @@ def _texture(reader: Reader, token: Token, cursor: Cursor) -> None:
     if kind_name not in ("float", "color"):
         raise kind.error("the type of a texture must be float or color")
     made_of = cursor.string(token, "a class, such as imagemap,")
-    parameters = cursor.parameters(token)
+    parameters = _parameters(reader, token, cursor, "texture")
+    if reader.dialect is not V2 and (kind_name, name.name) in reader.state.textures:
+        raise name.error("there is a texture of this name; it must have another, because v3 and v4 have one of each")
     value = make_texture(kind_name, made_of, parameters, reader.state.textures)
     reader.note(parameters)
     reader.state = replace(reader.state, textures={**reader.state.textures, (kind_name, name.name): value})
@@ -244,7 +339,7 @@ def _texture(reader: Reader, token: Token, cursor: Cursor) -> None:
 def _material(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of material")
     check_material(name)
-    reader.state = replace(reader.state, material=(name, cursor.parameters(token)), named=None)
+    reader.state = replace(reader.state, material=(name, _parameters(reader, token, cursor, "material")), named=None)
 
 
 def _make_named_material(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -252,38 +347,45 @@ def _make_named_material(reader: Reader, token: Token, cursor: Cursor) -> None:
     kind = own.string("type")
     kind_token = own.items["type"].token._replace(text=f'"{kind}"')
     check_material(kind_token)
-    made = make_material(kind_token, (own, reader.state.material[1]), reader.state.textures)
+    lists = (own, reader.state.material[1]) if reader.dialect is V2 else (own,)
+    made = make_material(kind_token, lists, reader.state.textures, reader.named)
     reader.note(own)
-    reader.state = replace(reader.state, named_materials={**reader.state.named_materials, name.name: made})
+    state = replace(reader.state, named_materials={**reader.state.named_materials, name.name: made})
+    if reader.dialect is not V2 and reader.dialect.overrides:
+        state = replace(state, recipes={**state.recipes, name.name: (kind_token, own)})
+    reader.state = state
 
 
 def _named_material(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a name")
-    if name.name not in reader.state.named_materials:
-        known = ", ".join(map(repr, reader.state.named_materials)) or "none"
-        raise name.error(f"there is no material of this name here; there are: {known}")
-    reader.state = replace(reader.state, named=name.name)
+    reader.named(name, name.name)
+    if name.name in reader.state.recipes:  # as if its line stood here, so that Shape lines may change it
+        reader.state = replace(reader.state, material=reader.state.recipes[name.name], named=None)
+    else:
+        reader.state = replace(reader.state, named=name.name)
 
 
 def _light_source(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name, parameters = cursor.string(token, "a kind of light"), cursor.parameters(token)
+    name = cursor.string(token, "a kind of light")
+    parameters = _parameters(reader, token, cursor, "light")
     reader.lights.append(make_light(name, parameters, reader.state.to_world))
     reader.note(parameters)
 
 
 def _area_light_source(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name, parameters = cursor.string(token, "a kind of area light"), cursor.parameters(token)
+    name = cursor.string(token, "a kind of area light")
+    parameters = _parameters(reader, token, cursor, "light")
     if name.name not in ("area", "diffuse"):
         raise name.error("an area light must be area (or diffuse, the same); others are not supported")
-    emitted = radiance(parameters)
+    emitted = emission(parameters, lambda: np.ones(1))  # of unit area, to see whether it is right
     if min(emitted) < 0:
         raise name.error(f"the radiance of a light must not be negative; got {emitted}")
     reader.note(parameters)
-    reader.state = replace(reader.state, area_light=emitted)
+    reader.state = replace(reader.state, area_light=parameters)
 
 
 def _shape(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name, parameters = cursor.string(token, "a kind of shape"), cursor.parameters(token)
+    name, parameters = cursor.string(token, "a kind of shape"), _parameters(reader, token, cursor, "shape")
     state = reader.state
     shape = make_shape(name, parameters, state.to_world, state.reverse)
     material = reader.material_for(parameters)
@@ -293,7 +395,8 @@ def _shape(reader: Reader, token: Token, cursor: Cursor) -> None:
         return
     if reader.object is not None:
         raise token.error("a shape in an object must not emit, because its instances could not be sampled")
-    part, light = make_light_part(shape, material, state.area_light)
+    reader.count(token, shape)
+    part, light = make_light_part(shape, material, emission(state.area_light, lambda: areas(shape)))
     reader.bright.append(part)
     reader.lights.append(light)
 
@@ -318,16 +421,23 @@ def _object_instance(reader: Reader, token: Token, cursor: Cursor) -> None:
     if name.name not in reader.objects:
         known = ", ".join(map(repr, reader.objects)) or "none"
         raise name.error(f"there is no object of this name; there are: {known}")
+    reader.count(token, *(shape for shape, _ in reader.objects[name.name]))
     placed: dict[int, Floats] = {}
     copies = []
     for shape, material in reader.objects[name.name]:
         to_world = placed.setdefault(id(shape.to_world), reader.state.to_world @ shape.to_world)
         copies.append((replace(shape, to_world=to_world), material))
-    reader.add(token, copies)
+    reader.shapes += copies
 
 
 _DIRECTIVES: dict[str, tuple[str, _Directive]] = {
     "Include": ("any", _include),
+    "Import": ("world", _import),
+    "Option": ("options", _option),
+    "ColorSpace": ("any", _color_space),
+    "MakeNamedMedium": ("any", _make_named_medium),
+    "MediumInterface": ("any", _medium_interface),
+    "Attribute": ("world", _attribute),
     "Identity": ("any", _identity),
     "Translate": ("any", _translate),
     "Scale": ("any", _scale),
@@ -344,6 +454,7 @@ _DIRECTIVES: dict[str, tuple[str, _Directive]] = {
     "PixelFilter": ("options", _pixel_filter),
     "Sampler": ("options", _ignored),
     "SurfaceIntegrator": ("options", _integrator),
+    "Integrator": ("options", _integrator),
     "VolumeIntegrator": ("options", _ignored),
     "Renderer": ("options", _renderer),
     "Accelerator": ("options", _ignored),
@@ -366,4 +477,4 @@ _DIRECTIVES: dict[str, tuple[str, _Directive]] = {
     "Shape": ("world", _shape),
     "Volume": ("world", _volume),
 }
-_LATER = ("Integrator", "MakeNamedMedium", "MediumInterface", "Option", "Attribute", "ColorSpace", "Import")
+_SPECIAL = frozenset().union(*(dialect.directives for dialect in DIALECTS.values()))

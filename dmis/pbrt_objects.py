@@ -1,6 +1,7 @@
-"""Textures, materials and lights without a shape, made from the parameter lists of pbrt files.
+"""Textures of all dialects, materials and lights without a shape of pbrt-v2, made from the parameter lists of files.
 
-The defaults and the deviations from the textbook are those of pbrt-v2; `dmis.pbrt` lists the latter.
+The defaults and the deviations from the textbook are those of pbrt-v2; `dmis.pbrt` lists the latter. What later
+dialects have in their place is in `dmis.pbrt_materials` and `dmis.pbrt_lights`.
 """
 
 from __future__ import annotations
@@ -26,6 +27,11 @@ MAX_EXPONENT = 10_000
 """Of Blinn's distribution, in pbrt-v2."""
 
 
+def unnamed(token: Token, name: str) -> Material:
+    """Where no material has a name."""
+    raise token.error(f"there is no material {name!r} here")
+
+
 @dataclass(frozen=True, eq=False)
 class Lookup:
     """Looks up parameters that may be textures, in one parameter list after the other.
@@ -35,6 +41,26 @@ class Lookup:
 
     lists: tuple[Parameters, ...]
     textures: Textures
+    name: Token
+    named: Callable[[Token, str], Material] = unnamed
+
+    def has(self, name: str) -> bool:
+        """Whether there is a parameter of this name."""
+        return any(name in one.items for one in self.lists)
+
+    def string(self, name: str, count: int = 1) -> Any:
+        """The token and the values of a required parameter of `count` strings."""
+        for one in self.lists:
+            found = one.get(name, "string")
+            if found is not None:
+                if len(found.values) != count:
+                    raise found.token.error(f"parameter {name!r} must hold {count} strings; got {len(found.values)}")
+                return found.token, *map(str, found.values)
+        raise self.lists[0].missing(name, "string")
+
+    def boolean(self, name: str, default: bool) -> bool:
+        """A bool."""
+        return next((one.boolean(name, default) for one in self.lists if name in one.items), default)
 
     def _find(self, name: str, *kinds: str) -> Parameter | None:
         found = [p for p in (one.get(name, "texture", *kinds) for one in self.lists) if p is not None]
@@ -47,7 +73,7 @@ class Lookup:
             raise parameter.token.error(f"there is no {kind} texture {name!r} here; there are: {known}")
         return self.textures[kind, name]
 
-    def _error(self, name: str, rule: str) -> PbrtError:
+    def error(self, name: str, rule: str) -> PbrtError:
         """The error of a parameter that one of the lists has."""
         token = next(one.items[name].token for one in self.lists if name in one.items)
         return token.error(f"parameter {name!r} {rule}")
@@ -60,21 +86,21 @@ class Lookup:
         if found.kind == "texture":
             return self._texture("float", found)
         if len(found.values) != 1:
-            raise self._error(name, f"must be one number; got {len(found.values)}")
+            raise self.error(name, f"must be one number; got {len(found.values)}")
         return float(found.numbers[0])
 
     def constant(self, name: str, default: float) -> float:
         """A float, or a texture that is constant."""
         value = self.real(name, default)
         if isinstance(value, Image):
-            raise self._error(name, "must be constant here; an image texture is not supported")
+            raise self.error(name, "must be constant here; an image texture is not supported")
         return value
 
     def roughness(self, name: str, default: float) -> float | Image:
         """A roughness whose reciprocal is at most `MAX_EXPONENT`."""
         value, least = self.real(name, default), 1 / MAX_EXPONENT
         if np.min(value.texels if isinstance(value, Image) else value) < 0:
-            raise self._error(name, "must not be negative, because its reciprocal is an exponent")
+            raise self.error(name, "must not be negative, because its reciprocal is an exponent")
         if isinstance(value, Image):
             return replace(value, texels=np.maximum(value.texels, np.float32(least)))
         return max(value, least)
@@ -97,14 +123,14 @@ class Lookup:
         """A spectrum, or a spectrum texture that is constant."""
         value = self.colour(name, default)
         if isinstance(value, Image):
-            raise self._error(name, "must be constant here; an image texture is not supported")
+            raise self.error(name, "must be constant here; an image texture is not supported")
         return value
 
-    def index(self) -> float:
-        """The index of refraction, ``index``."""
-        value = self.constant("index", 1.5)
+    def index(self, name: str = "index", default: float = 1.5) -> float:
+        """An index of refraction."""
+        value = self.constant(name, default)
         if not value > 0:
-            raise self._error("index", f"must be positive, because it is a ratio of speeds; got {value:g}")
+            raise self.error(name, f"must be positive, because it is a ratio of speeds; got {value:g}")
         return value
 
 
@@ -113,13 +139,16 @@ class Lookup:
 
 def make_texture(kind: str, name: Token, parameters: Parameters, textures: Textures) -> Any:
     """A texture of class `name`: a number or RGB triple if it is constant, else an image; `kind` is float or color."""
-    look = Lookup((parameters,), textures)
+    look = Lookup((parameters,), textures, name)
     get: Callable[[str, float], Any] = look.real if kind == "float" else look.colour
     if name.name == "constant":
         return get("value", 1.0)
     if name.name == "scale":
         with blame(name):
-            product = scale(get("tex1", 1.0), get("tex2", 1.0))
+            if name.source.dialect.name == "v4":
+                product = scale(get("tex", 1.0), look.real("scale", 1.0))
+            else:
+                product = scale(get("tex1", 1.0), get("tex2", 1.0))
         return float(product[0]) if kind == "float" and isinstance(product, tuple) else product
     if name.name == "imagemap":
         return _imagemap(kind, name, parameters)
@@ -135,10 +164,14 @@ def _imagemap(kind: str, name: Token, parameters: Parameters) -> Image:
         raise parameters.items["wrap"].token.error(f"wrap must be repeat, black or clamp; got {wrap!r}")
     size = parameters.number("uscale", 1), parameters.number("vscale", 1)
     offset = parameters.number("udelta", 0), parameters.number("vdelta", 0)
-    factor, gamma = parameters.number("scale", 1), parameters.number("gamma", 1)
-    texels = _image(parameters, "filename")
+    factor, gamma = parameters.number("scale", 1), _gamma(name, parameters)
+    texels = image(parameters, "filename")
+    if name.source.dialect.t_up:
+        texels = texels[::-1]
     if kind == "float":
         texels = texels @ LUMINANCE[:, None]
+    if name.source.dialect.name == "v4" and parameters.boolean("invert", False):
+        texels = 1 - texels
     texels = factor * texels
     if gamma != 1:
         if (texels < 0).any():
@@ -148,7 +181,15 @@ def _imagemap(kind: str, name: Token, parameters: Parameters) -> Image:
         return Image(texels.astype(np.float32), size, offset, wrap)  # type: ignore[arg-type]
 
 
-def _image(parameters: Parameters, name: str) -> Floats:
+def _gamma(name: Token, parameters: Parameters) -> float:
+    """The power of texels: only pbrt-v2 has one; in v3 and v4 the parameters are about files of 8 bits."""
+    if name.source.dialect.name == "v2":
+        return parameters.number("gamma", 1)
+    parameters.fixed({"gamma": False} if name.source.dialect.name == "v3" else {"encoding": "linear"})
+    return 1.0
+
+
+def image(parameters: Parameters, name: str) -> Floats:
     """The EXR file that the string `name` names, (H, W, 3); alpha is dropped."""
     file = parameters.string(name)
     token = parameters.items[name].token
@@ -166,20 +207,6 @@ def _image(parameters: Parameters, name: str) -> Floats:
 
 
 # Materials --------------------------------------------------------------------------------------------------------
-
-
-def make_material(name: Token, lists: tuple[Parameters, ...], textures: Textures) -> Material:
-    """The material `name`, with parameters from the first of the `lists` that has them."""
-    for parameters in lists:
-        parameters.refuse("bumpmap", "bump maps are not supported; remove the parameter, or bake it into the mesh")
-    with blame(name):
-        return _MATERIALS[name.name](Lookup(lists, textures))
-
-
-def check_material(name: Token) -> None:
-    """Raise if the material `name` is unknown."""
-    if name.name not in _MATERIALS:
-        raise name.error(f"a material must be one of {', '.join(_MATERIALS)}; others are not supported")
 
 
 def _matte(p: Lookup) -> Material:
@@ -225,7 +252,7 @@ def _glass(p: Lookup) -> Material:
     return material.glass(p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index())
 
 
-_MATERIALS: dict[str, Callable[[Lookup], Material]] = {
+V2_MATERIALS: dict[str, Callable[[Lookup], Material]] = {
     "matte": _matte,
     "plastic": _plastic,
     "metal": _metal,
@@ -240,18 +267,10 @@ _MATERIALS: dict[str, Callable[[Lookup], Material]] = {
 # Lights -----------------------------------------------------------------------------------------------------------
 
 
-def make_light(name: Token, parameters: Parameters, to_world: Floats) -> Light:
-    """The light `name` of a ``LightSource`` line; `to_world` (4, 4) is the current transform."""
-    if name.name not in _LIGHTS:
-        raise name.error(f"a light must be one of {', '.join(_LIGHTS)}; others are not supported")
-    with blame(name):
-        return _LIGHTS[name.name](parameters, to_world)
-
-
 def radiance(parameters: Parameters, name: str = "L") -> Rgb:
     """A light's colour `name` times its ``scale``."""
     factor = parameters.get("scale", *COLOURS)
-    return _rgb(np.multiply(parameters.colour(name, 1), 1 if factor is None else factor.colour()))
+    return _rgb(np.multiply(parameters.illuminant(name, 1), 1 if factor is None else factor.colour()))
 
 
 def similarity(matrix: Floats) -> float | None:
@@ -286,11 +305,11 @@ def _infinite(parameters: Parameters, to_world: Floats) -> Light:
     factor = similarity(to_world)
     if factor is None:
         raise ValueError("an infinite light must not be stretched, because it is all directions; scale all axes alike")
-    texels = _image(parameters, "mapname") if "mapname" in parameters.items else np.ones((1, 1, 3))
+    texels = image(parameters, "mapname") if "mapname" in parameters.items else np.ones((1, 1, 3))
     return EnvironmentLight(texels, to_world[:3, :3] / factor, radiance(parameters))
 
 
-_LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
+V2_LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
     "point": _point,
     "spot": _spot,
     "distant": _distant,

@@ -16,11 +16,18 @@ from dmis.brdf import SpecularReflection, SpecularTransmission
 from dmis.camera import Camera
 from dmis.light import Light
 from dmis.material import Material
-from dmis.pbrt_objects import Textures, make_material
+from dmis.pbrt_materials import make_material
+from dmis.pbrt_objects import Textures
 from dmis.pbrt_shapes import Shape, merge
-from dmis.pbrt_tokens import Floats, Parameters, Source, Token, blame
+from dmis.pbrt_tokens import Floats, Parameter, Parameters, Source, Token, blame
 from dmis.scene import Part, Scene
-from dmis.spectrum import Rgb
+
+DIRECT = {
+    "v2": 'for direct light alone write SurfaceIntegrator "directlighting"',
+    "v3": 'for direct light alone write Integrator "directlighting"',
+    "v4": 'for direct light alone write Integrator "path" "integer maxdepth" [1]',
+}
+"""What to write in the place of an integrator that follows paths."""
 
 MAX_TRIANGLES = 2**25
 """Most triangles of a scene: some 8 GB."""
@@ -46,8 +53,12 @@ class State:
         The material that NamedMaterial chose, in place of it.
     named_materials, textures
         By name.
+    recipes
+        Kind and parameters of named materials that Shape lines may still change (v3).
     area_light
-        What shapes emit.
+        The AreaLightSource line by which shapes emit.
+    added
+        Parameters that Attribute lines add to shapes, lights and so on, by their kind.
     """
 
     to_world: Floats
@@ -56,7 +67,9 @@ class State:
     named: str | None = None
     named_materials: Mapping[str, Material] = field(default_factory=dict)
     textures: Textures = field(default_factory=dict)
-    area_light: Rgb | None = None
+    recipes: Mapping[str, tuple[Token, Parameters]] = field(default_factory=dict)
+    area_light: Parameters | None = None
+    added: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
 
 
 class Reader:
@@ -65,11 +78,16 @@ class Reader:
     def __init__(self, source: Source, resolution: tuple[int, int] | None) -> None:
         self.source, self.resolution = source, resolution
         self.token = Token("word", "", source, 0)
+        self.dialect = source.dialect
         nothing = Parameters(self.token, {})
-        self.state = State(np.eye(4), (Token("string", '"matte"', source, 0), nothing))
+        default = '"diffuse"' if self.dialect.name == "v4" else '"matte"'
+        self.state = State(np.eye(4), (Token("string", default, source, 0), nothing))
         self.blocks: list[tuple[Token, State]] = []
         self.phase = "options"
         self.including: list[Path] = []
+        self.files, self.characters = 0, 0
+        self.integrator = self.filter = False
+        self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing
         self.to_camera = np.eye(4)
@@ -77,7 +95,7 @@ class Reader:
         self.shapes: list[tuple[Shape, Material]] = []
         self.objects: dict[str, list[tuple[Shape, Material]]] = {}
         self.object: list[tuple[Shape, Material]] | None = None
-        self.triangles = 0
+        self.triangles = self.defined = 0
         self.bright: list[Part] = []
         self.lights: list[Light] = []
         self._materials: dict[tuple[int, int], tuple[Material, object]] = {}
@@ -94,25 +112,48 @@ class Reader:
         name, parameters = state.material
         key = id(parameters), id(state.textures)
         if key not in self._materials:
-            made = make_material(name, (parameters,), state.textures)
+            made = make_material(name, (parameters,), state.textures, self.named)
             self._materials[key] = made, state  # keeps alive what the key is the address of
             self.note(parameters)
-        if parameters.asked.isdisjoint(shape.items):
+        if not self.dialect.overrides or parameters.asked.isdisjoint(shape.items):
             return self._materials[key][0]
-        return make_material(name, (shape, parameters), state.textures)
+        return make_material(name, (shape, parameters), state.textures, self.named)
+
+    def named(self, token: Token, name: str) -> Material:
+        """The material called `name`."""
+        if name not in self.state.named_materials:
+            known = ", ".join(map(repr, self.state.named_materials)) or "none"
+            raise token.error(f"there is no material of this name here; there are: {known}")
+        return self.state.named_materials[name]
 
     def add(self, token: Token, shapes: list[tuple[Shape, Material]]) -> None:
         """Add shapes to the world, or to the object that is being defined."""
         if self.object is not None:
             self.object += shapes
-            return
-        self.triangles += sum(shape.mesh.triangles for shape, _ in shapes)
-        if self.triangles > MAX_TRIANGLES:
+        else:
+            self.shapes += shapes
+        self.count(token, *(shape for shape, _ in shapes))
+
+    def count(self, token: Token, *shapes: Shape) -> None:
+        """Keep count of the triangles of the world and of those of objects."""
+        more = sum(shape.mesh.triangles for shape in shapes)
+        self.defined += more if self.object is not None else 0
+        self.triangles += more if self.object is None else 0
+        if max(self.triangles, self.defined) > MAX_TRIANGLES:
             raise token.error(f"a scene must have at most {MAX_TRIANGLES} triangles, because instances are copied")
-        self.shapes += shapes
 
     def scene(self) -> Scene:
         """The scene, once all is read."""
+        if self.dialect.name != "v2" and not self.integrator:
+            raise self.token.error(
+                f"without an Integrator line {self.dialect.name} follows paths; {DIRECT[self.dialect.name]}"
+            )
+        if not self.dialect.default_box and not self.filter:
+            box = " ".join(f'"float {name}" [0.5]' for name in self.dialect.box)
+            raise self.token.error(
+                f"without a PixelFilter line the filter of {self.dialect.name} is a gaussian, not rendered here; "
+                f'write PixelFilter "box" {box}'
+            )
         parts = self.bright + merge(self.shapes)
         camera = self._camera()
         with blame(self.token):
@@ -124,7 +165,11 @@ class Reader:
 
     def _camera(self) -> Camera:
         film, p = self.film, self.camera
-        size = film.integer("xresolution", 640), film.integer("yresolution", 480)
+        wide, high = self.dialect.film_size
+        size = film.integer("xresolution", wide), film.integer("yresolution", high)
+        film.refuse("pixelbounds", "pixelbounds is not supported; use cropwindow")
+        film.fixed(self.dialect.fixed.get("Film", {}))
+        p.fixed(self.dialect.fixed.get("Camera", {}))
         crop = film.table("cropwindow", "float", 4)
         if self.resolution is None:
             with blame(film.directive):

@@ -4,7 +4,7 @@ Shapes are kept in object space as they are read. At the end all of one material
 (flat or smooth, with or without texture coordinates), so that files of thousands of small shapes make few parts.
 
 The side that a mesh's winding calls outside matters only to materials that transmit light, and to lights. Both follow
-pbrt-v2, whose rules are told in `_outside` and `make_light_part`.
+pbrt, whose rules are told in `_outside` and `_bright`.
 """
 
 from __future__ import annotations
@@ -62,9 +62,16 @@ class Shape:
 
 def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:
     """The shape `name`."""
-    if name.name not in _SHAPES:
-        raise name.error(f"a shape must be one of {', '.join(_SHAPES)}; others are not supported")
-    parameters.refuse("alpha", "alpha is not supported: cut the holes into the mesh and remove the parameter")
+    if name.name not in _SHAPES or (name.name == "bilinearmesh" and name.source.dialect.name != "v4"):
+        known = ", ".join(kind for kind in _SHAPES if kind != "bilinearmesh" or name.source.dialect.name == "v4")
+        raise name.error(f"a shape must be one of {known}; others are not supported")
+    for alpha in ("alpha", "shadowalpha"):
+        found = parameters.items.get(alpha)
+        if found is not None and found.kind == "float" and parameters.number(alpha, 1) == 1:
+            continue
+        parameters.refuse(alpha, "alpha is not supported: cut the holes into the mesh and remove the parameter")
+    for displaced in ("displacement", "emissionfilename"):
+        parameters.refuse(displaced, f"{displaced} is not supported; remove the parameter")
     parameters.refuse("S", "tangents are not supported; remove the parameter")
     with blame(name):
         mesh, size = _SHAPES[name.name](parameters)
@@ -78,10 +85,13 @@ _Made = tuple[Mesh, tuple[float, float] | None]
 
 def _triangles(p: Parameters) -> _Made:
     points = _points(p)
-    faces = p.indices(len(points))
+    if "indices" not in p.items and len(points) == 3 and p.directive.source.dialect.name == "v4":
+        faces = np.arange(3, dtype=np.int32)[None]
+    else:
+        faces = p.indices(len(points))
     normals = p.table("N", "normal", 3)
-    uv = p.table("uv", "float", 2)
-    st = p.table("st", "float", 2)
+    uv = p.table("uv", ("float", "point2"), 2)
+    st = p.table("st", ("float", "point2"), 2)
     uv = st if uv is None else uv
     for name, table in (("N", normals), ("st" if uv is st else "uv", uv)):
         if table is not None and len(table) != len(points):
@@ -93,13 +103,17 @@ def _loop(p: Parameters) -> _Made:
     scheme = p.string("scheme", "loop")
     if scheme != "loop":
         raise p.items["scheme"].token.error(f"the scheme of subdivision must be loop; got {scheme!r}")
-    points, levels = _points(p), p.integer("nlevels", 3)
+    points = _points(p)
+    names = p.directive.source.dialect.levels
+    levels = p.integer(next((name for name in names if name in p.items), names[0]), 3)
     return geometry.loop_subdivide(points, p.indices(len(points)), levels), None
 
 
 def _file(p: Parameters) -> _Made:
     name = p.string("filename")
     token = p.items["filename"].token
+    if not name.lower().endswith(".ply"):
+        raise token.error(f"a plymesh must be a .ply file; got {name!r}")
     with blame(token):
         return geometry.load_mesh(token.file(name)), None
 
@@ -125,6 +139,33 @@ def _cylinder(p: Parameters) -> _Made:
     return geometry.cylinder(p.number("radius", 1), low, high, p.number("phimax", 360)), None
 
 
+def _bilinear(p: Parameters) -> _Made:
+    """Parallelograms, each as two triangles; other bilinear patches are curved, or have uv that triangles have not."""
+    points = _points(p)
+    table = p.table("indices", "integer", 4)
+    if table is None and len(points) != 4:
+        raise p.missing("indices", "integer")
+    quads = np.arange(4)[None] if table is None else table.astype(np.int64)
+    if quads.min() < 0 or quads.max() >= len(points):
+        raise p.items["indices"].token.error(f"indices must be from 0 to {len(points) - 1}, the last point")
+    p.refuse("N", "normals of a bilinearmesh are not supported; use a trianglemesh")
+    corners = points[quads]
+    gap = corners[:, 0] + corners[:, 3] - corners[:, 1] - corners[:, 2]
+    if not np.allclose(gap, 0, atol=1e-6 * np.abs(corners - corners[:, :1]).max()):
+        raise p.items["P"].token.error("the patches of a bilinearmesh must be parallelograms; others are not supported")
+    uv = p.table("uv", ("float", "point2"), 2)
+    if uv is not None and len(uv) != len(points):
+        raise p.items["uv"].token.error(f"each of the {len(points)} points needs one uv; got {len(uv)}")
+    uvs = (
+        np.tile([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], (len(quads), 1)) if uv is None else uv[quads.ravel()]
+    )
+    bent = uvs[0::4] + uvs[3::4] - uvs[1::4] - uvs[2::4]
+    if not np.allclose(bent, 0, atol=1e-6 * max(1.0, float(np.abs(uvs).max()))):
+        raise p.items["uv"].token.error("the uv of each patch of a bilinearmesh must be a parallelogram, too")
+    faces = (4 * np.arange(len(quads))[:, None, None] + [[0, 1, 3], [0, 3, 2]]).reshape(-1, 3)
+    return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uvs), None
+
+
 _SHAPES: dict[str, Callable[[Parameters], _Made]] = {
     "trianglemesh": _triangles,
     "plymesh": _file,
@@ -132,6 +173,7 @@ _SHAPES: dict[str, Callable[[Parameters], _Made]] = {
     "sphere": _sphere,
     "disk": _disk,
     "cylinder": _cylinder,
+    "bilinearmesh": _bilinear,
 }
 _QUADRICS = ("sphere", "disk", "cylinder")
 
@@ -149,15 +191,54 @@ def _points(p: Parameters) -> Floats:
 def make_light_part(shape: Shape, material: Material, radiance: Rgb) -> tuple[Part, AreaLight]:
     """The part and the light of a shape that emits on one side, and the winding that says so.
 
-    That side is the one on which pbrt-v2 samples the light: the normal of disks, spheres and cylinders, the winding
-    of triangles in world space, and the other one under ReverseOrientation.
+    That side is the one on which pbrt samples the light: see `_bright`.
     """
     with blame(shape.token):
-        flip = shape.reverse != (shape.kind in _QUADRICS and _mirrors(shape.to_world))
         mesh = shape.mesh.transformed(shape.to_world)
-        mesh = _flipped(mesh, np.full(len(mesh.faces), flip))
+        mesh = _flipped(mesh, np.broadcast_to(_bright(mesh, shape), len(mesh.faces)))
         light = _light(shape, mesh, radiance)
     return Part(mesh, material, light), light
+
+
+def areas(shape: Shape) -> Floats:
+    """Areas in world space of what pbrt-v4 makes a light of: one of a sphere, disk or cylinder, else each triangle."""
+    mesh = shape.mesh.transformed(shape.to_world)
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    each = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    factor = similarity(shape.to_world)
+    if shape.kind in _QUADRICS and shape.size is not None and factor is not None:
+        return np.array([np.pi * (shape.size[1] * factor) ** 2 * (4 if shape.kind == "sphere" else 1)])
+    if shape.kind == "bilinearmesh":
+        return each[0::2] + each[1::2]
+    return each.sum(keepdims=True) if shape.kind in _QUADRICS else each
+
+
+def _bright(mesh: Mesh, shape: Shape) -> bool | np.ndarray:
+    """Which faces of a mesh in world space must be turned so that their winding shows the side that emits.
+
+    Disks, spheres and cylinders emit along their normal. Triangles do along their winding in world space (v2), or in
+    object space (v3, v4), unless they have vertex normals, whose side it is then (v3, v4). ReverseOrientation turns
+    all of them.
+    """
+    dialect, mirrored = shape.token.source.dialect.name, _mirrors(shape.to_world)
+    if shape.kind in _QUADRICS:
+        if mirrored and dialect != "v2":
+            raise ValueError(f"a mirrored {shape.kind} that emits shines on both sides in {dialect}; do not mirror it")
+        return shape.reverse != mirrored
+    if dialect == "v2":
+        return shape.reverse
+    if mesh.normals is None:
+        return shape.reverse != mirrored
+    if dialect == "v3" and shape.reverse != mirrored:
+        raise ValueError("a mesh with normals that emits and is turned shines on both sides in v3; remove its normals")
+    return _against_normals(mesh) != (shape.reverse and dialect == "v4")
+
+
+def _against_normals(mesh: Mesh) -> np.ndarray:
+    """Which faces (F,) are wound against their vertex normals."""
+    assert mesh.normals is not None
+    flat = geometry.flat_normals(mesh.vertices, mesh.faces)
+    return np.asarray(np.einsum("fkc,fc->f", mesh.normals[mesh.faces], flat) < 0)
 
 
 def _light(shape: Shape, mesh: Mesh, radiance: Rgb) -> AreaLight:
@@ -238,20 +319,24 @@ def _has_sides(material: Material) -> bool:
 
 
 def _outside(mesh: Mesh, shape: Shape) -> Mesh:
-    """Wind a mesh in world space so that its normals are on the side that pbrt-v2 takes for the outside.
+    """Wind a mesh in world space so that its normals are on the side that pbrt takes for the outside.
 
-    That is the side of the vertex normals of triangles, if there are any, else of dp/du x dp/dv: the winding, or its
-    opposite where texture coordinates are mirrored. ReverseOrientation changes it, and so does a transform that
-    changes handedness.
+    That is the side of the vertex normals of triangles, if there are any, else the winding, or in v2 dp/du x dp/dv: the
+    winding's opposite where texture coordinates are mirrored. ReverseOrientation changes it, and so does a transform
+    that changes handedness, except for vertex normals in v4.
     """
+    dialect = shape.token.source.dialect.name
     turned = shape.mirrored
     flip = np.zeros(len(mesh.faces), bool)
     if shape.kind in _QUADRICS or mesh.normals is None:
         turned = _mirrors(shape.to_world)
-    if shape.kind not in _QUADRICS and mesh.normals is not None:
-        flat = geometry.flat_normals(mesh.vertices, mesh.faces)
-        flip = np.einsum("fkc,fc->f", mesh.normals[mesh.faces], flat) < 0
-    elif shape.kind not in _QUADRICS and mesh.uv is not None:
+    if shape.kind in _QUADRICS:
+        if turned and dialect != "v2":
+            raise shape.token.error(f"a mirrored {shape.kind} of glass is inside out in {dialect}; do not mirror it")
+    elif mesh.normals is not None:
+        flip = _against_normals(mesh)
+        turned = turned and dialect != "v4"
+    elif mesh.uv is not None and dialect == "v2":
         a, b, c = (mesh.uv[mesh.faces[:, k]] for k in range(3))
         (u1, v1), (u2, v2) = (b - a).T, (c - a).T
         flip = u1 * v2 - u2 * v1 < 0

@@ -8,25 +8,28 @@ meshes cost little more than their characters.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from dmis.spectrum import Rgb, blackbody_to_rgb, read_spd, spectrum_to_rgb, xyz_to_rgb
+from dmis.pbrt_dialect import SAME_TYPE, V2, Dialect
+from dmis.pbrt_spectra import SPECTRA, luminous
+from dmis.spectrum import Rgb, read_spd, spectrum_to_rgb, xyz_to_rgb
 
 Floats = npt.NDArray[np.float64]
 
 COLOURS = ("color", "rgb", "xyz", "blackbody", "spectrum")
 """Types of parameters that are spectra."""
 
-_WIDTH = {"integer": 1, "float": 1, "point": 3, "vector": 3, "normal": 3}
-_WIDTH |= {"color": 3, "rgb": 3, "xyz": 3, "blackbody": 2}
 _WORDS = ("bool", "string", "texture")
+
+MAX_TEXT = 2**30
+"""Most characters of all files of a scene together, and of each."""
 
 _TOKEN = re.compile(
     r"""(?: \s++ | \#[^\n]*+ )*+                                        # blanks and comments
@@ -47,17 +50,24 @@ class PbrtError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A file's text. File names in it are looked for in `folders`, in order."""
+    """A file's text and dialect. File names in it are looked for in `folders`, in order; nowhere else but in `root`."""
 
     path: Path
     text: str
     folders: tuple[Path, ...]
+    root: Path | None = None
+    dialect: Dialect = V2
 
     @classmethod
-    def read(cls, path: Path, top: Path | None = None) -> Source:
-        """Read `path`; names in it are relative to its own folder, else to `top`, which is always the last."""
-        folders = dict.fromkeys([path.parent, top or path.parent])
-        return cls(path, path.read_text(encoding="utf-8", errors="replace"), tuple(folders))
+    def read(cls, path: Path, outside: bool = False) -> Source:
+        """Read `path`, the first file; what it names must be in its folder or below, unless `outside`."""
+        root = None if outside else path.parent.resolve()
+        return cls(path, _text(path), (path.parent,), root)
+
+    def include(self, path: Path) -> Source:
+        """Read a file that this one names: names in it are relative to its own folder, else to the first file's."""
+        folders = dict.fromkeys([path.parent, self.folders[-1]])
+        return replace(self, path=path, text=_text(path), folders=tuple(folders))
 
 
 class Token(NamedTuple):
@@ -87,9 +97,23 @@ class Token(NamedTuple):
 
     def file(self, name: str) -> Path:
         """The existing file that `name` means where this token stands."""
+        if "\0" in name:
+            raise self.error("a file name must not hold a zero character")
+        root = self.source.root
         for folder in self.source.folders:
-            if (folder / name).is_file():
-                return folder / name
+            path = folder / name
+            try:
+                if not path.is_file():
+                    continue
+                inside = root is None or path.resolve().is_relative_to(root)
+            except OSError as error:
+                raise self.error(f"the file {name[:60]!r} cannot be looked for: {error.strerror}") from error
+            if not inside:
+                raise self.error(
+                    f"the file {name!r} is outside of the scene's folder {root}, which a scene must not reach "
+                    "unless that is allowed (outside=True, --allow-outside)"
+                )
+            return path
         raise self.error(f"there is no file {name!r} in {' or '.join(str(folder) for folder in self.source.folders)}")
 
 
@@ -108,7 +132,7 @@ class Cursor:
     """Walks over the tokens of a file."""
 
     def __init__(self, source: Source) -> None:
-        self.tokens = _tokens(source)
+        self.tokens = list(tokens_of(source))
         self.index = 0
 
     def peek(self) -> Token:
@@ -164,9 +188,10 @@ class Cursor:
         if len(words) != 2:
             raise declaration.error('a parameter is declared by its type and name, like "float fov"')
         kind, name = words
-        if kind not in _WIDTH and kind not in _WORDS and kind != "spectrum":
-            known = ", ".join([*_WIDTH, "spectrum", *_WORDS])
-            raise declaration.error(f"the type of a parameter must be one of {known}; got {kind!r}")
+        dialect = declaration.source.dialect
+        if kind not in dialect.types and kind not in _WORDS and kind != "spectrum":
+            known = ", ".join([*dialect.types, "spectrum", *_WORDS])
+            raise declaration.error(f"the type of a parameter must be one of {known} in {dialect.name}; got {kind!r}")
         token = self.next()
         values: Floats | tuple[str, ...]
         if token.kind == "list":
@@ -175,12 +200,14 @@ class Cursor:
             values = np.array([_finite(token)])
         elif token.kind == "string":
             values = (token.name,)
+        elif _bare(token):
+            values = (token.text,)
         elif token.kind == "open":
             values = self._strings(token)
         else:
             raise token.error(f"parameter {name!r} needs a value: a number, a string, or a list of them in brackets")
         _check(declaration, kind, name, values)
-        return Parameter(kind, name, values, declaration)
+        return Parameter(SAME_TYPE.get(kind, kind), name, values, declaration)
 
     def _strings(self, opening: Token) -> tuple[str, ...]:
         """The rest of a list that is not one of numbers alone."""
@@ -191,6 +218,8 @@ class Cursor:
                 numeric = True
             elif token.kind == "string":
                 values.append(token.name)
+            elif _bare(token):
+                values.append(token.text)
             elif token.kind in ("end", "open", "list"):
                 raise opening.error("this list has no end: a closing bracket ] is missing")
             else:
@@ -217,18 +246,41 @@ class Parameter:
         return self.values
 
     def colour(self) -> Rgb:
-        """Linear RGB of a parameter of one of the types `COLOURS`."""
+        """Linear RGB of a parameter of one of the types `COLOURS`, of a surface or, before v4, of a light."""
+        spectra = SPECTRA[self.token.source.dialect.name]
         with blame(self.token):
             if isinstance(self.values, tuple):
-                return spectrum_to_rgb(*read_spd(self.token.file(self.values[0])))
+                if self.values[0] in spectra.named:
+                    return spectra.named[self.values[0]]
+                return spectra.sampled(*read_spd(self._file(self.values[0])))
             if self.kind == "spectrum":
-                return spectrum_to_rgb(self.values[::2], self.values[1::2])
+                return spectra.sampled(self.values[::2], self.values[1::2])
             if self.kind == "blackbody":
-                return blackbody_to_rgb(*self.values.tolist())
+                return spectra.blackbody(*self.values.tolist())
             if self.kind == "xyz":
                 return xyz_to_rgb(self.values)
         r, g, b = self.values.tolist()
         return r, g, b
+
+    def illuminant(self) -> Rgb:
+        """Linear RGB of a light: in v4 every spectrum but rgb is brought to luminance 1."""
+        spectra = SPECTRA[self.token.source.dialect.name]
+        if self.token.source.dialect.name != "v4" or self.kind != "spectrum":
+            return self.colour()
+        with blame(self.token):
+            if isinstance(self.values, tuple):
+                if self.values[0] in spectra.named:
+                    return luminous(spectra.named[self.values[0]])
+                return luminous(spectrum_to_rgb(*read_spd(self._file(self.values[0]))))
+            return luminous(spectrum_to_rgb(self.values[::2], self.values[1::2]))
+
+    def _file(self, name: str) -> Path:
+        known = SPECTRA[self.token.source.dialect.name].named
+        if known and "." not in name:
+            raise self.token.error(
+                f"there is no spectrum of the name {name!r} here, write it as rgb; there are {', '.join(known)}"
+            )
+        return self.token.file(name)
 
 
 @dataclass(eq=False)
@@ -287,9 +339,14 @@ class Parameters:
         found = self.get(name, *COLOURS)
         return (default, default, default) if found is None else found.colour()
 
-    def table(self, name: str, kind: str, columns: int) -> Floats | None:
+    def illuminant(self, name: str, default: float) -> Rgb:
+        """The colour of a light of any type of spectrum, as linear RGB."""
+        found = self.get(name, *COLOURS)
+        return (default, default, default) if found is None else found.illuminant()
+
+    def table(self, name: str, kind: str | tuple[str, ...], columns: int) -> Floats | None:
         """Numbers in rows of `columns`, (n, columns)."""
-        found = self.get(name, kind)
+        found = self.get(name, *((kind,) if isinstance(kind, str) else kind))
         if found is None:
             return None
         if len(found.numbers) % columns or not len(found.numbers):
@@ -311,6 +368,19 @@ class Parameters:
         """The error of a required parameter that is absent."""
         return self.directive.error(f'needs the parameter "{kind} {name}", which is missing')
 
+    def fixed(self, values: Mapping[str, Any]) -> None:
+        """Raise if one of these parameters is there and has another value; infinity stands for none at all."""
+        for name, value in values.items():
+            kind = "bool" if isinstance(value, bool) else "string" if isinstance(value, str) else "float"
+            found = self.get(name, kind)
+            if found is None:
+                continue
+            if value == float("inf"):
+                raise found.token.error(f"parameter {name!r} changes the image and is not supported; remove it")
+            got = found.values[0] == "true" if kind == "bool" else found.values[0]
+            if len(found.values) != 1 or got != value:
+                raise found.token.error(f"parameter {name!r} must be {value}, because another makes another image")
+
     def refuse(self, name: str, reason: str) -> None:
         """Raise if there is a parameter `name`."""
         self.asked.add(name)
@@ -322,17 +392,27 @@ class Parameters:
         return [name for name in self.items if name not in self.asked]
 
 
-def _tokens(source: Source) -> list[Token]:
-    tokens = []
+def tokens_of(source: Source) -> Iterator[Token]:
+    """The tokens of a file, the last of which is its end."""
     for match in _TOKEN.finditer(source.text):
         kind = match.lastgroup or "end"
         token = Token(kind, match[kind], source, match.start(kind))
         if kind == "broken":
             raise token.error('this string has no end: a closing quote " is missing on its line')
-        tokens.append(token)
+        yield token
         if kind == "end":
             break
-    return tokens
+
+
+def _text(path: Path) -> str:
+    if path.stat().st_size > MAX_TEXT:
+        raise ValueError(f"a file must have at most {MAX_TEXT} bytes, because it is kept in memory; got {path}")
+    return path.read_text(encoding="utf-8", errors="replace")
+
+
+def _bare(token: Token) -> bool:
+    """Whether this is true or false where they need no quotes."""
+    return token.source.dialect.bare_words and token.kind == "word" and token.text in ("true", "false")
 
 
 def _numbers(token: Token) -> Floats:
@@ -374,11 +454,12 @@ def _one(parameter: Parameter, width: int) -> Floats:
 
 def _check(declaration: Token, kind: str, name: str, values: Floats | tuple[str, ...]) -> None:
     """Values of the kind that the type asks for, in the right number."""
+    widths = declaration.source.dialect.types
     strings = isinstance(values, tuple)
-    if (strings and kind in _WIDTH) or (not strings and kind in _WORDS and len(values)):
+    if (strings and kind in widths) or (not strings and kind in _WORDS and len(values)):
         wanted, got = ("numbers", "strings") if strings else ("strings in quotes", "numbers")
         raise declaration.error(f"parameter {name!r} of type {kind} needs {wanted}; got {got}")
-    if not len(values) and kind not in ("integer", "float", "point", "vector", "normal"):
+    if not len(values) and kind not in widths.keys() - set(COLOURS):
         raise declaration.error(f"parameter {name!r} needs a value; got an empty list")
     if kind == "bool" and values not in (("true",), ("false",)):
         raise declaration.error(f'parameter {name!r} of type bool must be "true" or "false"; got {values}')
@@ -392,7 +473,7 @@ def _check(declaration: Token, kind: str, name: str, values: Floats | tuple[str,
         raise declaration.error(f"parameter {name!r} needs whole numbers below 2**31; got {bad:g}")
     if kind == "spectrum" and len(values) % 2:
         raise declaration.error(f"parameter {name!r} needs pairs of wavelength and value; got {len(values)} numbers")
-    if kind in (*COLOURS[:4], "point", "vector", "normal") and len(values) % _WIDTH[kind]:
-        raise declaration.error(f"parameter {name!r} needs {_WIDTH[kind]} numbers for each {kind}; got {len(values)}")
-    if kind in COLOURS[:4] and len(values) != _WIDTH[kind]:
-        raise declaration.error(f"parameter {name!r} must be one {kind}; got {len(values) // _WIDTH[kind]}")
+    if kind in widths and len(values) % widths[kind]:
+        raise declaration.error(f"parameter {name!r} needs {widths[kind]} numbers for each {kind}; got {len(values)}")
+    if kind in COLOURS[:4] and len(values) != widths[kind]:
+        raise declaration.error(f"parameter {name!r} must be one {kind}; got {len(values) // widths[kind]}")

@@ -42,7 +42,7 @@ def loop_subdivide(vertices: npt.ArrayLike, faces: npt.ArrayLike, levels: int) -
         If `levels` is out of range, or the faces are not such manifolds; the message names the edge or the vertex.
     """
     cage = Mesh(np.asarray(vertices, np.float64), np.asarray(faces))
-    if cage.triangles * 4 ** at_least("levels", levels, 0) > MAX_TRIANGLES:
+    if at_least("levels", levels, 0) > 12 or cage.triangles * 4**levels > MAX_TRIANGLES:  # 4**12 is the limit
         raise ValueError(
             f"levels must leave at most {MAX_TRIANGLES} triangles, because each makes four of one; "
             f"got {levels} for {cage.triangles} triangles"

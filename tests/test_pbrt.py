@@ -1,4 +1,4 @@
-"""The pbrt-v2 reader: transforms, sides, defaults and quirks by hand, bad input by its message."""
+"""The pbrt reader, on pbrt-v2: transforms, sides, defaults and quirks by hand, bad input by its message."""
 
 import functools
 import time
@@ -741,7 +741,12 @@ def test_no_warning_without_a_reason(read):
 # (options, world, line and what the message says); the world begins on line 3
 BAD = {
     "unknown directive": ("", "Foo 1 2", 3, "token Foo: there is no such directive; there are Include, Identity,"),
-    "later dialect": ('Integrator "path"', "", 1, "token Integrator: Integrator belongs to a later dialect"),
+    "later dialect": (
+        'Renderer "sampler"\nIntegrator "path"',
+        "",
+        2,
+        "token Integrator: Integrator belongs to v3 and v4",
+    ),
     "number for directive": ("", "1 2 3", 3, "token 1: a directive is expected"),
     "string for directive": ("", '"matte"', 3, 'token "matte": a directive is expected'),
     "open string": ("", '\nMaterial "matte', 4, 'token "matte: this string has no end'),

@@ -1,0 +1,96 @@
+"""Spectra of pbrt files as linear RGB, by dialect.
+
+pbrt-v2 and v3 turn every spectrum into RGB without a white balance, with the integrals and the scale of black bodies
+that stand in `_V3`. pbrt-v4 keeps spectra and looks at the film in the end; here they become RGB at once. What
+a surface or a metal has is balanced, so that a constant spectrum stays the same constant, and what a light has is
+brought to the luminance 1, as v4 does before its ``scale``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dmis.material import COPPER_ETA, COPPER_K
+from dmis.spectrum import LUMINANCE, Rgb, blackbody_to_rgb, spectrum_to_rgb
+
+Floats = npt.NDArray[np.float64]
+
+_WHITE = np.array(spectrum_to_rgb([555.0], [1.0]))
+_GOLD_ETA, _GOLD_K = (0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214)
+_WIEN = 2.8977721e6
+"""Displacement constant, nm K."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """How a dialect turns spectra into RGB: tables of wavelengths and values, and black bodies; `named` ones."""
+
+    sampled: Callable[[npt.ArrayLike, npt.ArrayLike], Rgb]
+    blackbody: Callable[..., Rgb]
+    named: dict[str, Rgb]
+
+
+def luminous(rgb: Rgb) -> Rgb:
+    """The same colour with luminance 1.
+
+    Raises
+    ------
+    ValueError
+        If the luminance is not positive.
+    """
+    y = float(LUMINANCE @ np.asarray(rgb))
+    if not y > 0:
+        raise ValueError(f"the spectrum of a light must have a positive luminance, to which it is scaled; got {y:g}")
+    return _times(rgb, 1 / y)
+
+
+def _times(rgb: Rgb, factor: float | Floats) -> Rgb:
+    r, g, b = (np.asarray(rgb) * factor).tolist()
+    return r, g, b
+
+
+def _v3_sampled(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
+    """pbrt-v3 integrates over 470 nm in 471 steps."""
+    return _times(spectrum_to_rgb(wavelengths, values), 470 / 471)
+
+
+def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
+    """pbrt-v3 scales the brightest wavelength to 1, not 555 nm."""
+    rgb = blackbody_to_rgb(temperature, scale)
+    if temperature == 0:
+        return rgb
+    peak = _WIEN / temperature
+    with np.errstate(all="ignore"):
+        c2 = 1.4388e7 / temperature
+        brightest = (555 / peak) ** 5 * np.exp(c2 / 555 - c2 / peak) * np.expm1(-c2 / 555) / np.expm1(-c2 / peak)
+        return _times(rgb, 470 / 471 / brightest)
+
+
+def _v4_sampled(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
+    return _times(spectrum_to_rgb(wavelengths, values), 1 / _WHITE)
+
+
+def _v4_blackbody(temperature: float) -> Rgb:
+    return luminous(blackbody_to_rgb(temperature))
+
+
+SPECTRA = {
+    "v2": Spectra(spectrum_to_rgb, blackbody_to_rgb, {}),
+    "v3": Spectra(_v3_sampled, _v3_blackbody, {}),
+    "v4": Spectra(
+        _v4_sampled,
+        _v4_blackbody,
+        {
+            "metal-Cu-eta": _times(COPPER_ETA, 1 / _WHITE),
+            "metal-Cu-k": _times(COPPER_K, 1 / _WHITE),
+            "metal-Au-eta": _times(_GOLD_ETA, 1 / _WHITE),
+            "metal-Au-k": _times(_GOLD_K, 1 / _WHITE),
+            "stdillum-D65": (1.0, 1.0, 1.0),
+        },
+    ),
+}
+"""By the dialect's name."""

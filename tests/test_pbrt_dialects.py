@@ -1,0 +1,557 @@
+"""pbrt-v3 and v4: the same scene in three dialects is the same scene; what differs, by hand; what is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.brdf import Conductor, Lambert, OrenNayar, SpecularReflection
+from dmis.conductor import ExactConductor
+from dmis.geometry import flat_normals
+from dmis.image import write_exr
+from dmis.light import DiskLight, DistantLight, EnvironmentLight, PointLight, QuadLight
+from dmis.material import COPPER_ETA, COPPER_K
+from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
+from dmis.spectrum import LUMINANCE
+
+TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point3 P" [0 0 0  1 0 0  0 1 0]\n'
+SQUARE = '"point3 P" [-2 -2 0  2 -2 0  2 2 0  -2 2 0] "integer indices" [0 1 2 0 2 3]'
+HEAD = {
+    "v3": 'Integrator "directlighting"\nFilm "image"\n',
+    "v4": 'Film "rgb"\nIntegrator "path" "integer maxdepth" 1\nPixelFilter "box"\n',
+}
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a scene of the dialect with the given world and options; a triangle is added."""
+
+    def read(dialect, world="", options="", add=TRIANGLE, head=None, **arguments):
+        path = tmp_path / "scene.pbrt"
+        end = "WorldEnd\n" if dialect == "v3" else ""
+        path.write_text(f"{HEAD[dialect] if head is None else head}{options}\nWorldBegin\n{world}\n{add}{end}")
+        return read_pbrt(path, **arguments)
+
+    return read
+
+
+def close(value, expected):
+    np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-9)
+
+
+# The same scene -----------------------------------------------------------------------------------------------------
+
+SAME = {
+    "v2": f"""
+LookAt 0 -6 3  0 0 0  0 0 1
+Camera "perspective" "float fov" 40
+Film "image" "integer xresolution" 24 "integer yresolution" 16
+SurfaceIntegrator "directlighting"
+WorldBegin
+LightSource "point" "color I" [4 4 4] "point from" [0 0 3]
+LightSource "distant" "rgb L" [.5 .25 .125] "point from" [0 0 1] "point to" [0 0 0]
+AttributeBegin
+  AreaLightSource "area" "color L" [8 4 2] "color scale" [2 2 2]
+  Material "matte" "color Kd" [0 0 0]
+  Translate 0 0 4
+  ReverseOrientation
+  Shape "disk" "float radius" 1
+AttributeEnd
+Texture "a" "color" "constant" "color value" [.2 .4 .8]
+Texture "b" "color" "scale" "texture tex1" "a" "color tex2" [.5 .5 .5]
+MakeNamedMaterial "floor" "string type" "matte" "texture Kd" "b"
+NamedMaterial "floor"
+Shape "trianglemesh" {SQUARE.replace("point3", "point")} "float uv" [0 0 1 0 1 1 0 1]
+Material "matte" "color Kd" [.1 .2 .3]
+ObjectBegin "ball"
+  Shape "sphere" "float radius" .5
+ObjectEnd
+Translate 0 0 1
+ObjectInstance "ball"
+Shape "loopsubdiv" "integer nlevels" 2 "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3]
+  "point P" [0 0 0 1 0 0 0 1 0 0 0 1]
+WorldEnd
+""",
+    "v3": f"""
+LookAt 0 -6 3  0 0 0  0 0 1
+Camera "perspective" "float fov" 40
+Film "image" "integer xresolution" [24] "integer yresolution" [16]
+Integrator "directlighting"
+WorldBegin
+LightSource "point" "rgb I" [4 4 4] "point3 from" [0 0 3]
+LightSource "distant" "rgb L" [.5 .25 .125] "point3 from" [0 0 1] "point3 to" [0 0 0]
+AttributeBegin
+  AreaLightSource "diffuse" "rgb L" [8 4 2] "rgb scale" [2 2 2] "bool twosided" "false"
+  Material "matte" "rgb Kd" [0 0 0]
+  Translate 0 0 4
+  ReverseOrientation
+  Shape "disk" "float radius" 1 "float alpha" 1
+AttributeEnd
+Texture "a" "spectrum" "constant" "rgb value" [.2 .4 .8]
+Texture "b" "spectrum" "scale" "texture tex1" "a" "rgb tex2" [.5 .5 .5]
+MakeNamedMaterial "floor" "string type" "matte" "texture Kd" "b"
+NamedMaterial "floor"
+Shape "trianglemesh" {SQUARE} "point2 uv" [0 0 1 0 1 1 0 1]
+Material "matte" "rgb Kd" [.1 .2 .3]
+ObjectBegin "ball"
+  Shape "sphere" "float radius" .5
+ObjectEnd
+Translate 0 0 1
+ObjectInstance "ball"
+Shape "loopsubdiv" "integer levels" 2 "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3]
+  "point3 P" [0 0 0 1 0 0 0 1 0 0 0 1]
+WorldEnd
+""",
+    "v4": f"""
+Option "bool disablepixeljitter" false
+ColorSpace "srgb"
+LookAt 0 -6 3  0 0 0  0 0 1
+Camera "perspective" "float fov" 40
+Film "rgb" "integer xresolution" [24] "integer yresolution" [16] "float iso" 100
+PixelFilter "box" "float xradius" .5 "float yradius" .5
+Integrator "volpath" "integer maxdepth" [1]
+WorldBegin
+LightSource "point" "rgb I" [2 2 2] "float scale" 2 "point3 from" [0 0 3]
+LightSource "distant" "rgb L" [.5 .25 .125] "point3 from" [0 0 1] "point3 to" [0 0 0]
+AttributeBegin
+  AreaLightSource "diffuse" "rgb L" [8 4 2] "float scale" [2] "bool twosided" false
+  Material "diffuse" "rgb reflectance" [0 0 0]
+  Translate 0 0 4
+  Attribute "shape" "float radius" 1
+  ReverseOrientation
+  Shape "disk"
+AttributeEnd
+Texture "a" "spectrum" "constant" "rgb value" [.2 .4 .8]
+Texture "b" "spectrum" "scale" "texture tex" "a" "float scale" .5
+MakeNamedMaterial "floor" "string type" "diffuse" "texture reflectance" "b"
+NamedMaterial "floor"
+Shape "trianglemesh" {SQUARE} "point2 uv" [0 0 1 0 1 1 0 1]
+Material "diffuse" "rgb reflectance" [.1 .2 .3]
+ObjectBegin "ball"
+  Shape "sphere" "float radius" .5
+ObjectEnd
+Translate 0 0 1
+ObjectInstance "ball"
+Shape "loopsubdiv" "integer levels" 2 "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3]
+  "point3 P" [0 0 0 1 0 0 0 1 0 0 0 1]
+""",
+}
+
+
+@pytest.mark.parametrize("dialect", ["v3", "v4"])
+def test_same_scene_in_other_words(tmp_path, dialect):
+    """Equal parts, materials, lights and camera, and so the same image to the last bit."""
+    scenes = []
+    for name in ("v2", dialect):
+        (tmp_path / f"{name}.pbrt").write_text(SAME[name])
+        scenes.append(read_pbrt(tmp_path / f"{name}.pbrt"))
+    first, second = scenes
+    assert len(first.parts) == len(second.parts) == 4  # disk, floor, ball and the subdivided one (no uv)
+    for a, b in zip(first.parts, second.parts, strict=True):
+        for table in ("vertices", "faces", "normals", "uv"):
+            np.testing.assert_array_equal(getattr(a.mesh, table), getattr(b.mesh, table))
+        assert [type(lobe) for lobe in a.material.lobes] == [type(lobe) for lobe in b.material.lobes]
+        for one, other in zip(a.material.lobes, b.material.lobes, strict=True):
+            close(one.reflectance, other.reflectance)
+    assert [type(light) for light in first.lights] == [PointLight, DistantLight, DiskLight]
+    for a, b in zip(first.lights, second.lights, strict=True):
+        for field in dataclasses.fields(a):
+            close(getattr(a, field.name), getattr(b, field.name))
+    assert first.camera.fov == second.camera.fov and first.camera.resolution == second.camera.resolution
+    np.testing.assert_array_equal(first.camera.to_world, second.camera.to_world)
+    names = (("diffuse", "matte"),)
+    described = second.plan.describe()
+    for new, old in names:
+        described = described.replace(new, old)
+    assert first.plan.describe() == described
+    images = [dmis.render(scene, rule="balance", spp=2, seed=3).image for scene in scenes]
+    assert images[0].max() > 0
+    np.testing.assert_array_equal(*images)
+
+
+# Which dialect ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect, words", [("v3", "v3"), ("v4", "v4")])
+def test_dialect_is_told_by_its_words(read, dialect, words):
+    assert read(dialect).camera.resolution == (1280, 720)
+
+
+def test_dialect_can_be_forced(read, tmp_path):
+    (tmp_path / "plain.pbrt").write_text('WorldBegin\nShape "sphere"\nWorldEnd\n')
+    assert read_pbrt(tmp_path / "plain.pbrt").camera.resolution == (640, 480)
+    with pytest.raises(PbrtError, match=r'without an Integrator line v3 follows paths; .* "directlighting"'):
+        read_pbrt(tmp_path / "plain.pbrt", dialect="v3")
+    read("v3")
+    with pytest.raises(PbrtError, match="Integrator belongs to v3 and v4"):
+        read_pbrt(tmp_path / "scene.pbrt", dialect="v2")
+    with pytest.raises(ValueError, match="dialect must be one of v2, v3, v4; got 'v5'"):
+        read_pbrt(tmp_path / "scene.pbrt", dialect="v5")
+    with pytest.raises(PbrtError, match="a parameter must be one of integer"):
+        read("v4", TRIANGLE, 'Camera "perspective" "color a" 1')
+
+
+# Colours ------------------------------------------------------------------------------------------------------------
+
+
+def test_spectra_of_lights_have_luminance_one_in_v4(read):
+    for spectrum in ('"blackbody I" 3000', '"spectrum I" [300 7 800 7]', '"spectrum I" [400 1 700 2]'):
+        (light,) = read("v4", f'LightSource "point" {spectrum} "float scale" 5').lights
+        assert LUMINANCE @ light.intensity == pytest.approx(5)
+    (light,) = read("v4", 'LightSource "point" "blackbody I" 3000').lights
+    assert light.intensity[0] > light.intensity[1] > light.intensity[2]
+    (light,) = read("v4", 'LightSource "point" "spectrum I" "stdillum-D65"').lights
+    assert light.intensity == (1, 1, 1)
+
+
+def test_constant_spectrum_is_that_constant_in_v4(read):
+    lobe = read("v4", 'Material "diffuse" "spectrum reflectance" [300 .25 800 .25]').parts[0].material.lobes[0]
+    close(lobe.reflectance, [0.25] * 3)
+
+
+def test_black_body_of_v3_is_one_where_it_is_brightest(read):
+    """At the temperature whose peak is at 555 nm that is what v2 does, but for 470 / 471."""
+    temperature = 2.8977721e6 / 555
+    (light,) = read("v3", f'LightSource "point" "blackbody I" [{temperature} 2]').lights
+    close(light.intensity, np.multiply(dmis.spectrum.blackbody_to_rgb(temperature, 2), 470 / 471))
+    (light,) = read("v3", 'LightSource "point" "blackbody I" [9000 1]').lights
+    assert max(light.intensity) < max(dmis.spectrum.blackbody_to_rgb(9000))
+
+
+@pytest.mark.parametrize(
+    "text, intensity",
+    [
+        ('LightSource "point" "rgb I" [1 2 3] "float power" 100', np.array([1, 2, 3]) * 100 / (4 * np.pi)),
+        ('LightSource "point" "float power" 100 "float scale" 2', [200 / (4 * np.pi)] * 3),
+        (
+            'LightSource "spot" "float power" 7 "float coneangle" 60 "float conedeltaangle" 0',
+            [7 / (2 * np.pi * (1 - np.cos(np.pi / 3)))] * 3,
+        ),
+    ],
+)
+def test_power_of_v4(read, text, intensity):
+    close(read("v4", text).lights[0].intensity, intensity)
+
+
+def test_illuminance_of_v4(read):
+    (light,) = read("v4", 'LightSource "distant" "rgb L" [2 1 1] "float illuminance" 10').lights
+    close(light.radiance, [20, 10, 10])
+    (light,) = read("v4", 'LightSource "infinite" "float illuminance" 3').lights
+    assert isinstance(light, EnvironmentLight)
+    close(light.scale, [3 / np.pi] * 3)
+
+
+@pytest.mark.parametrize(
+    "shape, area",
+    [
+        ('"disk" "float radius" 2', 4 * np.pi),
+        ('"sphere" "float radius" 2', 16 * np.pi),
+        (f'"trianglemesh" {SQUARE}', 8),  # each triangle has all of the power
+        ('"bilinearmesh" "point3 P" [0 0 0 2 0 0 0 3 0 2 3 0]', 6),
+    ],
+)
+def test_power_of_area_lights_of_v4(read, shape, area):
+    (light,) = read("v4", f'AreaLightSource "diffuse" "float power" 5 Shape {shape}', add="").lights
+    close(light.radiance, [5 / (np.pi * area)] * 3)
+
+
+# Positions and sides --------------------------------------------------------------------------------------------------
+
+
+def test_point_light_is_moved_by_the_whole_transform_in_v4_only(read):
+    text = 'Scale 2 2 2 LightSource "point" "point3 from" [1 2 3]'
+    close(read("v3", text).lights[0].position, [1, 2, 3])
+    close(read("v4", text).lights[0].position, [2, 4, 6])
+
+
+UP, DOWN = (f' "normal N" [0 0 {z} 0 0 {z} 0 0 {z} 0 0 {z}]' for z in (1, -1))
+
+
+@pytest.mark.parametrize(
+    "dialect, before, normals, z",
+    [
+        ("v3", "", "", 1),
+        ("v3", "ReverseOrientation", "", -1),
+        ("v3", "Scale -1 1 1", "", 1),  # the winding in object space counts
+        ("v4", "Scale -1 1 1", "", 1),
+        ("v4", "Scale -1 1 1 ReverseOrientation", "", -1),
+        ("v3", "", DOWN, -1),
+        ("v4", "", DOWN, -1),
+        ("v4", "ReverseOrientation", DOWN, 1),
+        ("v4", "Scale -1 1 1", UP, 1),
+    ],
+)
+def test_bright_side_of_meshes(read, dialect, before, normals, z):
+    scene = read(dialect, f'AreaLightSource "diffuse" {before} Shape "trianglemesh" {SQUARE}{normals}', add="")
+    mesh = scene.parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, z]] * 2)
+    assert isinstance(scene.lights[0], QuadLight)
+
+
+@pytest.mark.parametrize(
+    "dialect, before, more, z",
+    [
+        ("v3", "", "", 1),
+        ("v3", "", ' "float uv" [0 0 0 1 1 1 1 0]', 1),  # mirrored uv turn it in v2 only
+        ("v3", "Scale -1 1 1", "", 1),
+        ("v3", "Scale -1 1 1", UP, -1),
+        ("v4", "Scale -1 1 1", UP, 1),
+        ("v4", "ReverseOrientation", UP, -1),
+        ("v4", "", DOWN, -1),
+    ],
+)
+def test_outside_of_glass(read, dialect, before, more, z):
+    glass = {"v3": "glass", "v4": "dielectric"}[dialect]
+    world = f'Material "{glass}" {before} Shape "trianglemesh" {SQUARE}{more}'
+    if dialect == "v4":
+        with pytest.raises(PbrtError, match="maxdepth must be 5 where there is mirror or glass"):
+            read("v4", world, add="")
+        mesh = outside_v4(read, world)
+    else:
+        mesh = read(dialect, world, add="").parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, z]] * 2)
+
+
+def outside_v4(read, world):
+    """The mesh of a scene that is not rendered because paths are needed for glass in v4."""
+    from dmis import pbrt_reader
+
+    parts = []
+    with pytest.MonkeyPatch.context() as patch:
+        merge = pbrt_reader.merge
+        patch.setattr(pbrt_reader, "merge", lambda shapes: parts.append(merge(shapes)) or parts[-1])
+        with pytest.raises(PbrtError):
+            read("v4", world, add="")
+    return parts[0][0].mesh
+
+
+def test_textures_are_the_other_way_up(read, tmp_path):
+    texels = np.arange(24, dtype=np.float32).reshape(2, 4, 3) / 24
+    write_exr(tmp_path / "a.exr", {"RGB": texels})
+    texture = 'Texture "a" "spectrum" "imagemap" "string filename" "a.exr" '
+    image = read("v3", texture + 'Material "matte" "texture Kd" "a"').parts[0].material.lobes[0].reflectance
+    close(image.texels, texels[::-1])
+    diffuse = texture + '"bool invert" true Material "diffuse" "texture reflectance" "a"'
+    close(read("v4", diffuse).parts[0].material.lobes[0].reflectance.texels, 1 - texels[::-1])
+
+
+def test_sky_of_v3(read, tmp_path):
+    texels = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
+    write_exr(tmp_path / "sky.exr", {"RGB": texels})
+    (light,) = read("v3", 'LightSource "infinite" "string mapname" "sky.exr" "rgb L" [1 2 3]').lights
+    close(light.texels, texels)
+    close(light.scale, [1, 2, 3])
+
+
+# Materials ------------------------------------------------------------------------------------------------------------
+
+
+def lobes(scene):
+    return scene.parts[-1].material.lobes
+
+
+def test_materials_of_v3(read):
+    assert isinstance(lobes(read("v3", 'Material "matte" "float sigma" 20'))[0], OrenNayar)
+    (lobe,) = lobes(read("v3", 'Material "plastic" "rgb Ks" [0 0 0] "rgb Kd" [.1 .2 .3]'))
+    assert isinstance(lobe, Lambert)
+    close(lobe.reflectance, [0.1, 0.2, 0.3])
+    reflection, transmission = lobes(read("v3", 'Material "glass" "float eta" 1.3'))
+    assert (reflection.fresnel.eta, transmission.eta) == (1.3, 1.3)
+    diffuse, mirror, through = lobes(
+        read("v3", 'Material "uber" "rgb Ks" [0 0 0] "rgb Kr" [1 1 1] "rgb Kt" [1 1 1] "float eta" 1.2')
+    )
+    assert isinstance(diffuse, Lambert) and isinstance(mirror, SpecularReflection)
+    assert mirror.fresnel.eta == through.eta == 1.2  # not swapped as in v2
+
+
+def test_shape_lines_change_named_materials_in_v3_only(read):
+    named = 'MakeNamedMaterial "a" "string type" "{}" NamedMaterial "a"\n'
+    shape = TRIANGLE[:-1] + ' "rgb Kd" [.2 .2 .2] "rgb reflectance" [.2 .2 .2]\n'
+    with pytest.warns(PbrtWarning, match="'reflectance' of Shape"):
+        close(lobes(read("v3", named.format("matte"), add=shape))[0].reflectance, [0.2] * 3)
+    with pytest.warns(PbrtWarning, match="'reflectance' of Shape"):
+        close(lobes(read("v4", named.format("diffuse"), add=shape))[0].reflectance, [0.5] * 3)
+
+
+def test_mix(read):
+    world = """MakeNamedMaterial "a" "string type" "matte" "rgb Kd" [.4 .4 .4]
+    MakeNamedMaterial "b" "string type" "mirror"
+    Material "mix" "string namedmaterial1" "a" "string namedmaterial2" "b" "rgb amount" [.25 .5 1]"""
+    diffuse, mirror = lobes(read("v3", world))
+    close(diffuse.reflectance, [0.1, 0.2, 0.4])
+    close(mirror.reflectance, [0.675, 0.45, 0])
+    world = """MakeNamedMaterial "a" "string type" "diffuse" "rgb reflectance" [.4 .4 .4]
+    MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [.8 .8 .8]
+    Material "mix" "string materials" ["a" "b"] "float amount" .25"""
+    first, second = lobes(read("v4", world))
+    close(first.reflectance, [0.3] * 3)
+    close(second.reflectance, [0.2] * 3)
+
+
+def test_exact_conductor():
+    """Against the textbook at normal incidence, and against the approximation, which is close for a good metal."""
+    eta, k = np.array(COPPER_ETA), np.array(COPPER_K)
+    exact, rough = ExactConductor(COPPER_ETA, COPPER_K), Conductor(COPPER_ETA, COPPER_K)
+    normal = ((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2)
+    np.testing.assert_allclose(exact(np.ones(1, np.float32))[:, 0], normal, rtol=1e-6)
+    np.testing.assert_allclose(exact(np.zeros(1, np.float32)), 1, atol=1e-6)
+    cos = np.linspace(0.01, 1, 50, dtype=np.float32)
+    assert 1e-4 < np.abs(exact(cos) - rough(cos)).max() < 0.1
+    glass = ExactConductor((1.5,) * 3, (0.0,) * 3)(cos)
+    np.testing.assert_allclose(glass[0], dmis.brdf.dielectric(cos, np.float32(1.5)), atol=1e-6)
+
+
+def test_smooth_conductor(read):
+    made = [
+        outside_material(read, text)
+        for text in ("", '"spectrum eta" "metal-Au-eta" "spectrum k" "metal-Au-k"', '"rgb reflectance" [.2 .5 .9]')
+    ]
+    assert all(isinstance(m.lobes[0].fresnel, ExactConductor) for m in made)
+    facing = [m.lobes[0].fresnel(np.ones(1, np.float32))[:, 0] for m in made]
+    assert facing[1][0] > facing[1][1] > facing[1][2]
+    np.testing.assert_allclose(facing[2], [0.2, 0.5, 0.9], rtol=1e-5)
+
+
+def outside_material(read, text):
+    from dmis import pbrt_reader
+
+    parts = []
+    with pytest.MonkeyPatch.context() as patch:
+        merge = pbrt_reader.merge
+        patch.setattr(pbrt_reader, "merge", lambda shapes: parts.append(merge(shapes)) or parts[-1])
+        with pytest.raises(PbrtError, match="mirror or glass"):
+            read("v4", f'Material "conductor" {text}')
+    return parts[0][-1].material
+
+
+# Shapes and state -----------------------------------------------------------------------------------------------------
+
+
+def test_bilinear_mesh(read):
+    add = 'Shape "bilinearmesh" "point3 P" [0 0 0  2 0 0  0 3 0  2 3 0]'
+    mesh = read("v4", add=add).parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]] * 2)
+    close(mesh.uv, mesh.vertices[:, :2] / [2, 3])
+    with pytest.raises(PbrtError, match="must be parallelograms"):
+        read("v4", add=add.replace("2 3 0]", "2 4 0]"))
+
+
+def test_one_triangle_needs_no_indices_in_v4(read):
+    add = 'Shape "trianglemesh" "point3 P" [0 0 0  1 0 0  0 1 0]\n'
+    assert read("v4", add=add).parts[0].mesh.triangles == 1
+    with pytest.raises(PbrtError, match="integer indices"):
+        read("v3", add=add)
+
+
+def test_attribute_adds_parameters_to_its_block(read):
+    world = 'AttributeBegin Attribute "shape" "float radius" 2 Shape "disk" AttributeEnd Shape "disk"'
+    mesh = read("v4", world, add="").parts[0].mesh
+    radius = np.linalg.norm(mesh.vertices, axis=1).round(9)
+    assert set(radius) == {0, 1, 2}
+
+
+def test_import_leaves_the_state_alone(read, tmp_path):
+    (tmp_path / "a.pbrt").write_text(f"Translate 0 0 7\n{TRIANGLE}")
+    z = read("v4", 'Import "a.pbrt"').parts[0].mesh.vertices[:, 2]
+    assert z.tolist() == [7, 7, 7, 0, 0, 0]
+    (tmp_path / "a.pbrt").write_text("AttributeBegin\n")
+    with pytest.raises(PbrtError, match="must close what it opens"):
+        read("v4", 'Import "a.pbrt"')
+
+
+def test_names_outlive_blocks_in_v4(read):
+    world = 'AttributeBegin MakeNamedMaterial "a" "string type" "{}" AttributeEnd NamedMaterial "a"'
+    assert len(lobes(read("v4", world.format("diffuse")))) == 1
+    with pytest.raises(PbrtError, match="no material of this name"):
+        read("v3", world.format("matte"))
+
+
+def test_media_that_are_empty_or_unused(read):
+    world = """MakeNamedMedium "fog" "string type" "homogeneous" "rgb sigma_s" [1 1 1]
+    MakeNamedMedium "nothing" "string type" "homogeneous" "rgb sigma_s" [0 0 0] "rgb sigma_a" [0 0 0]
+    MediumInterface "" "nothing"\n"""
+    for dialect in HEAD:
+        with pytest.warns(PbrtWarning, match="MakeNamedMedium"):
+            read(dialect, world)
+        with pytest.raises(PbrtError, match=r'scene\.pbrt:\d+: token "fog": a medium changes the image'):
+            read(dialect, world + 'MediumInterface "" "fog"')
+
+
+# What is refused ----------------------------------------------------------------------------------------------------
+
+# (dialect, options, world, what the message says)
+BAD = {
+    "path": ("v3", 'Integrator "path"', "", "paths are not supported yet; for direct light alone write Integrator"),
+    "scale": ("v3", 'Film "image" "float scale" 2', "", "'scale' must be 1.0, because another makes another image"),
+    "clamp": ("v3", 'Film "image" "float maxsampleluminance" 2', "", "changes the image and is not supported"),
+    "iso": ("v4", 'Film "rgb" "float iso" 200', "", "'iso' must be 100.0"),
+    "sensor": ("v4", 'Film "rgb" "string sensor" "canon_eos_5d"', "", "'sensor' must be cie1931"),
+    "shutter": ("v4", 'Camera "perspective" "float shutterclose" .5', "", "'shutterclose' must be 1.0"),
+    "bounds": ("v4", 'Film "rgb" "integer pixelbounds" [0 1 0 1]', "", "pixelbounds is not supported"),
+    "jitter": ("v4", 'Option "bool disablepixeljitter" true', "", "'disablepixeljitter' must be False"),
+    "option": ("v4", 'Option "bool nonsense" true', "", "there is no option 'nonsense'"),
+    "space": ("v4", 'ColorSpace "rec2020"', "", "the colour space must be srgb"),
+    "bdpt": ("v4", 'Integrator "bdpt"', "", "the integrator must be directlighting; others make other images"),
+    "filter": ("v4", 'PixelFilter "gaussian"', "", '"float xradius" [0.5]'),
+    "plastic": ("v3", "", 'Material "plastic"', 'token "plastic": rough plastic is not supported yet in v3'),
+    "metal": ("v3", "", 'Material "metal" "float roughness" .1', '"float roughness": rough metal is not supported'),
+    "substrate": ("v3", "", 'Material "substrate"', "rough substrate is not supported yet"),
+    "uber": ("v3", "", 'Material "uber"', "rough uber is not supported yet"),
+    "rough glass": ("v3", "", 'Material "glass" "float uroughness" .1', "rough glass is not supported yet"),
+    "conductor": ("v4", "", 'Material "conductor" "float roughness" .1', "rough conductor is not supported yet in v4"),
+    "dielectric": ("v4", "", 'Material "dielectric" "float roughness" .1', "rough dielectric is not supported yet"),
+    "coated": ("v4", "", 'Material "coateddiffuse"', "coateddiffuse is not supported yet"),
+    "both": ("v4", "", 'Material "conductor" "rgb reflectance" [1 1 1] "rgb k" [1 1 1]', "must not stand beside eta"),
+    "material": ("v4", "", 'Material "matte"', "a material must be one of diffuse, conductor, dielectric"),
+    "hair": ("v4", "", 'Material "hair"', "others are not supported in v4"),
+    "named": ("v4", "", 'Material "conductor" "spectrum eta" "metal-Xx-eta"', "no spectrum of the name 'metal-Xx-eta'"),
+    "bump": ("v4", "", 'Material "diffuse" "texture displacement" "x"', "bump maps are not supported"),
+    "twosided": ("v4", "", 'AreaLightSource "diffuse" "bool twosided" true', "twosided must be false"),
+    "image light": ("v4", "", 'AreaLightSource "diffuse" "string filename" "x"', "an image that emits"),
+    "uneven": (
+        "v4",
+        "",
+        'AreaLightSource "diffuse" "float power" 1 Shape "trianglemesh" "integer indices" [0 1 2 0 2 3]'
+        ' "point3 P" [0 0 0 1 0 0 1 1 0 0 9 0]',
+        "power is that of every triangle",
+    ),
+    "turned": (
+        "v3",
+        "",
+        f'AreaLightSource "diffuse" ReverseOrientation Shape "trianglemesh" {SQUARE}{UP}',
+        "shines on both sides in v3",
+    ),
+    "mirrored": ("v4", "", 'AreaLightSource "diffuse" Scale -1 1 1 Shape "disk"', "a mirrored disk that emits"),
+    "spot": ("v4", "", 'LightSource "spot"', "conedeltaangle must be 0 in v4"),
+    "map": ("v4", "", 'LightSource "infinite" "string filename" "x.exr"', "maps of v4 are squares of equal area"),
+    "dark": ("v4", "", 'LightSource "point" "spectrum I" [400 0 700 0]', "must have a positive luminance"),
+    "two numbers": ("v4", "", 'LightSource "point" "blackbody I" [3000 1]', "must be one blackbody; got 2"),
+    "alpha": ("v4", "", TRIANGLE[:-1] + ' "float alpha" .5', "alpha is not supported"),
+    "texture alpha": ("v3", "", TRIANGLE[:-1] + ' "texture alpha" "x"', "alpha is not supported"),
+    "obj": ("v4", "", 'Shape "plymesh" "string filename" "a.obj"', "a plymesh must be a .ply file"),
+    "twice": ("v4", "", 'Texture "a" "float" "constant" Texture "a" "float" "constant"', "there is a texture of this"),
+    "attribute": ("v4", "", 'Attribute "camera" "float fov" 1', "Attribute must be of shape"),
+    "v2 word": ("v4", 'Renderer "sampler"', "", "Renderer belongs to v2"),
+    "bilinear": ("v3", "", 'Shape "bilinearmesh"', "a shape must be one of trianglemesh, plymesh, loopsubdiv, sphere"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_refused(read, tmp_path, name):
+    dialect, options, world, message = BAD[name]
+    with pytest.raises(PbrtError) as caught:
+        read(dialect, world, options)
+    assert str(caught.value).startswith(f"{tmp_path / 'scene.pbrt'}:")
+    assert message in str(caught.value)
+
+
+def test_defaults_that_make_another_image_are_refused(read):
+    with pytest.raises(
+        PbrtError, match=r'without an Integrator line v4 follows paths; .*"path" "integer maxdepth" \[1\]'
+    ):
+        read("v4", head='Film "rgb"\n')
+    with pytest.raises(PbrtError, match='gaussian, not rendered here; write PixelFilter "box" "float xradius"'):
+        read("v4", head='Film "rgb"\nIntegrator "path" "integer maxdepth" 1\n')
+    with pytest.raises(PbrtError, match="maxdepth must be 5 where there is mirror or glass"):
+        read("v3", 'Material "mirror"', head='Film "image"\nIntegrator "path" "integer maxdepth" 1\n')
