@@ -21,10 +21,11 @@ opts, given = options(
     __file__,
     "the second-moment rule and auto at several budgets",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
+    budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 16 32 128 512)"},
     sampler={"default": "independent", "help": "of all rules (default independent)"},
     page={"type": Path, "default": PAGE, "help": "the page whose table is replaced"},
 )
-BUDGETS = opts.pick((16, 32), (16, 32, 128, 512))
+BUDGETS = given.budgets or opts.pick((16, 32), (16, 32, 128, 512))
 BASE, WEIGHTS, AUTO = (f"{rule}:sampler={given.sampler}" for rule in ("balance", "second-moment", "auto"))
 
 # %%
