@@ -32,7 +32,7 @@ from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
-from dmis.vec import Array, Index, Selection, compose, dot, indices, take
+from dmis.vec import Array, Index, Selection, compose, dot, indices, size, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
@@ -308,12 +308,14 @@ def _shade(
     factor = heuristic(share * p_own, other_share * p_other, side == 0) * pair.cos_i
     factor *= scale / np.float32(batch.settings.shading_samples)
     f = surface.eval(pair) * (factor * (p_own > 0))
-    alive = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
+    alive: Selection | None = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
     value = np.zeros((3, 0), np.float32)
-    if alive is None or len(alive):
+    if size(alive, 1):
+        distance = take(seen.distance, compose(lit, alive))
+        clear = indices(_visible(batch, own.rays, take(surface.p, alive), take(wi, alive), distance))
+        alive = compose(alive, clear)  # the sky is looked up only where it is seen
         both = compose(lit, alive)
         value = take(f, alive) * seen.radiance_at(both)
-        value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
         _add(points.out, value, compose(where, both))
     if batch.records is None and batch.control is None:
         return lit, p_own, p_other
