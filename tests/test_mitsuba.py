@@ -1,5 +1,6 @@
 """Against Mitsuba 3, where it is installed: the translation of scenes, its lobes beside ours, a converged mean."""
 
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,8 @@ from dmis.surface import Surface
 from dmis.texture import Image
 
 mi = pytest.importorskip("mitsuba")
-sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS))
 try:
     mi.set_variant("llvm_ad_rgb")
 except ImportError as error:
@@ -148,3 +150,23 @@ def test_what_has_no_counterpart_is_refused():
     scene = room(matte())
     with pytest.raises(ValueError, match="a surface if it has an area"):
         mitsuba_scene.translate(replace(scene, parts=scene.parts[:2]), exact=True)
+
+
+@pytest.mark.slow
+def test_scripts():
+    """Both print their tables, with a gain in equal time and images that agree."""
+    printed = script("against_mitsuba.py", "--quick", "--repeats", "2", "--scenes", "teapot-area-light")
+    speed, one, both = [line.split("|") for line in printed.splitlines() if line.startswith("| teapot")][:3]
+    assert len(speed) == 9 and one[2].strip() == "one" and both[2].strip() == "all"
+    printed = script("agreement.py", "--quick", "--seeds", "4", "--only", "mirror")
+    cells = printed.splitlines()[-1].split("|")
+    assert abs(float(cells[4].split()[0])) < 5 * float(cells[4].split()[2])
+
+
+def script(name, *arguments):
+    """What a script of benchmarks/ prints."""
+    done = subprocess.run(
+        [sys.executable, BENCHMARKS / name, *arguments], capture_output=True, text=True, timeout=600, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
