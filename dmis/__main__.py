@@ -22,7 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dmis import __version__, camera
-from dmis.bench import HEADER, bench_row
+from dmis.bench import HEADER, bench
 from dmis.compare import compare, load_reference, split_rules, summary
 from dmis.files import check_writable, replacing
 from dmis.fit import RULES
@@ -151,6 +151,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--resolution", type=_resolution, metavar="WxH", default=(342, 256), help="default 342x256")
     command.add_argument("--spp", type=int, default=64)
     command.add_argument("--threads", type=int, default=1, help="default 1")
+    command.add_argument("--repeats", type=int, default=3, help="in turns; the table has medians (default 3)")
     command.add_argument("--seed", type=int, default=0)
     return parser
 
@@ -316,12 +317,12 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    print(HEADER)
-    for scene in options.scenes or SHIPPED:
-        for rule in options.rules.split(","):
-            print(
-                bench_row(scene, rule, options.resolution, options.spp, options.threads, seed=options.seed), flush=True
-            )
+    with _progress_bar(False) as progress:
+        speeds = bench(
+            options.scenes or SHIPPED, split_rules(options.rules), options.resolution, options.spp,
+            options.threads, options.repeats, options.seed, progress=progress,
+        )  # fmt: skip
+    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     return 0
 
 
