@@ -139,7 +139,7 @@ def render(
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
-    settings = replace(settings or Settings(), **{**given, **rule.settings})
+    settings = scene.plan.settle(replace(settings or Settings(), **{**given, **rule.settings}))
     gather = getattr(rule, "statistic", None)
     if gather is not None and not _exact(settings):
         raise ValueError(
