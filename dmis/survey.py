@@ -19,10 +19,10 @@ from dmis.vec import Array
 if TYPE_CHECKING:
     from dmis.scene import Scene
 
-PIXELS, SPP = 768, 8
+PIXELS, SPP = 768, 4
 """Of the thumbnail."""
 MATTERS = 0.1
-"""Share of light from other surfaces, as compared with that from the lights, from which on paths are recommended."""
+"""Share of indirect light from which on paths are recommended."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,7 @@ class Survey:
     Attributes
     ----------
     indirect
-        What path tracing adds to a pixel, as a share of what direct lighting gives it: a typical value, in which all
-        pixels count the same.
+        Share of a pixel's light that direct lighting misses, the mean over all pixels that see something.
     rays
         Rays per camera sample, by integrator.
     cost
@@ -68,15 +67,11 @@ def survey(scene: Scene) -> Survey:
             "brdf": kinds["brdf"],
         }
         cost[integrator] = float(camera_sample(alike, np.array(0.5), settings.shading_samples))
-    return Survey(_added(images["direct"], images["path"]), rays, cost)
+    return Survey(_share(images["direct"], images["path"]), rays, cost)
 
 
-def _added(direct: Array, path: Array) -> float:
-    """The typical share r of what `path` has beyond `direct`: (path - direct) / (path + direct) = r / (2 + r), whose
-    mean over the pixels no bright one dominates."""
-    total = path + direct
-    seen = total > 0
-    if not seen.any():
-        return 0.0
-    mean = float(np.clip(((path - direct)[seen] / total[seen]).mean(), 0, 0.999))
-    return 2 * mean / (1 - mean)
+def _share(direct: Array, path: Array) -> float:
+    """The mean over the pixels of (path - direct) / path, where noise may make either the larger."""
+    most = np.maximum(direct, path)
+    seen = most > 0
+    return float(np.clip(((path - direct)[seen] / most[seen]).mean(), 0, 1)) if seen.any() else 0.0
