@@ -79,7 +79,7 @@ def _left_out(plan: Plan) -> Iterator[str]:
 def _recommended(plan: Plan) -> Iterator[str]:
     """The integrator, and what each costs."""
     found, (asked, _) = plan.survey, plan.asked
-    says = f"about {found.indirect:.0%} of a pixel's light is indirect"
+    says = f"about {found.indirect:.0%} of the light is indirect"
     if asked is None:
         compared = "at least" if found.indirect >= MATTERS else "less than"
         yield f"  recommended integrator: {plan.integrator}, because {says}, {compared} {MATTERS:.0%}"

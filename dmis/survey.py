@@ -19,8 +19,8 @@ from dmis.vec import Array
 if TYPE_CHECKING:
     from dmis.scene import Scene
 
-PIXELS, SPP = 768, 4
-"""Of the thumbnail."""
+PIXELS, BLOCK, SPP = 768, 8, 4
+"""Of the thumbnail: its size, about, the side of the blocks in which it is compared, its samples."""
 MATTERS = 0.1
 """Share of indirect light from which on paths are recommended."""
 
@@ -32,7 +32,7 @@ class Survey:
     Attributes
     ----------
     indirect
-        Share of a pixel's light that direct lighting misses, the mean over all pixels that see something.
+        Share of the light that direct lighting misses, the mean over all blocks of pixels that see something.
     rays
         Rays per camera sample, by integrator.
     cost
@@ -49,7 +49,7 @@ def survey(scene: Scene) -> Survey:
     from dmis.tile import Tile, render_tile  # which renders scenes, and so comes after them
 
     width, height = scene.camera.frame or scene.camera.resolution
-    shrink = max(1.0, math.sqrt(width * height / PIXELS))
+    shrink = math.sqrt(width * height / PIXELS)
     size = max(1, round(width / shrink)), max(1, round(height / shrink))
     small = scene.seen_by(replace(scene.camera, resolution=size, corner=(0, 0), frame=None))
     images, rays, cost = {}, {}, {}
@@ -71,7 +71,15 @@ def survey(scene: Scene) -> Survey:
 
 
 def _share(direct: Array, path: Array) -> float:
-    """The mean over the pixels of (path - direct) / path, where noise may make either the larger."""
+    """The mean over blocks of (path - direct) / path, where noise may make either the larger."""
+    direct, path = (_blocks(image) for image in (direct, path))
     most = np.maximum(direct, path)
     seen = most > 0
     return float(np.clip(((path - direct)[seen] / most[seen]).mean(), 0, 1)) if seen.any() else 0.0
+
+
+def _blocks(image: Array) -> Array:
+    """Sums over blocks, which have less noise than pixels, and do not let a lamp outshine the rest."""
+    for axis in (0, 1):
+        image = np.add.reduceat(image, np.arange(0, image.shape[axis], BLOCK), axis=axis)
+    return image
