@@ -83,9 +83,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
     command.add_argument(
         "--integrator",
-        choices=("direct", "path"),
-        default="direct",
-        help="light from the lights alone, or also what other surfaces scatter (default direct)",
+        choices=("auto", "direct", "path"),
+        default="auto",
+        help="light from the lights alone, or also what other surfaces scatter; auto, the default: what the scene "
+        "asks for, or what its plan recommends",
     )
     command.add_argument(
         "--rule",
@@ -106,10 +107,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--max-depth",
         type=_depth,
-        default=5,
+        default="auto",
         metavar="D",
         help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
-        "lighting, or none for any number (default 5)",
+        "lighting, or none for any number (default: what the scene asks for, or 5)",
     )
     command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
     command.add_argument(
@@ -213,8 +214,8 @@ def _compare(options: argparse.Namespace) -> int:
     return 0
 
 
-def _depth(text: str) -> int | None:
-    return None if text == "none" else int(text)
+def _depth(text: str) -> int | str | None:
+    return None if text == "none" else text if text == "auto" else int(text)
 
 
 def _render(options: argparse.Namespace) -> int:
@@ -309,9 +310,11 @@ def _info(options: argparse.Namespace) -> int:
     if options.scene:
         begin = time.perf_counter()
         scene = _load(options)
-        _ = scene.intersector
+        scene.prepare()
         width, height = scene.camera.resolution
-        described = f"{width}x{height} pixels, {scene.plan.describe()}"
+        unseen = 0 if scene.seeing is None else int((~scene.seeing).sum())
+        known = f" ({unseen:,} of them see nothing, and are not sampled)" if unseen else ""
+        described = f"{width}x{height} pixels{known}, {scene.plan.describe()}"
         print(f"\nscene {scene.name}: {described}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 

@@ -18,7 +18,7 @@ from dmis.samplers import make_sampler, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
-from dmis.vec import Array, compose
+from dmis.vec import Array, compose, indices
 
 CHUNK = 2**15
 """Camera samples per batch: the arrays of one batch stay in the cache."""
@@ -108,6 +108,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     caster
         What answers ray queries; None: the scene's Embree handle.
     """
+    tile = replace(tile, settings=scene.plan.settle(tile.settings))
     (top, bottom), (left, right) = tile.rows, tile.columns
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[top:bottom, left:right])
     pixels, settings = len(x), tile.settings
@@ -120,6 +121,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     stages = 1 if collector is None else collector.stages
     offset = rng.random(stages * pixels)
     picks = rng if settings.allocation == "random" else None
+    seeing = None if scene.seeing is None else scene.seeing[top:bottom, left:right].reshape(-1)
+    if seeing is not None and seeing.all():
+        seeing = None
     w = np.asarray(tile.w, np.float32)
     if w.ndim and (w == w[0]).all():
         w = w[0]
@@ -142,7 +146,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         share = w if w.ndim == 0 else w.take(pixel)
         control = None if tile.control is None else tile.control.take(pixel, axis=1)
         batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control)
-        values = radiance(batch, origin, direction)
+        visible = None if seeing is None else indices(seeing.take(pixel))
+        values = radiance(batch, origin, direction, visible)
         if collector is not None:
             collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
