@@ -171,7 +171,7 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
     """
     scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
     hits = batch.caster.closest(rays.origin, rays.direction)
-    kind = "bounce" if settings.integrator == "path" else "specular"
+    kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
     batch.rays["camera" if rays.depth == 0 else kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment:

@@ -66,7 +66,8 @@ class Result:
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
         Rays traced, by kind: ``camera``, ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards
-        lights of a single direction), ``specular``; ``guide``, towards what a rule's filter is guided by.
+        lights of a single direction), ``specular``; ``bounce 1``, ``bounce 2``, ... (path tracing: paths that went on
+        from so many surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance

@@ -209,13 +209,14 @@ def test_one_batch_per_bounce() -> None:
     assert list(both.sample) == [0, 1, 3, 4] and list(both.direction[0]) == [2, 1, 2, 1]
     assert list(both.sees) == [False, True, False, False]
     rays = dmis.render(ROOM, "balance", 4, settings=Settings(integrator="path", max_depth=3)).rays
-    assert set(rays) == {"camera", "bounce", "shadow", "brdf"}
+    assert set(rays) == {"camera", "bounce 1", "bounce 2", "shadow", "brdf"}
+    assert rays["camera"] >= rays["bounce 1"] > rays["bounce 2"] > 0
 
 
 def test_points_cost() -> None:
     """With as many bounces as camera rays, a camera sample costs twice as much."""
     rays = Counter(camera=100, shadow=150, brdf=20)
-    more = {"camera": 100, "bounce": 100, "shadow": 300, "brdf": 40}
+    more = {"camera": 100, "bounce 1": 70, "bounce 2": 30, "shadow": 300, "brdf": 40}
     w = np.array([0, 0.3, 1])
     np.testing.assert_allclose(camera_sample(more, w), 2 * camera_sample(rays, w))
 

@@ -148,7 +148,7 @@ def test_threads_do_not_matter() -> None:
 
 def test_curves_predict_paths() -> None:
     """The variance of rendered images at two weights, over many seeds, is what pilots at 1/2 say of each."""
-    rule = Learned(patch=32, spp=512, filter="none", shrink=False)
+    rule = Learned(patch=32, spp=512, filter="none", shrink=False, bounces="separate")
     first, behind = np.mean(
         [dmis.render(ROOM, rule, 513, seed=s, settings=PATHS).maps["variances"][:, :, 0, 0] for s in range(4)], axis=0
     )
