@@ -22,7 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dmis import __version__, camera
-from dmis.bench import HEADER, bench_row
+from dmis.bench import HEADER, bench
 from dmis.compare import compare, load_reference, split_rules, summary
 from dmis.files import check_writable, replacing
 from dmis.fit import RULES
@@ -140,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--resolution", type=_resolution, metavar="WxH", default=(342, 256), help="default 342x256")
     command.add_argument("--spp", type=int, default=64)
     command.add_argument("--threads", type=int, default=1, help="default 1")
+    command.add_argument("--repeats", type=int, default=3, help="in turns; the table has medians (default 3)")
     command.add_argument("--seed", type=int, default=0)
     return parser
 
@@ -147,17 +148,18 @@ def _parser() -> argparse.ArgumentParser:
 def _add_integrator(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--integrator",
-        choices=("direct", "path"),
-        default="direct",
-        help="light from the lights alone, or also what other surfaces scatter (default direct)",
+        choices=("auto", "direct", "path"),
+        default="auto",
+        help="light from the lights alone, or also what other surfaces scatter; auto, the default: what the scene "
+        "asks for, or what its plan recommends",
     )
     command.add_argument(
         "--max-depth",
         type=_depth,
-        default=5,
+        default="auto",
         metavar="D",
         help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
-        "lighting, or none for any number (default 5)",
+        "lighting, or none for any number (default: what the scene asks for, or 5)",
     )
 
 
@@ -223,8 +225,8 @@ def _compare(options: argparse.Namespace) -> int:
     return 0
 
 
-def _depth(text: str) -> int | None:
-    return None if text == "none" else int(text)
+def _depth(text: str) -> int | str | None:
+    return None if text == "none" else text if text == "auto" else int(text)
 
 
 def _render(options: argparse.Namespace) -> int:
@@ -319,22 +321,23 @@ def _info(options: argparse.Namespace) -> int:
     if options.scene:
         begin = time.perf_counter()
         scene = _load(options)
-        _ = scene.intersector
+        scene.prepare()
         width, height = scene.camera.resolution
-        described = f"{width}x{height} pixels, {scene.plan.describe()}"
+        unseen = 0 if scene.seeing is None else int((~scene.seeing).sum())
+        known = f" ({unseen:,} of them see nothing, and are not sampled)" if unseen else ""
+        described = f"{width}x{height} pixels{known}, {scene.plan.describe()}"
         print(f"\nscene {scene.name}: {described}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 
 def _bench(options: argparse.Namespace) -> int:
     settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
-    print(HEADER)
-    for scene in options.scenes or SHIPPED:
-        for rule in split_rules(options.rules):
-            row = bench_row(
-                scene, rule, options.resolution, options.spp, options.threads, seed=options.seed, settings=settings
-            )
-            print(row, flush=True)
+    with _progress_bar(False) as progress:
+        speeds = bench(
+            options.scenes or SHIPPED, split_rules(options.rules), options.resolution, options.spp,
+            options.threads, options.repeats, options.seed, settings, progress,
+        )  # fmt: skip
+    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     return 0
 
 

@@ -138,20 +138,25 @@ class _Points:
     out: Array
 
 
-def radiance(batch: Batch, origin: Array, direction: Array) -> Array:
+def radiance(batch: Batch, origin: Array, direction: Array, seeing: Selection | None = None) -> Array:
     """Radiance along camera rays, by the settings' integrator.
 
     Parameters
     ----------
     origin, direction
         ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
+    seeing
+        Those that may meet something; None: all of them. The others are counted, but not traced.
 
     Returns
     -------
     ``(3, N)`` float32 linear RGB.
     """
     found = np.zeros(direction.shape, np.float32)
-    pending = [Rays(origin, direction, None, None, 0, ())]
+    batch.rays["camera"] += direction.shape[1]
+    if seeing is not None and size(seeing, 0) == 0:
+        return found
+    pending = [Rays(take(origin, seeing), take(direction, seeing), seeing, None, 0, ())]
     while pending:
         rays = pending.pop()
         onward: list[Rays] = []
@@ -171,15 +176,16 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
     """
     scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
     hits = batch.caster.closest(rays.origin, rays.direction)
-    kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
-    batch.rays["camera" if rays.depth == 0 else kind] += len(hits.prim)
+    if rays.depth:
+        kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
+        batch.rays[kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment:
         missed = indices(hits.prim < 0 if rays.sees is True else (hits.prim < 0) & rays.sees)
         if missed is None or len(missed):
             for light in plan.environment:
                 yield _onward(rays, missed, light.radiance(take(rays.direction, missed)))
-    last = settings.max_depth is not None and rays.depth >= settings.max_depth
+    last = rays.depth >= settings.deepest
     for number, group in enumerate(plan.groups):
         if last and group.emission is None:
             continue
@@ -203,12 +209,14 @@ def _continue(
 ) -> Iterator[Rays]:
     """The rays that go on from the points of one group: one per point in path tracing, else one per delta lobe."""
     settings, epsilon = batch.settings, batch.scene.epsilon
-    ends = settings.max_depth is not None and rays.depth + 1 >= settings.max_depth
+    ends = rays.depth + 1 >= settings.deepest
     if settings.integrator == "path":
-        if ends and not surface.delta:  # the light that one more surface would send was gathered here
+        if ends and not (surface.delta and batch.scene.plan.visible):
+            return  # the light that one more surface would send was gathered here
+        if not (surface.glossy or surface.delta):
             return
         u = batch.sampler.draw((*rays.path, CONTINUE), sample)
-        following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, epsilon)
+        following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, epsilon, last=ends)
         if following is not None:
             yield following
         return
@@ -322,12 +330,14 @@ def _shade(
     factor = heuristic(share * p_own, other_share * p_other, side == 0) * pair.cos_i
     factor *= scale / np.float32(batch.settings.shading_samples)
     f = surface.eval(pair) * (factor * (p_own > 0))
-    alive = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
+    alive: Selection | None = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
     value = np.zeros((3, 0), np.float32)
-    if alive is None or len(alive):
+    if size(alive, 1):
+        distance = take(seen.distance, compose(lit, alive))
+        clear = indices(_visible(batch, own.rays, take(surface.p, alive), take(wi, alive), distance))
+        alive = compose(alive, clear)  # the sky is looked up only where it is seen
         both = compose(lit, alive)
         value = take(f, alive) * seen.radiance_at(both)
-        value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
         _add(points.out, value, compose(where, both))
     if batch.records is None and batch.control is None:
         return lit, p_own, p_other

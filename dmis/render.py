@@ -32,7 +32,7 @@ from dmis.guides import guides
 from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
-from dmis.settings import MOST, Settings
+from dmis.settings import DEPTH, MOST, Settings
 from dmis.tile import Statistic, Tile, split
 from dmis.variance import Moments
 from dmis.vec import Array
@@ -65,9 +65,10 @@ class Result:
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
-        Rays traced, by kind: ``camera``, ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards
-        lights of a single direction), ``specular``; ``bounce 1``, ``bounce 2``, ... (path tracing: paths that went on
-        from so many surfaces); ``guide``, towards what a rule's filter is guided by.
+        Rays traced, by kind: ``camera`` (one per camera sample, counted also where it is known to see nothing),
+        ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
+        ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on from so many
+        surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance
@@ -142,7 +143,7 @@ def render(
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
-    settings = replace(settings or Settings(), **{**given, **rule.settings})
+    settings = scene.plan.settle(replace(settings or Settings(), **{**given, **rule.settings}))
     gather = getattr(rule, "statistic", None)
     if gather is not None and not _exact(settings):
         raise ValueError(
@@ -303,7 +304,7 @@ def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
 
 
 def fingerprint(scene: Scene) -> str:
-    """A short hash of the description: camera, meshes, materials, lights."""
+    """A short hash of the description: camera, meshes, materials, lights, and an integrator that is not the usual."""
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
     materials = [part.material for part in scene.parts]
     camera = scene.camera
@@ -311,6 +312,8 @@ def fingerprint(scene: Scene) -> str:
         pickle.dumps((camera.fov, camera.resolution, camera.corner, camera.frame, lights, materials))
     )
     digest.update(np.asarray(camera.to_world, np.float64).tobytes())
+    if (scene.integrator or "direct", scene.max_depth or DEPTH) != ("direct", DEPTH):
+        digest.update(repr((scene.integrator, scene.max_depth)).encode())
     for part in scene.parts:
         digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
         digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())

@@ -35,7 +35,7 @@ def conditions(
     scene: Scene, reference: Reference, threads: int | None, settings: Settings | None = None
 ) -> dict[str, Any]:
     """What must be the same for rows to stand in one table: the image, what it is measured against, and threads."""
-    settings = settings or Settings()
+    settings = scene.plan.settle(settings or Settings())
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {
         "dmis": __version__,

@@ -18,7 +18,7 @@ from dmis.samplers import make_sampler, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
-from dmis.vec import Array, compose
+from dmis.vec import Array, compose, indices
 
 CHUNK = 2**15
 """Camera samples per batch: the arrays of one batch stay in the cache."""
@@ -111,6 +111,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     caster
         What answers ray queries; None: the scene's Embree handle.
     """
+    tile = replace(tile, settings=scene.plan.settle(tile.settings))
     (top, bottom), (left, right) = tile.rows, tile.columns
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[top:bottom, left:right])
     pixels, settings = len(x), tile.settings
@@ -123,6 +124,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     stages = 1 if collector is None else collector.stages
     offset = rng.random(stages * pixels)
     picks = rng if settings.allocation == "random" else None
+    seeing = None if scene.seeing is None else scene.seeing[top:bottom, left:right].reshape(-1)
+    if seeing is not None and seeing.all():
+        seeing = None
     w = _share(tile.w)
     later_w = None if tile.later is None else _share(tile.later)
     later_offset = None if later_w is None else rng.random(pixels)  # of its own, or the rounding of both would go along
@@ -151,7 +155,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         batch = Batch(
             scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control, later
         )
-        values = radiance(batch, origin, direction)
+        visible = None if seeing is None else indices(seeing.take(pixel))
+        values = radiance(batch, origin, direction, visible)
         if collector is not None:
             collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
