@@ -132,7 +132,7 @@ def test_black_surfaces_end_paths(monkeypatch: pytest.MonkeyPatch) -> None:
     called = counting(bounce, "bounce", monkeypatch)
     image, rays = tile_of(box_scene(Material((Lambert(0.0),))), integrator="path")
     assert not image.any() and rays["bounce 1"] == 0 and called["times"] == 0 and rays["shadow"] == 0
-    assert tile_of(black, integrator="path")[1]["bounce 1"] < tile_of(grey, integrator="path")[1]["bounce"]
+    assert tile_of(black, integrator="path")[1]["bounce 1"] < tile_of(grey, integrator="path")[1]["bounce 1"]
 
 
 def test_last_rays_are_followed_only_where_they_may_meet_a_light() -> None:
