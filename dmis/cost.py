@@ -14,6 +14,8 @@ from dmis.vec import Array
 
 CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
+UNSEEN = "unseen"
+"""Beside the kinds of rays: camera samples of pixels that are known to see nothing, for which no ray is traced."""
 
 
 def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: float = 2) -> Array:
@@ -28,7 +30,7 @@ def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, sha
     pilot_samples, shading_samples
         Shading samples of each camera sample, in the pilot and in what is asked for.
     """
-    camera = max(rays.get("camera", 0), 1)
+    camera = max(rays.get("camera", 0) + rays.get(UNSEEN, 0), 1)
     points = 1 + rays.get("bounce", 0) / camera
     each = camera * points * pilot_samples / 2  # samples of either technique
     light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
