@@ -24,6 +24,7 @@ import numpy as np
 from dmis import mis, technique
 from dmis.bounce import Rays, bounce, merge, scatter
 from dmis.brdf import Pair
+from dmis.cost import UNSEEN
 from dmis.intersect import RayCaster
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
@@ -146,15 +147,18 @@ def radiance(batch: Batch, origin: Array, direction: Array, seeing: Selection | 
     origin, direction
         ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
     seeing
-        Those that may meet something; None: all of them. The others are counted, but not traced.
+        Those that may meet something; None: all of them. The others are counted as `UNSEEN`.
 
     Returns
     -------
     ``(3, N)`` float32 linear RGB.
     """
     found = np.zeros(direction.shape, np.float32)
-    batch.rays["camera"] += direction.shape[1]
-    if seeing is not None and size(seeing, 0) == 0:
+    traced = size(seeing, direction.shape[1])
+    batch.rays["camera"] += traced
+    if traced < direction.shape[1]:
+        batch.rays[UNSEEN] += direction.shape[1] - traced
+    if not traced:
         return found
     pending = [Rays(take(origin, seeing), take(direction, seeing), seeing, None, 0, ())]
     while pending:

@@ -26,6 +26,7 @@ from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
 from dmis.combine import COLLECTORS
+from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.guides import guides
@@ -65,7 +66,7 @@ class Result:
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
-        Rays traced, by kind: ``camera`` (one per camera sample, counted also where it is known to see nothing),
+        Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
         ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
         ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on from so many
         surfaces); ``guide``, towards what a rule's filter is guided by.
@@ -204,6 +205,7 @@ def render(
         crew.close(now=True)
         raise
     crew.close()
+    work.rays.pop(UNSEEN, None)
     pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
     parts = [(final, mean)]
     if settings.reuse_pilot:

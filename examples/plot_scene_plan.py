@@ -85,7 +85,6 @@ for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
     plot.picture(above, image, one.name)
     samples = SIZE[0] * SIZE[1] * SPP
     rays = {kind: result.rays.get(kind, 0) / samples for kind in KINDS}
-    rays["camera"] -= unseen.mean()  # counted, but not traced
     middle.bar(list(KINDS), list(rays.values()), color=list(KINDS.values()))
     middle.set_ylim(0, 4.2)
     middle.tick_params(axis="x", rotation=45)
