@@ -6,7 +6,7 @@ What rules save in path tracing (six surfaces deep) on the thesis's scenes and o
 over that of the balance heuristic, with equal camera samples (64, pilot included) and in equal time, with one weight
 for all surfaces of a path and with one for the first and one for those behind it; beside it the oracle, which knows
 what weights could save. Times are of the processor, on one thread, rules taking turns, because a shared machine has no
-other clock to trust. Takes a quarter of an hour; the result is kept with the project.
+other clock to trust. Takes some ten minutes; the result is kept with the project.
 """
 
 from datetime import date
