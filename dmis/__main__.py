@@ -50,6 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"dmis: error: {error}", file=sys.stderr)
         return 2
+    except MemoryError as error:
+        print(f"dmis: error: there is not enough memory: {error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"dmis: interrupted{_kept(options, arguments)}", file=sys.stderr)
         return 130
@@ -187,8 +190,8 @@ def _numbers(text: str) -> list[int]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    if options.seeds < 1:
-        raise ValueError(f"--seeds must be at least 1; got {options.seeds}")
+    if not 1 <= options.seeds <= 10_000:
+        raise ValueError(f"--seeds must be at least 1 and at most 10000; got {options.seeds}")
     rules = split_rules(options.rules)
     scene = _load(options)
     with _progress_bar(options.quiet) as progress:

@@ -40,6 +40,8 @@ Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
 LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
+MOST_WORKERS = 1024
+"""Threads or processes."""
 _SAVED = 48  # bytes that a checkpoint has for a pixel and pass, sums aside
 
 
@@ -265,8 +267,8 @@ def _check(spp: int, pilot_spp: int, seed: int, rule: str) -> None:
 
 def _check_workers(threads: int | None, workers: int | None, executor: Executor | None) -> None:
     for name, number in (("threads", threads), ("workers", workers)):
-        if number is not None and number < 1:
-            raise ValueError(f"{name} must be at least 1; got {number}")
+        if number is not None and not 1 <= number <= MOST_WORKERS:
+            raise ValueError(f"{name} must be at least 1 and at most {MOST_WORKERS}; got {number}")
     given = {"threads": threads, "workers": workers, "executor": executor}
     if len(names := [name for name, value in given.items() if value is not None]) > 1:
         raise ValueError(
