@@ -114,6 +114,9 @@ def _parser() -> argparse.ArgumentParser:
         help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
         "lighting, or none for any number (default 5)",
     )
+    command.add_argument(
+        "--clamp", type=float, metavar="L", help="biased: scale camera samples down to this radiance (default: none)"
+    )
     command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
     command.add_argument(
         "--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)"
@@ -242,6 +245,7 @@ def _render(options: argparse.Namespace) -> int:
                 lights=options.lights,
                 integrator=options.integrator,
                 max_depth=options.max_depth,
+                clamp=options.clamp,
             ),
             threads=options.threads,
             workers=options.workers,
@@ -260,8 +264,16 @@ def _render(options: argparse.Namespace) -> int:
         seconds = result.seconds["total"]
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
         rule = result.provenance["rule"]
-        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
+        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_doubts(result)}")
     return 0
+
+
+def _doubts(result: Result) -> str:
+    """What is to be known about an image."""
+    found = int(result.fireflies.sum())
+    doubts = [f"biased: {what}" for what in result.provenance.get("bias", ())]
+    doubts += [f"{found} pixel{'s look' if found > 1 else ' looks'} like fireflies"] * (found > 0)
+    return "".join(f"; {doubt}" for doubt in doubts)
 
 
 @contextmanager
@@ -296,6 +308,7 @@ def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:
         "samples": samples,
         "samples_per_second": samples / seconds,
         "rays": dict(result.rays),
+        "fireflies": int(result.fireflies.sum()),
         "embree_seconds": floor,
         "peak_rss_bytes": peak if sys.platform == "darwin" else peak * 1024,
         "threads": threads,

@@ -25,6 +25,7 @@ from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
 from dmis.files import check_writable
+from dmis.fireflies import find_fireflies
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.guides import guides
 from dmis.mis import FROZEN
@@ -70,7 +71,7 @@ class Result:
     maps
         Diagnostics of the rule.
     provenance
-        What is needed to make the image again; plain JSON data.
+        What is needed to make the image again; plain JSON data. ``bias`` lists what makes it biased, if anything does.
     """
 
     image: Array
@@ -82,6 +83,11 @@ class Result:
     maps: Mapping[str, np.ndarray]
     provenance: Mapping[str, Any]
     tiles: tuple[Tile, ...] = field(default=(), repr=False)
+
+    @property
+    def fireflies(self) -> np.ndarray:
+        """``(H, W)`` bool: pixels that look like fireflies, see `dmis.fireflies`."""
+        return find_fireflies(self.image, self.variance, self.samples)
 
 
 def render(
@@ -164,6 +170,7 @@ def render(
         "spp": spp,
         "seed": seed,
         "settings": asdict(settings),
+        **({} if settings.clamp is None else {"bias": [f"camera samples clamped at {settings.clamp:g}"]}),
     }
     if checkpoint is not None:
         check_writable(checkpoint, _SAVED * math.prod(scene.camera.resolution) * (len(rule.pilot) + 1))

@@ -12,6 +12,7 @@ import numpy as np
 
 from dmis.combine import COLLECTORS, slot
 from dmis.estimator import Batch, Record, radiance
+from dmis.fireflies import clamp
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
 from dmis.samplers import make_sampler, stream
@@ -143,6 +144,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         control = None if tile.control is None else tile.control.take(pixel, axis=1)
         batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control)
         values = radiance(batch, origin, direction)
+        if settings.clamp is not None:
+            values = clamp(values, settings.clamp)
         if collector is not None:
             collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
