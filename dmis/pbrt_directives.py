@@ -11,10 +11,12 @@ import numpy as np
 
 from dmis.pbrt_cursor import Cursor
 from dmis.pbrt_dialect import DIALECTS, V2, V4
-from dmis.pbrt_reader import DIRECT, Directive, Reader, State, inverse
+from dmis.pbrt_parameters import Parameters
+from dmis.pbrt_reader import Directive, Reader, State, inverse
 from dmis.pbrt_tokens import MAX_TEXT, Source, Token, blame
 from dmis.pbrt_transforms import TRANSFORMS, set_transform
 from dmis.pbrt_world import WORLD
+from dmis.settings import DEEPEST
 
 MAX_INCLUDES = 32
 MAX_FILES = 10_000
@@ -171,26 +173,35 @@ def _pixel_filter(reader: Reader, token: Token, cursor: Cursor) -> None:
 def _integrator(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of integrator")
     p = cursor.parameters(token)
-    reader.integrator, dialect = True, reader.dialect
+    dialect = reader.dialect
     p.fixed(dialect.fixed.get("Integrator", {}))
     depth = p.integer("maxdepth", 5)
-    if dialect is not V2 and name.name in ("path", "volpath") and depth == 1:
-        reader.depth = p.items["maxdepth"].token  # one surface that scatters: direct light
+    if name.name == "path" or (name.name == "volpath" and dialect is not V2):
+        # In pbrt-v2 the light at vertices 0 to maxdepth is gathered before the loop is left (integrators/path.cpp), in
+        # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
+        # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike).
+        reader.asks = "path", _surfaces(p, depth + dialect.beyond)
         reader.note(p)
         return
-    if name.name in ("path", "volpath"):
-        raise name.error(f"paths are not supported yet; {DIRECT[dialect.name]}")
     if name.name != "directlighting" or dialect is V4:
-        raise name.error(f"the integrator must be directlighting; others make other images; {DIRECT[dialect.name]}")
+        known = "path or volpath" if dialect is V4 else "directlighting or path"
+        raise name.error(f"the integrator must be {known}; others make other images")
     strategy = p.string("strategy", "all")
     if strategy not in ("all", "one"):
         raise p.items["strategy"].token.error(f"strategy must be all or one; got {strategy!r}")
     if strategy == "one":
         p.asked.discard("strategy")  # lights are sampled as the renderer is told; the expected image is the same
-    if depth != 5:
-        reader.depth = p.items["maxdepth"].token
-        p.asked.discard("maxdepth")
+    reader.asks = "direct", _surfaces(p, max(depth, 1))  # none is left out at depth 0 either
     reader.note(p)
+
+
+def _surfaces(p: Parameters, depth: int) -> int:
+    """`depth`, if an image can be made with it."""
+    if not 1 <= depth <= DEEPEST:
+        raise p.items["maxdepth"].token.error(
+            f"maxdepth must let 1 to {DEEPEST} surfaces scatter light, else only lights are seen; here it is {depth}"
+        )
+    return depth
 
 
 def _renderer(reader: Reader, token: Token, cursor: Cursor) -> None:

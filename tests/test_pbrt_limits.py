@@ -96,8 +96,9 @@ def test_command_line(folders, capsys):
     assert main(["info", str(path)]) == 2
     assert "is outside of the scene's folder" in capsys.readouterr().err
     assert main(["info", str(path), "--allow-outside"]) == 0
-    assert main(["info", str(path), "--allow-outside", "--dialect", "v3"]) == 2
-    assert "without an Integrator line v3" in capsys.readouterr().err
+    assert "recommended integrator: direct" in capsys.readouterr().out
+    assert main(["info", str(path), "--allow-outside", "--dialect", "v3"]) == 0
+    assert "recommended integrator: path" in capsys.readouterr().out
 
 
 def test_a_mesh_cannot_name_an_image(folders, monkeypatch):
