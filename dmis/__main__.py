@@ -50,6 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"dmis: error: {error}", file=sys.stderr)
         return 2
+    except MemoryError as error:
+        print(f"dmis: error: there is not enough memory: {error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"dmis: interrupted{_kept(options, arguments)}", file=sys.stderr)
         return 130
@@ -97,6 +100,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--lights", choices=("all", "one"), default="all", help="sample all lights, or one picked at random"
+    )
+    command.add_argument(
+        "--clamp", type=float, metavar="L", help="biased: scale camera samples down to this radiance (default: none)"
     )
     command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
     command.add_argument(
@@ -195,8 +201,8 @@ def _numbers(text: str) -> list[int]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    if options.seeds < 1:
-        raise ValueError(f"--seeds must be at least 1; got {options.seeds}")
+    if not 1 <= options.seeds <= 10_000:
+        raise ValueError(f"--seeds must be at least 1 and at most 10000; got {options.seeds}")
     rules = split_rules(options.rules)
     settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
     scene = _load(options)
@@ -252,6 +258,7 @@ def _render(options: argparse.Namespace) -> int:
                 lights=options.lights,
                 integrator=options.integrator,
                 max_depth=options.max_depth,
+                clamp=options.clamp,
             ),
             threads=options.threads,
             workers=options.workers,
@@ -270,8 +277,16 @@ def _render(options: argparse.Namespace) -> int:
         seconds = result.seconds["total"]
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
         rule = result.provenance["rule"]
-        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
+        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_doubts(result)}")
     return 0
+
+
+def _doubts(result: Result) -> str:
+    """What is to be known about an image."""
+    found = int(result.fireflies.sum())
+    doubts = [f"biased: {what}" for what in result.provenance.get("bias", ())]
+    doubts += [f"{found} pixel{'s look' if found > 1 else ' looks'} like fireflies"] * (found > 0)
+    return "".join(f"; {doubt}" for doubt in doubts)
 
 
 @contextmanager
@@ -306,6 +321,7 @@ def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:
         "samples": samples,
         "samples_per_second": samples / seconds,
         "rays": dict(result.rays),
+        "fireflies": int(result.fireflies.sum()),
         "embree_seconds": floor,
         "peak_rss_bytes": peak if sys.platform == "darwin" else peak * 1024,
         "threads": threads,

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dmis.mesh import FARTHEST
 from dmis.vec import TINY, Array
 
 
@@ -44,6 +45,8 @@ class Camera:
         matrix = np.asarray(self.to_world, float)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0:
             raise ValueError(f"to_world must be a finite invertible 4x4 matrix; got {matrix.tolist()}")
+        if np.abs(matrix[:3]).max() > FARTHEST:
+            raise ValueError(f"to_world must not have elements above {FARTHEST:g}, in float32; got {matrix.tolist()}")
         if not 0 < self.fov < 180:
             raise ValueError(
                 f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}"

@@ -94,17 +94,22 @@ def load_reference(path: Path) -> Reference:
         If it is none of these, or not an image.
     """
     if path.suffix == ".npy":
+        if not path.is_file():
+            raise FileNotFoundError(f"there is no reference {path}")
         try:
-            image = np.load(path, allow_pickle=False)
-        except (ValueError, EOFError) as error:
+            image = np.load(path, mmap_mode="r", allow_pickle=False)  # whose header may ask for any amount of memory
+        except Exception as error:  # whatever its header makes the reader say
             raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
         layers = {"RGB": image}
     else:
         layers, _ = read_exr(path)
     first = layers.get("first", layers.get("RGB"))
-    if first is None or first.ndim != 3 or first.shape[2] != 3:
+    second = layers.get("second", first)
+    if first is None or second is None or any(half.ndim != 3 or half.shape[2] != 3 for half in (first, second)):
         raise ValueError(f"reference {path} must hold an image of three channels, or two halves first and second")
-    return Reference(first, layers.get("second", first), 0)
+    if not all(np.issubdtype(half.dtype, np.floating) and np.isfinite(half).all() for half in (first, second)):
+        raise ValueError(f"reference {path} must hold finite numbers, because errors are measured against them")
+    return Reference(np.array(first), np.array(second), 0)
 
 
 def compare(

@@ -91,6 +91,12 @@ class Rule(Protocol):
         ...
 
 
+def check_taps(size: int) -> None:
+    """Refuse a filter of an even number of taps, or of very many."""
+    if not 1 <= size <= 1001 or size % 2 == 0:
+        raise ValueError(f"size must be odd, 1 to 1001, taps on a side of the filter; got {size}")
+
+
 def _sampler(name: str) -> dict[str, Any]:
     """The setting that a rule's own sampler makes; none if it is empty."""
     return {"sampler": name} if name else {}
@@ -188,25 +194,24 @@ class Thesis:
     sampler: str = ""
 
     def __post_init__(self) -> None:
-        if self.patch < 1:
-            raise ValueError(f"patch must be at least 1 pixel; got {self.patch}")
+        if not 1 <= self.patch <= 65535:
+            raise ValueError(f"patch must be 1 to 65535 pixels; got {self.patch}")
         if self.spp < 2:
             raise ValueError(
                 f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
             )
-        if self.strategies < 3 or self.strategies % 2 == 0:
+        if not 3 <= self.strategies <= 101 or self.strategies % 2 == 0:
             raise ValueError(
-                f"strategies must be odd and at least 3, because a parabola has three coefficients and w = 1/2 is "
-                f"among them; got {self.strategies}"
+                f"strategies must be odd, at least 3 and at most 101, because a parabola has three coefficients and "
+                f"w = 1/2 is among them; got {self.strategies}"
             )
         if self.channels not in ("luminance", "rgb"):
             raise ValueError(f"channels must be luminance or rgb; got {self.channels!r}")
         if self.filter not in ("gaussian", "none"):
             raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
-        if self.size < 1 or self.size % 2 == 0:
-            raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
-        if not self.sigma > 0:
-            raise ValueError(f"sigma must be positive; got {self.sigma}")
+        check_taps(self.size)
+        if not 0 < self.sigma < np.inf:
+            raise ValueError(f"sigma must be positive and finite; got {self.sigma}")
         if self.filter == "gaussian":
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 

@@ -28,6 +28,7 @@ from dmis.checkpoint import Store
 from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
+from dmis.fireflies import find_fireflies
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.guides import guides
 from dmis.mis import FROZEN
@@ -43,6 +44,8 @@ Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
 LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
+MOST_WORKERS = 1024
+"""Threads or processes."""
 _SAVED = 48  # bytes that a checkpoint has for a pixel and pass, sums aside
 
 
@@ -73,7 +76,7 @@ class Result:
     maps
         Diagnostics of the rule.
     provenance
-        What is needed to make the image again; plain JSON data.
+        What is needed to make the image again; plain JSON data. ``bias`` lists what makes it biased, if anything does.
     """
 
     image: Array
@@ -85,6 +88,11 @@ class Result:
     maps: Mapping[str, np.ndarray]
     provenance: Mapping[str, Any]
     tiles: tuple[Tile, ...] = field(default=(), repr=False)
+
+    @property
+    def fireflies(self) -> np.ndarray:
+        """``(H, W)`` bool: pixels that look like fireflies, see `dmis.fireflies`."""
+        return find_fireflies(self.image, self.variance, self.samples)
 
 
 def render(
@@ -169,6 +177,7 @@ def render(
         "spp": spp,
         "seed": seed,
         "settings": asdict(settings),
+        **({} if settings.clamp is None else {"bias": [f"camera samples clamped at {settings.clamp:g}"]}),
     }
     if checkpoint is not None:
         check_writable(checkpoint, _SAVED * math.prod(scene.camera.resolution) * (len(rule.pilot) + 1))
@@ -280,8 +289,8 @@ def _check(spp: int, pilot_spp: int, seed: int, rule: str) -> None:
 
 def _check_workers(threads: int | None, workers: int | None, executor: Executor | None) -> None:
     for name, number in (("threads", threads), ("workers", workers)):
-        if number is not None and number < 1:
-            raise ValueError(f"{name} must be at least 1; got {number}")
+        if number is not None and not 1 <= number <= MOST_WORKERS:
+            raise ValueError(f"{name} must be at least 1 and at most {MOST_WORKERS}; got {number}")
     given = {"threads": threads, "workers": workers, "executor": executor}
     if len(names := [name for name, value in given.items() if value is not None]) > 1:
         raise ValueError(

@@ -54,8 +54,11 @@ def rgb(name: str, value: Rgb) -> Array:
 
 
 def point(name: str, value: Rgb) -> Array:
-    """A position as ``(3, 1)`` float32; finite, or a ValueError that calls it `name`."""
-    return mesh.vector(name, value).astype(np.float32)[:, None]
+    """A position as ``(3, 1)`` float32; finite and not too far, or a ValueError that calls it `name`."""
+    out = mesh.vector(name, value)
+    if np.abs(out).max() > mesh.FARTHEST:
+        raise ValueError(f"{name} must be within {mesh.FARTHEST:g} of the origin along each axis; got {out.tolist()}")
+    return out.astype(np.float32)[:, None]
 
 
 def direction(name: str, value: Rgb) -> Array:

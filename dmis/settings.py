@@ -44,6 +44,8 @@ class Settings:
         ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
     reuse_pilot
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample.
+    clamp
+        Radiance that no channel of a camera sample may exceed: **biased**, see `dmis.fireflies`. None: any.
     """
 
     shading_samples: int = 2
@@ -55,6 +57,7 @@ class Settings:
     max_depth: int | str | None = "auto"
     sampler: Kind = "independent"
     reuse_pilot: bool = True
+    clamp: float | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.shading_samples <= MOST:
@@ -86,6 +89,10 @@ class Settings:
                 f"combiner optimal-progressive needs sampler independent, because structured samples depend on earlier "
                 f"ones, and so on the fit to these; got {self.sampler!r}"
             )
+        if self.clamp is not None and not 0 < self.clamp < float("inf"):
+            raise ValueError(f"clamp must be positive and finite, a radiance, or None; got {self.clamp}")
+        if self.clamp is not None and self.combiner.startswith("optimal"):
+            raise ValueError(f"clamp needs a combiner that adds up camera samples; {self.combiner} fits them together")
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"

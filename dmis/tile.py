@@ -12,6 +12,7 @@ import numpy as np
 
 from dmis.combine import COLLECTORS, slot
 from dmis.estimator import Batch, Record, radiance
+from dmis.fireflies import clamp
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
 from dmis.samplers import make_sampler, stream
@@ -157,6 +158,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         )
         visible = None if seeing is None else indices(seeing.take(pixel))
         values = radiance(batch, origin, direction, visible)
+        if settings.clamp is not None:
+            values = clamp(values, settings.clamp)
         if collector is not None:
             collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
