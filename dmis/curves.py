@@ -27,12 +27,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmis.estimator import Record
-from dmis.vec import Array
+from dmis.vec import TINY, Array
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)
 """Weights at which curves are known: dense at the ends, where they are steep."""
 HALF = int(np.flatnonzero(GRID == 0.5)[0])
 LEAST = np.float32(1e-9)
+ROUNDING = 3e-5
+"""Of a pixel's curve, as a share of its second moment. A curve is the difference of float32 sums, each of which is off
+by 1e-6 or less; that may be the same in all pixels, so it is taken to be more, and something is left of it in means.
+"""
 
 
 class Curves:
@@ -49,7 +53,7 @@ class Curves:
     def __init__(self, pixels: int, shading_samples: int) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._curve, self._pattern = np.zeros((2, len(GRID), pixels), np.float64)
+        self._curve, self._pattern, self._second = np.zeros((3, len(GRID), pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -60,9 +64,10 @@ class Curves:
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
         for x, d in spread(records, 2 * self._s, radiance.shape[1]):
-            at_y, over_y = _curve(x, d, count)
+            at_y, over_y, second = _curve(x, d, count)
             self._curve += count / self._s * at_y
             self._pattern += count * over_y
+            self._second += count / self._s * second
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
@@ -75,7 +80,9 @@ class Curves:
         curve = self._curve / n + _rounding(self._s)[:, None] * pattern
         # the pilot's own variance is V(1/2) with 2 S shading samples in place of S
         position = seen - curve[HALF] / 2
-        squares = {"square": curve * curve, "cross": curve * curve[HALF]}
+        # where all samples are alike curves are rounding, which must not pass for a gain
+        rounding = ROUNDING * self._second / n
+        squares = {"square": curve * curve + rounding * rounding, "cross": curve * curve[HALF]}
         return {"curve": curve, **squares, "pattern": pattern, "position": position}
 
 
@@ -92,7 +99,7 @@ def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[
         where = slice(None) if record.sample is None else record.sample
         at = record.turn, record.side, where
         x[at] += record.value.mean(axis=0)
-        d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
+        d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], TINY)
     yield from found.values()
 
 
@@ -112,9 +119,11 @@ def _rounding(s: float) -> Array:
     return part * (1 - part) / s**2
 
 
-def _curve(x: Array, d: Array, count: int) -> Array:
-    """Variance of a shading sample at y, and variance of D over y, per pixel, ``(2, G, P)``."""
-    out = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
+def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
+    """Per pixel: variance of a shading sample at y, variance of D over y, second moment, ``(G, P)`` each."""
+    unit = 2.0 ** np.floor(np.log2(max(float(x.max()), 1e-37)))  # squares of small numbers would be 0 in float32
+    x = x * x.dtype.type(1 / unit)
+    at_y, over_y, second = np.zeros((3, len(GRID), x.shape[2] // count), np.float64)
     samples = x.shape[0] * x.shape[1] * count
     radiance_2 = _product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
     square = x * x
@@ -122,15 +131,16 @@ def _curve(x: Array, d: Array, count: int) -> Array:
         m = d * np.float32(2 * w - 1)
         m += 1
         np.maximum(m, LEAST, out=m)
-        out[0, g] = (square / m).reshape(-1, count, out.shape[2]).sum(axis=(0, 1)) / samples - radiance_2
+        second[g] = (square / m).reshape(-1, count, second.shape[1]).sum(axis=(0, 1)) / samples
+        at_y[g] = second[g] - radiance_2
         if 0 < w < 1:
             difference = (x * d / m).sum(axis=1)
-            at_y = _product(difference).reshape(count, -1).mean(axis=0)
+            products = _product(difference).reshape(count, -1).mean(axis=0)
             pixel = difference.mean(axis=0).reshape(count, -1)
             everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
-            out[0, g] -= w * (1 - w) * at_y
-            out[1, g] = at_y - everywhere
-    return out
+            at_y[g] -= w * (1 - w) * products
+            over_y[g] = products - everywhere
+    return at_y * unit**2, over_y * unit**2, second * unit**2
 
 
 def _product(pairs: Array) -> Array:

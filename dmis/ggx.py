@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf import Frame, Fresnel, Pair, reflect
-from dmis.roughness import Roughness, tan2_h
+from dmis.roughness import Roughness
 from dmis.vec import Array, dot, normalise
 from dmis.warp import INV_PI, TWO_PI
 
@@ -73,5 +73,5 @@ class GGX:
         return self.roughness.stretched(pair.surface, w, cos)
 
     def _density(self, pair: Pair) -> Array:
-        ratio = (1 + tan2_h(pair)) / (1 + self.roughness.q(pair))
+        ratio = (1 + pair.tan2_h) / (1 + self.roughness.q(pair))
         return ratio * ratio * (INV_PI / self.roughness.area)

@@ -130,7 +130,7 @@ class BruteForce:
         edge_u, edge_v = self._edges
         across = np.cross(d, edge_v)
         volume = (across * edge_u).sum(-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # rays in the plane of a triangle do not meet it
             inverse = 1 / volume
             offset = o - self._corner
             u = (offset * across).sum(-1) * inverse
