@@ -83,6 +83,7 @@ class Curves:
         # where all samples are alike curves are rounding, which must not pass for a gain
         rounding = ROUNDING * self._second / n
         squares = {"square": curve * curve + rounding * rounding, "cross": curve * curve[HALF]}
+        squares["cross"][HALF] = squares["square"][HALF]
         return {"curve": curve, **squares, "pattern": pattern, "position": position}
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.light import EnvironmentLight, Light
+from dmis.light import DiskLight, EnvironmentLight, Light, MeshLight, QuadLight, SphereLight
 from dmis.mesh import Mesh
 from dmis.scene import Scene
 from dmis.vec import Array
@@ -26,6 +26,8 @@ LENGTHS = 2.0**-20, 2.0**20
 """Diagonals that stay as they are."""
 RADIANCES = 2.0**-32, 2.0**32
 """Those of the brightest light that stay as they are: radiances of samples, their squares, and 1e9 times as much."""
+EXTENTS = 1e-12, 1e12
+"""Of lights, in diagonals of the scene."""
 _POINTS, _VECTORS = ("position", "centre", "corner", "vertices"), ("radius", "edge_u", "edge_v")
 
 
@@ -35,7 +37,8 @@ def suited(scene: Scene) -> tuple[Scene, float]:
     Raises
     ------
     ValueError
-        If the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it.
+        If the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it, or a light is so
+        small or so large that squares of its size are beyond float32.
     """
     corners = np.array([f(part.mesh.vertices, axis=0) for part in scene.parts for f in (np.min, np.max)])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -45,6 +48,14 @@ def suited(scene: Scene) -> tuple[Scene, float]:
             f"a scene must not be further from the origin than 1e9 times its size, where its shape is rounding; got "
             f"coordinates up to {reach:g} and a diagonal of {size:g}"
         )
+    for light in scene.lights:
+        extent = _extent(light)
+        if extent is not None and size > 0 and not EXTENTS[0] * size <= extent <= EXTENTS[1] * size:
+            raise ValueError(
+                f"a light must have {EXTENTS[0]:g} to {EXTENTS[1]:g} times the size of the scene, because float32 does "
+                f"not hold its area; got a {type(light).__name__} of {extent:g} in a scene of diagonal {size:g}. "
+                f"A smaller one is a PointLight, a larger one an EnvironmentLight"
+            )
     origin = (low + high) / 2 if reach > FAR_OFF * size else np.zeros(3)
     length = 1.0 if LENGTHS[0] <= size <= LENGTHS[1] or size == 0 else _power_of_two(size)
     brightest = max((_brightness(light, length) for light in scene.lights), default=0.0)
@@ -67,6 +78,17 @@ def suited(scene: Scene) -> tuple[Scene, float]:
 
 def _power_of_two(value: float) -> float:
     return 2.0 ** math.floor(math.log2(value))
+
+
+def _extent(light: Light) -> float | None:
+    """Radius, or root of the area; None for lights without any."""
+    if isinstance(light, DiskLight | SphereLight):
+        return float(light.radius)
+    if isinstance(light, QuadLight):
+        return float(np.sqrt(np.linalg.norm(np.cross(light.edge_u, light.edge_v))))
+    if isinstance(light, MeshLight):
+        return float(np.linalg.norm(np.ptp(np.asarray(light.vertices, np.float64), axis=0)))
+    return None
 
 
 def _brightness(light: Light, length: float) -> float:

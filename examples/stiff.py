@@ -7,10 +7,15 @@ number, or two. What the point reflects is known from a closed form, or from qua
 with the renderer. Everything is turned by an angle that is no symmetry of anything.
 """
 
+import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
@@ -414,3 +419,48 @@ def measure(case: Case, rule: str, spp: int, seed: int = 1) -> Found:
         return Found(1 + float(np.abs(means).max()), 0.0, means.size * spp)
     means /= case.truth
     return Found(float(means.mean()), float(means.std(ddof=1) / np.sqrt(means.size)), means.size * spp)
+
+
+def chosen(every: int) -> list[Case]:
+    """One of so many cases of the family."""
+    return list(family())[::every]
+
+
+def survey(spp: int, every: int, size: tuple[int, int]) -> dict[str, np.ndarray]:
+    """The balance heuristic on `chosen` cases, ``(mean, error, samples)``; and the image of each scene that comes with
+    dmis, if the size is not 0.
+    """
+    found = [measure(case, "balance", spp) for case in chosen(every)]
+    out = {"family": np.array([(f.mean, f.error, f.samples) for f in found])}
+    for name in dmis.SHIPPED if all(size) else ():
+        out[name] = dmis.render(dmis.load_scene(name, resolution=size), "balance", 16, seed=1).image
+    return out
+
+
+def both(spp: int, every: int = 1, size: tuple[int, int] = (0, 0)) -> tuple[dict[str, np.ndarray], ...]:
+    """The same samples in float32, and in float64 (see float64.py), in a process of its own."""
+    folder = Path(__file__).resolve().parent
+    with tempfile.NamedTemporaryFile(suffix=".npz") as file:
+        numbers = [str(n) for n in (spp, every, *size)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        command = [sys.executable, folder / "float64.py", folder / "stiff.py", file.name, *numbers]
+        with subprocess.Popen(command, env=environment) as wide:
+            single = survey(spp, every, size)
+        if wide.returncode:
+            raise ChildProcessError(f"float64.py ended with {wide.returncode}")
+        with np.load(file.name) as double:
+            return single, dict(double)
+
+
+def rounding_errors(single: np.ndarray, double: np.ndarray) -> np.ndarray:
+    """What rounding does to the mean of each case, relative: the difference of the two renderers, or what the mean is
+    off by beyond its noise, which is in both where positions are. Not less than an ulp; 1 where all is lost.
+    """
+    noise = 4 * np.maximum(single[:, 1], np.sqrt(10) / single[:, 2])
+    difference = np.abs(single[:, 0] - double[:, 0])
+    return np.clip(np.maximum(difference, np.abs(single[:, 0] - 1) - noise), ULP, 1)
+
+
+if __name__ == "__main__":
+    numbers = [int(n) for n in sys.argv[2:]]
+    np.savez(sys.argv[1], **survey(numbers[0], numbers[1], (numbers[2], numbers[3])))

@@ -98,3 +98,18 @@ def test_radiance_beyond_float32() -> None:
         dmis.render(box_scene(dmis.matte(0.9), (sky,), resolution=(2, 2)), "fixed:1", 4)
     with pytest.raises(ValueError, match=r"radiance must be .* got \(1.0, 1.0, 1e\+39\)"):
         dmis.SphereLight((0, 0, 0), 1.0, (1.0, 1.0, 1e39))
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        dmis.SphereLight((0, 0, 2), 1e-13, (1, 1, 1)),
+        dmis.DiskLight((0, 0, 2), (0, 0, -1), 1e14, (1, 1, 1)),
+        dmis.QuadLight((0, 0, 2), (0, 1e-30, 0), (1, 0, 0), (1, 1, 1)),
+        dmis.MeshLight(np.eye(3) * 1e-20, np.array([[0, 1, 2]]), (1, 1, 1)),
+    ],
+)
+def test_lights_whose_area_float32_does_not_hold(light: dmis.light.AreaLight) -> None:
+    """Refused: they would come out with another area."""
+    with pytest.raises(ValueError, match="a light must have 1e-12 to 1e\\+12 times the size of the scene"):
+        dmis.render(box_scene(lights=(light,)), "balance", 1)
