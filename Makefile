@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
-SOURCES := $(wildcard dmis examples scenes tests)
+SOURCES := $(wildcard dmis benchmarks examples scenes tests)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo figures report test test-slow bench check format docs clean

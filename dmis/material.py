@@ -168,7 +168,7 @@ def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
 
 def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -> Material:
     """Ward's Gaussian lobe with bounded albedo; anisotropic if `alpha_v` is given; see `dmis.glossy.Ward`."""
-    return _over(kd, ks, Ward(ks, Beckmann(_roughness(alpha, alpha_v))), "ward")
+    return _over(kd, ks, Ward(ks, Beckmann(spread(alpha, alpha_v))), "ward")
 
 
 def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any = None) -> Material:
@@ -193,14 +193,14 @@ def cook_torrance(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
     """V-shaped facets with Beckmann's distribution; the paper's factor 1/pi is 1/4 here, which conserves energy."""
-    return _over(kd, ks, Microfacet(ks, Beckmann(_roughness(alpha, alpha_v)), fresnel), "cooktorrance")
+    return _over(kd, ks, Microfacet(ks, Beckmann(spread(alpha, alpha_v)), fresnel), "cooktorrance")
 
 
 def ggx(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
     """Facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.ggx`."""
-    return _over(kd, ks, GGX(ks, _roughness(alpha, alpha_v), fresnel), "ggx")
+    return _over(kd, ks, GGX(ks, spread(alpha, alpha_v), fresnel), "ggx")
 
 
 def _over(kd: Any, ks: Any, lobe: Glossy, name: str) -> Material:
@@ -214,7 +214,8 @@ def _power(name: str, exponent: Any) -> Any:
     return exponent if isinstance(exponent, Image) else float(exponent)
 
 
-def _roughness(alpha: Any, alpha_v: Any) -> Roughness:
+def spread(alpha: Any, alpha_v: Any = None) -> Roughness:
+    """Roughness alpha along both tangents; equal in all directions if `alpha_v` is None."""
     for name, value in (("alpha", alpha), ("alpha_v", alpha_v)):
         if value is not None:
             _check(name, value, LEAST_ALPHA, f"at least {LEAST_ALPHA:g}, which is what float32 directions resolve")

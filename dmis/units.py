@@ -73,7 +73,8 @@ def suited(scene: Scene) -> tuple[Scene, float]:
     )
     matrix = np.array(scene.camera.to_world, np.float64)
     matrix[:3, 3] = (matrix[:3, 3] - origin) / length
-    return Scene(replace(scene.camera, to_world=matrix), parts, tuple(lights.values()), scene.name), gain
+    camera = replace(scene.camera, to_world=matrix)
+    return replace(scene, camera=camera, parts=parts, lights=tuple(lights.values())), gain
 
 
 def _power_of_two(value: float) -> float:
