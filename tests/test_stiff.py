@@ -6,6 +6,7 @@ warnings are errors, here as in all tests. A sample takes seconds; `make test-sl
 
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -173,6 +174,16 @@ def test_the_parabola_is_found_at_any_scale(scale: float, base: float) -> None:
     found, status = parabola_minimum(w, scale * (base + (w - 0.3) ** 2)[:, None])
     np.testing.assert_allclose(found, 0.3, atol=1e-10)
     assert status == 0
+
+
+def test_suppressed_warnings_say_why() -> None:
+    """Each `np.errstate` of the library has a comment on its line or above it."""
+    for module in (Path(__file__).parent.parent / "dmis").glob("*.py"):
+        before = ""
+        for line in module.read_text("utf-8").splitlines():
+            if "np.errstate" in line:
+                assert "#" in line or before.lstrip().startswith("#"), f"{module.name}: {line.strip()}"
+            before = line
 
 
 class Broken(dmis.brdf.Lambert):
