@@ -17,6 +17,8 @@ from dmis.seen import Rgb, Seen, direction, point, rgb
 from dmis.vec import TINY, Array, dot, frame
 from dmis.warp import cone_pdf, square_to_cone, square_to_disk, square_to_triangle, to_world
 
+_LEAST_FAR = np.float32(1e-12)  # of directions that lead away from a sphere, whose distances are not used
+
 
 @dataclass(frozen=True, eq=False)
 class DiskLight:
@@ -138,8 +140,11 @@ class SphereLight:
     def _seen(self, wi: Array, to: Array, distance2: Array, cone: Array, met: Array, outside: Array) -> Seen:
         along = dot(to, wi)
         across = to - wi * along
-        chord2 = np.maximum(np.float32(self.radius**2) - dot(across, across), 0)
-        return Seen(wi, along - np.sqrt(chord2), self._data[1], cone_pdf(cone) * met, met)
+        radius2 = np.float32(self.radius**2)
+        far = along + np.sqrt(np.maximum(radius2 - dot(across, across), 0))
+        # the near end is |to|^2 - radius^2 over the far one; their difference would cancel for a large sphere
+        near = np.maximum(distance2 - radius2, 0) / np.maximum(far, _LEAST_FAR)
+        return Seen(wi, near, self._data[1], cone_pdf(cone) * met, met)
 
 
 @dataclass(frozen=True, eq=False)

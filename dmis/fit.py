@@ -265,7 +265,7 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
     values = variance.reshape(len(w), -1)
     usable = np.isfinite(values).all(axis=0)
     scale = np.where(usable, np.abs(values).max(axis=0), 0)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # infinite variances are not usable already; their range is NaN
         usable &= np.ptp(values, axis=0) > 1e-12 * scale
     values = np.where(usable, values / np.where(usable, scale, 1), 0)
     centred, root = w - 0.5, np.sqrt(trust / trust.max())[:, None]
