@@ -124,7 +124,7 @@ def uber(
 
 
 def mirror(kr: Any = 0.9) -> Material:
-    """A perfect mirror of reflectance `kr`."""
+    """A perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS."""
     lobes: tuple[Delta, ...] = () if _black("kr", kr) else (SpecularReflection(kr),)
     return Material(lobes, "mirror")
 
