@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)"
     )
-    command.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    _add_talk(command, "where the time went, what was traced")
 
     command = commands.add_parser("compare", help="rules side by side: error, time, rays")
     command.set_defaults(run=_compare)
@@ -135,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="what is there already is gone on from"
     )
-    command.add_argument("--quiet", action="store_true", help="no progress, no table")
+    _add_talk(command, "a line for each render as it is finished")
 
     command = commands.add_parser("info", help="versions, and what a scene needs")
     command.set_defaults(run=_info)
@@ -160,6 +160,12 @@ def _add_scene_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--allow-outside", action="store_true", help="let the scene read files outside of its own folder"
     )
+
+
+def _add_talk(command: argparse.ArgumentParser, more: str) -> None:
+    talk = command.add_mutually_exclusive_group()
+    talk.add_argument("--quiet", action="store_true", help="print warnings and errors only")
+    talk.add_argument("--verbose", action="store_true", help=f"also print what the scene needs, {more}")
 
 
 def _load(options: argparse.Namespace) -> Scene:
@@ -191,6 +197,8 @@ def _compare(options: argparse.Namespace) -> int:
         raise ValueError(f"--seeds must be at least 1; got {options.seeds}")
     rules = split_rules(options.rules)
     scene = _load(options)
+    if options.verbose:
+        print(_described(scene), flush=True)
     with _progress_bar(options.quiet) as progress:
         if options.reference is not None:
             reference = load_reference(options.reference)
@@ -202,7 +210,7 @@ def _compare(options: argparse.Namespace) -> int:
             oracle = make_oracle(scene, options.oracle_spp, threads=options.threads, progress=progress)
         comparison = compare(
             scene, rules, options.spp, seeds, reference, options.output,
-            oracle=oracle, threads=options.threads, progress=progress,
+            oracle=oracle, threads=options.threads, progress=_counted if options.verbose else progress,
         )  # fmt: skip
     if not options.quiet:
         print(summary(comparison.runs))
@@ -210,6 +218,11 @@ def _compare(options: argparse.Namespace) -> int:
             if (options.output / name).exists():
                 print(options.output / name)
     return 0
+
+
+def _counted(rule: str, done: int, total: int) -> None:
+    """A line for a render that is finished."""
+    print(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}", flush=True)
 
 
 def _depth(text: str) -> int | None:
@@ -258,7 +271,21 @@ def _render(options: argparse.Namespace) -> int:
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
         rule = result.provenance["rule"]
         print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
+    if options.verbose:
+        print("\n".join([f"  {_described(scene)}", *_spent(result)]))
     return 0
+
+
+def _described(scene: Scene) -> str:
+    width, height = scene.camera.resolution
+    return f"scene {scene.name}: {width}x{height} pixels, {scene.plan.describe()}"
+
+
+def _spent(result: Result) -> list[str]:
+    """Where the time went, and what was traced."""
+    stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
+    rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
+    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.weight.mean():.0%}"]
 
 
 @contextmanager
@@ -309,9 +336,7 @@ def _info(options: argparse.Namespace) -> int:
         begin = time.perf_counter()
         scene = _load(options)
         _ = scene.intersector
-        width, height = scene.camera.resolution
-        described = f"{width}x{height} pixels, {scene.plan.describe()}"
-        print(f"\nscene {scene.name}: {described}\nread and built in {time.perf_counter() - begin:.2f} s")
+        print(f"\n{_described(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 
