@@ -11,6 +11,7 @@ import sys
 import types
 from pathlib import Path
 
+import ziamath
 from latex2mathml.converter import convert
 
 import dmis
@@ -46,7 +47,7 @@ myst_heading_anchors = 3
 
 html_theme = "furo"
 html_title = f"dmis {version}"
-html_static_path = ["_static"]
+html_static_path = ["_static", str(Path(ziamath.__file__).parent / "fonts")]  # STIX Two Math, for the formulas
 html_css_files = ["dmis.css"]
 html_show_sourcelink = False
 html_show_copyright = False
@@ -106,7 +107,6 @@ def source_read(app, page: str, text: list[str]) -> None:
     up = "../" if page.startswith("generated/") else ""
     for file, name in ELSEWHERE.items():
         text[0] = text[0].replace(f"](../{file}", f"]({up}generated/{name}.md")
-    text[0] = text[0].replace("](../README.md)", f"]({up}quickstart.md)")
     text[0] = re.sub(r"\]\((?:\.\./examples|tutorials)/((?:plot|\d)_\w+)\.py\)", _gallery_page(up), text[0])
     text[0] = text[0].replace("](tutorials)", f"]({up}generated/tutorials/index.rst)")
     text[0] = text[0].replace("](../examples)", f"]({up}generated/figures/index.rst)")
