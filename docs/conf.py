@@ -102,24 +102,18 @@ def contents() -> str:
 
 def source_read(app, page: str, text: list[str]) -> None:
     """Links that lead out of docs/ lead to the pages that the site has for them."""
-    if page.startswith("generated/") and page.split("/")[1] not in ELSEWHERE.values():
+    if page.startswith("generated/"):
         return
-    up = "../" if page.startswith("generated/") else ""
     for file, name in ELSEWHERE.items():
-        text[0] = text[0].replace(f"](../{file}", f"]({up}generated/{name}.md")
-    text[0] = re.sub(r"\]\((?:\.\./examples|tutorials)/((?:plot|\d)_\w+)\.py\)", _gallery_page(up), text[0])
-    text[0] = text[0].replace("](tutorials)", f"]({up}generated/tutorials/index.rst)")
-    text[0] = text[0].replace("](../examples)", f"]({up}generated/figures/index.rst)")
+        text[0] = text[0].replace(f"](../{file}", f"](generated/{name}.md")
+    text[0] = re.sub(r"\]\(\.\./examples(?:/(plot_\w+)\.py)?\)", _gallery_page("figures"), text[0])
+    text[0] = re.sub(r"\]\(tutorials(?:/(\d_\w+)\.py)?\)", _gallery_page("tutorials"), text[0])
     if page == "index":
         text[0] += "\n\n" + contents()
 
 
-def _gallery_page(up: str):
-    def page(link: re.Match[str]) -> str:
-        folder = "tutorials" if link[1][0].isdigit() else "figures"
-        return f"]({up}generated/{folder}/{link[1]}.rst)"
-
-    return page
+def _gallery_page(folder: str):
+    return lambda link: f"](generated/{folder}/{link[1] or 'index'}.rst)"
 
 
 def write(path: Path, text: str) -> None:
@@ -144,6 +138,9 @@ def generate(app) -> None:
             DOCS / "generated" / "api" / f"{name}.rst",
             f"{title}\n{'=' * len(title)}\n\n.. automodule:: {title}\n   :members:\n",
         )
+    for page in (DOCS / "generated" / "api").glob("*.rst"):
+        if page.stem not in (*modules, "index"):
+            page.unlink()  # of a module that is no more
     public = (DOCS / "api.rst.txt").read_text("utf-8")
     entries = "\n".join(f"   {name}" for name in modules)
     write(
