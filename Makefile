@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 DOCS := .venv-docs
 GALLERY ?= 1
-SOURCES := $(wildcard dmis docs examples scenes tests)
+SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo figures report test test-slow bench check format docs clean

@@ -69,6 +69,7 @@ def bounce(
     u: Array,
     rng: np.random.Generator,
     epsilon: np.float32,
+    last: bool = False,
 ) -> Rays | None:
     """Continue the paths at N points, each in one direction; None if none goes on.
 
@@ -80,6 +81,8 @@ def bounce(
         Uniform numbers for directions, ``(2, N)``.
     rng
         For the choice among lobes, and for roulette.
+    last
+        Whether only lights that a delta lobe shows still count.
     """
     n = len(surface.cos_o)
     ways: list[Any] = [*surface.delta, *([None] if surface.glossy else [])]
@@ -106,6 +109,8 @@ def bounce(
         survival = np.minimum(largest, np.float32(1))
         alive &= rng.random(n, dtype=np.float32) < survival
         factor /= np.maximum(survival, np.float32(1e-30))
+    if last:
+        alive &= sees
     index = indices(alive)
     if index is not None and len(index) == 0:
         return None

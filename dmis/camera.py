@@ -97,11 +97,27 @@ class Camera:
     def _affine(self) -> tuple[Array, Array, Array]:
         """Direction of pixel coordinates (x, y) as ``a + b x + c y``."""
         width, height = self.frame or self.resolution
-        per_pixel = 2 * np.tan(np.radians(self.fov) / 2) / min(width, height)
         right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
-        b, c = right * per_pixel, -up * per_pixel
+        b, c = right * self.pixel, -up * self.pixel
         a = forward - b * (width / 2 - self.corner[0]) - c * (height / 2 - self.corner[1])
         return a, b, c
+
+    @property
+    def pixel(self) -> float:
+        """Side of a pixel at distance 1, in camera space."""
+        width, height = self.frame or self.resolution
+        return float(2 * np.tan(np.radians(self.fov) / 2) / min(width, height))
+
+    def raster(self, points: Array) -> tuple[Array, Array, Array, float]:
+        """Raster coordinates x and y and depth of the points ``(N, 3)`` in camera space, each ``(N,)``; and how much
+        longer than in the world a length may be there. Behind the camera x and y mean nothing."""
+        width, height = self.frame or self.resolution
+        matrix = np.linalg.inv(np.asarray(self.to_world, float)[:3, :3])
+        right, up, depth = matrix @ (np.asarray(points, float) - np.asarray(self.to_world, float)[:3, 3]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x = width / 2 - self.corner[0] + right / (depth * self.pixel)
+            y = height / 2 - self.corner[1] - up / (depth * self.pixel)
+        return x, y, depth, float(np.linalg.norm(matrix, 2))
 
     def rays(self, x: Array, y: Array) -> Array:
         """Unit directions ``(3, N)`` through the raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""

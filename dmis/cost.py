@@ -16,6 +16,11 @@ CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
 
 
+def surface_points(rays: Mapping[str, int]) -> float:
+    """Surface points of a camera sample: where it meets the scene, and where paths that go on do."""
+    return 1 + rays.get("bounce", 0) / max(rays.get("camera", 0), 1)
+
+
 def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: float = 2) -> Array:
     """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at w = 1/2.
 
@@ -28,8 +33,7 @@ def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, sha
     pilot_samples, shading_samples
         Shading samples of each camera sample, in the pilot and in what is asked for.
     """
-    camera = max(rays.get("camera", 0), 1)
-    points = 1 + rays.get("bounce", 0) / camera
+    camera, points = max(rays.get("camera", 0), 1), surface_points(rays)
     each = camera * points * pilot_samples / 2  # samples of either technique
     light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
     return np.asarray(points * (CAMERA + shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf)))

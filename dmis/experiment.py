@@ -17,6 +17,7 @@ from dmis.metrics import mean_and_error, relmse, squared_error
 from dmis.reference import Reference
 from dmis.render import Result, render
 from dmis.scene import Scene
+from dmis.settings import Settings
 
 Budget = tuple[str, int]
 """A rule as text, and camera samples per pixel, its pilot included."""
@@ -67,6 +68,7 @@ def measure(
     seeds: Sequence[int],
     reference: Reference,
     *,
+    settings: Settings | None = None,
     threads: int | None = None,
     done: Iterable[Run] = (),
     keep: Callable[[Budget, Result], None] | None = None,
@@ -77,6 +79,8 @@ def measure(
 
     Parameters
     ----------
+    settings
+        Of all rules, see `dmis.render.render`.
     done
         Runs of an earlier call, which are not rendered again.
     keep
@@ -98,7 +102,7 @@ def measure(
             run = known.get((rule, spp, seed))
             if run is None:
                 begin = time.process_time()
-                result = render(scene, rule, spp, seed=seed, threads=threads)
+                result = render(scene, rule, spp, seed=seed, settings=settings, threads=threads)
                 run = _measured(result, rule, spp, seed, time.process_time() - begin, reference)
                 if keep:
                     keep((rule, spp), result)

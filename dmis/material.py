@@ -295,7 +295,7 @@ def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -
         Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
         the two tangents.
     """
-    return _over(kd, ks, Ward(ks, Beckmann(_roughness(alpha, alpha_v))), "ward")
+    return _over(kd, ks, Ward(ks, Beckmann(spread(alpha, alpha_v))), "ward")
 
 
 def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any = None) -> Material:
@@ -354,7 +354,7 @@ def cook_torrance(
     fresnel
         `dmis.brdf.Dielectric`, `dmis.brdf.Conductor`, or None, which reflects everything.
     """
-    return _over(kd, ks, Microfacet(ks, Beckmann(_roughness(alpha, alpha_v)), fresnel), "cooktorrance")
+    return _over(kd, ks, Microfacet(ks, Beckmann(spread(alpha, alpha_v)), fresnel), "cooktorrance")
 
 
 def ggx(
@@ -374,7 +374,7 @@ def ggx(
     fresnel
         `dmis.brdf.Dielectric`, `dmis.brdf.Conductor`, or None, which reflects everything.
     """
-    return _over(kd, ks, GGX(ks, _roughness(alpha, alpha_v), fresnel), "ggx")
+    return _over(kd, ks, GGX(ks, spread(alpha, alpha_v), fresnel), "ggx")
 
 
 def _over(kd: Any, ks: Any, lobe: Glossy, name: str) -> Material:
@@ -388,7 +388,8 @@ def _power(name: str, exponent: Any) -> Any:
     return exponent if isinstance(exponent, Image) else float(exponent)
 
 
-def _roughness(alpha: Any, alpha_v: Any) -> Roughness:
+def spread(alpha: Any, alpha_v: Any = None) -> Roughness:
+    """Roughness alpha along both tangents; equal in all directions if `alpha_v` is None."""
     for name, value in (("alpha", alpha), ("alpha_v", alpha_v)):
         if value is not None:
             _check(name, value, LEAST_ALPHA, f"at least {LEAST_ALPHA:g}, which is what float32 directions resolve")

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,13 +25,14 @@ import numpy as np
 from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
+from dmis.combine import COLLECTORS
 from dmis.files import check_writable
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.guides import guides
 from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
-from dmis.settings import MOST, Settings
+from dmis.settings import DEPTH, MOST, Settings
 from dmis.tile import Statistic, Tile, split
 from dmis.variance import Moments
 from dmis.vec import Array
@@ -63,8 +65,10 @@ class Result:
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
-        Rays traced, by kind: ``camera``, ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards
-        lights of a single direction), ``specular``; ``guide``, towards what a rule's filter is guided by.
+        Rays traced, by kind: ``camera`` (one per camera sample, counted also where it is known to see nothing),
+        ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
+        ``specular`` (through mirrors and glass), ``bounce`` (of paths); ``guide``, towards what a rule's filter is
+        guided by.
     maps
         Diagnostics of the rule.
     provenance
@@ -139,7 +143,7 @@ def render(
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
-    settings = replace(settings or Settings(), **{**given, **rule.settings})
+    settings = scene.plan.settle(replace(settings or Settings(), **{**given, **rule.settings}))
     gather = getattr(rule, "statistic", None)
     if gather is not None and not _exact(settings):
         raise ValueError(
@@ -149,6 +153,8 @@ def render(
     controlled = settings.combiner == "controlled"
     if controlled:
         gather = control.statistic(rule.pilot, gather)
+    elif gather is not None and _separate(rule, settings):
+        gather = partial(gather, classes=2)
     learning = pilot_settings(settings, rule.pilot, gather is not None)
     pilot_spp = sum(rule.pilot.values())
     _check(spp, pilot_spp, seed, rule_text)
@@ -183,6 +189,7 @@ def render(
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
         if settings.combiner == "frozen" and pilot:
             fit = replace(fit, weight=np.clip(fit.weight, *FROZEN))
+            fit = fit if fit.later is None else replace(fit, later=np.clip(fit.later, *FROZEN))
         mean = max(1, round((spp - pilot_spp) / fit.split))
         counts: Array | int = mean
         if fit.samples is not None:
@@ -190,7 +197,7 @@ def render(
         shading = replace(settings, shading_samples=round(settings.shading_samples * fit.split))
         beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta).moments
+        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later).moments
         end = time.perf_counter()
     except BaseException:
         store.close()
@@ -245,6 +252,12 @@ def pilot_settings(settings: Settings, pilot: Mapping[float, int], paired: bool)
     return replace(settings, shading_samples=2 * settings.shading_samples)
 
 
+def _separate(rule: Rule, settings: Settings) -> bool:
+    """Whether weights of later surfaces are learned apart; not for combiners that need to know a pixel's one weight."""
+    several = settings.integrator == "path" and settings.max_depth != 1
+    return getattr(rule, "separate", False) and several and settings.combiner not in COLLECTORS
+
+
 def _exact(settings: Settings) -> bool:
     return all(technique.find(name).exact for name in settings.techniques)
 
@@ -291,7 +304,7 @@ def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
 
 
 def fingerprint(scene: Scene) -> str:
-    """A short hash of the description: camera, meshes, materials, lights."""
+    """A short hash of the description: camera, meshes, materials, lights, and an integrator that is not the usual."""
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
     materials = [part.material for part in scene.parts]
     camera = scene.camera
@@ -299,6 +312,8 @@ def fingerprint(scene: Scene) -> str:
         pickle.dumps((camera.fov, camera.resolution, camera.corner, camera.frame, lights, materials))
     )
     digest.update(np.asarray(camera.to_world, np.float64).tobytes())
+    if (scene.integrator or "direct", scene.max_depth or DEPTH) != ("direct", DEPTH):
+        digest.update(repr((scene.integrator, scene.max_depth)).encode())
     for part in scene.parts:
         digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
         digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())
@@ -332,17 +347,21 @@ class _Work:
         settings: Settings,
         statistic: Callable[[int, int], Statistic] | None = None,
         control: Array | None = None,
+        later: Array | float | None = None,
     ) -> Pilot:
-        """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``; `control` is ``(H, W, 3)``."""
+        """One pass: `spp` camera samples at weight `w`, `later` behind the first surface, each one number or
+        ``(H, W)``; `control` is ``(H, W, 3)``.
+        """
         width, height = self._scene.camera.resolution
         tiles = []
         uneven = not isinstance(spp, int)
         for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
             area = slice(*rows), slice(*columns)
             local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
+            behind = later if later is None or np.ndim(later) == 0 else np.asarray(later)[area].reshape(-1)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)
             beta = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
-            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta)
+            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
             tiles.append(tile)
         self.tiles.extend(tiles)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))

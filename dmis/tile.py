@@ -18,7 +18,7 @@ from dmis.samplers import make_sampler, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
-from dmis.vec import Array, compose
+from dmis.vec import Array, compose, indices
 
 CHUNK = 2**15
 """Camera samples per batch: the arrays of one batch stay in the cache."""
@@ -44,6 +44,8 @@ class Tile:
         What is gathered from the shading samples, see `Statistic`; None: nothing.
     control
         Coefficient of the control variate, ``(3, P)``, see `dmis.control`; None: there is none.
+    later
+        `w` at all surfaces that a path meets but the first; None: the same.
     """
 
     seed: int
@@ -56,6 +58,7 @@ class Tile:
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
     control: Array | None = None
+    later: Array | float | None = None
 
 
 class Statistic(Protocol):
@@ -108,6 +111,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     caster
         What answers ray queries; None: the scene's Embree handle.
     """
+    tile = replace(tile, settings=scene.plan.settle(tile.settings))
     (top, bottom), (left, right) = tile.rows, tile.columns
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[top:bottom, left:right])
     pixels, settings = len(x), tile.settings
@@ -120,9 +124,12 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     stages = 1 if collector is None else collector.stages
     offset = rng.random(stages * pixels)
     picks = rng if settings.allocation == "random" else None
-    w = np.asarray(tile.w, np.float32)
-    if w.ndim and (w == w[0]).all():
-        w = w[0]
+    seeing = None if scene.seeing is None else scene.seeing[top:bottom, left:right].reshape(-1)
+    if seeing is not None and seeing.all():
+        seeing = None
+    w = _share(tile.w)
+    later_w = None if tile.later is None else _share(tile.later)
+    later_offset = None if later_w is None else rng.random(pixels)  # of its own, or the rounding of both would go along
     rays: Counter[str] = Counter()
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
     total: Moments | None = None
@@ -134,6 +141,10 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         if order is not None:
             pixel, number, place = pixel.take(order), number.take(order), place.take(order)
             counts = counts.take(order)
+        later = None
+        if later_w is not None and later_offset is not None:
+            later_counts = allocate(later_w, shading_samples, pixel, number, later_offset, picks)
+            later = later_w if later_w.ndim == 0 else later_w.take(pixel), later_counts
         sampler.start(pixel, number)
         u = sampler.draw("camera", None)
         direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
@@ -141,8 +152,11 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         records: list[Record] | None = None if statistic is None and collector is None else []
         share = w if w.ndim == 0 else w.take(pixel)
         control = None if tile.control is None else tile.control.take(pixel, axis=1)
-        batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control)
-        values = radiance(batch, origin, direction)
+        batch = Batch(
+            scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control, later
+        )
+        visible = None if seeing is None else indices(seeing.take(pixel))
+        values = radiance(batch, origin, direction, visible)
         if collector is not None:
             collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
@@ -178,6 +192,12 @@ class _Block:
         """Pixel of each camera sample and its number within the pixel, sample-major."""
         numbers = np.arange(self.first, self.first + self.count)
         return np.tile(self.pixels, self.count), np.repeat(numbers, len(self.pixels))
+
+
+def _share(w: Array | float) -> Array:
+    """Shares of the pixels as an array, ``(P,)``, or of no dimension if they are all the same."""
+    share = np.asarray(w, np.float32)
+    return share[0] if share.ndim and (share == share[0]).all() else share
 
 
 def _back(order: np.ndarray, values: Array) -> Array:

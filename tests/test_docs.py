@@ -93,6 +93,13 @@ def test_public_names_are_in_the_reference():
             assert value.__module__ == home and len(value.__doc__) > 40
 
 
+def test_every_module_is_in_the_page_about_the_code():
+    """Where things are, by name; those that read pbrt files are one entry."""
+    page = (ROOT / "docs" / "code.md").read_text("utf-8")
+    modules = {path.stem for path in (ROOT / "dmis").glob("*.py")} - {"__init__"}
+    assert [name for name in sorted(modules) if f"`{name}`" not in page and not name.startswith("pbrt_")] == []
+
+
 def test_demo_quick(tmp_path):
     """The demo prints its table and draws its picture."""
     picture = tmp_path / "demo.png"
