@@ -135,7 +135,7 @@ def parts(scene: Scene, tiles: Sequence[Tile], limit: float = 1.0) -> dict[str, 
 
     Tiles from all over the image, and of all passes, are rendered under Python's profiler, for `limit` seconds or so.
     """
-    profile = cProfile.Profile()
+    profile = cProfile.Profile(time.thread_time)
     end = time.perf_counter() + limit
     steps = max(1, len(tiles) // 64)
     for k in range(steps):

@@ -18,7 +18,7 @@ CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 
 def surface_points(rays: Mapping[str, int]) -> float:
     """Surface points of a camera sample: where it meets the scene, and where paths that go on do."""
-    return 1 + rays.get("bounce", 0) / max(rays.get("camera", 0), 1)
+    return 1 + (rays.get("bounce", 0) + rays.get("specular", 0)) / max(rays.get("camera", 0), 1)
 
 
 def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: float = 2) -> Array:
@@ -26,7 +26,8 @@ def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, sha
 
     Where paths go on, a camera sample is as many surface points as there are rays that lead to one. Shading samples
     whose direction meets no light, or that the surface does not reflect, trace no ray; how often
-    that is for either technique shows in the rays of the pilot.
+    that is for either technique shows in the rays of the pilot. Rays towards lights of a single direction are the same
+    at every weight.
 
     Parameters
     ----------
@@ -36,4 +37,5 @@ def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, sha
     camera, points = max(rays.get("camera", 0), 1), surface_points(rays)
     each = camera * points * pilot_samples / 2  # samples of either technique
     light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
-    return np.asarray(points * (CAMERA + shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf)))
+    always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
+    return np.asarray(always + points * shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -129,6 +129,16 @@ def _measured(result: Result, rule: str, spp: int, seed: int, cpu_seconds: float
         relmse=relmse(result.image, reference.first, reference.second),
         cpu_seconds=cpu_seconds,
     )
+
+
+def on_cpu(runs: Sequence[Run]) -> list[Run]:
+    """`runs` with processor time in place of wall time, divided between the stages as wall time was.
+
+    Wall times depend on what else a machine does; on one thread the two are the same where it does nothing else.
+    """
+    stages = "pilot_seconds", "fit_seconds", "render_seconds"
+    shares = (run.cpu_seconds / run.seconds for run in runs)
+    return [replace(run, **{s: share * getattr(run, s) for s in stages}) for run, share in zip(runs, shares)]
 
 
 def median_seconds(runs: Sequence[Run]) -> float:
