@@ -18,7 +18,8 @@ CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 
 def surface_points(rays: Mapping[str, int]) -> float:
     """Surface points of a camera sample: where it meets the scene, and where paths that go on do."""
-    return 1 + (rays.get("bounce", 0) + rays.get("specular", 0)) / max(rays.get("camera", 0), 1)
+    onward = sum(number for kind, number in rays.items() if kind.startswith(("bounce", "specular")))
+    return 1 + onward / max(rays.get("camera", 0), 1)
 
 
 def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: float = 2) -> Array:

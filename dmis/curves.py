@@ -161,6 +161,8 @@ def _pattern(differences: Array, count: int) -> Array:
 
 def _product(pairs: Array) -> Array:
     """Product of the means of two halves of independent estimates ``(S / 2, N)``."""
+    if len(pairs) == 2:
+        return np.asarray(pairs[0] * pairs[1])
     return pairs[::2].mean(axis=0) * pairs[1::2].mean(axis=0)
 
 

@@ -177,7 +177,8 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
     scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
     hits = batch.caster.closest(rays.origin, rays.direction)
     if rays.depth:
-        batch.rays["bounce" if settings.integrator == "path" else "specular"] += len(hits.prim)
+        kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
+        batch.rays[kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment:
         missed = indices(hits.prim < 0 if rays.sees is True else (hits.prim < 0) & rays.sees)

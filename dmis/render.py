@@ -67,8 +67,8 @@ class Result:
     rays
         Rays traced, by kind: ``camera`` (one per camera sample, counted also where it is known to see nothing),
         ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
-        ``specular`` (through mirrors and glass), ``bounce`` (of paths); ``guide``, towards what a rule's filter is
-        guided by.
+        ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on from so many
+        surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance

@@ -89,17 +89,17 @@ class Rendered:
 
 
 def split(resolution: tuple[int, int], spp: int, uneven: bool = False) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Rows and columns of the tiles of an image: squares of 32, 64 or 128 pixels, so that `CHUNK` samples fill a
-    batch; of 32 where the numbers of samples are `uneven`, so that no tile has most of them.
+    """Rows and columns of the tiles of an image: of 32 to 128 pixels a side, so that `CHUNK` samples fill a batch; of
+    32 where the numbers of samples are `uneven`, so that no tile has most of them.
     """
-    side = 32
-    while not uneven and side < 128 and (2 * side) ** 2 * spp <= CHUNK:
-        side *= 2
+    across = down = 32
+    while not uneven and down < 128 and 2 * across * down * spp <= CHUNK:
+        across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [
-        ((y, min(y + side, height)), (x, min(x + side, width)))
-        for y in range(0, height, side)
-        for x in range(0, width, side)
+        ((y, min(y + down, height)), (x, min(x + across, width)))
+        for y in range(0, height, down)
+        for x in range(0, width, across)
     ]
 
 

@@ -76,7 +76,7 @@ sphinx_gallery_conf = {
 
 CONTENTS = {
     "Begin": ["quickstart", "generated/tutorials/index", "choosing", "faq"],
-    "Know": ["theory", "rules", "brdfs", "paths", "conventions"],
+    "Know": ["theory", "rules", "brdfs", "paths", "plan", "conventions"],
     "Use": ["cli", "scenes", "report", "cluster"],
     "Measured": ["generated/figures/index", "reproduction", "performance", "stability"],
     "Look up": ["generated/api/index", "code", "generated/contributing", "generated/changes"],
