@@ -22,7 +22,24 @@ _LEAST_FAR = np.float32(1e-12)  # of directions that lead away from a sphere, wh
 
 @dataclass(frozen=True, eq=False)
 class DiskLight:
-    """A disk that emits along `normal`; sampled uniformly in area."""
+    """A disk that emits along `normal`; sampled uniformly in area, density ``d^2 / (area |cos|)``.
+
+    Parameters
+    ----------
+    centre
+        Three numbers, in units of the scene.
+    normal
+        Where the bright side looks; of any length but 0.
+    radius
+        Positive, in units of the scene.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If the radius is not positive, the normal is zero, or the radiance is negative or not finite.
+    """
 
     centre: Rgb
     normal: Rgb
@@ -56,7 +73,20 @@ class DiskLight:
 
 @dataclass(frozen=True, eq=False)
 class QuadLight:
-    """A parallelogram ``corner + a edge_u + b edge_v`` that emits along ``edge_u x edge_v``."""
+    """A parallelogram ``corner + a edge_u + b edge_v`` that emits along ``edge_u x edge_v``; sampled uniformly in area.
+
+    Parameters
+    ----------
+    corner, edge_u, edge_v
+        Three numbers each, in units of the scene.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If the edges are parallel, or the radiance is negative or not finite.
+    """
 
     corner: Rgb
     edge_u: Rgb
@@ -100,7 +130,22 @@ class QuadLight:
 
 @dataclass(frozen=True, eq=False)
 class SphereLight:
-    """A sphere that emits outwards; sampled uniformly in the cone it subtends. Receivers inside it see nothing."""
+    """A sphere that emits outwards; sampled uniformly in the cone it subtends. Receivers inside it see nothing.
+
+    Parameters
+    ----------
+    centre
+        Three numbers, in units of the scene.
+    radius
+        Positive, in units of the scene.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If the radius is not positive, or the radiance is negative or not finite.
+    """
 
     centre: Rgb
     radius: float
@@ -152,6 +197,20 @@ class MeshLight:
     """Triangles that emit along their winding's normal; sampled uniformly in area.
 
     Directions are tested against the light's own triangles by an Embree scene of their own.
+
+    Parameters
+    ----------
+    vertices
+        ``(V, 3)``, in units of the scene.
+    faces
+        ``(F, 3)`` vertex indices.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If no triangle has an area, or the radiance is negative or not finite.
     """
 
     vertices: Array

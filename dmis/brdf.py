@@ -65,7 +65,7 @@ class Pair:
 
     @cached_property
     def cos_i(self) -> Array:
-        """|n.wi|, ``(N,)``."""
+        """``|n.wi|``, ``(N,)``."""
         return np.abs(self.cos_i_signed)
 
     @cached_property

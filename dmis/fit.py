@@ -312,6 +312,16 @@ def make_rule(text: str) -> Rule:
 
     A bare value is the rule's first option.
 
+    Parameters
+    ----------
+    text
+        A name of `RULES`, a colon, and options ``name=value`` separated by commas.
+
+    Returns
+    -------
+    Rule
+        What `dmis.render.render` takes.
+
     Raises
     ------
     ValueError

@@ -82,6 +82,34 @@ def test_quiet_and_logs_stay_quiet(scene, tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_verbose_says_more(scene, tmp_path, capsys):
+    """What the scene needs, stages, rays; for `compare` a line for each render. Not together with --quiet."""
+    out = str(tmp_path / "a.exr")
+    assert main(["render", scene, "-o", out, "--spp", "2", "--rule", "balance", "--verbose"]) == 0
+    first, *plan, seconds, rays, weight = capsys.readouterr().out.splitlines()
+    assert first.startswith(out) and "40x30 pixels" in plan[0] and len(plan) > 2
+    assert "pilot" in seconds and "shadow" in rays and "50%" in weight
+    options = ["--rules", "pbrt", "--spp", "2", "--seeds", "2", "--reference-spp", "2", "--resolution", "16x12"]
+    assert main(["compare", scene, *options, "-o", str(tmp_path / "c"), "--verbose"]) == 0
+    captured = capsys.readouterr()
+    assert re.findall(r":\d\d (\[\d/4\] \w+)$", captured.out, re.M) == [
+        "[1/4] balance", "[2/4] pbrt", "[3/4] balance", "[4/4] pbrt"
+    ]  # fmt: skip
+    assert captured.err == ""
+    with pytest.raises(SystemExit):
+        main(["render", scene, "-o", out, "--quiet", "--verbose"])
+
+
+def test_the_library_prints_nothing(capfd, tmp_path):
+    """Neither Python nor what it calls, from reading a scene to writing an image."""
+    scene = dmis.load_scene("teapot-area-light", resolution=(24, 24))
+    result = dmis.render(scene, "auto", 16, seed=1)
+    dmis.write_image(tmp_path / "a.exr", result)
+    dmis.read_exr(tmp_path / "a.exr")
+    dmis.make_reference(scene, 2, folder=tmp_path)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_info_describes_the_plan(scene, capsys):
     """Versions, and what the scene needs."""
     assert main(["info"]) == 0
