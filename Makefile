@@ -8,10 +8,10 @@ READY := $(VENV)/.installed
 SOURCES := $(wildcard dmis benchmarks examples scenes tests)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo figures report test test-slow bench check format docs clean
+.PHONY: help setup demo figures report test test-slow bench bench-kernels check format docs clean
 
 help:  ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' Makefile
 
 setup: $(READY)  ## make .venv and install dmis in it (editable, with all extras and the tools)
 
@@ -37,8 +37,11 @@ test: $(READY)  ## run the tests (minutes)
 test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders
 	$(BIN)/python -m pytest -m slow
 
-bench: $(READY)  ## measure speed against the same Embree calls alone
-	$(BIN)/python -m dmis bench
+bench: $(READY)  ## measure speed against the same Embree calls alone, and whether the targets are met (minutes)
+	$(BIN)/python benchmarks/speed.py
+
+bench-kernels: $(READY)  ## measure lobes, lights, warps, textures and the film one by one
+	$(BIN)/python -m pytest benchmarks/test_kernels.py --benchmark-columns=min,median,iqr
 
 check: $(READY)  ## lint, format and types, without changing a file
 	$(BIN)/python -m ruff check $(SOURCES)

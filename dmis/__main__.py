@@ -22,7 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dmis import __version__, camera
-from dmis.bench import HEADER, bench_row
+from dmis.bench import HEADER, bench
 from dmis.compare import compare, load_reference, split_rules, summary
 from dmis.files import check_writable, replacing
 from dmis.fit import RULES
@@ -81,13 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--png", metavar="OUT.png", help="also write a preview")
     command.add_argument("--spp", type=int, default=128, help="camera samples per pixel, pilot included (default 128)")
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
-    command.add_argument(
-        "--integrator",
-        choices=("auto", "direct", "path"),
-        default="auto",
-        help="light from the lights alone, or also what other surfaces scatter; auto, the default: what the scene "
-        "asks for, or what its plan recommends",
-    )
+    _add_integrator(command)
     command.add_argument(
         "--rule",
         help=f"{', '.join(RULES)}; with options, thesis:patch=8,filter=none (default auto; balance for few samples)",
@@ -104,14 +98,6 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--lights", choices=("all", "one"), default="all", help="sample all lights, or one picked at random"
     )
-    command.add_argument(
-        "--max-depth",
-        type=_depth,
-        default="auto",
-        metavar="D",
-        help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
-        "lighting, or none for any number (default: what the scene asks for, or 5)",
-    )
     command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
     command.add_argument(
         "--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)"
@@ -121,6 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("compare", help="rules side by side: error, time, rays")
     command.set_defaults(run=_compare)
     _add_scene_options(command)
+    _add_integrator(command)
     command.add_argument("scene", help="a pbrt file, or the name of a scene that comes with dmis")
     command.add_argument("--rules", default="balance,thesis,auto", help="separated by commas, or all")
     command.add_argument("--spp", type=_numbers, default=[128], metavar="N,N,...", help="budgets (default 128)")
@@ -149,11 +136,31 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(run=_bench)
     command.add_argument("scenes", nargs="*", metavar="SCENE", help="default: the scenes that come with dmis")
     command.add_argument("--rules", default="balance,thesis", help="separated by commas (default balance,thesis)")
+    _add_integrator(command)
     command.add_argument("--resolution", type=_resolution, metavar="WxH", default=(342, 256), help="default 342x256")
     command.add_argument("--spp", type=int, default=64)
     command.add_argument("--threads", type=int, default=1, help="default 1")
+    command.add_argument("--repeats", type=int, default=3, help="in turns; the table has medians (default 3)")
     command.add_argument("--seed", type=int, default=0)
     return parser
+
+
+def _add_integrator(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--integrator",
+        choices=("auto", "direct", "path"),
+        default="auto",
+        help="light from the lights alone, or also what other surfaces scatter; auto, the default: what the scene "
+        "asks for, or what its plan recommends",
+    )
+    command.add_argument(
+        "--max-depth",
+        type=_depth,
+        default="auto",
+        metavar="D",
+        help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
+        "lighting, or none for any number (default: what the scene asks for, or 5)",
+    )
 
 
 def _add_scene_options(command: argparse.ArgumentParser) -> None:
@@ -191,19 +198,24 @@ def _compare(options: argparse.Namespace) -> int:
     if options.seeds < 1:
         raise ValueError(f"--seeds must be at least 1; got {options.seeds}")
     rules = split_rules(options.rules)
+    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
     scene = _load(options)
     with _progress_bar(options.quiet) as progress:
         if options.reference is not None:
             reference = load_reference(options.reference)
         else:
-            reference = make_reference(scene, options.reference_spp, threads=options.threads, progress=progress)
+            reference = make_reference(
+                scene, options.reference_spp, settings=settings, threads=options.threads, progress=progress
+            )
         seeds = range(options.seed, options.seed + options.seeds)
         oracle = None
         if options.oracle_spp is not None:
-            oracle = make_oracle(scene, options.oracle_spp, threads=options.threads, progress=progress)
+            oracle = make_oracle(
+                scene, options.oracle_spp, settings=settings, threads=options.threads, progress=progress
+            )
         comparison = compare(
             scene, rules, options.spp, seeds, reference, options.output,
-            oracle=oracle, threads=options.threads, progress=progress,
+            settings=settings, oracle=oracle, threads=options.threads, progress=progress,
         )  # fmt: skip
     if not options.quiet:
         print(summary(comparison.runs))
@@ -319,12 +331,13 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    print(HEADER)
-    for scene in options.scenes or SHIPPED:
-        for rule in options.rules.split(","):
-            print(
-                bench_row(scene, rule, options.resolution, options.spp, options.threads, seed=options.seed), flush=True
-            )
+    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
+    with _progress_bar(False) as progress:
+        speeds = bench(
+            options.scenes or SHIPPED, split_rules(options.rules), options.resolution, options.spp,
+            options.threads, options.repeats, options.seed, settings, progress,
+        )  # fmt: skip
+    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     return 0
 
 

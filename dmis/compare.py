@@ -19,6 +19,7 @@ from dmis.render import Result
 from dmis.results import COLUMNS as COLUMNS
 from dmis.results import Results, conditions
 from dmis.scene import Scene
+from dmis.settings import Settings
 from dmis.vec import Array
 
 
@@ -114,6 +115,7 @@ def compare(
     reference: Reference,
     folder: Path,
     *,
+    settings: Settings | None = None,
     oracle: Oracle | None = None,
     threads: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -126,6 +128,8 @@ def compare(
 
     Parameters
     ----------
+    settings
+        Of all rules, and of the reference; see `dmis.render.render`.
     oracle
         For the maps of regret; default: the one that is on disk, if there is.
 
@@ -142,7 +146,7 @@ def compare(
         raise ValueError(
             f"oracle must cover {width}x{height} pixels; got {columns}x{rows} patches of {oracle.patch} pixels"
         )
-    results = Results(folder, conditions(scene, reference, threads))
+    results = Results(folder, conditions(scene, reference, threads, settings))
     budgets = [
         (rule, n) for n in spp for rule in dict.fromkeys(("balance", *rules)) if sum(make_rule(rule).pilot.values()) < n
     ]
@@ -156,11 +160,12 @@ def compare(
 
     measure(
         scene, budgets, seeds, reference,
-        threads=threads, done=tuple(results.runs), keep=keep, record=results.append, progress=progress,
+        settings=settings, threads=threads, done=tuple(results.runs),
+        keep=keep, record=results.append, progress=progress,
     )  # fmt: skip
     written = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
     runs = {(rule, n): [written[rule, n, seed] for seed in seeds] for rule, n in budgets}
-    oracle = oracle or cached_oracle(scene)
+    oracle = oracle or cached_oracle(scene, settings=settings)
     comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
     try:
         from dmis.report import write_report

@@ -34,12 +34,15 @@ class Fit:
     split
         Final camera samples have this many times the shading samples, and are as many times fewer; a whole number
         of shading samples.
+    later
+        `weight` at the surfaces that a path meets after the first, for the pixel that it comes from; None: the same.
     """
 
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
     split: float = 1
+    later: Array | float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +73,9 @@ class Pilot:
 @runtime_checkable
 class Rule(Protocol):
     """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.settings.Settings` that belong to
-    it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot, and be `guided`:
-    then its pilot brings guides, see `dmis.guides`.
+    it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot; be `guided`: then
+    its pilot brings guides, see `dmis.guides`; and be `separate`: then its statistic is told to make 2 `classes`, see
+    `dmis.curves.Curves`, where paths go on.
     """
 
     @property

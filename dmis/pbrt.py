@@ -37,7 +37,8 @@ What v3 and v4 do otherwise is told where it is done: sides of lights and glass 
 File names are relative to the folder of the file that they stand in, else to that of the file read first, and must not
 lead out of the latter unless the caller allows it.
 
-The modules: `dmis.pbrt_dialect` (dialects as data), `dmis.pbrt_tokens` (text), `dmis.pbrt_directives` (lines),
+The modules: `dmis.pbrt_dialect` (dialects as data), `dmis.pbrt_tokens` and `dmis.pbrt_cursor` (text),
+`dmis.pbrt_parameters` (values), `dmis.pbrt_directives`, `dmis.pbrt_transforms` and `dmis.pbrt_world` (lines),
 `dmis.pbrt_reader` (what they add up to), `dmis.pbrt_objects` (textures, materials and lights of v2),
 `dmis.pbrt_materials`, `dmis.pbrt_lights` and `dmis.pbrt_spectra` (by dialect), `dmis.pbrt_shapes` (meshes, sides,
 parts).

@@ -19,8 +19,9 @@ from dmis.conductor import ExactConductor
 from dmis.ggx import TrowbridgeReitz
 from dmis.material import Material
 from dmis.pbrt_objects import V2_MATERIALS, Lookup, Textures
+from dmis.pbrt_parameters import Parameters
 from dmis.pbrt_spectra import SPECTRA
-from dmis.pbrt_tokens import Parameters, PbrtError, Token, blame
+from dmis.pbrt_tokens import PbrtError, Token, blame
 from dmis.texture import Image, scale
 from dmis.vec import Array
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,10 +15,12 @@ import numpy as np
 from dmis.camera import Camera
 from dmis.light import Light
 from dmis.material import Material
+from dmis.pbrt_cursor import Cursor
 from dmis.pbrt_materials import make_material
 from dmis.pbrt_objects import Textures
+from dmis.pbrt_parameters import Parameter, Parameters
 from dmis.pbrt_shapes import Shape, merge
-from dmis.pbrt_tokens import Floats, Parameter, Parameters, Source, Token, blame
+from dmis.pbrt_tokens import Floats, Source, Token, blame
 from dmis.scene import Part, Scene
 from dmis.settings import DEPTH
 
@@ -211,3 +213,7 @@ def inverse(matrix: Floats) -> Floats:
     out = np.asarray(np.linalg.inv(matrix), np.float64)
     out[3] = 0, 0, 0, 1
     return out
+
+
+Directive = Callable[[Reader, Token, Cursor], None]
+"""What a directive does: it is given the reader, its own token, and the cursor behind it."""

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ import numpy as np
 from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
+from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fit import Pilot, Rule, make_rule
@@ -66,8 +68,8 @@ class Result:
     rays
         Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
         ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
-        ``specular`` (through mirrors and glass), ``bounce`` (of paths); ``guide``, towards what a rule's filter is
-        guided by.
+        ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on from so many
+        surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance
@@ -152,6 +154,8 @@ def render(
     controlled = settings.combiner == "controlled"
     if controlled:
         gather = control.statistic(rule.pilot, gather)
+    elif gather is not None and _separate(rule, settings):
+        gather = partial(gather, classes=2)
     learning = pilot_settings(settings, rule.pilot, gather is not None)
     pilot_spp = sum(rule.pilot.values())
     _check(spp, pilot_spp, seed, rule_text)
@@ -186,6 +190,7 @@ def render(
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
         if settings.combiner == "frozen" and pilot:
             fit = replace(fit, weight=np.clip(fit.weight, *FROZEN))
+            fit = fit if fit.later is None else replace(fit, later=np.clip(fit.later, *FROZEN))
         mean = max(1, round((spp - pilot_spp) / fit.split))
         counts: Array | int = mean
         if fit.samples is not None:
@@ -193,7 +198,7 @@ def render(
         shading = replace(settings, shading_samples=round(settings.shading_samples * fit.split))
         beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta).moments
+        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later).moments
         end = time.perf_counter()
     except BaseException:
         store.close()
@@ -247,6 +252,12 @@ def pilot_settings(settings: Settings, pilot: Mapping[float, int], paired: bool)
         if n % 2:
             raise ValueError(f"{name} must be even for rules that learn from two halves of them; got {n}")
     return replace(settings, shading_samples=2 * settings.shading_samples)
+
+
+def _separate(rule: Rule, settings: Settings) -> bool:
+    """Whether weights of later surfaces are learned apart; not for combiners that need to know a pixel's one weight."""
+    several = settings.integrator == "path" and settings.max_depth != 1
+    return getattr(rule, "separate", False) and several and settings.combiner not in COLLECTORS
 
 
 def _exact(settings: Settings) -> bool:
@@ -338,17 +349,21 @@ class _Work:
         settings: Settings,
         statistic: Callable[[int, int], Statistic] | None = None,
         control: Array | None = None,
+        later: Array | float | None = None,
     ) -> Pilot:
-        """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``; `control` is ``(H, W, 3)``."""
+        """One pass: `spp` camera samples at weight `w`, `later` behind the first surface, each one number or
+        ``(H, W)``; `control` is ``(H, W, 3)``.
+        """
         width, height = self._scene.camera.resolution
         tiles = []
         uneven = not isinstance(spp, int)
         for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
             area = slice(*rows), slice(*columns)
             local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
+            behind = later if later is None or np.ndim(later) == 0 else np.asarray(later)[area].reshape(-1)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)
             beta = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
-            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta)
+            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
             tiles.append(tile)
         self.tiles.extend(tiles)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))

@@ -59,14 +59,7 @@ def survey(scene: Scene) -> Survey:
         images[integrator] = found.moments.mean.astype(float).mean(axis=2)
         samples = size[0] * size[1] * SPP
         rays[integrator] = (sum(found.rays.values()) - found.rays[UNSEEN]) / samples
-        kinds = found.rays
-        alike = {
-            "camera": samples,
-            "bounce": kinds["bounce"] + kinds["specular"],
-            "shadow": kinds["shadow"] + kinds["delta"],
-            "brdf": kinds["brdf"],
-        }
-        cost[integrator] = float(camera_sample(alike, np.array(0.5), settings.shading_samples))
+        cost[integrator] = float(camera_sample(found.rays, np.array(0.5), settings.shading_samples))
     return Survey(_share(images["direct"], images["path"]), rays, cost)
 
 

@@ -93,10 +93,12 @@ def test_info_describes_the_plan(scene, capsys):
 
 def test_bench_prints_a_table(scene, capsys):
     """One row for each rule, with the ratio to the floor."""
-    assert main(["bench", scene, "--rules", "balance,fixed:0", "--spp", "2", "--resolution", "16x12"]) == 0
-    rows = capsys.readouterr().out.strip().split("\n")
-    assert len(rows) == 4
-    assert float(rows[2].split("|")[-2]) > 0
+    small = ["--rules", "balance,fixed:0", "--spp", "2", "--resolution", "16x12"]
+    for more in ([], ["--integrator", "path", "--max-depth", "none"]):
+        assert main(["bench", scene, *small, *more]) == 0
+        rows = capsys.readouterr().out.strip().split("\n")
+        assert len(rows) == 4
+        assert float(rows[2].split("|")[-3]) > 0
 
 
 @pytest.mark.parametrize(

@@ -154,10 +154,10 @@ def test_too_much_is_refused_at_once(folders, name):
     path = write(inside, HUGE[name])
     if name == "film":
         path.write_text(f"{HUGE[name]}\nWorldBegin\n{TRIANGLE}WorldEnd\n")
-    before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
+    before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     with pytest.raises(PbrtError, match=r"\.pbrt:\d+: token"):
         read_pbrt(path)
-    assert time.perf_counter() - begin < 5
+    assert time.process_time() - begin < 5
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000
 
 

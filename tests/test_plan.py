@@ -129,11 +129,11 @@ def test_black_surfaces_end_paths(monkeypatch: pytest.MonkeyPatch) -> None:
     """No ray leaves a surface without albedo, and no random number is drawn for one."""
     walls = Part(quad((-4, 1, 0), (8, 0, 0), (0, 0, 4)), matte(0.5))
     grey, black = (box_scene(Material((Lambert(a),)), extra=(walls,)) for a in (0.5, 0.0))
-    assert tile_of(grey, integrator="path")[1]["bounce"] > 0
+    assert tile_of(grey, integrator="path")[1]["bounce 1"] > 0
     called = counting(bounce, "bounce", monkeypatch)
     image, rays = tile_of(box_scene(Material((Lambert(0.0),))), integrator="path")
-    assert not image.any() and rays["bounce"] == 0 and called["times"] == 0 and rays["shadow"] == 0
-    assert tile_of(black, integrator="path")[1]["bounce"] < tile_of(grey, integrator="path")[1]["bounce"]
+    assert not image.any() and rays["bounce 1"] == 0 and called["times"] == 0 and rays["shadow"] == 0
+    assert tile_of(black, integrator="path")[1]["bounce 1"] < tile_of(grey, integrator="path")[1]["bounce 1"]
 
 
 def test_last_rays_are_followed_only_where_they_may_meet_a_light() -> None:
@@ -144,10 +144,10 @@ def test_last_rays_are_followed_only_where_they_may_meet_a_light() -> None:
     )
     lit = box_scene(shiny, (lamp, POINT), (seen,))
     dark = box_scene(shiny, (POINT,))
-    assert tile_of(dark, integrator="path", max_depth=1)[1]["bounce"] == 0
+    assert tile_of(dark, integrator="path", max_depth=1)[1]["bounce 1"] == 0
     image, rays = tile_of(lit, integrator="path", max_depth=1)
     # the mirror is picked in proportion to what it lets through, half of the time
-    assert 0.3 < rays["bounce"] / rays["camera"] < 0.7
+    assert 0.3 < rays["bounce 1"] / rays["camera"] < 0.7
     assert image.any()
 
 
@@ -345,8 +345,8 @@ def test_recommended_integrator() -> None:
     assert "recommended integrator: path" in closed.plan.describe()
     assert "recommended integrator: direct, as the scene asks, with max_depth 3" in asked.plan.describe()
     result = dmis.render(closed, "balance", 2, threads=1)
-    assert result.provenance["settings"]["integrator"] == "path" and result.rays["bounce"] > 0
-    assert "bounce" not in dmis.render(asked, "balance", 2, threads=1).rays
+    assert result.provenance["settings"]["integrator"] == "path" and result.rays["bounce 1"] > 0
+    assert "bounce 1" not in dmis.render(asked, "balance", 2, threads=1).rays
 
 
 def test_survey_measures_what_paths_add() -> None:

@@ -1,0 +1,146 @@
+"""
+Do dmis and Mitsuba 3 converge to the same images?
+==================================================
+
+Both render each case with several seeds. Their means over the image must agree within the standard error over seeds,
+and the means of blocks of 8x8 pixels too: z is the difference of a block over its standard error; were there no
+difference but noise, its root mean square would be that of Student's distribution, given in brackets. Needs ``pip
+install mitsuba`` and an LLVM library that it can find (Debian: libllvm19). Takes ten minutes; ``--quick`` one.
+
+What is compared: the four scenes as they are, with the lobes of dmis written for Mitsuba (`mitsuba_lobes`); all their
+surfaces matte, with Mitsuba's own BSDF; and a teapot of mirror, glass and GGX. ``flat`` leaves interpolated normals
+out: with them, dmis goes by pbrt's rule for directions between the shading and the geometric horizon, and Mitsuba by
+its own.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "examples"))
+mi.set_variant("llvm_ad_rgb")
+
+import mitsuba_scene  # noqa: E402
+from thesis import SCENES, replace_table, show  # noqa: E402
+
+import dmis  # noqa: E402
+from dmis.conductor import ExactConductor  # noqa: E402
+from dmis.material import Material, ggx, glass, matte, mirror  # noqa: E402
+from dmis.metrics import block_error  # noqa: E402
+
+PAGE = ROOT / "docs" / "performance.md"
+GOLD = ExactConductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, what is changed in it, and how it is rendered; `depth` None is direct lighting."""
+
+    title: str
+    scene: str
+    change: Callable[[dmis.Scene], dmis.Scene] = lambda scene: scene
+    depth: int | None = None
+    own: bool = False  # by Mitsuba's own BSDFs
+
+
+def flat(scene: dmis.Scene) -> dmis.Scene:
+    """No interpolated normals."""
+    return replace(scene, parts=tuple(replace(part, mesh=replace(part.mesh, normals=None)) for part in scene.parts))
+
+
+def all_matte(scene: dmis.Scene) -> dmis.Scene:
+    """Every reflecting surface matte, in one of three colours."""
+    colours = [matte((0.7, 0.5, 0.3)), matte(0.5), matte((0.2, 0.4, 0.8))]
+    parts = [replace(p, material=colours[k % 3] if p.material.lobes else p.material) for k, p in enumerate(scene.parts)]
+    return replace(scene, parts=tuple(parts))
+
+
+def pot_of(material: Material) -> Callable[[dmis.Scene], dmis.Scene]:
+    """The last part, which is the teapot, of another material."""
+    return lambda scene: replace(scene, parts=(*scene.parts[:-1], replace(scene.parts[-1], material=material)))
+
+
+def cases() -> list[Case]:
+    """All that is compared."""
+    found = []
+    for name in SCENES:
+        found.append(Case("as it is", name))
+        found += [Case("as it is", name, depth=depth) for depth in ((1, 3) if name == "tt" else (3,))]
+        found.append(Case("matte, flat", name, lambda scene: flat(all_matte(scene)), 3, own=True))
+        found.append(Case("matte", name, all_matte, 3, own=True))
+    pot = "teapot-area-light"
+    found.append(Case("mirror", pot, pot_of(mirror((0.9, 0.8, 0.7))), 4))
+    found.append(Case("glass", pot, pot_of(glass((0.9, 0.9, 0.9), (0.7, 0.9, 0.8))), 8))
+    found.append(Case("GGX gold, alpha 0.2", pot, pot_of(ggx(alpha=0.2, fresnel=GOLD)), 3))
+    return found
+
+
+def compare(case: Case, shrink: int, spp: int, seeds: int) -> str:
+    """A line of the table."""
+    width, height = SCENES[case.scene].size
+    scene = case.change(dmis.load_scene(case.scene, (width // shrink // 8 * 8, height // shrink // 8 * 8)))
+    settings = dmis.Settings()
+    integrator = mitsuba_scene.direct()
+    if case.depth is not None:
+        settings = dmis.Settings(integrator="path", max_depth=case.depth)
+        integrator = mitsuba_scene.path(case.depth)
+    other, camera = mitsuba_scene.translate(scene, exact=not case.own), mitsuba_scene.sensor(scene.camera)
+    ours, theirs = [], []
+    progress = show(f"{case.scene}, {case.title}")
+    for seed in range(seeds):
+        ours.append(dmis.render(scene, "balance", spp, seed=seed, settings=settings).image)
+        theirs.append(mitsuba_scene.render(other, camera, integrator, spp, seed))
+        if progress:
+            progress("seeds", seed + 1, seeds)
+    a, b = np.array(ours, float), np.array(theirs, float)
+    mean, error = a.mean() / b.mean() - 1, _error(a.mean((1, 2, 3)), b.mean((1, 2, 3))) / b.mean()
+    blocks = [x.reshape(seeds, x.shape[1] // 8, 8, x.shape[2] // 8, 8, 3).mean((2, 4, 5)) for x in (a, b)]
+    spread = _error(*blocks)
+    noise = np.sqrt((spread**2).sum() / (blocks[1].mean(0) ** 2).sum())
+    z = (blocks[0].mean(0) - blocks[1].mean(0))[spread > 0] / spread[spread > 0]
+    freedom = 2 * (seeds - 1)
+    expected = f" ({np.sqrt(freedom / (freedom - 2)):.2f})" if freedom > 2 else ""
+    how = "direct" if case.depth is None else f"path, {case.depth}"
+    l2 = block_error(a.mean(0), b.mean(0))
+    return (
+        f"| {case.scene} | {case.title} | {how} | {100 * mean:+.3f} ± {100 * error:.3f} % | {100 * l2:.2f} "
+        f"({100 * noise:.2f}) % | {np.sqrt((z * z).mean()):.2f}{expected} |"
+    )
+
+
+def _error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Standard error of the difference of two means over seeds, the first axis."""
+    return np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / len(a))
+
+
+def main() -> None:
+    """Compare, print the table, and put it into the page."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[1])
+    parser.add_argument("--quick", action="store_true", help="smaller images, fewer samples")
+    parser.add_argument("--spp", type=int, help="camera samples per pixel and seed (default 64)")
+    parser.add_argument("--seeds", type=int, default=8, help="default 8")
+    parser.add_argument("--only", default="", help="cases whose scene or title has this in it; no page is written")
+    parser.add_argument("--page", type=Path, default=PAGE, help="the page whose table is replaced")
+    given = parser.parse_args()
+    shrink, spp = (16, 16) if given.quick else (8, 64)
+    lines = [
+        "| scene | surfaces | light | mean, dmis / Mitsuba - 1 | blocks, relative L2 (noise) | r.m.s. z (of noise) |",
+        "|---|---|---|---|---|---|",
+    ]
+    print("\n".join(lines))
+    for case in cases():
+        if given.only in f"{case.scene} {case.title}":
+            lines.append(compare(case, shrink, given.spp or spp, given.seeds))
+            print(lines[-1], flush=True)
+    if not (given.only or given.quick):
+        replace_table(given.page, "mitsuba-agreement", *lines)
+
+
+if __name__ == "__main__":
+    main()

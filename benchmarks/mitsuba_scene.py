@@ -1,0 +1,208 @@
+"""A scene of dmis as a scene of Mitsuba 3: camera, meshes, lights, materials.
+
+Select a Mitsuba variant before this is imported. What has no exact counterpart is refused, but for glossy materials
+with ``exact=False``: those get the nearest of Mitsuba's own BSDFs, which costs about the same and makes another image.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from dmis.brdf import BlendBase, BlendCoat, Conductor, Dielectric, Lambert, Microfacet
+from dmis.camera import Camera
+from dmis.light import DiskLight, DistantLight, EnvironmentLight, PointLight, SphereLight
+from dmis.material import Material
+from dmis.mesh import Mesh
+from dmis.scene import Part, Scene
+from dmis.texture import Image
+from dmis.vec import frame
+
+
+def translate(scene: Scene, *, exact: bool) -> Any:
+    """The Mitsuba scene.
+
+    Parameters
+    ----------
+    exact
+        Every BRDF by `mitsuba_lobes.Lobes`, for images that must be the same; else by Mitsuba's own BSDFs.
+    """
+    found: dict[str, Any] = {"type": "scene"}
+    bsdfs: dict[int, Any] = {}
+    for k, part in enumerate(scene.parts):
+        bsdf = bsdfs.setdefault(id(part.material), _bsdf(part.material, exact))
+        found[f"part{k}"] = _shape(part, bsdf)
+    visible = [part.light for part in scene.parts if part.light is not None]
+    for k, light in enumerate(scene.lights):
+        if not any(light is seen for seen in visible):
+            found[f"light{k}"] = _light(light)
+    return mi.load_dict(found)
+
+
+def sensor(camera: Camera) -> Any:
+    """The Mitsuba camera: x is left in its images, and a box filter of one pixel."""
+    width, height = camera.resolution
+    return mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": camera.fov,
+            "fov_axis": "smaller",
+            "near_clip": 1e-4,
+            "far_clip": 1e7,
+            "to_world": mi.ScalarTransform4f(np.asarray(camera.to_world, float) @ np.diag([-1.0, 1.0, 1.0, 1.0])),
+            "film": {
+                "type": "hdrfilm",
+                "width": width,
+                "height": height,
+                "rfilter": {"type": "box"},
+                "pixel_format": "rgb",
+                "component_format": "float32",
+            },
+            "sampler": {"type": "independent"},
+        }
+    )
+
+
+def render(scene: Any, camera: Any, integrator: Any, spp: int, seed: int) -> np.ndarray:
+    """An image ``(H, W, 3)``, computed when this returns."""
+    return np.array(mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=seed))
+
+
+def direct() -> Any:
+    """Direct lighting with one light and one BRDF sample."""
+    return mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": 1})
+
+
+def path(max_depth: int | None) -> Any:
+    """Path tracing; `max_depth` counts surfaces that scatter, as in dmis, where Mitsuba counts segments."""
+    return mi.load_dict({"type": "path", "max_depth": -1 if max_depth is None else max_depth + 1})
+
+
+# Shapes and lights ----------------------------------------------------------------------------------------------------
+
+
+def _shape(part: Part, bsdf: Any) -> Any:
+    light = part.light
+    if light is None:
+        return _mesh(part.mesh, {"mesh_bsdf": bsdf}, part.mesh.normals)
+    emitter = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": _rgb(light.radiance)}})
+    if isinstance(light, SphereLight):
+        centre = [float(x) for x in light.centre]
+        return mi.load_dict(
+            {"type": "sphere", "center": centre, "radius": light.radius, "bsdf": bsdf, "emitter": emitter}
+        )
+    if isinstance(light, DiskLight):
+        normal = np.asarray(light.normal, float) / np.linalg.norm(light.normal)
+        s = frame(normal[:, None])[0][:, 0].astype(float)
+        matrix = np.eye(4)
+        matrix[:3] = np.stack(
+            [s * light.radius, np.cross(normal, s) * light.radius, normal, np.asarray(light.centre, float)], axis=1
+        )
+        return mi.load_dict(
+            {"type": "disk", "to_world": mi.ScalarTransform4f(matrix), "bsdf": bsdf, "emitter": emitter}
+        )
+    return _mesh(part.mesh, {"mesh_bsdf": bsdf, "mesh_emitter": emitter}, None)
+
+
+def _mesh(mesh: Mesh, properties: dict[str, Any], normals: np.ndarray | None) -> Any:
+    props = mi.Properties()
+    for name, value in properties.items():
+        props[name] = value
+    out = mi.Mesh("mesh", len(mesh.vertices), len(mesh.faces), props, normals is not None, mesh.uv is not None)
+    parameters = mi.traverse(out)
+    parameters["vertex_positions"] = np.ravel(mesh.vertices).astype(np.float32)
+    parameters["faces"] = np.ravel(mesh.faces).astype(np.uint32)
+    if normals is not None:
+        parameters["vertex_normals"] = np.ravel(normals).astype(np.float32)
+    if mesh.uv is not None:
+        parameters["vertex_texcoords"] = np.ravel(mesh.uv).astype(np.float32)
+    parameters.update()
+    return out
+
+
+def _light(light: Any) -> Any:
+    if isinstance(light, EnvironmentLight):
+        return _sky(light)
+    if isinstance(light, PointLight):
+        intensity = {"type": "rgb", "value": _rgb(light.intensity)}
+        return mi.load_dict({"type": "point", "position": [float(x) for x in light.position], "intensity": intensity})
+    if isinstance(light, DistantLight):
+        away = [-float(x) for x in light.direction]
+        irradiance = {"type": "rgb", "value": _rgb(light.radiance)}
+        return mi.load_dict({"type": "directional", "direction": away, "irradiance": irradiance})
+    raise ValueError(f"a light must have a counterpart in Mitsuba, and a surface if it has an area; got {light}")
+
+
+def _sky(light: EnvironmentLight) -> Any:
+    """The same sky. Mitsuba's rows lie at the ends of their range, so the map has ``2 H + 1`` of them, which keeps the
+    interpolant: it is linear between the rows of dmis's, every second one of these."""
+    height, width, _ = light.texels.shape
+    s, t = np.meshgrid((np.arange(width) + 0.5) / width, np.arange(2 * height + 1) / (2 * height))
+    at = np.stack([s.ravel(), t.ravel()]).astype(np.float32)
+    texels = light._lookup(at[0], at[1]).T.reshape(2 * height + 1, width, 3)
+    rotation = np.eye(3) if light.to_world is None else np.asarray(light.to_world, float)
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation @ [[0, 0, -1], [1, 0, 0], [0, 1, 0]]  # y up and x = -z in Mitsuba's maps
+    bitmap = mi.Bitmap(np.ascontiguousarray(texels, np.float32))
+    return mi.load_dict({"type": "envmap", "bitmap": bitmap, "to_world": mi.ScalarTransform4f(matrix)})
+
+
+# Materials ------------------------------------------------------------------------------------------------------------
+
+
+def _bsdf(material: Material, exact: bool) -> Any:
+    if not material.lobes:
+        return mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.0, 0.0, 0.0]}})
+    if material.name == "mirror":
+        (lobe,) = material.lobes
+        reflection = {"type": "conductor", "material": "none", "specular_reflectance": _spectrum(lobe.reflectance)}  # type: ignore[union-attr]
+        return mi.load_dict({"type": "twosided", "bsdf": reflection})
+    if material.name == "glass" and len(material.lobes) == 2:
+        mirrored, refracted = material.lobes
+        return mi.load_dict(
+            {
+                "type": "dielectric",
+                "int_ior": float(refracted.eta),  # type: ignore[union-attr]
+                "ext_ior": 1.0,
+                "specular_reflectance": _spectrum(mirrored.reflectance),  # type: ignore[union-attr]
+                "specular_transmittance": _spectrum(refracted.transmittance),  # type: ignore[union-attr]
+            }
+        )
+    if exact:
+        from mitsuba_lobes import Lobes
+
+        return Lobes(material)
+    return mi.load_dict({"type": "twosided", "bsdf": _nearest(material)})
+
+
+def _nearest(material: Material) -> dict[str, Any]:
+    """One of Mitsuba's own BSDFs that looks much the same; Blinn's exponent e is about ``alpha^2 = 2 / (e + 2)``."""
+    match material.lobes:
+        case (Lambert(reflectance=kd),):
+            return {"type": "diffuse", "reflectance": _spectrum(kd)}
+        case (Microfacet(distribution=facets, fresnel=Conductor() as metal),):
+            eta, k = ({"type": "rgb", "value": [float(x) for x in v]} for v in (metal.eta, metal.k))
+            return {"type": "roughconductor", "eta": eta, "k": k, **_rough(facets)}
+        case (Lambert(reflectance=kd), Microfacet(distribution=facets, fresnel=Dielectric())):
+            return {"type": "roughplastic", "diffuse_reflectance": _spectrum(kd), **_rough(facets)}
+        case (BlendBase(diffuse=kd), BlendCoat(distribution=facets)):
+            return {"type": "roughplastic", "diffuse_reflectance": _spectrum(kd), **_rough(facets)}
+    raise ValueError(f"a material must be like one of Mitsuba's; got {material.name} with {material.lobes}")
+
+
+def _rough(facets: Any) -> dict[str, Any]:
+    return {"distribution": "beckmann", "alpha": float(np.sqrt(2 / (facets.exponent + 2)))}
+
+
+def _spectrum(value: Any) -> Any:
+    if isinstance(value, Image):
+        from mitsuba_lobes import texture
+
+        return texture(value)
+    return {"type": "rgb", "value": _rgb(value)}
+
+
+def _rgb(value: Any) -> list[float]:
+    return [float(x) for x in np.broadcast_to(np.asarray(value, float).reshape(-1), 3)]
