@@ -40,7 +40,7 @@ def plain(size: tuple[int, int]) -> Scene:
 
 def behind(material: Material) -> Callable[[Scene], Scene]:
     """Adds a small square of `material` behind the camera."""
-    part = Part(quad((-0.2, -3.9, 0.2), (0.4, 0, 0), (0, 0, 0.4)), material)
+    part = Part(quad((-0.2, -3.9, 0.7), (0.4, 0, 0), (0, 0, 0.3)), material)
     return lambda scene: replace(scene, parts=(*scene.parts, part))
 
 

@@ -84,7 +84,7 @@ for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
     image = np.where(unseen[..., None], np.float32((0.25, 0.0, 0.25)), result.image)
     plot.picture(above, image, one.name)
     samples = SIZE[0] * SIZE[1] * SPP
-    rays = {kind: result.rays.get(kind, 0) / samples for kind in KINDS}
+    rays = {kind: sum(n for k, n in result.rays.items() if k.split()[0] == kind) / samples for kind in KINDS}
     middle.bar(list(KINDS), list(rays.values()), color=list(KINDS.values()))
     middle.set_ylim(0, 4.2)
     middle.tick_params(axis="x", rotation=45)
