@@ -256,6 +256,9 @@ def _render(options: argparse.Namespace) -> int:
     files = [path for path in (output, options.png, options.stats, options.checkpoint) if path is not None]
     for path in files:
         check_writable(path)
+    names = [Path(path).resolve() for path in (*files, options.scene)]
+    if twice := [path for path in files if names.count(Path(path).resolve()) > 1]:
+        raise ValueError(f"files to write must differ from each other and from the scene; got {twice[0]} twice")
     threads = options.threads or options.workers or os.cpu_count() or 1
     scene = _load(options)
     for path in files:

@@ -97,7 +97,7 @@ def load_reference(path: Path) -> Reference:
         if not path.is_file():
             raise FileNotFoundError(f"there is no reference {path}")
         try:
-            image = np.load(path, mmap_mode="r", allow_pickle=False)  # whose header may ask for any amount of memory
+            image: Array = np.lib.format.open_memmap(path, mode="r")  # no pickles, no memory for what it says
         except Exception as error:  # whatever its header makes the reader say
             raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
         layers = {"RGB": image}

@@ -18,6 +18,7 @@ import numpy as np
 from dmis import __version__
 from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF
+from dmis.files import replacing
 from dmis.learned import Learned
 from dmis.reference import SEED, cache_folder, described
 from dmis.render import Progress, fingerprint, render
@@ -156,10 +157,14 @@ def make_oracle(
             threads=threads, progress=progress, checkpoint=kept,
         )  # fmt: skip
         rays = json.dumps(result.provenance["pilot_rays"])
-        np.savez(path, variance=result.maps["variances"].astype(np.float32), rays=np.array(rays))
-    with np.load(path, allow_pickle=False) as file:
-        rays_by_kind: Mapping[str, int] = json.loads(str(file["rays"]))
-        variance, cost = file["variance"].astype(np.float64), camera_sample(rays_by_kind, GRID)
+        with replacing(path) as partial, open(partial, "wb") as out:
+            np.savez(out, variance=result.maps["variances"].astype(np.float32), rays=np.array(rays))
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as held:
+            rays_by_kind: Mapping[str, int] = json.loads(str(held["rays"]))
+            variance, cost = held["variance"].astype(np.float64), camera_sample(rays_by_kind, GRID)
+    except Exception as error:  # whatever a damaged archive makes the reader say
+        raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
     if variance.ndim == 3:
         return Oracle(variance, cost, patch, spp)
     return Oracle(variance.sum(axis=0) - variance[0, HALF], cost, patch, spp, variance)

@@ -156,6 +156,8 @@ def test_bench_prints_a_table(scene, capsys):
         (["render", "SCENE", "-o", "a.exr", "--shading-samples", "0"], "shading_samples"),
         (["render", "SCENE", "-o", "a.exr", "--max-depth", "0"], "max_depth"),
         (["render", "SCENE", "-o", "a.exr", "--seed", "-1"], "seed"),
+        (["render", "SCENE", "-o", "a.exr", "--stats", "SCENE"], "must differ from each other and from the scene"),
+        (["render", "SCENE", "-o", "a.exr", "--checkpoint", "./a.exr"], "must differ from each other"),
         (["render", "SCENE"], "-o"),
         ([], "COMMAND"),
     ],

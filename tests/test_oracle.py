@@ -105,3 +105,12 @@ def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
     expected = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
     value, half = ratio(measured(Best()), measured("balance"))
     assert value == pytest.approx(expected, rel=0.05)
+
+
+def test_a_damaged_file_is_named(tmp_path, box) -> None:
+    """Whole or not there if it was written here; if not, an error that says what to do."""
+    make_oracle(box, 16, folder=tmp_path)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match=r"oracle .*\.npz cannot be read: .*; remove it to render it again"):
+        make_oracle(box, 16, folder=tmp_path)

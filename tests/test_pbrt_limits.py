@@ -167,5 +167,5 @@ def test_large_images_are_refused_by_their_header(folders, monkeypatch):
     monkeypatch.setattr("dmis.image.MAX_PIXELS", 4)
     read_pbrt(path)
     monkeypatch.setattr("dmis.image.MAX_PIXELS", 3)
-    with pytest.raises(PbrtError, match="an image must have at most 3 pixels; it says 2x2"):
+    with pytest.raises(PbrtError, match="on a side and at most 3; it says 2x2"):
         read_pbrt(path)
