@@ -3,6 +3,8 @@
 __version__ = "0.1.0"
 
 from dmis.camera import Camera as Camera
+from dmis.fireflies import find_fireflies as find_fireflies
+from dmis.fireflies import median_of_means as median_of_means
 from dmis.fit import Fit as Fit
 from dmis.fit import Rule as Rule
 from dmis.fit import make_rule as make_rule

@@ -22,7 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dmis import __version__, camera
-from dmis.bench import HEADER, bench_row
+from dmis.bench import HEADER, bench
 from dmis.compare import compare, load_reference, split_rules, summary
 from dmis.files import check_writable, replacing
 from dmis.fit import RULES
@@ -49,6 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return int(options.run(options))
     except (ValueError, OSError) as error:
         print(f"dmis: error: {error}", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        print(f"dmis: error: there is not enough memory: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"dmis: interrupted{_kept(options, arguments)}", file=sys.stderr)
@@ -81,12 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--png", metavar="OUT.png", help="also write a preview")
     command.add_argument("--spp", type=int, default=128, help="camera samples per pixel, pilot included (default 128)")
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="default: the scene's")
-    command.add_argument(
-        "--integrator",
-        choices=("direct", "path"),
-        default="direct",
-        help="light from the lights alone, or also what other surfaces scatter (default direct)",
-    )
+    _add_integrator(command)
     command.add_argument(
         "--rule",
         help=f"{', '.join(RULES)}; with options, thesis:patch=8,filter=none (default auto; balance for few samples)",
@@ -104,22 +102,18 @@ def _parser() -> argparse.ArgumentParser:
         "--lights", choices=("all", "one"), default="all", help="sample all lights, or one picked at random"
     )
     command.add_argument(
-        "--max-depth",
-        type=_depth,
-        default=5,
-        metavar="D",
-        help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
-        "lighting, or none for any number (default 5)",
+        "--clamp", type=float, metavar="L", help="biased: scale camera samples down to this radiance (default: none)"
     )
     command.add_argument("--checkpoint", metavar="FILE", help="save finished tiles here, and go on from here")
     command.add_argument(
         "--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)"
     )
-    command.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    _add_talk(command, "where the time went, what was traced")
 
     command = commands.add_parser("compare", help="rules side by side: error, time, rays")
     command.set_defaults(run=_compare)
     _add_scene_options(command)
+    _add_integrator(command)
     command.add_argument("scene", help="a pbrt file, or the name of a scene that comes with dmis")
     command.add_argument("--rules", default="balance,thesis,auto", help="separated by commas, or all")
     command.add_argument("--spp", type=_numbers, default=[128], metavar="N,N,...", help="budgets (default 128)")
@@ -135,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="what is there already is gone on from"
     )
-    command.add_argument("--quiet", action="store_true", help="no progress, no table")
+    _add_talk(command, "a line for each render as it is finished")
 
     command = commands.add_parser("info", help="versions, and what a scene needs")
     command.set_defaults(run=_info)
@@ -148,11 +142,31 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(run=_bench)
     command.add_argument("scenes", nargs="*", metavar="SCENE", help="default: the scenes that come with dmis")
     command.add_argument("--rules", default="balance,thesis", help="separated by commas (default balance,thesis)")
+    _add_integrator(command)
     command.add_argument("--resolution", type=_resolution, metavar="WxH", default=(342, 256), help="default 342x256")
     command.add_argument("--spp", type=int, default=64)
     command.add_argument("--threads", type=int, default=1, help="default 1")
+    command.add_argument("--repeats", type=int, default=3, help="in turns; the table has medians (default 3)")
     command.add_argument("--seed", type=int, default=0)
     return parser
+
+
+def _add_integrator(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--integrator",
+        choices=("auto", "direct", "path"),
+        default="auto",
+        help="light from the lights alone, or also what other surfaces scatter; auto, the default: what the scene "
+        "asks for, or what its plan recommends",
+    )
+    command.add_argument(
+        "--max-depth",
+        type=_depth,
+        default="auto",
+        metavar="D",
+        help="direct: surfaces visited through mirrors and glass; path: surfaces that scatter light, 1 being direct "
+        "lighting, or none for any number (default: what the scene asks for, or 5)",
+    )
 
 
 def _add_scene_options(command: argparse.ArgumentParser) -> None:
@@ -160,6 +174,12 @@ def _add_scene_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--allow-outside", action="store_true", help="let the scene read files outside of its own folder"
     )
+
+
+def _add_talk(command: argparse.ArgumentParser, more: str) -> None:
+    talk = command.add_mutually_exclusive_group()
+    talk.add_argument("--quiet", action="store_true", help="print warnings and errors only")
+    talk.add_argument("--verbose", action="store_true", help=f"also print what the scene needs, {more}")
 
 
 def _load(options: argparse.Namespace) -> Scene:
@@ -187,22 +207,30 @@ def _numbers(text: str) -> list[int]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    if options.seeds < 1:
-        raise ValueError(f"--seeds must be at least 1; got {options.seeds}")
+    if not 1 <= options.seeds <= 10_000:
+        raise ValueError(f"--seeds must be at least 1 and at most 10000; got {options.seeds}")
     rules = split_rules(options.rules)
+    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
     scene = _load(options)
+    if options.verbose:
+        print(_described(scene), flush=True)
     with _progress_bar(options.quiet) as progress:
         if options.reference is not None:
             reference = load_reference(options.reference)
         else:
-            reference = make_reference(scene, options.reference_spp, threads=options.threads, progress=progress)
+            reference = make_reference(
+                scene, options.reference_spp, settings=settings, threads=options.threads, progress=progress
+            )
         seeds = range(options.seed, options.seed + options.seeds)
         oracle = None
         if options.oracle_spp is not None:
-            oracle = make_oracle(scene, options.oracle_spp, threads=options.threads, progress=progress)
+            oracle = make_oracle(
+                scene, options.oracle_spp, settings=settings, threads=options.threads, progress=progress
+            )
         comparison = compare(
             scene, rules, options.spp, seeds, reference, options.output,
-            oracle=oracle, threads=options.threads, progress=progress,
+            settings=settings, oracle=oracle, threads=options.threads,
+            progress=_counted if options.verbose else progress,
         )  # fmt: skip
     if not options.quiet:
         print(summary(comparison.runs))
@@ -212,8 +240,13 @@ def _compare(options: argparse.Namespace) -> int:
     return 0
 
 
-def _depth(text: str) -> int | None:
-    return None if text == "none" else int(text)
+def _counted(rule: str, done: int, total: int) -> None:
+    """A line for a render that is finished."""
+    print(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}", flush=True)
+
+
+def _depth(text: str) -> int | str | None:
+    return None if text == "none" else text if text == "auto" else int(text)
 
 
 def _render(options: argparse.Namespace) -> int:
@@ -239,6 +272,7 @@ def _render(options: argparse.Namespace) -> int:
                 lights=options.lights,
                 integrator=options.integrator,
                 max_depth=options.max_depth,
+                clamp=options.clamp,
             ),
             threads=options.threads,
             workers=options.workers,
@@ -257,8 +291,32 @@ def _render(options: argparse.Namespace) -> int:
         seconds = result.seconds["total"]
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
         rule = result.provenance["rule"]
-        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s")
+        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_doubts(result)}")
+    if options.verbose:
+        print("\n".join([f"  {_described(scene)}", *_spent(result)]))
     return 0
+
+
+def _described(scene: Scene) -> str:
+    width, height = scene.camera.resolution
+    unseen = 0 if scene.seeing is None else int((~scene.seeing).sum())
+    known = f" ({unseen:,} of them see nothing, and are not sampled)" if unseen else ""
+    return f"scene {scene.name}: {width}x{height} pixels{known}, {scene.plan.describe()}"
+
+
+def _spent(result: Result) -> list[str]:
+    """Where the time went, and what was traced."""
+    stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
+    rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
+    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.weight.mean():.0%}"]
+
+
+def _doubts(result: Result) -> str:
+    """What is to be known about an image."""
+    found = int(result.fireflies.sum())
+    doubts = [f"biased: {what}" for what in result.provenance.get("bias", ())]
+    doubts += [f"{found} pixel{'s look' if found > 1 else ' looks'} like fireflies"] * (found > 0)
+    return "".join(f"; {doubt}" for doubt in doubts)
 
 
 @contextmanager
@@ -293,6 +351,7 @@ def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:
         "samples": samples,
         "samples_per_second": samples / seconds,
         "rays": dict(result.rays),
+        "fireflies": int(result.fireflies.sum()),
         "embree_seconds": floor,
         "peak_rss_bytes": peak if sys.platform == "darwin" else peak * 1024,
         "threads": threads,
@@ -308,20 +367,19 @@ def _info(options: argparse.Namespace) -> int:
     if options.scene:
         begin = time.perf_counter()
         scene = _load(options)
-        _ = scene.intersector
-        width, height = scene.camera.resolution
-        described = f"{width}x{height} pixels, {scene.plan.describe()}"
-        print(f"\nscene {scene.name}: {described}\nread and built in {time.perf_counter() - begin:.2f} s")
+        scene.prepare()
+        print(f"\n{_described(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 
 def _bench(options: argparse.Namespace) -> int:
-    print(HEADER)
-    for scene in options.scenes or SHIPPED:
-        for rule in options.rules.split(","):
-            print(
-                bench_row(scene, rule, options.resolution, options.spp, options.threads, seed=options.seed), flush=True
-            )
+    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
+    with _progress_bar(False) as progress:
+        speeds = bench(
+            options.scenes or SHIPPED, split_rules(options.rules), options.resolution, options.spp,
+            options.threads, options.repeats, options.seed, settings, progress,
+        )  # fmt: skip
+    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     return 0
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dmis.mesh import FARTHEST
 from dmis.vec import TINY, Array
 
 
@@ -44,6 +45,8 @@ class Camera:
         matrix = np.asarray(self.to_world, float)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0:
             raise ValueError(f"to_world must be a finite invertible 4x4 matrix; got {matrix.tolist()}")
+        if np.abs(matrix[:3]).max() > FARTHEST:
+            raise ValueError(f"to_world must not have elements above {FARTHEST:g}, in float32; got {matrix.tolist()}")
         if not 0 < self.fov < 180:
             raise ValueError(
                 f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}"
@@ -97,11 +100,27 @@ class Camera:
     def _affine(self) -> tuple[Array, Array, Array]:
         """Direction of pixel coordinates (x, y) as ``a + b x + c y``."""
         width, height = self.frame or self.resolution
-        per_pixel = 2 * np.tan(np.radians(self.fov) / 2) / min(width, height)
         right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
-        b, c = right * per_pixel, -up * per_pixel
+        b, c = right * self.pixel, -up * self.pixel
         a = forward - b * (width / 2 - self.corner[0]) - c * (height / 2 - self.corner[1])
         return a, b, c
+
+    @property
+    def pixel(self) -> float:
+        """Side of a pixel at distance 1, in camera space."""
+        width, height = self.frame or self.resolution
+        return float(2 * np.tan(np.radians(self.fov) / 2) / min(width, height))
+
+    def raster(self, points: Array) -> tuple[Array, Array, Array, float]:
+        """Raster coordinates x and y and depth of the points ``(N, 3)`` in camera space, each ``(N,)``; and how much
+        longer than in the world a length may be there. Behind the camera x and y mean nothing."""
+        width, height = self.frame or self.resolution
+        matrix = np.linalg.inv(np.asarray(self.to_world, float)[:3, :3])
+        right, up, depth = matrix @ (np.asarray(points, float) - np.asarray(self.to_world, float)[:3, 3]).T
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the camera itself x and y mean nothing either
+            x = width / 2 - self.corner[0] + right / (depth * self.pixel)
+            y = height / 2 - self.corner[1] - up / (depth * self.pixel)
+        return x, y, depth, float(np.linalg.norm(matrix, 2))
 
     def rays(self, x: Array, y: Array) -> Array:
         """Unit directions ``(3, N)`` through the raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""

@@ -19,6 +19,7 @@ from dmis.render import Result
 from dmis.results import COLUMNS as COLUMNS
 from dmis.results import Results, conditions
 from dmis.scene import Scene
+from dmis.settings import Settings
 from dmis.vec import Array
 
 
@@ -93,17 +94,22 @@ def load_reference(path: Path) -> Reference:
         If it is none of these, or not an image.
     """
     if path.suffix == ".npy":
+        if not path.is_file():
+            raise FileNotFoundError(f"there is no reference {path}")
         try:
-            image = np.load(path, allow_pickle=False)
-        except (ValueError, EOFError) as error:
+            image = np.load(path, mmap_mode="r", allow_pickle=False)  # whose header may ask for any amount of memory
+        except Exception as error:  # whatever its header makes the reader say
             raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
         layers = {"RGB": image}
     else:
         layers, _ = read_exr(path)
     first = layers.get("first", layers.get("RGB"))
-    if first is None or first.ndim != 3 or first.shape[2] != 3:
+    second = layers.get("second", first)
+    if first is None or second is None or any(half.ndim != 3 or half.shape[2] != 3 for half in (first, second)):
         raise ValueError(f"reference {path} must hold an image of three channels, or two halves first and second")
-    return Reference(first, layers.get("second", first), 0)
+    if not all(np.issubdtype(half.dtype, np.floating) and np.isfinite(half).all() for half in (first, second)):
+        raise ValueError(f"reference {path} must hold finite numbers, because errors are measured against them")
+    return Reference(np.array(first), np.array(second), 0)
 
 
 def compare(
@@ -114,6 +120,7 @@ def compare(
     reference: Reference,
     folder: Path,
     *,
+    settings: Settings | None = None,
     oracle: Oracle | None = None,
     threads: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -126,6 +133,8 @@ def compare(
 
     Parameters
     ----------
+    settings
+        Of all rules, and of the reference; see `dmis.render.render`.
     oracle
         For the maps of regret; default: the one that is on disk, if there is.
 
@@ -142,7 +151,7 @@ def compare(
         raise ValueError(
             f"oracle must cover {width}x{height} pixels; got {columns}x{rows} patches of {oracle.patch} pixels"
         )
-    results = Results(folder, conditions(scene, reference, threads))
+    results = Results(folder, conditions(scene, reference, threads, settings))
     budgets = [
         (rule, n) for n in spp for rule in dict.fromkeys(("balance", *rules)) if sum(make_rule(rule).pilot.values()) < n
     ]
@@ -156,11 +165,12 @@ def compare(
 
     measure(
         scene, budgets, seeds, reference,
-        threads=threads, done=tuple(results.runs), keep=keep, record=results.append, progress=progress,
+        settings=settings, threads=threads, done=tuple(results.runs),
+        keep=keep, record=results.append, progress=progress,
     )  # fmt: skip
     written = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
     runs = {(rule, n): [written[rule, n, seed] for seed in seeds] for rule, n in budgets}
-    oracle = oracle or cached_oracle(scene)
+    oracle = oracle or cached_oracle(scene, settings=settings)
     comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
     try:
         from dmis.report import write_report

@@ -13,7 +13,12 @@ light samples, where n changes from one camera sample to the next so that it is 
 
     V(w) = Var_y(I) + E_y[M2 - I^2 - w (1 - w) D^2] / S + var(n / S) Var_y(D).
 
-Edges and textures are in the first term, which does not depend on w; the rest is the *curve*. Squares come from
+Edges and textures are in the first term, which does not depend on w; the rest is the *curve*. Along a path I and D are
+sums over its surfaces, and y stands for all of these: given them, shading samples at one do not depend on those at
+another, so that curves add up, ``M2 - I^2 - w (1 - w) D^2`` of each light and surface with the path's throughput in f.
+What is seen of later surfaces and what noise the path itself has is in the first term. If the surface that the camera
+sees (class 0) and those behind it (class 1) have weights of their own, so has V a curve for each: nothing of one
+depends on the other's, whose rounding has its own offset. Squares come from
 products of independent estimates, those at y of two halves of the same camera sample's shading samples, so all of it
 is unbiased. (Taking y for one more dimension of a shading sample would let the shading samples of a camera sample look
 independent, which flatters the weights that use one technique alone.)
@@ -27,12 +32,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmis.estimator import Record
-from dmis.vec import Array
+from dmis.vec import TINY, Array
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)
 """Weights at which curves are known: dense at the ends, where they are steep."""
 HALF = int(np.flatnonzero(GRID == 0.5)[0])
 LEAST = np.float32(1e-9)
+ROUNDING = 3e-5
+"""Of a pixel's curve, as a share of its second moment. A curve is the difference of float32 sums, each of which is off
+by 1e-6 or less; that may be the same in all pixels, so it is taken to be more, and something is left of it in means.
+"""
 
 
 class Curves:
@@ -44,12 +53,14 @@ class Curves:
         Number of pixels of the tile.
     shading_samples
         Of each camera sample of the pilot, a multiple of 4; final camera samples have S, half as many.
+    classes
+        How many curves: of the first surfaces of paths one by one, and in the last of all others together.
     """
 
-    def __init__(self, pixels: int, shading_samples: int) -> None:
+    def __init__(self, pixels: int, shading_samples: int, classes: int = 1) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._curve, self._pattern = np.zeros((2, len(GRID), pixels), np.float64)
+        self._curve, self._pattern, self._second = np.zeros((3, classes, len(GRID), pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -59,24 +70,38 @@ class Curves:
         self._n += count
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
-        for x, d in spread(records, 2 * self._s, radiance.shape[1]):
-            at_y, over_y = _curve(x, d, count)
-            self._curve += count / self._s * at_y
-            self._pattern += count * over_y
+        last = len(self._curve) - 1
+        for k, (curve, pattern, second) in enumerate(zip(self._curve, self._pattern, self._second, strict=True)):
+            mine = [record for record in records if min(record.depth, last) == k]
+            difference: Array | None = None
+            for x, d in spread(mine, 2 * self._s, radiance.shape[1]):
+                at_y, found, moment = _curve(x, d, count)
+                curve += count / self._s * at_y
+                second += count / self._s * moment
+                difference = found if difference is None else difference + found
+            if difference is not None:
+                pattern[1:-1] += count * _pattern(difference, count)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
 
         ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, Var_y(D) as ``pattern`` ``(G, P)``,
-        and Var_y(I) as ``position`` ``(P,)``.
+        and Var_y(I) as ``position`` ``(P,)``. If there are several classes, all but ``position`` have one more axis in
+        front.
         """
         n = max(self._n, 1)
         pattern, seen = self._pattern / n, self._total / n
         curve = self._curve / n + _rounding(self._s)[:, None] * pattern
+        half = curve[:, HALF : HALF + 1]
+        # where all samples are alike curves are rounding, which must not pass for a gain
+        rounding = ROUNDING * self._second / n
+        square, cross = curve * curve + rounding * rounding, curve * half
+        cross[:, HALF] = square[:, HALF]
+        sums = {"curve": curve, "square": square, "cross": cross, "pattern": pattern}
+        if len(curve) == 1:
+            sums = {name: a[0] for name, a in sums.items()}
         # the pilot's own variance is V(1/2) with 2 S shading samples in place of S
-        position = seen - curve[HALF] / 2
-        squares = {"square": curve * curve, "cross": curve * curve[HALF]}
-        return {"curve": curve, **squares, "pattern": pattern, "position": position}
+        return {**sums, "position": seen - half.sum(axis=(0, 1)) / 2}
 
 
 def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:
@@ -92,7 +117,7 @@ def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[
         where = slice(None) if record.sample is None else record.sample
         at = record.turn, record.side, where
         x[at] += record.value.mean(axis=0)
-        d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
+        d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], TINY)
     yield from found.values()
 
 
@@ -112,9 +137,19 @@ def _rounding(s: float) -> Array:
     return part * (1 - part) / s**2
 
 
-def _curve(x: Array, d: Array, count: int) -> Array:
-    """Variance of a shading sample at y, and variance of D over y, per pixel, ``(2, G, P)``."""
-    out = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
+def _unit(x: Array) -> np.float32:
+    """A power of two near the largest of them: in units of it squares of small numbers are not 0 in float32."""
+    return np.float32(2.0 ** np.floor(np.log2(max(float(x.max()), float(-x.min()), 1e-37))))
+
+
+def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
+    """Variance of a shading sample at y, per pixel ``(G, P)``; D of pairs, the grid's ends left out,
+    ``(G - 2, S / 2, N)``; second moment ``(G, P)``.
+    """
+    unit = _unit(x)
+    x = x / unit
+    out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
+    differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     samples = x.shape[0] * x.shape[1] * count
     radiance_2 = _product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
     square = x * x
@@ -122,19 +157,31 @@ def _curve(x: Array, d: Array, count: int) -> Array:
         m = d * np.float32(2 * w - 1)
         m += 1
         np.maximum(m, LEAST, out=m)
-        out[0, g] = (square / m).reshape(-1, count, out.shape[2]).sum(axis=(0, 1)) / samples - radiance_2
+        second[g] = (square / m).reshape(-1, count, out.shape[1]).sum(axis=(0, 1)) / samples
+        out[g] = second[g] - radiance_2
         if 0 < w < 1:
-            difference = (x * d / m).sum(axis=1)
-            at_y = _product(difference).reshape(count, -1).mean(axis=0)
-            pixel = difference.mean(axis=0).reshape(count, -1)
-            everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
-            out[0, g] -= w * (1 - w) * at_y
-            out[1, g] = at_y - everywhere
-    return out
+            difference = differences[g - 1] = (x * d / m).sum(axis=1)
+            out[g] -= w * (1 - w) * _product(difference).reshape(count, -1).mean(axis=0)
+    differences *= unit
+    return out * float(unit) ** 2, differences, second * float(unit) ** 2
+
+
+def _pattern(differences: Array, count: int) -> Array:
+    """Variance of D over y, per pixel, from that of pairs ``(K, S / 2, N)``, ``(K, P)``."""
+    out = []
+    unit = _unit(differences)
+    for difference in differences / unit:
+        at_y = _product(difference).reshape(count, -1).mean(axis=0)
+        pixel = difference.mean(axis=0).reshape(count, -1)
+        everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
+        out.append(at_y - everywhere)
+    return np.stack(out) * float(unit) ** 2
 
 
 def _product(pairs: Array) -> Array:
     """Product of the means of two halves of independent estimates ``(S / 2, N)``."""
+    if len(pairs) == 2:
+        return np.asarray(pairs[0] * pairs[1])
     return pairs[::2].mean(axis=0) * pairs[1::2].mean(axis=0)
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from dmis.seen import FAR, Rgb, Seen, rgb
 from dmis.texture import Image
 from dmis.vec import Array, Selection, take
-from dmis.warp import TWO_PI
+from dmis.warp import INV_PI, TWO_PI, atan2
 
+INV_TWO_PI = INV_PI / 2
 TWO_PI_SQUARED = np.float32(2 * np.pi**2)
 POLE = np.float32(1e-9)
 """The least sin(theta) that a density is divided by."""
@@ -176,6 +177,6 @@ class EnvironmentLight:
         """Map coordinates s, t in [0, 1) and sin(theta)."""
         x, y, z = self._rotate(wi, back=True)
         sin = np.sqrt(x * x + y * y)
-        s = np.arctan2(y, x) / TWO_PI
+        s = atan2(y, x) * INV_TWO_PI
         s = s - np.floor(s)
-        return s, np.arctan2(sin, z) / np.float32(np.pi), sin
+        return s, atan2(sin, z) * INV_PI, sin

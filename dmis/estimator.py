@@ -24,6 +24,7 @@ import numpy as np
 from dmis import mis, technique
 from dmis.bounce import Rays, bounce, merge, scatter
 from dmis.brdf import Pair
+from dmis.cost import UNSEEN
 from dmis.intersect import RayCaster
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
@@ -32,7 +33,7 @@ from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
-from dmis.vec import Array, Index, Selection, compose, dot, indices, take
+from dmis.vec import Array, Index, Selection, compose, dot, indices, size, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
@@ -59,6 +60,8 @@ class Batch:
         Where shading samples are written down for statistics; None: nowhere.
     control
         Coefficient of the control variate, ``(3, N)``, see `dmis.control`; None: there is none.
+    later
+        `w` and `counts` of all surfaces but the first, whose counts are in no order; None: the same.
     """
 
     scene: Scene
@@ -71,6 +74,11 @@ class Batch:
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
     control: Array | None = None
+    later: tuple[Array, Counts] | None = None
+
+    def division(self, path: tuple[int, ...]) -> tuple[Array, Counts]:
+        """Share of the first technique, and counts, at the surfaces that `path` led to."""
+        return (self.w, self.counts) if self.later is None or not path else self.later
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +90,8 @@ class Record:
     side
         0 for the first technique, 1 for the second.
     key
-        Which light, and by way of which delta lobes.
+        Which light, in the last place; before it, by way of which delta lobes, or in path tracing the number of
+        surfaces before.
     turn
         Which of the camera sample's samples of this technique it is, from 0.
     sample
@@ -100,6 +109,11 @@ class Record:
     sample: Selection | None
     value: Array
     pdf: Array
+
+    @property
+    def depth(self) -> int:
+        """In path tracing, surfaces that the path had met before."""
+        return self.key[0] if len(self.key) > 1 else 0
 
 
 @dataclass(eq=False)
@@ -125,20 +139,28 @@ class _Points:
     out: Array
 
 
-def radiance(batch: Batch, origin: Array, direction: Array) -> Array:
+def radiance(batch: Batch, origin: Array, direction: Array, seeing: Selection | None = None) -> Array:
     """Radiance along camera rays, by the settings' integrator.
 
     Parameters
     ----------
     origin, direction
         ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
+    seeing
+        Those that may meet something; None: all of them. The others are counted as `UNSEEN`.
 
     Returns
     -------
     ``(3, N)`` float32 linear RGB.
     """
     found = np.zeros(direction.shape, np.float32)
-    pending = [Rays(origin, direction, None, None, 0, ())]
+    traced = size(seeing, direction.shape[1])
+    batch.rays["camera"] += traced
+    if traced < direction.shape[1]:
+        batch.rays[UNSEEN] += direction.shape[1] - traced
+    if not traced:
+        return found
+    pending = [Rays(take(origin, seeing), take(direction, seeing), seeing, None, 0, ())]
     while pending:
         rays = pending.pop()
         onward: list[Rays] = []
@@ -158,15 +180,16 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
     """
     scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
     hits = batch.caster.closest(rays.origin, rays.direction)
-    kind = "bounce" if settings.integrator == "path" else "specular"
-    batch.rays["camera" if rays.depth == 0 else kind] += len(hits.prim)
+    if rays.depth:
+        kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
+        batch.rays[kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment:
         missed = indices(hits.prim < 0 if rays.sees is True else (hits.prim < 0) & rays.sees)
         if missed is None or len(missed):
             for light in plan.environment:
                 yield _onward(rays, missed, light.radiance(take(rays.direction, missed)))
-    last = settings.max_depth is not None and rays.depth >= settings.max_depth
+    last = rays.depth >= settings.deepest
     for number, group in enumerate(plan.groups):
         if last and group.emission is None:
             continue
@@ -190,12 +213,14 @@ def _continue(
 ) -> Iterator[Rays]:
     """The rays that go on from the points of one group: one per point in path tracing, else one per delta lobe."""
     settings, epsilon = batch.settings, batch.scene.epsilon
-    ends = settings.max_depth is not None and rays.depth + 1 >= settings.max_depth
+    ends = rays.depth + 1 >= settings.deepest
     if settings.integrator == "path":
-        if ends and not surface.delta:  # the light that one more surface would send was gathered here
+        if ends and not (surface.delta and batch.scene.plan.visible):
+            return  # the light that one more surface would send was gathered here
+        if not (surface.glossy or surface.delta):
             return
         u = batch.sampler.draw((*rays.path, CONTINUE), sample)
-        following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, epsilon)
+        following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, epsilon, last=ends)
         if following is not None:
             yield following
         return
@@ -236,10 +261,11 @@ def _mixture(
     techniques = tuple(technique.find(name) for name in settings.techniques)
     heuristic = mis.find(settings.combiner)
     sample = compose(points.sample, index)
-    first = batch.counts.first
+    w, counts = batch.division(points.path)
+    first = counts.first
     if not isinstance(first, int):
         first = take(first, sample)
-    w, control = take(batch.w, sample), _take(batch.control, sample)
+    w, control = take(w, sample), _take(batch.control, sample)
     for side, count in enumerate((first, settings.shading_samples - first)):
         own, other = techniques[side], techniques[1 - side]
         for turn in range(settings.shading_samples):
@@ -248,13 +274,13 @@ def _mixture(
                     break
                 chosen = None
             else:
-                chosen = _run(count > turn)
-                if chosen is not None and chosen.start == chosen.stop:
+                chosen = _run(count > turn) if counts is batch.counts else indices(count > turn)
+                if size(chosen, 1) == 0:
                     break
             where = compose(index, chosen)
-            u = _draw(batch, key, side, turn, compose(sample, chosen))
+            u = _draw(batch, counts, key, side, turn, compose(sample, chosen))
             if own.numbers > 2:
-                more = _draw(batch, (*key, MORE), side, turn, compose(sample, chosen))
+                more = _draw(batch, counts, (*key, MORE), side, turn, compose(sample, chosen))
                 u = np.concatenate([u, more])[: own.numbers]
             part = points.surface.take(where)
             seen = own.sample(part, light, u)
@@ -265,13 +291,13 @@ def _mixture(
                 _add(points.out, -beta * _control(side, share, part.p.shape[1], *found), where)
 
 
-def _draw(batch: Batch, key: tuple[int, ...], side: int, turn: int, points: Selection | None) -> Array:
+def _draw(batch: Batch, counts: Counts, key: tuple[int, ...], side: int, turn: int, points: Selection | None) -> Array:
     """Numbers for one shading sample of the camera samples `points`.
 
     Structured samplers spread the numbers of a pixel over all its samples of one technique, so where techniques take
     turns unevenly, each sample takes the place in its technique's sequence that its pixel has reached.
     """
-    reached = batch.counts.reached
+    reached = counts.reached
     if reached is None or isinstance(batch.sampler, Independent):
         return batch.sampler.draw((*key, side, turn), points)
     return batch.sampler.draw((*key, side), points, take(reached[side], points) + turn)
@@ -308,12 +334,14 @@ def _shade(
     factor = heuristic(share * p_own, other_share * p_other, side == 0) * pair.cos_i
     factor *= scale / np.float32(batch.settings.shading_samples)
     f = surface.eval(pair) * (factor * (p_own > 0))
-    alive = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
+    alive: Selection | None = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
     value = np.zeros((3, 0), np.float32)
-    if alive is None or len(alive):
+    if size(alive, 1):
+        distance = take(seen.distance, compose(lit, alive))
+        clear = indices(_visible(batch, own.rays, take(surface.p, alive), take(wi, alive), distance))
+        alive = compose(alive, clear)  # the sky is looked up only where it is seen
         both = compose(lit, alive)
         value = take(f, alive) * seen.radiance_at(both)
-        value = value * _visible(batch, own.rays, take(surface.p, alive), take(wi, alive), take(seen.distance, both))
         _add(points.out, value, compose(where, both))
     if batch.records is None and batch.control is None:
         return lit, p_own, p_other

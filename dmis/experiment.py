@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from dmis.metrics import mean_and_error, relmse, squared_error
 from dmis.reference import Reference
 from dmis.render import Result, render
 from dmis.scene import Scene
+from dmis.settings import Settings
 
 Budget = tuple[str, int]
 """A rule as text, and camera samples per pixel, its pilot included."""
@@ -67,6 +68,7 @@ def measure(
     seeds: Sequence[int],
     reference: Reference,
     *,
+    settings: Settings | None = None,
     threads: int | None = None,
     done: Iterable[Run] = (),
     keep: Callable[[Budget, Result], None] | None = None,
@@ -77,6 +79,8 @@ def measure(
 
     Parameters
     ----------
+    settings
+        Of all rules, see `dmis.render.render`.
     done
         Runs of an earlier call, which are not rendered again.
     keep
@@ -98,7 +102,7 @@ def measure(
             run = known.get((rule, spp, seed))
             if run is None:
                 begin = time.process_time()
-                result = render(scene, rule, spp, seed=seed, threads=threads)
+                result = render(scene, rule, spp, seed=seed, settings=settings, threads=threads)
                 run = _measured(result, rule, spp, seed, time.process_time() - begin, reference)
                 if keep:
                     keep((rule, spp), result)
@@ -125,6 +129,16 @@ def _measured(result: Result, rule: str, spp: int, seed: int, cpu_seconds: float
         relmse=relmse(result.image, reference.first, reference.second),
         cpu_seconds=cpu_seconds,
     )
+
+
+def on_cpu(runs: Sequence[Run]) -> list[Run]:
+    """`runs` with processor time in place of wall time, divided between the stages as wall time was.
+
+    Wall times depend on what else a machine does; on one thread the two are the same where it does nothing else.
+    """
+    stages = "pilot_seconds", "fit_seconds", "render_seconds"
+    shares = (run.cpu_seconds / run.seconds for run in runs)
+    return [replace(run, **{s: share * getattr(run, s) for s in stages}) for run, share in zip(runs, shares)]
 
 
 def median_seconds(runs: Sequence[Run]) -> float:

@@ -34,12 +34,15 @@ class Fit:
     split
         Final camera samples have this many times the shading samples, and are as many times fewer; a whole number
         of shading samples.
+    later
+        `weight` at the surfaces that a path meets after the first, for the pixel that it comes from; None: the same.
     """
 
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
     split: float = 1
+    later: Array | float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +73,9 @@ class Pilot:
 @runtime_checkable
 class Rule(Protocol):
     """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.settings.Settings` that belong to
-    it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot, and be `guided`:
-    then its pilot brings guides, see `dmis.guides`.
+    it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot; be `guided`: then
+    its pilot brings guides, see `dmis.guides`; and be `separate`: then its statistic is told to make 2 `classes`, see
+    `dmis.curves.Curves`, where paths go on.
     """
 
     @property
@@ -85,6 +89,12 @@ class Rule(Protocol):
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Weights from what the pilot brought at each of its weights."""
         ...
+
+
+def check_taps(size: int) -> None:
+    """Refuse a filter of an even number of taps, or of very many."""
+    if not 1 <= size <= 1001 or size % 2 == 0:
+        raise ValueError(f"size must be odd, 1 to 1001, taps on a side of the filter; got {size}")
 
 
 def _sampler(name: str) -> dict[str, Any]:
@@ -184,25 +194,24 @@ class Thesis:
     sampler: str = ""
 
     def __post_init__(self) -> None:
-        if self.patch < 1:
-            raise ValueError(f"patch must be at least 1 pixel; got {self.patch}")
+        if not 1 <= self.patch <= 65535:
+            raise ValueError(f"patch must be 1 to 65535 pixels; got {self.patch}")
         if self.spp < 2:
             raise ValueError(
                 f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
             )
-        if self.strategies < 3 or self.strategies % 2 == 0:
+        if not 3 <= self.strategies <= 101 or self.strategies % 2 == 0:
             raise ValueError(
-                f"strategies must be odd and at least 3, because a parabola has three coefficients and w = 1/2 is "
-                f"among them; got {self.strategies}"
+                f"strategies must be odd, at least 3 and at most 101, because a parabola has three coefficients and "
+                f"w = 1/2 is among them; got {self.strategies}"
             )
         if self.channels not in ("luminance", "rgb"):
             raise ValueError(f"channels must be luminance or rgb; got {self.channels!r}")
         if self.filter not in ("gaussian", "none"):
             raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
-        if self.size < 1 or self.size % 2 == 0:
-            raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
-        if not self.sigma > 0:
-            raise ValueError(f"sigma must be positive; got {self.sigma}")
+        check_taps(self.size)
+        if not 0 < self.sigma < np.inf:
+            raise ValueError(f"sigma must be positive and finite; got {self.sigma}")
         if self.filter == "gaussian":
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
@@ -256,7 +265,7 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
     values = variance.reshape(len(w), -1)
     usable = np.isfinite(values).all(axis=0)
     scale = np.where(usable, np.abs(values).max(axis=0), 0)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # infinite variances are not usable already; their range is NaN
         usable &= np.ptp(values, axis=0) > 1e-12 * scale
     values = np.where(usable, values / np.where(usable, scale, 1), 0)
     centred, root = w - 0.5, np.sqrt(trust / trust.max())[:, None]
@@ -302,6 +311,16 @@ def make_rule(text: str) -> Rule:
     """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
 
     A bare value is the rule's first option.
+
+    Parameters
+    ----------
+    text
+        A name of `RULES`, a colon, and options ``name=value`` separated by commas.
+
+    Returns
+    -------
+    Rule
+        What `dmis.render.render` takes.
 
     Raises
     ------

@@ -7,7 +7,10 @@ scene file is a number here. Angles are degrees.
 
 from __future__ import annotations
 
+import io
+import json
 import os
+import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +30,10 @@ if TYPE_CHECKING:
 
 FORMATS = (".glb", ".obj", ".ply", ".stl")
 """Extensions that :func:`load_mesh` reads."""
+MAX_BYTES = 2**31
+"""Largest mesh file."""
+MAX_FACES = 2**25
+"""Most triangles of a mesh file, all instances counted."""
 
 
 def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
@@ -38,6 +45,9 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
     import trimesh
 
     if isinstance(mesh, trimesh.Scene):
+        sizes = {name: len(getattr(part, "faces", ())) for name, part in mesh.geometry.items()}
+        if sum(sizes[mesh.graph[node][1]] for node in mesh.graph.nodes_geometry) > MAX_FACES:
+            raise ValueError(f"mesh must have at most {MAX_FACES} triangles, because instances are copied")
         parts = []
         for node in mesh.graph.nodes_geometry:
             matrix, name = mesh.graph[node]
@@ -86,12 +96,20 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     import trimesh
 
     try:
-        # a PLY file may name an image, anywhere: it is not looked at
+        data = _bytes(path)
+        if suffix == ".glb":
+            _check_accessors(data)
+        # It may name other files, anywhere. Given bytes alone, trimesh does not know where they would be
         bare: dict[str, Any] = {"skip_materials": True} if suffix == ".ply" else {}  # an image
-        loaded: Any = trimesh.load(path, process=False, **bare)  # process=True would merge and reorder vertices
-        mesh = from_trimesh(loaded)
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            loaded: Any = trimesh.load(
+                io.BytesIO(data), file_type=suffix[1:], process=False, **bare
+            )  # process=True would merge and reorder vertices
+            mesh = from_trimesh(loaded)
     except Exception as error:  # whatever trimesh's readers meet comes through
         reason = "it is empty" if path.stat().st_size == 0 else f"{type(error).__name__}: {error}"
+        if isinstance(error, ImportError):  # which it would guess other encodings with
+            reason = "it is neither binary nor text of the format"
         raise ValueError(f"mesh file {path} cannot be read as {suffix[1:].upper()}: {reason}") from error
     if smooth is None or smooth == (mesh.normals is not None):
         return mesh
@@ -100,6 +118,20 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
         same = weld(mesh.vertices)
         normals = vertex_normals(mesh.vertices, same[mesh.faces])[same]
     return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv)
+
+
+def _bytes(path: Path) -> bytes:
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"a mesh file must have at most {MAX_BYTES} bytes; it has {path.stat().st_size}")
+    return path.read_bytes()
+
+
+def _check_accessors(data: bytes) -> None:
+    """Refuse a GLB file that asks for more elements than it has bytes; what it leaves out would be made of zeros."""
+    (length,) = struct.unpack_from("<I", data, 12)
+    accessors = json.loads(data[20 : 20 + length]).get("accessors", [])
+    if most := [a["count"] for a in accessors if not 0 <= a["count"] <= len(data)]:
+        raise ValueError(f"it has {len(data)} bytes, and an array of {most[0]} elements")
 
 
 # Transforms: 4x4 matrices that act on columns (x, y, z, 1)

@@ -21,11 +21,34 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf import Frame, Fresnel, Pair, reflect
-from dmis.roughness import Roughness, tan2_h
+from dmis.roughness import Roughness
 from dmis.vec import Array, dot, normalise
 from dmis.warp import INV_PI, TWO_PI
 
 _LEAST = np.float32(1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class TrowbridgeReitz:
+    """The distribution without masking, for other models of facets; half vectors are sampled with ``D cos_h``."""
+
+    roughness: Roughness
+
+    def density(self, pair: Pair) -> Array:
+        """D, ``(N,)``."""
+        ratio = (1 + pair.tan2_h) / (1 + self.roughness.q(pair))
+        return ratio * ratio * (INV_PI / self.roughness.area)
+
+    def pdf_h(self, pair: Pair) -> Array:
+        """Solid-angle density of `sample_h`, ``(N,)``."""
+        return self.density(pair) * pair.cos_h
+
+    def sample_h(self, surface: Frame, u: Array) -> Array:
+        """Half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha; ``u0 = r^2 / (1 + r^2)``."""
+        r = np.sqrt(u[0] / np.maximum(1 - u[0], _LEAST))
+        phi = TWO_PI * u[1]
+        s, t = self.roughness.axes(surface)
+        return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +67,11 @@ class GGX:
         """BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
         o, i = self._stretched(pair, pair.surface.wo, pair.cos_o), self._stretched(pair, pair.wi, pair.cos_i)
         # G2 / (4 cos_i cos_o) without the division by cosines: L = (|w'| - cos) / (2 cos)
-        out = self._density(pair) * pair.above / np.maximum(2 * (o * pair.cos_i + i * pair.cos_o), _LEAST)
+        out = (
+            TrowbridgeReitz(self.roughness).density(pair)
+            * pair.above
+            / np.maximum(2 * (o * pair.cos_i + i * pair.cos_o), _LEAST)
+        )
         if self.fresnel is not None:
             out = out * self.fresnel(pair.cos_d)
         return self.reflectance * out
@@ -52,7 +79,7 @@ class GGX:
     def pdf(self, pair: Pair) -> Array:
         """Density of `sample`: D_wo over ``4 wo.h``, ``(N,)``."""
         o = self._stretched(pair, pair.surface.wo, pair.cos_o)
-        return self._density(pair) * pair.above / np.maximum(2 * (pair.cos_o + o), _LEAST)
+        return TrowbridgeReitz(self.roughness).density(pair) * pair.above / np.maximum(2 * (pair.cos_o + o), _LEAST)
 
     def sample(self, surface: Frame, u: Array) -> Array:
         """Directions ``(3, N)``.
@@ -71,7 +98,3 @@ class GGX:
 
     def _stretched(self, pair: Pair, w: Array, cos: Array) -> Array:
         return self.roughness.stretched(pair.surface, w, cos)
-
-    def _density(self, pair: Pair) -> Array:
-        ratio = (1 + tan2_h(pair)) / (1 + self.roughness.q(pair))
-        return ratio * ratio * (INV_PI / self.roughness.area)

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from dmis.render import Result
 
 
-MAX_PIXELS = 2**26
-"""Most pixels of an image that is read: 800 MB of RGB."""
+MAX_PIXELS = 2**25
+"""Most pixels of an image that is read: 400 MB of RGB. A side has at most 65535."""
+MAX_CHANNELS = 64
+"""Most channels of an image that is read, and of all its pixels as many as 16 of the largest image have."""
 
 
 def write_image(path: str | os.PathLike[str], result: Result) -> None:
@@ -34,7 +36,8 @@ def write_image(path: str | os.PathLike[str], result: Result) -> None:
     if Path(path).suffix.lower() == ".png":
         write_png(path, result.image)
         return
-    layers = {"RGB": result.image, "weight": result.weight, "variance": result.variance, "samples": result.samples}
+    variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold
+    layers = {"RGB": result.image, "weight": result.weight, "variance": variance, "samples": result.samples}
     write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
 
 
@@ -48,7 +51,7 @@ def write_exr(
     Raises
     ------
     ValueError
-        If the extension is not .exr, or a layer has another shape.
+        If the extension is not .exr, a layer has another shape, or the image is not finite.
     OSError
         If the directory does not exist, or the disk is full: a file that was there before is then left as it was.
     """
@@ -63,6 +66,8 @@ def write_exr(
     for name, layer in layers.items():
         if layer.ndim not in (2, 3) or (layer.ndim == 3 and layer.shape[2] != 3):
             raise ValueError(f"layer {name} must have shape (H, W) or (H, W, 3); got {layer.shape}")
+        if name == "RGB" and not np.isfinite(layer).all():
+            raise ValueError(f"an image must be finite; {np.size(layer) - np.isfinite(layer).sum()} values are not")
         kind = np.float16 if layer.dtype == np.float16 else np.float32
         channels[name] = np.ascontiguousarray(layer, kind)  # OpenEXR writes strided arrays wrong
     header: dict[str, Any] = {
@@ -85,7 +90,7 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it cannot be read as EXR.
+        If it cannot be read as EXR, or is too large, which its header tells before memory is taken for it.
     """
     import OpenEXR
 
@@ -94,10 +99,19 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
         raise FileNotFoundError(f"no such image: {path}")
     try:
         with OpenEXR.File(os.fspath(path), header_only=True) as file:
-            low, high = file.header()["dataWindow"]
+            if len(file.parts) != 1:
+                raise ValueError(f"an image must have one part; it has {len(file.parts)}")
+            (low, high), channels = file.header()["dataWindow"], len(file.header()["channels"])
         width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
-        if width * height > MAX_PIXELS:
-            raise ValueError(f"an image must have at most {MAX_PIXELS} pixels; it says {width}x{height}")
+        if not (1 <= width <= 65535 and 1 <= height <= 65535 and width * height <= MAX_PIXELS):
+            raise ValueError(
+                f"an image must have 1 to 65535 pixels on a side and at most {MAX_PIXELS}; it says {width}x{height}"
+            )
+        if channels > MAX_CHANNELS or channels * width * height > 16 * MAX_PIXELS:
+            raise ValueError(
+                f"an image must have at most {MAX_CHANNELS} channels, and {16 * MAX_PIXELS} values in them; "
+                f"it says {channels} of {width}x{height}"
+            )
         with OpenEXR.File(os.fspath(path)) as file:
             attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
             layers = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}

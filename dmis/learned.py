@@ -6,15 +6,15 @@ then each patch takes its own minimum.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from dmis.cost import camera_sample
-from dmis.curves import GRID, Curves, Pooled, allowed, least
-from dmis.fit import Fit, Pilot
+from dmis.cost import camera_sample, surface_points
+from dmis.curves import GRID, HALF, Curves, Pooled, allowed, least
+from dmis.fit import Fit, Pilot, check_taps
 from dmis.objectives import objective
 from dmis.quadtree import adaptive_patches
 from dmis.settings import MOST
@@ -61,6 +61,10 @@ class Learned:
     split
         Whether camera samples may have 2, 4 or 8 times the shading samples, and be fewer for it, or half of them, and
         be more, if that is best for the image (second-moment, and only if cost counts).
+    bounces
+        In path tracing, ``shared``: one weight for all surfaces of a path; ``separate``: one for the first surface
+        and one for all behind it (second-moment, not with filter quadtree), which was not better in any scene that
+        was measured, see ``docs/paths.md``.
     counts
         Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)`` (second-moment).
     floor
@@ -86,6 +90,7 @@ class Learned:
     cost: bool = True
     guard: float = 1.5
     split: bool = False
+    bounces: str = "shared"
     counts: bool = False
     floor: float = 0.1
     count_sigma: float = 0.4
@@ -95,8 +100,11 @@ class Learned:
     sampler: str = ""
 
     def __post_init__(self) -> None:
-        if self.patch < BASE or self.patch % BASE:
-            raise ValueError(f"patch must be a multiple of {BASE} pixels, in which curves are kept; got {self.patch}")
+        if not BASE <= self.patch <= 65536 or self.patch % BASE:
+            raise ValueError(
+                f"patch must be a multiple of {BASE} pixels, in which curves are kept, of at most 65536; "
+                f"got {self.patch}"
+            )
         if self.spp < 4 or self.spp % 2:
             raise ValueError(
                 f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
@@ -104,17 +112,16 @@ class Learned:
             )
         if self.filter not in ("gaussian", "none", "joint", "quadtree"):
             raise ValueError(f"filter must be gaussian, none, joint or quadtree; got {self.filter!r}")
-        if self.size < 1 or self.size % 2 == 0:
-            raise ValueError(f"size must be odd and positive, taps on a side of the filter; got {self.size}")
-        for name, value in (("sigma", self.sigma), ("count_sigma", self.count_sigma)):
-            if not value > 0:
-                raise ValueError(f"{name} must be positive; got {value}")
+        if self.bounces not in ("shared", "separate"):
+            raise ValueError(f"bounces must be shared or separate; got {self.bounces!r}")
+        check_taps(self.size)
+        for name, value in (("sigma", self.sigma), ("count_sigma", self.count_sigma), ("gamma", self.gamma)):
+            if not 0 < value < np.inf:
+                raise ValueError(f"{name} must be positive and finite; got {value}")
         if not self.guard >= 0:
             raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
         if not 0 < self.floor <= 1:
             raise ValueError(f"floor must be in (0, 1], a share of the mean number of samples; got {self.floor}")
-        if not self.gamma > 0:
-            raise ValueError(f"gamma must be positive; got {self.gamma}")
         if self.objective != "second-moment":
             for name, chosen in (
                 ("filter quadtree", self.filter == "quadtree"),
@@ -142,6 +149,11 @@ class Learned:
         return self.filter == "joint"
 
     @property
+    def separate(self) -> bool:
+        """Whether first and later surfaces of paths should have curves of their own."""
+        return self.bounces == "separate" and self.objective == "second-moment" and self.filter != "quadtree"
+
+    @property
     def statistic(self) -> Callable[[int, int], Statistic]:
         """What is gathered in the pilot."""
         return Curves if self.objective == "second-moment" else objective(self.objective, self.gamma).statistic
@@ -151,31 +163,37 @@ class Learned:
         shape = found.moments.mean.shape[:2]
         means, pixels = self._pool(found, shape, self.sigma)
         if self.objective != "second-moment":
-            ends = (1.0, 1.0) if not self.cost else camera_sample(found.rays, np.array([0, 1]), found.shading_samples)
-            weight = np.clip(objective(self.objective, self.gamma).solve(means, tuple(ends)), 0, 1)
+            pair = (1.0, 1.0) if not self.cost else camera_sample(found.rays, np.array([0, 1]), found.shading_samples)
+            weight = np.clip(objective(self.objective, self.gamma).solve(means, tuple(pair)), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
-        curves = Pooled(**means, pixels=pixels)
+        parts = _by_class(means, pixels)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how sure means are
-        times, cost = self._split(curves, area, found)
+        times, costs = self._split(parts, area, found)
         prepare = self._prepare(times, found)
-        whole = (curves.curve * area).sum(axis=(1, 2))
         maps = {}
+        curves = _joined([prepare(part) for part in parts])
         if self.filter == "quadtree":
             sums = {name: a * pixels for name, a in means.items()}
-            best, maps["size"] = adaptive_patches(sums, pixels, cost, self.guard, prepare)
-            curves = prepare(curves)
+            index, maps["size"] = adaptive_patches(sums, pixels, costs[0], self.guard, prepare)
+            best = [index]
         else:
-            curves = prepare(curves)
-            best = least(curves, cost, self.guard, allowed(whole))
-        weight, variance = GRID[best], _at(curves.variance, best)
+            ends = [allowed((part.curve * area).sum(axis=(1, 2))) for part in parts]
+            best = [least(part, c, self.guard, may) for part, c, may in zip(curves, costs, ends, strict=True)]
+        weights = [GRID[index] for index in best]
         samples = None
         if self.counts:
             guides = found.guides if self.guided else None
             sharp, n = pool(found.sums, shape, self.patch, self.count_sigma, self.size // 2, guides)
-            local = _at(Pooled(**sharp, pixels=n).split(times, found.shading_samples // 2).variance, best)
-            samples = self._shares(np.sqrt(local / cost[best]), shape)
-        maps |= {"patch": weight, "variance": variance, "variances": curves.variance}
-        return Fit(patch_spread(weight, self.patch, shape), maps, samples, times)
+            local = _joined([part.split(times, found.shading_samples // 2) for part in _by_class(sharp, n)])
+            wanted = _together([part.variance for part in local], best) / _together(costs, best)
+            samples = self._shares(np.sqrt(wanted), shape)
+        variances = [part.variance for part in curves]
+        maps |= {"patch": weights[0], "variance": _together(variances, best)}
+        maps["variances"] = variances[0] if len(variances) == 1 else np.stack(variances)
+        later = None
+        if len(weights) > 1:
+            maps["later"], later = weights[1], patch_spread(weights[1], self.patch, shape)
+        return Fit(patch_spread(weights[0], self.patch, shape), maps, samples, times, later)
 
     def _prepare(self, times: float, pilot: Pilot) -> Callable[[Pooled], Pooled]:
         """What is done with curves before weights are chosen."""
@@ -186,21 +204,26 @@ class Learned:
         kinds = None if material is None else patch_mean(material, self.patch // BASE)
         return lambda curves: shrink(curves.split(times, s), kinds)
 
-    def _split(self, curves: Pooled, area: Array, pilot: Pilot) -> tuple[float, Array]:
-        """How many times the shading samples are best for the image, and what camera samples with them cost."""
+    def _split(self, parts: list[Pooled], area: Array, pilot: Pilot) -> tuple[float, list[Array]]:
+        """How many times the shading samples are best for the image, and what camera samples with them cost, where
+        the weight of one class leaves 1/2.
+        """
         found = []
         s = pilot.shading_samples // 2
         for times in (t for t in SPLITS if t == 1 or (self.split and self.cost and s * t <= MOST)):
-            cost = np.ones(len(GRID))
+            costs = [np.ones(len(GRID)) for _ in parts]
             if self.cost:
                 cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, s * times)
-            variance = np.maximum(curves.split(times, s).variance, 0)
-            best = (variance * cost[:, None, None]).argmin(axis=0)
-            v, c = _at(variance, best), cost[best]
+                first = 1 / surface_points(pilot.rays)
+                shares = (first, 1 - first) if len(parts) > 1 else (1.0,)
+                costs = [cost[HALF] + share * (cost - cost[HALF]) for share in shares]
+            variances = [np.maximum(part.variance, 0) for part in _joined([p.split(times, s) for p in parts])]
+            best = [(v * c[:, None, None]).argmin(axis=0) for v, c in zip(variances, costs, strict=True)]
+            v, c = _together(variances, best), _together(costs, best)
             total = (np.sqrt(v * c) * area).sum() ** 2
             if not self.counts:
                 total = (v * area).sum() * (c * area).sum()
-            found.append((total, times, cost))
+            found.append((total, times, costs))
         return min(found, key=lambda one: one[:2])[1:]
 
     def _pool(self, pilot: Pilot, shape: tuple[int, int], sigma: float) -> tuple[dict[str, Array], Array]:
@@ -214,6 +237,27 @@ class Learned:
         return patch_spread(np.maximum(wanted, least) if least > 0 else np.ones_like(wanted), self.patch, shape)
 
 
-def _at(curves: Array, index: np.ndarray) -> Array:
-    """The values of curves ``(G, ...)`` at one index of the grid each, not below 0."""
-    return np.maximum(np.take_along_axis(curves, index[None], axis=0)[0], 0)
+def _by_class(means: Mapping[str, Array], pixels: Array) -> list[Pooled]:
+    """The curves of each class of surfaces: one, or the first and all others, see `dmis.curves.Curves`."""
+    if means["curve"].ndim == 3:
+        return [Pooled(**means, pixels=pixels)]
+    own = {name: a for name, a in means.items() if name != "position"}
+    count = len(means["curve"])
+    return [
+        Pooled(**{name: a[k] for name, a in own.items()}, position=means["position"], pixels=pixels)
+        for k in range(count)
+    ]
+
+
+def _joined(parts: list[Pooled]) -> list[Pooled]:
+    """Curves of classes such that the variance of each is that of a camera sample, the others being at w = 1/2."""
+    half = sum(part.curve[HALF] for part in parts)
+    return [replace(part, position=np.maximum(part.position, 0) + half - part.curve[HALF]) for part in parts]
+
+
+def _together(curves: Sequence[Array], best: Sequence[np.ndarray]) -> Array:
+    """Variance or cost with every class at its index into the grid, not below 0: that at w = 1/2, and what each class
+    of `curves` ``(G, ...)`` changes. One class that changes alone has its own.
+    """
+    at = [c.take(i) if c.ndim == 1 else np.take_along_axis(c, i[None], axis=0)[0] for c, i in zip(curves, best)]
+    return np.maximum(at[0] + sum(own - curve[HALF] for own, curve in zip(at[1:], curves[1:])), 0)

@@ -15,6 +15,9 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.integer[Any]]
 
+FARTHEST = 1e18
+"""Largest coordinate: Embree computes with squares of these in float32, and does not check them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -23,7 +26,7 @@ class Mesh:
     Parameters
     ----------
     vertices
-        Positions, (V, 3) float64, finite.
+        Positions, (V, 3) float64, within `FARTHEST` of the origin along each axis.
     faces
         Vertex indices, (F, 3) integers, kept as int32, F >= 1. The geometric normal of a face (a, b, c) is
         (b - a) x (c - a).
@@ -35,7 +38,7 @@ class Mesh:
     Raises
     ------
     ValueError
-        On a wrong shape, a number that is not finite, a zero normal, an index without a vertex.
+        On a wrong shape, a number that is not finite or too large, a zero normal, an index without a vertex.
     """
 
     vertices: Floats
@@ -46,6 +49,12 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = table("vertices", self.vertices, 3)
         rows = len(vertices)
+        if rows and np.abs(vertices).max() > FARTHEST:
+            row = int(np.argmax(np.abs(vertices).max(axis=1)))
+            raise ValueError(
+                f"vertices must be within {FARTHEST:g} of the origin, because Embree computes in float32; "
+                f"got {vertices[row].tolist()} in row {row}"
+            )
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
             raise ValueError(

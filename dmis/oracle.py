@@ -19,9 +19,10 @@ from dmis import __version__
 from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF
 from dmis.learned import Learned
-from dmis.reference import SEED, cache_folder
+from dmis.reference import SEED, cache_folder, described
 from dmis.render import Progress, fingerprint, render
 from dmis.scene import Scene
+from dmis.settings import Settings
 from dmis.variance import patch_mean
 from dmis.vec import Array
 
@@ -44,21 +45,43 @@ class Oracle:
         Side of a patch in pixels.
     spp
         Samples per pixel that the curves are made of.
+    apart
+        In path tracing, the same as `variance`, ``(2, G, rows, columns)``, if only the first surface has that weight,
+        and if only those behind it have, all others 1/2; None: paths do not go on.
     """
 
     variance: Array
     cost: Array
     patch: int
     spp: int
+    apart: Array | None = None
 
     def best(self, costly: bool = False) -> Array:
         """The weight of least variance per patch, ``(rows, columns)``; of least variance times cost if `costly`."""
         curves = self.variance * (self.cost[:, None, None] if costly else 1)
         return GRID[curves.argmin(axis=0)]
 
-    def at(self, weight: Array | float) -> Array:
-        """Variance of a camera sample per patch at a weight map ``(H, W)``, or at one weight for all."""
-        rows, columns = self.variance.shape[1:]
+    def best_apart(self) -> Array:
+        """The weights of least variance of the first and of later surfaces, ``(2, rows, columns)``."""
+        return GRID[self._apart.argmin(axis=1)]
+
+    def at(self, weight: Array | float, later: Array | float | None = None) -> Array:
+        """Variance of a camera sample per patch at a weight map ``(H, W)``, or at one weight for all; with another
+        one for later surfaces.
+        """
+        if later is None:
+            return self._at(self.variance, weight)
+        first, behind = self._apart
+        return self._at(first, weight) + self._at(behind, later) - self.variance[HALF]
+
+    @property
+    def _apart(self) -> Array:
+        if self.apart is None:
+            raise ValueError("the oracle knows of one weight only; one of path tracing with max_depth > 1 knows of two")
+        return self.apart
+
+    def _at(self, curves: Array, weight: Array | float) -> Array:
+        rows, columns = curves.shape[1:]
         w = (
             np.full((rows, columns), float(weight))
             if np.ndim(weight) == 0
@@ -66,7 +89,7 @@ class Oracle:
         )
         k = np.clip(np.searchsorted(GRID, w, "right") - 1, 0, len(GRID) - 2)
         t = (w - GRID[k]) / (GRID[k + 1] - GRID[k])
-        low, high = (np.take_along_axis(self.variance, i[None], axis=0)[0] for i in (k, k + 1))
+        low, high = (np.take_along_axis(curves, i[None], axis=0)[0] for i in (k, k + 1))
         return low + t * (high - low)
 
     def saving(self, weight: Array) -> float:
@@ -74,9 +97,21 @@ class Oracle:
         half = self.variance[HALF].sum()
         return float((half - self.at(weight).sum()) / (half - self.variance.min(axis=0).sum()))
 
-    def limit(self) -> float:
-        """Variance of the image with the best weights over that with w = 1/2, at equal samples."""
-        return float(self.variance.min(axis=0).sum() / self.variance[HALF].sum())
+    def limit(self, apart: bool = False) -> float:
+        """Variance of the image with the best weights over that with w = 1/2, at equal samples; `apart`: with weights
+        of their own for later surfaces.
+        """
+        half = self.variance[HALF].sum()
+        if apart:
+            return float((self._apart.min(axis=1).sum() - half) / half)
+        return float(self.variance.min(axis=0).sum() / half)
+
+    def spread_evenly(self) -> float:
+        """What is left of the variance with w = 1/2 if the samples of patches are in proportion to its root, at equal
+        samples: ``mean(sqrt V)^2 / mean(V)``.
+        """
+        half = np.maximum(self.variance[HALF], 0)
+        return float(np.sqrt(half).mean() ** 2 / half.mean())
 
     def regret(self, weight: Array) -> Array:
         """Variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
@@ -95,6 +130,7 @@ def make_oracle(
     spp: int = 2048,
     patch: int = 4,
     *,
+    settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -107,31 +143,44 @@ def make_oracle(
         Samples per pixel, an even number.
     patch
         Side of a patch in pixels, a multiple of 4.
-    folder, threads, progress
+    settings, folder, threads, progress
         See `dmis.reference.make_reference`.
     """
-    path = _path(scene, spp, patch, folder)
+    path = _path(scene, spp, patch, settings, folder)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False)
+        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False, bounces="separate")
         kept = path.with_suffix(".checkpoint")
-        result = render(scene, rule, spp + 1, seed=SEED + 2, threads=threads, progress=progress, checkpoint=kept)
+        result = render(
+            scene, rule, spp + 1, seed=SEED + 2, settings=settings,
+            threads=threads, progress=progress, checkpoint=kept,
+        )  # fmt: skip
         rays = json.dumps(result.provenance["pilot_rays"])
         np.savez(path, variance=result.maps["variances"].astype(np.float32), rays=np.array(rays))
     with np.load(path, allow_pickle=False) as file:
         rays_by_kind: Mapping[str, int] = json.loads(str(file["rays"]))
-        return Oracle(file["variance"].astype(np.float64), camera_sample(rays_by_kind, GRID), patch, spp)
+        variance, cost = file["variance"].astype(np.float64), camera_sample(rays_by_kind, GRID)
+    if variance.ndim == 3:
+        return Oracle(variance, cost, patch, spp)
+    return Oracle(variance.sum(axis=0) - variance[0, HALF], cost, patch, spp, variance)
 
 
-def cached_oracle(scene: Scene, patch: int = 4, *, folder: str | os.PathLike[str] | None = None) -> Oracle | None:
+def cached_oracle(
+    scene: Scene,
+    patch: int = 4,
+    *,
+    settings: Settings | None = None,
+    folder: str | os.PathLike[str] | None = None,
+) -> Oracle | None:
     """The oracle of `scene` that is on disk already, that of most samples (a power of two to 16384), or None."""
     for spp in (2**k for k in range(14, 5, -1)):
-        if _path(scene, spp, patch, folder).exists():
-            return make_oracle(scene, spp, patch, folder=folder)
+        if _path(scene, spp, patch, settings, folder).exists():
+            return make_oracle(scene, spp, patch, settings=settings, folder=folder)
     return None
 
 
-def _path(scene: Scene, spp: int, patch: int, folder: str | os.PathLike[str] | None) -> Path:
+def _path(scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None) -> Path:
     width, height = scene.camera.resolution
-    digest = hashlib.sha256(json.dumps([__version__, fingerprint(scene), spp, patch]).encode()).hexdigest()[:12]
+    key = json.dumps([__version__, fingerprint(scene), spp, patch, *described(settings)])
+    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"

@@ -27,6 +27,8 @@ What pbrt-v2 does and a textbook would not. The rest of the library knows nothin
 * The first row of an image is t = 0 and, in a map of infinite light, +z. A texel is (scale * texel) ^ gamma; a float
   texture takes the luminance. Images are bilinear here; pbrt-v2 blurs textures by a texel, and resamples images whose
   sides are no powers of 2.
+* ``maxdepth`` m of path tracing lets m + 1 surfaces scatter light. (One thing is not followed: a light that is seen by
+  way of exactly m + 1 mirrors is black in pbrt-v2.)
 * Without a PixelFilter line the filter is a box of one pixel, the only one that is rendered here.
 
 What v3 and v4 do otherwise is told where it is done: sides of lights and glass in `dmis.pbrt_shapes`, colours in
@@ -35,7 +37,8 @@ What v3 and v4 do otherwise is told where it is done: sides of lights and glass 
 File names are relative to the folder of the file that they stand in, else to that of the file read first, and must not
 lead out of the latter unless the caller allows it.
 
-The modules: `dmis.pbrt_dialect` (dialects as data), `dmis.pbrt_tokens` (text), `dmis.pbrt_directives` (lines),
+The modules: `dmis.pbrt_dialect` (dialects as data), `dmis.pbrt_tokens` and `dmis.pbrt_cursor` (text),
+`dmis.pbrt_parameters` (values), `dmis.pbrt_directives`, `dmis.pbrt_transforms` and `dmis.pbrt_world` (lines),
 `dmis.pbrt_reader` (what they add up to), `dmis.pbrt_objects` (textures, materials and lights of v2),
 `dmis.pbrt_materials`, `dmis.pbrt_lights` and `dmis.pbrt_spectra` (by dialect), `dmis.pbrt_shapes` (meshes, sides,
 parts).

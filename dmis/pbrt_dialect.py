@@ -46,6 +46,8 @@ class Dialect:
         Whether the first row of a texture's image is t = 1, not 0.
     global_names
         Whether textures and named materials outlive the block they are made in.
+    beyond
+        How many surfaces more than ``maxdepth`` of a path integrator scatter light.
     overrides
         Whether parameters in a Shape line replace those of its material.
     bare_words
@@ -65,6 +67,7 @@ class Dialect:
     levels: tuple[str, ...] = ("levels",)
     t_up: bool = True
     global_names: bool = False
+    beyond: int = 0
     overrides: bool = True
     bare_words: bool = False
     ends: bool = True
@@ -77,6 +80,7 @@ V2 = Dialect(
     film_size=(640, 480),
     levels=("nlevels",),
     t_up=False,
+    beyond=1,
 )
 V3 = Dialect(
     "v3",

@@ -1,20 +1,22 @@
-"""The directives of pbrt files, and what each does to a `dmis.pbrt_reader.Reader`."""
+"""The directives of pbrt files carried out on a `dmis.pbrt_reader.Reader`: files, blocks and options are here.
+
+`dmis.pbrt_transforms` and `dmis.pbrt_world` have the others.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from dmis import geometry
+from dmis.pbrt_cursor import Cursor
 from dmis.pbrt_dialect import DIALECTS, V2, V4
-from dmis.pbrt_lights import emission, make_light
-from dmis.pbrt_materials import check_material, make_material
-from dmis.pbrt_objects import make_texture
-from dmis.pbrt_reader import DIRECT, Reader, State, inverse
-from dmis.pbrt_shapes import areas, make_light_part, make_shape
-from dmis.pbrt_tokens import MAX_TEXT, Cursor, Floats, Parameters, Source, Token, blame
+from dmis.pbrt_parameters import Parameters
+from dmis.pbrt_reader import Directive, Reader, State, inverse
+from dmis.pbrt_tokens import MAX_TEXT, Source, Token, blame
+from dmis.pbrt_transforms import TRANSFORMS, set_transform
+from dmis.pbrt_world import WORLD
+from dmis.settings import DEEPEST
 
 MAX_INCLUDES = 32
 MAX_FILES = 10_000
@@ -56,9 +58,7 @@ def _unknown(word: str, dialect: str) -> str:
     return f"there is no such directive; there are {', '.join(known)}"
 
 
-# Each directive is given the reader, its own token, and the cursor behind it
-
-_Directive = Callable[[Reader, Token, Cursor], None]
+# Files and blocks
 
 
 def _include(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -91,72 +91,6 @@ def _restored(reader: Reader, saved: State) -> State:
     return replace(saved, textures=reader.state.textures, named_materials=reader.state.named_materials)
 
 
-def _set(reader: Reader, token: Token, matrix: Floats) -> None:
-    """Make `matrix` the current transform."""
-    linear = matrix[:3, :3]
-    if not np.isfinite(matrix).all() or np.linalg.cond(linear) > 1e12:
-        raise token.error(f"the current transform must be invertible and finite; it becomes {matrix.tolist()}")
-    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
-        raise token.error(f"a transform must be affine, with last row 0 0 0 1; it has {matrix[3].tolist()}")
-    matrix[3] = 0, 0, 0, 1
-    reader.state = replace(reader.state, to_world=matrix)
-
-
-def _identity(reader: Reader, token: Token, cursor: Cursor) -> None:
-    _set(reader, token, np.eye(4))
-
-
-def _translate(reader: Reader, token: Token, cursor: Cursor) -> None:
-    _set(reader, token, reader.state.to_world @ geometry.translate(cursor.numbers(token, 3)))
-
-
-def _scale(reader: Reader, token: Token, cursor: Cursor) -> None:
-    _set(reader, token, reader.state.to_world @ geometry.scale(cursor.numbers(token, 3)))
-
-
-def _rotate(reader: Reader, token: Token, cursor: Cursor) -> None:
-    degrees, *axis = cursor.numbers(token, 4)
-    with blame(token):
-        _set(reader, token, reader.state.to_world @ geometry.rotate(degrees, axis))
-
-
-def _look_at(reader: Reader, token: Token, cursor: Cursor) -> None:
-    eye, at, up = cursor.numbers(token, 9).reshape(3, 3)
-    with blame(token):
-        _set(reader, token, reader.state.to_world @ geometry.look_at(eye, at, up))
-
-
-def _transform(reader: Reader, token: Token, cursor: Cursor) -> None:
-    _set(reader, token, cursor.matrix(token).copy())
-
-
-def _concat_transform(reader: Reader, token: Token, cursor: Cursor) -> None:
-    _set(reader, token, reader.state.to_world @ cursor.matrix(token))
-
-
-def _coordinate_system(reader: Reader, token: Token, cursor: Cursor) -> None:
-    reader.systems[cursor.string(token, "a name").name] = reader.state.to_world
-
-
-def _coord_sys_transform(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name = cursor.string(token, "a name")
-    if name.name not in reader.systems:
-        known = ", ".join(map(repr, reader.systems)) or "none yet"
-        raise name.error(f"there is no coordinate system of this name; there are: {known}")
-    reader.state = replace(reader.state, to_world=reader.systems[name.name])
-
-
-def _active_transform(reader: Reader, token: Token, cursor: Cursor) -> None:
-    which = cursor.next()
-    if which.text != "All":
-        raise which.error("ActiveTransform must be All, because nothing moves while the shutter is open")
-
-
-def _transform_times(reader: Reader, token: Token, cursor: Cursor) -> None:
-    cursor.numbers(token, 2)
-    reader.skip(token)
-
-
 def _reverse_orientation(reader: Reader, token: Token, cursor: Cursor) -> None:
     reader.state = replace(reader.state, reverse=not reader.state.reverse)
 
@@ -185,7 +119,7 @@ def _pop(reader: Reader, token: Token) -> None:
 
 def _world_begin(reader: Reader, token: Token, cursor: Cursor) -> None:
     reader.phase = "world"
-    _set(reader, token, np.eye(4))
+    set_transform(reader, token, np.eye(4))
     reader.systems["world"] = reader.state.to_world
 
 
@@ -197,6 +131,17 @@ def _world_end(reader: Reader, token: Token, cursor: Cursor) -> None:
 
 
 # Options
+def _object_begin(reader: Reader, token: Token, cursor: Cursor) -> None:
+    name = cursor.string(token, "a name")
+    if reader.object is not None:
+        raise token.error("an object must not be defined within another one")
+    reader.blocks.append((token, reader.state))
+    reader.object = reader.objects[name.name] = []
+
+
+def _object_end(reader: Reader, token: Token, cursor: Cursor) -> None:
+    _pop(reader, token)
+    reader.object = None
 
 
 def _camera(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -228,26 +173,35 @@ def _pixel_filter(reader: Reader, token: Token, cursor: Cursor) -> None:
 def _integrator(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of integrator")
     p = cursor.parameters(token)
-    reader.integrator, dialect = True, reader.dialect
+    dialect = reader.dialect
     p.fixed(dialect.fixed.get("Integrator", {}))
     depth = p.integer("maxdepth", 5)
-    if dialect is not V2 and name.name in ("path", "volpath") and depth == 1:
-        reader.depth = p.items["maxdepth"].token  # one surface that scatters: direct light
+    if name.name == "path" or (name.name == "volpath" and dialect is not V2):
+        # In pbrt-v2 the light at vertices 0 to maxdepth is gathered before the loop is left (integrators/path.cpp), in
+        # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
+        # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike).
+        reader.asks = "path", _surfaces(p, depth + dialect.beyond)
         reader.note(p)
         return
-    if name.name in ("path", "volpath"):
-        raise name.error(f"paths are not supported yet; {DIRECT[dialect.name]}")
     if name.name != "directlighting" or dialect is V4:
-        raise name.error(f"the integrator must be directlighting; others make other images; {DIRECT[dialect.name]}")
+        known = "path or volpath" if dialect is V4 else "directlighting or path"
+        raise name.error(f"the integrator must be {known}; others make other images")
     strategy = p.string("strategy", "all")
     if strategy not in ("all", "one"):
         raise p.items["strategy"].token.error(f"strategy must be all or one; got {strategy!r}")
     if strategy == "one":
         p.asked.discard("strategy")  # lights are sampled as the renderer is told; the expected image is the same
-    if depth != 5:
-        reader.depth = p.items["maxdepth"].token
-        p.asked.discard("maxdepth")
+    reader.asks = "direct", _surfaces(p, max(depth, 1))  # none is left out at depth 0 either
     reader.note(p)
+
+
+def _surfaces(p: Parameters, depth: int) -> int:
+    """`depth`, if an image can be made with it."""
+    if not 1 <= depth <= DEEPEST:
+        raise p.items["maxdepth"].token.error(
+            f"maxdepth must let 1 to {DEEPEST} surfaces scatter light, else only lights are seen; here it is {depth}"
+        )
+    return depth
 
 
 def _renderer(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -261,10 +215,6 @@ def _ignored(reader: Reader, token: Token, cursor: Cursor) -> None:
     cursor.string(token, "a kind")
     cursor.parameters(token)
     reader.skip(token)
-
-
-def _volume(reader: Reader, token: Token, cursor: Cursor) -> None:
-    raise token.error("volumes are not supported")
 
 
 def _option(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -304,151 +254,24 @@ def _medium_interface(reader: Reader, token: Token, cursor: Cursor) -> None:
     reader.skip(token)
 
 
-# The world
-
-
-def _attribute(reader: Reader, token: Token, cursor: Cursor) -> None:
-    kind = cursor.string(token, "shape, light, material, medium or texture")
-    if kind.name not in ("shape", "light", "material", "medium", "texture"):
-        raise kind.error("Attribute must be of shape, light, material, medium or texture")
-    added = {**reader.state.added.get(kind.name, {}), **cursor.parameters(token).items}
-    reader.state = replace(reader.state, added={**reader.state.added, kind.name: added})
-
-
-def _parameters(reader: Reader, token: Token, cursor: Cursor, kind: str) -> Parameters:
-    """Parameters of a shape, light, material or texture, with those that Attribute lines add."""
-    p = cursor.parameters(token)
-    added = reader.state.added.get(kind)
-    return Parameters(p.directive, {**added, **p.items}) if added else p
-
-
-def _texture(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name, kind = cursor.string(token, "a name"), cursor.string(token, "a type, float or color,")
-    kind_name = "color" if kind.name == "spectrum" else kind.name
-    if kind_name not in ("float", "color"):
-        raise kind.error("the type of a texture must be float or color")
-    made_of = cursor.string(token, "a class, such as imagemap,")
-    parameters = _parameters(reader, token, cursor, "texture")
-    if reader.dialect is not V2 and (kind_name, name.name) in reader.state.textures:
-        raise name.error("there is a texture of this name; it must have another, because v3 and v4 have one of each")
-    value = make_texture(kind_name, made_of, parameters, reader.state.textures)
-    reader.note(parameters)
-    reader.state = replace(reader.state, textures={**reader.state.textures, (kind_name, name.name): value})
-
-
-def _material(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name = cursor.string(token, "a kind of material")
-    check_material(name)
-    reader.state = replace(reader.state, material=(name, _parameters(reader, token, cursor, "material")), named=None)
-
-
-def _make_named_material(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name, own = cursor.string(token, "a name"), cursor.parameters(token)
-    kind = own.string("type")
-    kind_token = own.items["type"].token._replace(text=f'"{kind}"')
-    check_material(kind_token)
-    lists = (own, reader.state.material[1]) if reader.dialect is V2 else (own,)
-    made = make_material(kind_token, lists, reader.state.textures, reader.named)
-    reader.note(own)
-    state = replace(reader.state, named_materials={**reader.state.named_materials, name.name: made})
-    if reader.dialect is not V2 and reader.dialect.overrides:
-        state = replace(state, recipes={**state.recipes, name.name: (kind_token, own)})
-    reader.state = state
-
-
-def _named_material(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name = cursor.string(token, "a name")
-    reader.named(name, name.name)
-    if name.name in reader.state.recipes:  # as if its line stood here, so that Shape lines may change it
-        reader.state = replace(reader.state, material=reader.state.recipes[name.name], named=None)
-    else:
-        reader.state = replace(reader.state, named=name.name)
-
-
-def _light_source(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name = cursor.string(token, "a kind of light")
-    parameters = _parameters(reader, token, cursor, "light")
-    reader.lights.append(make_light(name, parameters, reader.state.to_world))
-    reader.note(parameters)
-
-
-def _area_light_source(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name = cursor.string(token, "a kind of area light")
-    parameters = _parameters(reader, token, cursor, "light")
-    if name.name not in ("area", "diffuse"):
-        raise name.error("an area light must be area (or diffuse, the same); others are not supported")
-    emitted = emission(parameters, lambda: np.ones(1))  # of unit area, to see whether it is right
-    if min(emitted) < 0:
-        raise name.error(f"the radiance of a light must not be negative; got {emitted}")
-    reader.note(parameters)
-    reader.state = replace(reader.state, area_light=parameters)
-
-
-def _shape(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name, parameters = cursor.string(token, "a kind of shape"), _parameters(reader, token, cursor, "shape")
-    state = reader.state
-    shape = make_shape(name, parameters, state.to_world, state.reverse)
-    material = reader.material_for(parameters)
-    reader.note(parameters)
-    if state.area_light is None:
-        reader.add(token, [(shape, material)])
-        return
-    if reader.object is not None:
-        raise token.error("a shape in an object must not emit, because its instances could not be sampled")
-    reader.count(token, shape)
-    part, light = make_light_part(shape, material, emission(state.area_light, lambda: areas(shape)))
-    reader.bright.append(part)
-    reader.lights.append(light)
-
-
-def _object_begin(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name = cursor.string(token, "a name")
-    if reader.object is not None:
-        raise token.error("an object must not be defined within another one")
-    reader.blocks.append((token, reader.state))
-    reader.object = reader.objects[name.name] = []
-
-
-def _object_end(reader: Reader, token: Token, cursor: Cursor) -> None:
-    _pop(reader, token)
-    reader.object = None
-
-
-def _object_instance(reader: Reader, token: Token, cursor: Cursor) -> None:
-    name = cursor.string(token, "a name")
-    if reader.object is not None:
-        raise token.error("an object must not hold instances of others")
-    if name.name not in reader.objects:
-        known = ", ".join(map(repr, reader.objects)) or "none"
-        raise name.error(f"there is no object of this name; there are: {known}")
-    reader.count(token, *(shape for shape, _ in reader.objects[name.name]))
-    placed: dict[int, Floats] = {}
-    copies = []
-    for shape, material in reader.objects[name.name]:
-        to_world = placed.setdefault(id(shape.to_world), reader.state.to_world @ shape.to_world)
-        copies.append((replace(shape, to_world=to_world), material))
-    reader.shapes += copies
-
-
-_DIRECTIVES: dict[str, tuple[str, _Directive]] = {
+_DIRECTIVES: dict[str, tuple[str, Directive]] = {
     "Include": ("any", _include),
     "Import": ("world", _import),
+    **TRANSFORMS,
+    "ReverseOrientation": ("world", _reverse_orientation),
+    "WorldBegin": ("options", _world_begin),
+    "WorldEnd": ("world", _world_end),
+    "AttributeBegin": ("world", _begin),
+    "AttributeEnd": ("world", _end),
+    "TransformBegin": ("world", _begin),
+    "TransformEnd": ("world", _end),
+    "ObjectBegin": ("world", _object_begin),
+    "ObjectEnd": ("world", _object_end),
+    **WORLD,
     "Option": ("options", _option),
     "ColorSpace": ("any", _color_space),
     "MakeNamedMedium": ("any", _make_named_medium),
     "MediumInterface": ("any", _medium_interface),
-    "Attribute": ("world", _attribute),
-    "Identity": ("any", _identity),
-    "Translate": ("any", _translate),
-    "Scale": ("any", _scale),
-    "Rotate": ("any", _rotate),
-    "LookAt": ("any", _look_at),
-    "Transform": ("any", _transform),
-    "ConcatTransform": ("any", _concat_transform),
-    "CoordinateSystem": ("any", _coordinate_system),
-    "CoordSysTransform": ("any", _coord_sys_transform),
-    "ActiveTransform": ("any", _active_transform),
-    "TransformTimes": ("options", _transform_times),
     "Camera": ("options", _camera),
     "Film": ("options", _film),
     "PixelFilter": ("options", _pixel_filter),
@@ -458,23 +281,5 @@ _DIRECTIVES: dict[str, tuple[str, _Directive]] = {
     "VolumeIntegrator": ("options", _ignored),
     "Renderer": ("options", _renderer),
     "Accelerator": ("options", _ignored),
-    "WorldBegin": ("options", _world_begin),
-    "WorldEnd": ("world", _world_end),
-    "AttributeBegin": ("world", _begin),
-    "AttributeEnd": ("world", _end),
-    "TransformBegin": ("world", _begin),
-    "TransformEnd": ("world", _end),
-    "ObjectBegin": ("world", _object_begin),
-    "ObjectEnd": ("world", _object_end),
-    "ObjectInstance": ("world", _object_instance),
-    "ReverseOrientation": ("world", _reverse_orientation),
-    "Texture": ("world", _texture),
-    "Material": ("world", _material),
-    "MakeNamedMaterial": ("world", _make_named_material),
-    "NamedMaterial": ("world", _named_material),
-    "LightSource": ("world", _light_source),
-    "AreaLightSource": ("world", _area_light_source),
-    "Shape": ("world", _shape),
-    "Volume": ("world", _volume),
 }
 _SPECIAL = frozenset().union(*(dialect.directives for dialect in DIALECTS.values()))

@@ -13,7 +13,8 @@ import numpy as np
 
 from dmis.light import DistantLight, EnvironmentLight, Light, PointLight, SpotLight
 from dmis.pbrt_objects import V2_LIGHTS, radiance, similarity
-from dmis.pbrt_tokens import Floats, Parameters, Token, blame
+from dmis.pbrt_parameters import Parameters
+from dmis.pbrt_tokens import Floats, Token, blame
 from dmis.spectrum import Rgb
 
 

@@ -1,7 +1,8 @@
 """Materials of pbrt files by dialect: one table of makers each; those of pbrt-v2 are in `dmis.pbrt_objects`.
 
-All rough materials of pbrt-v3 and v4 are microfacets with the distribution of Trowbridge and Reitz (GGX). `_rough` is
-the one place that says whether there is a lobe for it.
+All rough materials of pbrt-v3 and v4 are microfacets with the distribution of Trowbridge and Reitz (GGX, `dmis.ggx`).
+What passes a rough surface has no lobe here, so rough glass is refused. Sources: materials/ and core/microfacet.h of
+pbrt-v3, pbrt/materials.h and util/scattering.h of pbrt-v4.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ from typing import Any
 import numpy as np
 
 from dmis import material
-from dmis.brdf import SpecularReflection
+from dmis.brdf import BlendBase, BlendCoat, Dielectric, SpecularReflection
 from dmis.conductor import ExactConductor
+from dmis.ggx import TrowbridgeReitz
 from dmis.material import Material
 from dmis.pbrt_objects import V2_MATERIALS, Lookup, Textures
+from dmis.pbrt_parameters import Parameters
 from dmis.pbrt_spectra import SPECTRA
-from dmis.pbrt_tokens import Parameters, PbrtError, Token, blame
+from dmis.pbrt_tokens import PbrtError, Token, blame
 from dmis.texture import Image, scale
+from dmis.vec import Array
 
 Named = Callable[[Token, str], Material]
 """Finds a named material, or raises the error of the token."""
@@ -42,21 +46,80 @@ def check_material(name: Token) -> None:
         raise name.error(f"a material must be one of {known}; others are not supported in {dialect}")
 
 
-def _rough(p: Lookup, *names: str) -> PbrtError:
-    """The error of a material that needs a GGX lobe, at the parameter that asks for it if there is one."""
+def _transparent(p: Lookup, *names: str) -> PbrtError:
+    """The error of a material that needs a rough transmission, at the parameter that asks for it."""
     token = next((one.items[n].token for one in p.lists for n in names if n in one.items), p.name)
     return token.error(
-        f"rough {p.name.name} is not supported yet in {p.name.source.dialect.name}, whose roughness is that of the "
-        "GGX distribution"
+        f"rough {p.name.name} is not supported, because there is no lobe for what passes a rough surface"
     )
 
 
+class _PolynomialOf(Image):
+    """The alpha of pbrt-v3 where the image is roughness."""
+
+    def __call__(self, uv: Array) -> Array:
+        return _polynomial(super().__call__(uv))
+
+
+class _RootOf(Image):
+    """The alpha of pbrt-v4 where the image is roughness."""
+
+    def __call__(self, uv: Array) -> Array:
+        return np.sqrt(super().__call__(uv))
+
+
+def _polynomial(roughness: Any) -> Any:
+    """alpha in pbrt-v3, from a roughness in [0, 1] or so (core/microfacet.h, RoughnessToAlpha)."""
+    return np.polyval([0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142], np.log(np.maximum(roughness, 1e-3)))
+
+
+LEAST_ALPHA = 1e-3
+"""Smaller alphas are raised to this in pbrt-v3, and are smooth in v4."""
+
+
+def _roughness(p: Lookup, default: float) -> tuple[Any, Any]:
+    """Roughness along both tangents, numbers or images.
+
+    What is not given for one of them is ``roughness``; but for v, with ``uber``, what is given for u.
+    """
+    both = p.real("roughness", default)
+    u = p.real("uroughness", both)  # type: ignore[arg-type]
+    return u, p.real("vroughness", u if p.name.name == "uber" else both)  # type: ignore[arg-type]
+
+
+def _alphas(p: Lookup, roughness: tuple[Any, Any]) -> tuple[Any, Any]:
+    """alpha along both tangents, numbers or images; the second is None if it is the same."""
+    u, v = roughness
+    remap, v3 = p.boolean("remaproughness", True), p.name.source.dialect.name == "v3"
+    same = u is v or (not isinstance(u, Image) and not isinstance(v, Image) and u == v)
+    return _alpha(u, remap, v3), None if same else _alpha(v, remap, v3)
+
+
+def _alpha(value: Any, remap: bool, v3: bool) -> Any:
+    texels = value.texels if isinstance(value, Image) else np.asarray(value, float)
+    if np.min(texels) < 0:
+        raise ValueError("the roughness of a material must not be negative, because it is a spread of slopes")
+    if not isinstance(value, Image):
+        alpha = float((_polynomial(value) if v3 else np.sqrt(value)) if remap else value)
+        return max(alpha, LEAST_ALPHA) if v3 else alpha
+    if not v3 and np.min(texels) < (LEAST_ALPHA**2 if remap else LEAST_ALPHA):
+        raise ValueError(
+            "an image of roughness must be rough everywhere; one that is smooth in places is not supported"
+        )
+    kind = (_PolynomialOf if v3 else _RootOf) if remap else Image
+    return kind(np.maximum(texels, np.float32(LEAST_ALPHA)) if v3 else texels, value.scale, value.offset, value.wrap)
+
+
 def _smooth(p: Lookup) -> bool:
-    """Whether the roughness of a material that may be smooth is 0."""
-    p.boolean("remaproughness", True)
-    both = p.real("roughness", 0)
-    u, v = p.real("uroughness", both), p.real("vroughness", both)  # type: ignore[arg-type]
-    return not isinstance(u, Image) and not isinstance(v, Image) and u == v == 0
+    """Whether a material that may be smooth is."""
+    roughness = _roughness(p, 0)
+    values = _alphas(p, roughness)
+    if p.name.source.dialect.name == "v3":
+        return all(not isinstance(value, Image) and value == 0 for value in roughness)
+    below = [not isinstance(a, Image) and a < LEAST_ALPHA for a in values if a is not None]
+    if any(below) and not all(below):
+        raise ValueError("a material must be rough along both tangents, or along none")
+    return all(below)
 
 
 def _black(value: Any) -> bool:
@@ -68,29 +131,39 @@ def _black(value: Any) -> bool:
 
 def _plastic(p: Lookup) -> Material:
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
-    if not _black(ks):
-        raise _rough(p, "roughness", "Ks")
-    p.boolean("remaproughness", True), p.real("roughness", 0.1)
-    return replace(material.matte(kd), name="plastic")
+    remap, roughness = p.boolean("remaproughness", True), p.real("roughness", 0.1)
+    # pbrt-v3 swaps the two media, like v2 (materials/plastic.cpp)
+    made = material.ggx(kd, ks, _alpha(roughness, remap, True), fresnel=Dielectric(1 / 1.5))
+    return replace(made, name="plastic")
 
 
-def _always_rough(p: Lookup) -> Material:
-    raise _rough(p, "roughness", "uroughness", "vroughness")
+def _metal(p: Lookup) -> Material:
+    eta = p.constant_colour("eta", material.COPPER_ETA)
+    k = p.constant_colour("k", material.COPPER_K)
+    return _rough_metal(p, eta, k, _roughness(p, 0.01), "metal")
+
+
+def _substrate(p: Lookup) -> Material:
+    kd, ks = p.reflectance("Kd", 0.5), p.reflectance("Ks", 0.5)
+    alphas = _alphas(p, (p.real("uroughness", 0.1), p.real("vroughness", 0.1)))
+    if _black(kd) and _black(ks):
+        return Material((), "substrate")
+    facets = TrowbridgeReitz(material.spread(*alphas))
+    return Material((BlendBase(kd, ks), BlendCoat(ks, facets)), "substrate")
 
 
 def _uber(p: Lookup) -> Material:
-    ks = p.reflectance("Ks", 0.25)
-    if not _black(ks):
-        raise _rough(p, "roughness", "uroughness", "Ks")
-    p.boolean("remaproughness", True), p.real("roughness", 0.1)
-    index = p.index("eta", p.index())
+    ks, opacity = p.reflectance("Ks", 0.25), p.reflectance("opacity", 1)
+    index, (alpha, alpha_v) = p.index("eta", p.index()), _alphas(p, _roughness(p, 0.1))
     kd, kr, kt = p.reflectance("Kd", 0.25), p.reflectance("Kr", 0), p.reflectance("Kt", 0)
-    return material.uber(kd, 0, kr, kt, eta=index, opacity=p.reflectance("opacity", 1))
+    others = material.uber(kd, 0, kr, kt, eta=index, opacity=opacity)
+    rough = material.ggx(0, scale(opacity, ks), alpha, alpha_v, Dielectric(index))
+    return replace(others, lobes=others.lobes + rough.lobes)
 
 
 def _glass(p: Lookup) -> Material:
     if not _smooth(p):
-        raise _rough(p, "uroughness", "vroughness")
+        raise _transparent(p, "uroughness", "vroughness")
     return material.glass(p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index()))
 
 
@@ -108,8 +181,6 @@ def _diffuse(p: Lookup) -> Material:
 
 
 def _conductor(p: Lookup) -> Material:
-    if not _smooth(p):
-        raise _rough(p, "roughness", "uroughness", "vroughness")
     if p.has("reflectance"):
         if p.has("eta") or p.has("k"):
             raise p.error("reflectance", "must not stand beside eta and k, which give the same")
@@ -119,20 +190,34 @@ def _conductor(p: Lookup) -> Material:
         named = SPECTRA["v4"].named
         eta = np.asarray(p.constant_colour("eta", named["metal-Cu-eta"]))
         k = np.asarray(p.constant_colour("k", named["metal-Cu-k"]))
+    if _smooth(p):
+        return Material((SpecularReflection(1.0, _fresnel(eta, k)),), "conductor")
+    return _rough_metal(p, eta, k, _roughness(p, 0), "conductor")
+
+
+def _rough_metal(p: Lookup, eta: Any, k: Any, roughness: tuple[Any, Any], name: str) -> Material:
+    alpha, alpha_v = _alphas(p, roughness)
+    return replace(material.ggx(0, 1, alpha, alpha_v, _fresnel(eta, k)), name=name)
+
+
+def _fresnel(eta: Any, k: Any) -> ExactConductor:
+    eta, k = np.asarray(eta, float), np.asarray(k, float)
     if (eta <= 0).any() or (k < 0).any():
         raise ValueError(f"a metal needs eta above 0 and k at least 0; got {eta.tolist()} and {k.tolist()}")
     (er, eg, eb), (kr, kg, kb) = eta.tolist(), k.tolist()
-    return Material((SpecularReflection(1.0, ExactConductor((er, eg, eb), (kr, kg, kb))),), "conductor")
+    return ExactConductor((er, eg, eb), (kr, kg, kb))
 
 
 def _dielectric(p: Lookup) -> Material:
     if not _smooth(p):
-        raise _rough(p, "roughness", "uroughness", "vroughness")
+        raise _transparent(p, "roughness", "uroughness", "vroughness")
     return replace(material.glass(1, 1, p.index("eta", 1.5)), name="dielectric")
 
 
 def _coated(p: Lookup) -> Material:
-    raise p.name.error("coateddiffuse is not supported yet: v4 follows light through its layers, there is no such lobe")
+    raise p.name.error(
+        "coateddiffuse is not supported, because v4 follows light at random through its layers, and there is no formula"
+    )
 
 
 def _mix4(p: Lookup) -> Material:
@@ -165,8 +250,8 @@ MATERIALS: Mapping[str, Mapping[str, Callable[[Lookup], Material]]] = {
         "glass": _glass,
         "plastic": _plastic,
         "uber": _uber,
-        "metal": _always_rough,
-        "substrate": _always_rough,
+        "metal": _metal,
+        "substrate": _substrate,
         "mix": _mix3,
     },
     "v4": {

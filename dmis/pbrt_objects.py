@@ -16,7 +16,8 @@ from dmis import material
 from dmis.image import read_exr
 from dmis.light import DistantLight, EnvironmentLight, Light, PointLight, SpotLight
 from dmis.material import Material
-from dmis.pbrt_tokens import COLOURS, Floats, Parameter, Parameters, PbrtError, Token, blame
+from dmis.pbrt_parameters import COLOURS, Parameter, Parameters
+from dmis.pbrt_tokens import Floats, PbrtError, Token, blame
 from dmis.spectrum import LUMINANCE, Rgb
 from dmis.texture import Image, scale
 

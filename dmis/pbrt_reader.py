@@ -6,28 +6,23 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from dmis.brdf import SpecularReflection, SpecularTransmission
 from dmis.camera import Camera
 from dmis.light import Light
 from dmis.material import Material
+from dmis.pbrt_cursor import Cursor
 from dmis.pbrt_materials import make_material
 from dmis.pbrt_objects import Textures
+from dmis.pbrt_parameters import Parameter, Parameters
 from dmis.pbrt_shapes import Shape, merge
-from dmis.pbrt_tokens import Floats, Parameter, Parameters, Source, Token, blame
+from dmis.pbrt_tokens import Floats, Source, Token, blame
 from dmis.scene import Part, Scene
-
-DIRECT = {
-    "v2": 'for direct light alone write SurfaceIntegrator "directlighting"',
-    "v3": 'for direct light alone write Integrator "directlighting"',
-    "v4": 'for direct light alone write Integrator "path" "integer maxdepth" [1]',
-}
-"""What to write in the place of an integrator that follows paths."""
+from dmis.settings import DEPTH
 
 MAX_TRIANGLES = 2**25
 """Most triangles of a scene: some 8 GB."""
@@ -86,12 +81,12 @@ class Reader:
         self.phase = "options"
         self.including: list[Path] = []
         self.files, self.characters = 0, 0
-        self.integrator = self.filter = False
+        self.asks = "direct" if self.dialect.name == "v2" else "path", DEPTH
+        self.filter = False
         self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing
         self.to_camera = np.eye(4)
-        self.depth: Token | None = None
         self.shapes: list[tuple[Shape, Material]] = []
         self.objects: dict[str, list[tuple[Shape, Material]]] = {}
         self.object: list[tuple[Shape, Material]] | None = None
@@ -144,10 +139,6 @@ class Reader:
 
     def scene(self) -> Scene:
         """The scene, once all is read."""
-        if self.dialect.name != "v2" and not self.integrator:
-            raise self.token.error(
-                f"without an Integrator line {self.dialect.name} follows paths; {DIRECT[self.dialect.name]}"
-            )
         if not self.dialect.default_box and not self.filter:
             box = " ".join(f'"float {name}" [0.5]' for name in self.dialect.box)
             raise self.token.error(
@@ -157,11 +148,7 @@ class Reader:
         parts = self.bright + merge(self.shapes)
         camera = self._camera()
         with blame(self.token):
-            scene = Scene(camera, tuple(parts), tuple(self.lights), self.source.path.stem)
-        delta = (SpecularReflection, SpecularTransmission)
-        if self.depth is not None and any(isinstance(lobe, delta) for part in parts for lobe in part.material.lobes):
-            raise self.depth.error("maxdepth must be 5 where there is mirror or glass; tell the renderer another")
-        return scene
+            return Scene(camera, tuple(parts), tuple(self.lights), self.source.path.stem, *self.asks)
 
     def _camera(self) -> Camera:
         film, p = self.film, self.camera
@@ -226,3 +213,7 @@ def inverse(matrix: Floats) -> Floats:
     out = np.asarray(np.linalg.inv(matrix), np.float64)
     out[3] = 0, 0, 0, 1
     return out
+
+
+Directive = Callable[[Reader, Token, Cursor], None]
+"""What a directive does: it is given the reader, its own token, and the cursor behind it."""

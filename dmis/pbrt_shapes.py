@@ -21,7 +21,8 @@ from dmis.geometry import Mesh
 from dmis.light import AreaLight, DiskLight, MeshLight, QuadLight, SphereLight
 from dmis.material import Material
 from dmis.pbrt_objects import similarity
-from dmis.pbrt_tokens import Floats, Parameters, Token, blame
+from dmis.pbrt_parameters import Parameters
+from dmis.pbrt_tokens import Floats, Token, blame
 from dmis.scene import Part
 from dmis.spectrum import Rgb
 

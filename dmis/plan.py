@@ -3,23 +3,31 @@
 The plan puts the materials that consist of the same kinds of lobes in one `Group`: the estimator partitions hits by
 group, not by material, and reads the parameters from tables. Groups keep apart what costs: texture lookups,
 interpolated normals, tangents and emission exist only where a group has them.
+
+What is left out is provably zero, whatever the samples: lights without power, lobes that are black, images that are
+constant. Which integrator is worth its cost cannot be proved, and is only recommended, by `dmis.survey`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Anisotropic, Conductor, Delta, Dielectric, Glossy
+from dmis.brdf import Anisotropic, Delta, Glossy
 from dmis.camera import Camera
+from dmis.describe import describe
 from dmis.geometry import Mesh
 from dmis.light import AreaLight, DeltaLight, EnvironmentLight, Light, PointLight
 from dmis.material import Material
 from dmis.mesh import direction
+from dmis.reduction import COLOURS, SCALARS, parameters, reduced, shines
 from dmis.roughness import Elliptic
+from dmis.settings import DEPTH, Settings
+from dmis.survey import MATTERS, Survey
 from dmis.texture import Image
 from dmis.vec import Array, Index
 
@@ -29,10 +37,19 @@ NOTHING = 255
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A mesh with its material; `light` is the light whose visible surface it is. Its winding gives the bright side.
+    """A mesh with its material.
 
-    `tangent` is the direction that anisotropic lobes call u, laid upon the surface; by default the one in which the
-    mesh's texture coordinate u grows.
+    Parameters
+    ----------
+    mesh
+        Triangles in world space.
+    material
+        How they reflect.
+    light
+        The light whose visible surface this is; the winding of the triangles gives the bright side. None: it is none.
+    tangent
+        The direction that anisotropic lobes call u, three numbers, laid upon the surface; default: the one in which
+        the mesh's texture coordinate u grows.
     """
 
     mesh: Mesh
@@ -77,10 +94,10 @@ class Group:
         if len(self.materials) == 1 and not self.textured:
             return lobe
         changes: dict[str, Any] = {}
-        for name, value in _parameters(lobe):
+        for name, value in parameters(lobe):
             if isinstance(value, Image):
                 assert uv is not None
-                changes[name] = value(uv) if name in _COLOURS else value(uv)[0]
+                changes[name] = value(uv) if name in COLOURS else value(uv)[0]
             elif is_dataclass(value):
                 changes[name] = self.bind(value, row, uv)
             elif row is not None:
@@ -91,20 +108,43 @@ class Group:
 class Plan:
     """What a scene needs. Everything here is computed once, from the scene alone.
 
+    Parameters
+    ----------
+    asked
+        Integrator and depth that the scene asks for, each None if it does not say.
+    survey
+        Renders a thumbnail, see `dmis.survey`; called once, and only if someone wants to know.
+
     Attributes
     ----------
     groups
         The groups of materials that appear on triangles.
+    part_group
+        Group of each part, or `NOTHING`.
     sampled, deltas
-        Lights that take part in MIS; lights that cannot.
+        Lights that take part in MIS; lights that cannot. Lights without power are in neither.
     environment
         Environment lights, which camera rays see where they leave the scene.
+    dark
+        How many lights have no power.
     headlights
         Positions in `deltas` of point lights at the pinhole: whatever the camera sees, they see, so camera hits
         need no shadow rays towards them.
     """
 
-    def __init__(self, camera: Camera, parts: tuple[Part, ...], lights: tuple[Light, ...], epsilon: float) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        parts: tuple[Part, ...],
+        lights: tuple[Light, ...],
+        epsilon: float,
+        asked: tuple[str | None, int | None],
+        survey: Callable[[], Survey],
+    ) -> None:
+        self.asked, self._survey = asked, survey
+        every = lights
+        lights = tuple(light for light in every if shines(light))
+        self.dark = len(every) - len(lights)
         self.sampled: tuple[Light, ...] = tuple(light for light in lights if not light.delta)
         self.deltas: tuple[DeltaLight, ...] = tuple(light for light in lights if light.delta)  # type: ignore[misc]
         self.environment = tuple(light for light in lights if isinstance(light, EnvironmentLight))
@@ -116,6 +156,15 @@ class Plan:
         )
         keys: dict[Any, list[tuple[Material, AreaLight | None]]] = {}
         part_keys = []
+        lean = {id(part.material): reduced(part.material) for part in parts}
+        self.dropped = sum(
+            len(material.lobes) - len(lean[id(material)].lobes)
+            for material in {id(part.material): part.material for part in parts}.values()
+        )
+        parts = tuple(
+            replace(part, material=lean[id(part.material)], light=part.light if part.light in lights else None)
+            for part in parts
+        )
         for part in parts:
             key = _group_key(part)
             part_keys.append(key)
@@ -128,9 +177,9 @@ class Plan:
                 f"a scene may have at most {NOTHING - 1} groups of textured or different materials; got {len(live)}"
             )
         self.groups = tuple(_make_group(key, keys[key]) for key in live)
+        self.part_group = [NOTHING if key is None else live.index(key) for key in part_keys]
         face_group, face_row = [], []
-        for part, key in zip(parts, part_keys, strict=True):
-            group = NOTHING if key is None else live.index(key)
+        for part, key, group in zip(parts, part_keys, self.part_group, strict=True):
             row = next(k for k, (m, light) in enumerate(keys[key]) if m is part.material and light is part.light)
             face_group.append(np.full(len(part.mesh.faces), group, np.uint8))
             face_row.append(np.full(len(part.mesh.faces), row, np.int32))
@@ -138,69 +187,67 @@ class Plan:
         self.face_group = np.concatenate([*face_group, np.array([NOTHING], np.uint8)])
         self.face_row = np.concatenate(face_row)
 
+    @property
+    def lit(self) -> bool:
+        """Whether there is any light: without, all images are black."""
+        return bool(self.sampled or self.deltas)
+
+    @property
+    def visible(self) -> bool:
+        """Whether there is a light that rays can meet."""
+        return bool(self.environment) or any(group.emission is not None for group in self.groups)
+
+    def mixes(self, group: Group, light: Light) -> bool:
+        """Whether MIS applies: the light has an extent, and the surface a lobe that is a function."""
+        return bool(group.glossy) and not light.delta
+
+    @cached_property
+    def survey(self) -> Survey:
+        """What a thumbnail tells, see `dmis.survey`."""
+        return self._survey()
+
+    @property
+    def integrator(self) -> str:
+        """What the scene asks for; if it does not say, ``path`` where the survey finds enough indirect light."""
+        if self.asked[0] is not None:
+            return self.asked[0]
+        return "path" if self.survey.indirect >= MATTERS else "direct"
+
+    def settle(self, settings: Settings) -> Settings:
+        """`settings` with an integrator and a depth in place of ``auto``."""
+        if settings.integrator != "auto" and settings.max_depth != "auto":
+            return settings
+        integrator = self.integrator if settings.integrator == "auto" else settings.integrator
+        depth = self.depth(integrator) if settings.max_depth == "auto" else settings.max_depth
+        return replace(settings, integrator=integrator, max_depth=depth)
+
+    def depth(self, integrator: str) -> int:
+        """The scene's depth, if it asks for this integrator or for none; else `dmis.settings.DEPTH`."""
+        asked, depth = self.asked
+        return DEPTH if depth is None or asked not in (None, integrator) else depth
+
     def describe(self) -> str:
-        """What there is, what it needs, and what is left out, in a few lines."""
-        lines = [f"{len(self.face_row):,} triangles"]
-        for k, group in enumerate(self.groups):
-            names = ", ".join(sorted({material.name for material in group.materials}))
-            lobes = " + ".join(type(lobe).__name__ for lobe in (*group.glossy, *group.delta)) or "no lobes"
-            needs = [
-                text
-                for needed, text in (
-                    (group.textured, "textures"),
-                    (group.smooth, "interpolated normals"),
-                    (group.anisotropic, "tangents"),
-                    (group.emission is not None, "emission"),
-                )
-                if needed
-            ]
-            triangles = int((self.face_group == k).sum())
-            lines.append(
-                f"  group {k}: {len(group.materials)} x {names}: {lobes}; {triangles:,} triangles; "
-                f"needs {', '.join(needs) or 'nothing else'}"
-            )
-        nothing = int((self.face_group[:-1] == NOTHING).sum())
-        if nothing:
-            lines.append(f"  {nothing:,} triangles neither reflect nor emit: they only occlude")
-        for light in self.sampled:
-            lines.append(f"  {type(light).__name__}: two techniques, MIS")
-        for k, light in enumerate(self.deltas):
-            rays = ", at the pinhole: no shadow rays from camera hits" if k in self.headlights else ""
-            lines.append(f"  {type(light).__name__}: a single direction, outside MIS{rays}")
-        if not self.sampled:
-            lines.append("  no light to sample by two techniques: MIS does not apply")
-        return "\n".join(lines)
-
-
-_COLOURS = {"reflectance", "diffuse", "specular", "transmittance"}
-_SCALARS = {"exponent", "u", "v", "alpha", "alpha_u", "alpha_v"}
-
-
-def _parameters(lobe: Any) -> Iterator[tuple[str, Any]]:
-    """The parameters that differ from point to point, and the nested data that may hold some."""
-    for field in fields(lobe):
-        value = getattr(lobe, field.name)
-        if field.name in _COLOURS | _SCALARS or (is_dataclass(value) and not isinstance(value, Dielectric | Conductor)):
-            yield field.name, value
+        """The plan in words, see `dmis.describe`."""
+        return describe(self)
 
 
 def _shape_of(lobe: Any) -> tuple[Any, ...]:
     """What two lobes must share to be shaded together: their types, and what is not a parameter of the point."""
-    named = dict(_parameters(lobe))
+    named = dict(parameters(lobe))
     rest = tuple(getattr(lobe, f.name) for f in fields(lobe) if f.name not in named)
     nested = tuple(_shape_of(value) for value in named.values() if is_dataclass(value) and not isinstance(value, Image))
     return type(lobe), rest, nested
 
 
 def _textures(lobe: Any) -> bool:
-    return any(isinstance(v, Image) or (is_dataclass(v) and _textures(v)) for _, v in _parameters(lobe))
+    return any(isinstance(v, Image) or (is_dataclass(v) and _textures(v)) for _, v in parameters(lobe))
 
 
 def _anisotropic(lobe: Any) -> bool:
     """Whether a lobe, or the data nested in it, needs tangents."""
     if isinstance(lobe, Anisotropic | Elliptic):
         return True
-    return any(_anisotropic(value) for _, value in _parameters(lobe) if is_dataclass(value))
+    return any(_anisotropic(value) for _, value in parameters(lobe) if is_dataclass(value))
 
 
 def _group_key(part: Part) -> Any:
@@ -238,13 +285,13 @@ def _make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> G
 def _tabulate(lobes: tuple[Any, ...]) -> Any:
     """One lobe whose parameters are tables over the materials: colours ``(1 or 3, M)``, scalars ``(M,)``."""
     changes: dict[str, Any] = {}
-    for name, value in _parameters(lobes[0]):
+    for name, value in parameters(lobes[0]):
         values = [getattr(lobe, name) for lobe in lobes]
         if isinstance(value, Image):
             changes[name] = value
         elif is_dataclass(value):
             changes[name] = _tabulate(tuple(values))
-        elif name in _SCALARS:
+        elif name in SCALARS:
             table = np.array([float(np.asarray(x).reshape(-1)[0]) for x in values], np.float32)
             changes[name] = table if len(lobes) > 1 else table[0]
         else:

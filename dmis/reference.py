@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from dmis import __version__
 from dmis.image import read_exr, write_exr
 from dmis.render import Progress, fingerprint, render
 from dmis.scene import Scene
+from dmis.settings import Settings
 from dmis.vec import Array
 
 SEED = 2**31
@@ -56,6 +58,7 @@ def make_reference(
     spp: int = 2048,
     *,
     rule: str = "balance",
+    settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -68,13 +71,22 @@ def make_reference(
         Camera samples per pixel of each half.
     rule
         What renders it; every rule converges to the same image.
+    settings
+        Such as the integrator, see `dmis.render.render`.
     folder
         Where it is kept. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
     threads, progress
         See `dmis.render.render`. An interrupted half goes on where it stopped.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or another process is rendering the same reference.
+    OSError
+        If it cannot be written.
     """
     width, height = scene.camera.resolution
-    key = json.dumps([__version__, fingerprint(scene), width, height, spp, rule])
+    key = json.dumps([__version__, fingerprint(scene), width, height, spp, rule, *described(settings)])
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     path = cache_folder(folder) / f"{scene.name}-{width}x{height}-{spp}spp-{digest}.exr"
     if not path.exists():
@@ -86,6 +98,7 @@ def make_reference(
                 spp,
                 seed=SEED + k,
                 sampler="sobol",
+                settings=settings,
                 threads=threads,
                 progress=progress,
                 checkpoint=path.with_suffix(f".{k}.checkpoint"),
@@ -95,6 +108,11 @@ def make_reference(
         write_exr(path, {"first": halves[0], "second": halves[1]}, {"spp": str(spp)})
     layers, _ = read_exr(path)
     return Reference(layers["first"], layers["second"], spp)
+
+
+def described(settings: Settings | None) -> list[dict[str, Any]]:
+    """Settings as a part of the key that names a file; nothing if they are the default."""
+    return [] if settings in (None, Settings()) else [asdict(settings)]  # type: ignore[arg-type]
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:

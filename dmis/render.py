@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,14 +25,18 @@ import numpy as np
 from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
+from dmis.combine import COLLECTORS
+from dmis.cost import UNSEEN
 from dmis.files import check_writable
+from dmis.fireflies import find_fireflies
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.guides import guides
 from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
-from dmis.settings import MOST, Settings
+from dmis.settings import DEPTH, MOST, Settings
 from dmis.tile import Statistic, Tile, split
+from dmis.units import suited
 from dmis.variance import Moments
 from dmis.vec import Array
 from dmis.workers import Workers
@@ -40,6 +45,8 @@ Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
 LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
+MOST_WORKERS = 1024
+"""Threads or processes."""
 _SAVED = 48  # bytes that a checkpoint has for a pixel and pass, sums aside
 
 
@@ -52,7 +59,7 @@ class Result:
     image
         ``(H, W, 3)`` float32 linear RGB, row 0 on top.
     variance
-        ``(H, W, 3)`` float32: estimated variance of `image` itself (of the mean, not of one sample); NaN at one
+        ``(H, W, 3)`` float64: estimated variance of `image` itself (of the mean, not of one sample); NaN at one
         sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
         sampler spreads them.
     weight
@@ -63,12 +70,14 @@ class Result:
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
-        Rays traced, by kind: ``camera``, ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards
-        lights of a single direction), ``specular``; ``guide``, towards what a rule's filter is guided by.
+        Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
+        ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
+        ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on from so many
+        surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance
-        What is needed to make the image again; plain JSON data.
+        What is needed to make the image again; plain JSON data. ``bias`` lists what makes it biased, if anything does.
     """
 
     image: Array
@@ -80,6 +89,11 @@ class Result:
     maps: Mapping[str, np.ndarray]
     provenance: Mapping[str, Any]
     tiles: tuple[Tile, ...] = field(default=(), repr=False)
+
+    @property
+    def fireflies(self) -> np.ndarray:
+        """``(H, W)`` bool: pixels that look like fireflies, see `dmis.fireflies`."""
+        return find_fireflies(self.image, self.variance, self.samples)
 
 
 def render(
@@ -129,17 +143,19 @@ def render(
     Raises
     ------
     ValueError
-        If an argument is out of range, or the checkpoint is damaged, in use, or belongs to a different image.
+        If an argument is out of range, or the checkpoint is damaged, in use, or belongs to a different image; or if a
+        pixel comes out as infinite or NaN, which never is in an image.
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
+    described, (scene, gain) = scene, suited(scene)
     if rule is None:
         s, exact = (settings or Settings()).shading_samples, _exact(settings or Settings())
         rule = "auto" if spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST and exact else "balance"
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
-    settings = replace(settings or Settings(), **{**given, **rule.settings})
+    settings = scene.plan.settle(replace(settings or Settings(), **{**given, **rule.settings}))
     gather = getattr(rule, "statistic", None)
     if gather is not None and not _exact(settings):
         raise ValueError(
@@ -149,6 +165,8 @@ def render(
     controlled = settings.combiner == "controlled"
     if controlled:
         gather = control.statistic(rule.pilot, gather)
+    elif gather is not None and _separate(rule, settings):
+        gather = partial(gather, classes=2)
     learning = pilot_settings(settings, rule.pilot, gather is not None)
     pilot_spp = sum(rule.pilot.values())
     _check(spp, pilot_spp, seed, rule_text)
@@ -156,12 +174,13 @@ def render(
     provenance = {
         "dmis": __version__,
         "scene": scene.name,
-        "scene_hash": fingerprint(scene),
+        "scene_hash": fingerprint(described),
         "resolution": list(scene.camera.resolution),
         "rule": rule_text,
         "spp": spp,
         "seed": seed,
         "settings": asdict(settings),
+        **({} if settings.clamp is None else {"bias": [f"camera samples clamped at {settings.clamp:g}"]}),
     }
     if checkpoint is not None:
         check_writable(checkpoint, _SAVED * math.prod(scene.camera.resolution) * (len(rule.pilot) + 1))
@@ -183,6 +202,7 @@ def render(
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
         if settings.combiner == "frozen" and pilot:
             fit = replace(fit, weight=np.clip(fit.weight, *FROZEN))
+            fit = fit if fit.later is None else replace(fit, later=np.clip(fit.later, *FROZEN))
         mean = max(1, round((spp - pilot_spp) / fit.split))
         counts: Array | int = mean
         if fit.samples is not None:
@@ -190,18 +210,19 @@ def render(
         shading = replace(settings, shading_samples=round(settings.shading_samples * fit.split))
         beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta).moments
+        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later).moments
         end = time.perf_counter()
     except BaseException:
         store.close()
         crew.close(now=True)
         raise
     crew.close()
+    work.rays.pop(UNSEEN, None)
     pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
     parts = [(final, mean)]
     if settings.reuse_pilot:
         parts += [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()]
-    image, variance = _combine(parts)
+    image, variance = _combine(parts, gain)
     store.remove()
     shape = image.shape[:2]
     return Result(
@@ -245,6 +266,12 @@ def pilot_settings(settings: Settings, pilot: Mapping[float, int], paired: bool)
     return replace(settings, shading_samples=2 * settings.shading_samples)
 
 
+def _separate(rule: Rule, settings: Settings) -> bool:
+    """Whether weights of later surfaces are learned apart; not for combiners that need to know a pixel's one weight."""
+    several = settings.integrator == "path" and settings.max_depth != 1
+    return getattr(rule, "separate", False) and several and settings.combiner not in COLLECTORS
+
+
 def _exact(settings: Settings) -> bool:
     return all(technique.find(name).exact for name in settings.techniques)
 
@@ -265,8 +292,8 @@ def _check(spp: int, pilot_spp: int, seed: int, rule: str) -> None:
 
 def _check_workers(threads: int | None, workers: int | None, executor: Executor | None) -> None:
     for name, number in (("threads", threads), ("workers", workers)):
-        if number is not None and number < 1:
-            raise ValueError(f"{name} must be at least 1; got {number}")
+        if number is not None and not 1 <= number <= MOST_WORKERS:
+            raise ValueError(f"{name} must be at least 1 and at most {MOST_WORKERS}; got {number}")
     given = {"threads": threads, "workers": workers, "executor": executor}
     if len(names := [name for name, value in given.items() if value is not None]) > 1:
         raise ValueError(
@@ -274,9 +301,10 @@ def _check_workers(threads: int | None, workers: int | None, executor: Executor 
         )
 
 
-def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
+def _combine(parts: list[tuple[Moments, int]], gain: float) -> tuple[Array, Array]:
     """Average images with weights fixed beforehand, their mean numbers of samples; and the variance of the average.
 
+    Both in the units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """
     total = sum(n for _, n in parts)
@@ -285,13 +313,18 @@ def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
     for part, n in parts:
         share = n / total
         image += part.mean * share
-        with np.errstate(divide="ignore", invalid="ignore"):
-            variance += np.where(np.asarray(part.n) > 1, part.m2 / (part.n - 1) / part.n, np.nan) * share**2
-    return image.astype(np.float32), variance.astype(np.float32)
+        n_each = np.broadcast_to(np.asarray(part.n, np.float64), image.shape)
+        freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
+        variance += part.m2 / (freedom * n_each) * share**2
+    with np.errstate(over="ignore"):  # what is infinite is refused here
+        single = (image * gain).astype(np.float32)
+    if not np.isfinite(single).all():
+        raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {image.max() * gain:g}")
+    return single, variance * gain**2
 
 
 def fingerprint(scene: Scene) -> str:
-    """A short hash of the description: camera, meshes, materials, lights."""
+    """A short hash of the description: camera, meshes, materials, lights, and an integrator that is not the usual."""
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
     materials = [part.material for part in scene.parts]
     camera = scene.camera
@@ -299,6 +332,8 @@ def fingerprint(scene: Scene) -> str:
         pickle.dumps((camera.fov, camera.resolution, camera.corner, camera.frame, lights, materials))
     )
     digest.update(np.asarray(camera.to_world, np.float64).tobytes())
+    if (scene.integrator or "direct", scene.max_depth or DEPTH) != ("direct", DEPTH):
+        digest.update(repr((scene.integrator, scene.max_depth)).encode())
     for part in scene.parts:
         digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
         digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())
@@ -332,17 +367,21 @@ class _Work:
         settings: Settings,
         statistic: Callable[[int, int], Statistic] | None = None,
         control: Array | None = None,
+        later: Array | float | None = None,
     ) -> Pilot:
-        """One pass: `spp` camera samples at weight `w`, each one number or ``(H, W)``; `control` is ``(H, W, 3)``."""
+        """One pass: `spp` camera samples at weight `w`, `later` behind the first surface, each one number or
+        ``(H, W)``; `control` is ``(H, W, 3)``.
+        """
         width, height = self._scene.camera.resolution
         tiles = []
         uneven = not isinstance(spp, int)
         for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
             area = slice(*rows), slice(*columns)
             local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
+            behind = later if later is None or np.ndim(later) == 0 else np.asarray(later)[area].reshape(-1)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)
             beta = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
-            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta)
+            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
             tiles.append(tile)
         self.tiles.extend(tiles)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))

@@ -22,6 +22,7 @@ from dmis.image import read_exr
 from dmis.reference import Reference
 from dmis.render import fingerprint
 from dmis.scene import Scene
+from dmis.settings import Settings
 from dmis.vec import Array
 
 COLUMNS = (
@@ -30,8 +31,11 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def conditions(scene: Scene, reference: Reference, threads: int | None) -> dict[str, Any]:
+def conditions(
+    scene: Scene, reference: Reference, threads: int | None, settings: Settings | None = None
+) -> dict[str, Any]:
     """What must be the same for rows to stand in one table: the image, what it is measured against, and threads."""
+    settings = scene.plan.settle(settings or Settings())
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {
         "dmis": __version__,
@@ -40,6 +44,8 @@ def conditions(scene: Scene, reference: Reference, threads: int | None) -> dict[
         "resolution": list(scene.camera.resolution),
         "reference": halves.hexdigest()[:16],
         "threads": threads or os.cpu_count() or 1,
+        "integrator": settings.integrator,
+        "max_depth": settings.max_depth,
     }
 
 

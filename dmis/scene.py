@@ -14,9 +14,12 @@ import numpy as np
 from dmis.camera import Camera
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light import Light
-from dmis.plan import Group, Plan
+from dmis.plan import NOTHING, Group, Plan
 from dmis.plan import Part as Part
+from dmis.seeing import pixels_that_see
+from dmis.settings import Settings
 from dmis.surface import Surface
+from dmis.survey import survey
 from dmis.tables import Tables
 from dmis.vec import Array, Index, dot
 
@@ -35,23 +38,28 @@ class Scene:
         All lights, those with a visible surface included.
     name
         For titles and file names.
+    integrator, max_depth
+        What the scene's file asks for, see `dmis.settings.Settings`; None if it does not say.
 
     Raises
     ------
     ValueError
-        If there is no part, or a part's light is not among the lights.
+        If there is no part, a part's light is not among the lights, or there is no such integrator or depth.
     """
 
     camera: Camera
     parts: tuple[Part, ...]
     lights: tuple[Light, ...]
     name: str = "scene"
+    integrator: str | None = None
+    max_depth: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parts", tuple(self.parts))
         object.__setattr__(self, "lights", tuple(self.lights))
         if not self.parts:
             raise ValueError("a scene needs at least one part, because there is nothing to see otherwise; got none")
+        Settings(integrator=self.integrator or "auto", max_depth="auto" if self.max_depth is None else self.max_depth)
         for part in self.parts:
             if part.light is not None and not any(part.light is light for light in self.lights):
                 raise ValueError(
@@ -67,9 +75,13 @@ class Scene:
 
         Plan, tables and Embree are those of this scene, so a crop costs nothing.
         """
-        part = replace(self, camera=self.camera.crop(rows, columns))
-        vars(part).update(plan=self.plan, tables=self.tables, intersector=self.intersector, epsilon=self.epsilon)
-        return part
+        return self.seen_by(self.camera.crop(rows, columns))
+
+    def seen_by(self, camera: Camera) -> Scene:
+        """The scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
+        scene = replace(self, camera=camera)
+        vars(scene).update(plan=self.plan, tables=self.tables, intersector=self.intersector, epsilon=self.epsilon)
+        return scene
 
     @cached_property
     def epsilon(self) -> np.float32:
@@ -83,7 +95,16 @@ class Scene:
     @cached_property
     def plan(self) -> Plan:
         """What the scene needs, see `dmis.plan.Plan`."""
-        return Plan(self.camera, self.parts, self.lights, float(self.epsilon))
+        asked = self.integrator, self.max_depth
+        return Plan(self.camera, self.parts, self.lights, float(self.epsilon), asked, lambda: survey(self))
+
+    @cached_property
+    def seeing(self) -> np.ndarray | None:
+        """Pixels that may see something, ``(H, W)`` bool; None: all of them, see `dmis.seeing`."""
+        if self.plan.environment:
+            return None
+        live = [part.mesh for part, group in zip(self.parts, self.plan.part_group, strict=True) if group != NOTHING]
+        return pixels_that_see(self.camera, live if self.plan.lit else [])
 
     @cached_property
     def intersector(self) -> RayCaster:
@@ -95,7 +116,7 @@ class Scene:
 
     def prepare(self) -> None:
         """Build now what is otherwise built when it is first needed, so that it is not part of a measured time."""
-        _ = self.plan, self.intersector, self.epsilon, self.tables.corners
+        _ = self.plan, self.intersector, self.epsilon, self.tables.corners, self.seeing
         for group in self.plan.groups:
             if group.smooth:
                 _ = self.tables.normals

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from dmis import mis, technique
@@ -11,6 +12,8 @@ MOST = 100
 """Shading samples of a camera sample."""
 DEEPEST = 10_000
 """Surfaces that a camera sample visits."""
+DEPTH = 5
+"""The same where nobody says."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +34,18 @@ class Settings:
         ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
-        has been scattered by other surfaces too.
+        has been scattered by other surfaces too; ``auto``: what the scene asks for, or else what its plan recommends,
+        see `dmis.plan.Plan.settle`.
     max_depth
         Of ``direct``: surfaces that a camera sample may visit through mirrors and glass. Of ``path``: surfaces that
         may scatter light on its way from a light to the camera, 1 being direct lighting; None: any number, ended by
-        Russian roulette.
+        Russian roulette. ``auto``: what the scene asks for, or else `DEPTH`.
     sampler
         ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
     reuse_pilot
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample.
+    clamp
+        Radiance that no channel of a camera sample may exceed: **biased**, see `dmis.fireflies`. None: any.
     """
 
     shading_samples: int = 2
@@ -47,10 +53,11 @@ class Settings:
     combiner: str = "balance"
     allocation: str = "systematic"
     lights: str = "all"
-    integrator: str = "direct"
-    max_depth: int | None = 5
+    integrator: str = "auto"
+    max_depth: int | str | None = "auto"
     sampler: Kind = "independent"
     reuse_pilot: bool = True
+    clamp: float | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.shading_samples <= MOST:
@@ -66,7 +73,7 @@ class Settings:
                 f"combiner {self.combiner} needs densities that are known, which those of technique resampled are not"
             )
         for option, value, allowed in (
-            ("integrator", self.integrator, ("direct", "path")),
+            ("integrator", self.integrator, ("auto", "direct", "path")),
             ("allocation", self.allocation, ("systematic", "random")),
             ("lights", self.lights, ("all", "one")),
             ("sampler", self.sampler, KINDS),
@@ -82,7 +89,20 @@ class Settings:
                 f"combiner optimal-progressive needs sampler independent, because structured samples depend on earlier "
                 f"ones, and so on the fit to these; got {self.sampler!r}"
             )
+        if self.clamp is not None and not 0 < self.clamp < float("inf"):
+            raise ValueError(f"clamp must be positive and finite, a radiance, or None; got {self.clamp}")
+        if self.clamp is not None and self.combiner.startswith("optimal"):
+            raise ValueError(f"clamp needs a combiner that adds up camera samples; {self.combiner} fits them together")
         if self.max_depth is None and self.integrator != "path":
-            raise ValueError("max_depth must be a number with integrator direct, because mirrors may face each other")
-        if self.max_depth is not None and not 1 <= self.max_depth <= DEEPEST:
+            raise ValueError(
+                "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
+            )
+        if isinstance(self.max_depth, str) and self.max_depth != "auto":
+            raise ValueError(f"max_depth must be a number, auto or None; got {self.max_depth!r}")
+        if isinstance(self.max_depth, int) and not 1 <= self.max_depth <= DEEPEST:
             raise ValueError(f"max_depth must be between 1 and {DEEPEST}; got {self.max_depth}")
+
+    @property
+    def deepest(self) -> float:
+        """`max_depth` as a number that depths compare with; infinite for None. It must not be ``auto`` any more."""
+        return math.inf if self.max_depth is None else int(self.max_depth)

@@ -7,6 +7,7 @@ A parameter of a lobe is a plain number, an RGB triple, or an `Image`. Products 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -45,40 +46,47 @@ class Image:
             raise ValueError(f"wrap must be 'repeat', 'black' or 'clamp'; got {self.wrap!r}")
         if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
             texels = texels[..., :1]
-        object.__setattr__(self, "texels", _planar(texels))
+        object.__setattr__(self, "texels", np.ascontiguousarray(texels))
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Pickles do not keep the order of axes in memory."""
-        self.__dict__.update(state, texels=_planar(state["texels"]))
+    @cached_property
+    def _rows(self) -> Array:
+        """One row per texel, those of a border around the image included; three channels are padded to four.
+
+        A lookup reads all channels of a texel from one place in memory, and needs no wrap mode.
+        """
+        modes: Any = {"repeat": "wrap", "black": "constant", "clamp": "edge"}
+        channels = self.texels.shape[2]
+        bordered = np.pad(self.texels, ((1, 1), (1, 1), (0, 0)), modes[self.wrap]).reshape(-1, channels)
+        return np.pad(bordered, ((0, 0), (0, channels // 2)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickles leave out what can be made again."""
+        return {name: value for name, value in self.__dict__.items() if name != "_rows"}
 
     def __call__(self, uv: Array) -> Array:
         """Values ``(C, N)`` at texture coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
         height, width, channels = self.texels.shape
-        flat = np.moveaxis(self.texels, 2, 0).reshape(channels, -1)  # a view: see `_planar`
         s = uv[0] * np.float32(self.scale[0]) + np.float32(self.offset[0])
         t = uv[1] * np.float32(self.scale[1]) + np.float32(self.offset[1])
         if self.wrap == "repeat":
             s, t = s - np.floor(s), t - np.floor(t)
         x, y = s * width - np.float32(0.5), t * height - np.float32(0.5)
-        j, i = np.floor(x), np.floor(y)
+        if self.wrap != "repeat":
+            x, y = np.clip(x, -1, width), np.clip(y, -1, height)
+        j, i = np.minimum(np.floor(x), width - 1), np.minimum(np.floor(y), height - 1)
         fx, fy = x - j, y - i
-        (j0, in_j0), (j1, in_j1) = _wrap(j, width, self.wrap), _wrap(j + 1, width, self.wrap)
-        (i0, in_i0), (i1, in_i1) = _wrap(i, height, self.wrap), _wrap(i + 1, height, self.wrap)
-        row0, row1 = i0 * width, i1 * width
-        gx0, gx1, gy0, gy1 = (1 - fx) * in_j0, fx * in_j1, (1 - fy) * in_i0, fy * in_i1
-        out = flat.take(row0 + j0, axis=1) * (gx0 * gy0)
-        out += flat.take(row0 + j1, axis=1) * (gx1 * gy0)
-        out += flat.take(row1 + j0, axis=1) * (gx0 * gy1)
-        out += flat.take(row1 + j1, axis=1) * (gx1 * gy1)
+        gx, gy = 1 - fx, 1 - fy
+        below = width + 2
+        corner = (i.astype(np.int32) + 1) * below + j.astype(np.int32) + 1
+        out = self._gather(corner, gx * gy, channels)
+        out += self._gather(corner + 1, fx * gy, channels)
+        out += self._gather(corner + below, gx * fy, channels)
+        out += self._gather(corner + (below + 1), fx * fy, channels)
         return out
 
-
-def _planar(texels: Array) -> Array:
-    """The same ``(H, W, C)``, one channel after the other in memory, so that lookups gather from whole arrays.
-
-    (`numpy.take` copies an array that is not contiguous, all of it, at every call.)
-    """
-    return np.moveaxis(np.ascontiguousarray(np.moveaxis(texels, 2, 0)), 0, 2)
+    def _gather(self, row: np.ndarray, weight: Array, channels: int) -> Array:
+        """Texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
+        return np.multiply(self._rows.take(row, axis=0).T[:channels], weight, order="C")
 
 
 Parameter = float | tuple[float, ...] | Array | Image
@@ -100,11 +108,3 @@ def scale(a: Parameter, b: Parameter) -> Parameter:
     if isinstance(a, Image):
         return replace(a, texels=a.texels * np.asarray(b, np.float32))
     return tuple(np.atleast_1d(np.asarray(a, float) * np.asarray(b, float)).tolist())
-
-
-def _wrap(i: Array, size: int, wrap: Wrap) -> tuple[np.ndarray, Array | float]:
-    """Whole texel numbers brought into [0, size), and the weight (0 or 1) of what the wrap mode lets through."""
-    if wrap == "repeat":  # i is in [-1, size] already
-        return (i + size * (i < 0) - size * (i >= size)).astype(np.int32), 1.0
-    inside = np.clip(i, 0, size - 1)
-    return inside.astype(np.int32), 1.0 if wrap == "clamp" else (inside == i)

@@ -12,13 +12,14 @@ import numpy as np
 
 from dmis.combine import COLLECTORS, slot
 from dmis.estimator import Batch, Record, radiance
+from dmis.fireflies import clamp
 from dmis.intersect import RayCaster
 from dmis.mis import allocate
 from dmis.samplers import make_sampler, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
-from dmis.vec import Array, compose
+from dmis.vec import Array, compose, indices
 
 CHUNK = 2**15
 """Camera samples per batch: the arrays of one batch stay in the cache."""
@@ -44,6 +45,8 @@ class Tile:
         What is gathered from the shading samples, see `Statistic`; None: nothing.
     control
         Coefficient of the control variate, ``(3, P)``, see `dmis.control`; None: there is none.
+    later
+        `w` at all surfaces that a path meets but the first; None: the same.
     """
 
     seed: int
@@ -56,6 +59,7 @@ class Tile:
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
     control: Array | None = None
+    later: Array | float | None = None
 
 
 class Statistic(Protocol):
@@ -86,17 +90,17 @@ class Rendered:
 
 
 def split(resolution: tuple[int, int], spp: int, uneven: bool = False) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Rows and columns of the tiles of an image: squares of 32, 64 or 128 pixels, so that `CHUNK` samples fill a
-    batch; of 32 where the numbers of samples are `uneven`, so that no tile has most of them.
+    """Rows and columns of the tiles of an image: of 32 to 128 pixels a side, so that `CHUNK` samples fill a batch; of
+    32 where the numbers of samples are `uneven`, so that no tile has most of them.
     """
-    side = 32
-    while not uneven and side < 128 and (2 * side) ** 2 * spp <= CHUNK:
-        side *= 2
+    across = down = 32
+    while not uneven and down < 128 and 2 * across * down * spp <= CHUNK:
+        across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [
-        ((y, min(y + side, height)), (x, min(x + side, width)))
-        for y in range(0, height, side)
-        for x in range(0, width, side)
+        ((y, min(y + down, height)), (x, min(x + across, width)))
+        for y in range(0, height, down)
+        for x in range(0, width, across)
     ]
 
 
@@ -107,7 +111,13 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     ----------
     caster
         What answers ray queries; None: the scene's Embree handle.
+
+    Raises
+    ------
+    ValueError
+        If a pixel is not finite.
     """
+    tile = replace(tile, settings=scene.plan.settle(tile.settings))
     (top, bottom), (left, right) = tile.rows, tile.columns
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[top:bottom, left:right])
     pixels, settings = len(x), tile.settings
@@ -120,9 +130,12 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     stages = 1 if collector is None else collector.stages
     offset = rng.random(stages * pixels)
     picks = rng if settings.allocation == "random" else None
-    w = np.asarray(tile.w, np.float32)
-    if w.ndim and (w == w[0]).all():
-        w = w[0]
+    seeing = None if scene.seeing is None else scene.seeing[top:bottom, left:right].reshape(-1)
+    if seeing is not None and seeing.all():
+        seeing = None
+    w = _share(tile.w)
+    later_w = None if tile.later is None else _share(tile.later)
+    later_offset = None if later_w is None else rng.random(pixels)  # of its own, or the rounding of both would go along
     rays: Counter[str] = Counter()
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
     total: Moments | None = None
@@ -134,6 +147,10 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         if order is not None:
             pixel, number, place = pixel.take(order), number.take(order), place.take(order)
             counts = counts.take(order)
+        later = None
+        if later_w is not None and later_offset is not None:
+            later_counts = allocate(later_w, shading_samples, pixel, number, later_offset, picks)
+            later = later_w if later_w.ndim == 0 else later_w.take(pixel), later_counts
         sampler.start(pixel, number)
         u = sampler.draw("camera", None)
         direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
@@ -141,8 +158,13 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         records: list[Record] | None = None if statistic is None and collector is None else []
         share = w if w.ndim == 0 else w.take(pixel)
         control = None if tile.control is None else tile.control.take(pixel, axis=1)
-        batch = Batch(scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control)
-        values = radiance(batch, origin, direction)
+        batch = Batch(
+            scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control, later
+        )
+        visible = None if seeing is None else indices(seeing.take(pixel))
+        values = radiance(batch, origin, direction, visible)
+        if settings.clamp is not None:
+            values = clamp(values, settings.clamp)
         if collector is not None:
             collector.add(records or [], place, np.broadcast_to(counts.first, len(pixel)), shading_samples)
         if order is not None:
@@ -159,6 +181,13 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     assert total is not None
     shape = bottom - top, right - left
     mean = total.mean if collector is None else total.mean + collector.correction()
+    if not (np.isfinite(mean).all() and np.isfinite(total.m2).all()):
+        bad = int(np.argmin(np.isfinite(mean + total.m2).all(axis=0)))
+        raise ValueError(
+            f"pixel at row {top + bad // (right - left)}, column {left + bad % (right - left)} must be finite; got "
+            f"{mean[:, bad].tolist()} with squared deviations {total.m2[:, bad].tolist()}. Something there is beyond "
+            f"what float32 holds, or a material divides by 0"
+        )
     mean, m2 = (np.moveaxis(a.reshape(3, *shape), 0, -1) for a in (mean, total.m2))
     n = total.n if isinstance(total.n, int) else total.n.reshape(*shape, 1)
     found = statistic.sums() if statistic else {}
@@ -178,6 +207,12 @@ class _Block:
         """Pixel of each camera sample and its number within the pixel, sample-major."""
         numbers = np.arange(self.first, self.first + self.count)
         return np.tile(self.pixels, self.count), np.repeat(numbers, len(self.pixels))
+
+
+def _share(w: Array | float) -> Array:
+    """Shares of the pixels as an array, ``(P,)``, or of no dimension if they are all the same."""
+    share = np.asarray(w, np.float32)
+    return share[0] if share.ndim and (share == share[0]).all() else share
 
 
 def _back(order: np.ndarray, values: Array) -> Array:

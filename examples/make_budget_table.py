@@ -11,9 +11,9 @@ samples (``--sampler``) for all, the baseline too. Takes a quarter of an hour; t
 from datetime import date
 from pathlib import Path
 
-from thesis import TABLES, cell, options, replace_table, show
+from thesis import TABLES, cell, machine, options, replace_table, show
 
-from dmis.experiment import measure, median_seconds
+from dmis.experiment import measure, median_seconds, on_cpu
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "rules.md"
 
@@ -30,20 +30,20 @@ BASE, WEIGHTS, AUTO = (f"{rule}:sampler={given.sampler}" for rule in ("balance",
 
 # %%
 # MSE over that of the balance heuristic at the same budget, with the 95 % confidence interval over seeds; bold where
-# the rule surely wins. In brackets the same times the ratio of the seconds.
+# the rule surely wins. In brackets the same times the ratio of the processor's seconds, on one thread.
 lines = ["| scene | rule | " + " | ".join(f"{spp} spp" for spp in BUDGETS) + " |", "|---|---|" + "---|" * len(BUDGETS)]
 for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 1024))
     budgets = [(rule, spp) for spp in BUDGETS for rule in (BASE, WEIGHTS, AUTO)]
-    runs = measure(scene, budgets, range(given.seeds), reference, threads=opts.threads, progress=show(name))
+    runs = measure(scene, budgets, range(given.seeds), reference, threads=1, progress=show(name))
     width, height = scene.camera.resolution
     for rule in (WEIGHTS, AUTO):
         cells = []
         for spp in BUDGETS:
             own, base = runs[rule, spp], runs[BASE, spp]
             each = sum(run.mse for run in own) / sum(run.mse for run in base)
-            seconds = median_seconds(own) / median_seconds(base)
+            seconds = median_seconds(on_cpu(own)) / median_seconds(on_cpu(base))
             cells.append(f"{cell(own, base)} ({each * seconds:.2f})")
         lines.append(f"| {scene.name} {width}×{height} | {rule.split(':')[0]} | " + " | ".join(cells) + " |")
     print("\n".join(lines[-2:]), flush=True)
@@ -51,5 +51,5 @@ for name, shrink in TABLES.items():
 # %%
 # The table goes between two marks in the page.
 kind = f"budgets {given.sampler}"
-about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples."
+about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples, on {machine()}."
 replace_table(given.page, kind, about, "", *lines)

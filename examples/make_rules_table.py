@@ -12,11 +12,11 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from thesis import TABLES, cell, options, replace_table, show
+from thesis import TABLES, cell, machine, options, replace_table, show
 
 import dmis
 from dmis.curves import HALF
-from dmis.experiment import measure, median_seconds, spp_in_time
+from dmis.experiment import measure, median_seconds, on_cpu, spp_in_time
 from dmis.oracle import make_oracle
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "rules.md"
@@ -34,6 +34,7 @@ BASE = f"balance:sampler={given.sampler}"
 # %%
 # Ratios of mean squared errors over the same seeds, with 95 % confidence intervals; bold where the rule wins. Equal
 # samples tell how many samples fit in the time of the balance heuristic; a second round measures with that number.
+# Time is the processor's, of one thread.
 lines = [
     "| scene | oracle, weights only | second-moment, equal samples | saving / oracle's | harm "
     "| second-moment, equal time | auto, equal shading samples | auto, equal time |",
@@ -47,15 +48,15 @@ for name, shrink in TABLES.items():
         f"{rule},sampler={given.sampler}"
         for rule in ("second-moment:cost=no", "second-moment:cost=yes", "auto:cost=yes")
     )
-    more = {"threads": opts.threads, "progress": show(name)}
+    more = {"threads": 1, "progress": show(name)}
     runs = measure(scene, [(rule, opts.spp) for rule in (BASE, weights, costly, auto)], SEEDS, reference, **more)
     base = runs[BASE, opts.spp]
-    seconds = median_seconds(base)
-    timed = {rule: spp_in_time(seconds, runs[rule, opts.spp]) for rule in (costly, auto)}
+    seconds = median_seconds(on_cpu(base))
+    timed = {rule: spp_in_time(seconds, on_cpu(runs[rule, opts.spp])) for rule in (costly, auto)}
     again = measure(scene, [(BASE, opts.spp), *timed.items()], SEEDS, reference, **more)
     fair = []
     for rule, spp in timed.items():
-        share = median_seconds(again[rule, spp]) / median_seconds(again[BASE, opts.spp])
+        share = median_seconds(on_cpu(again[rule, spp])) / median_seconds(on_cpu(again[BASE, opts.spp]))
         fair.append(f"{cell(again[rule, spp], again[BASE, opts.spp])} ({spp} spp, time × {share:.2f})")
     maps = [dmis.render(scene, weights, 8, seed=seed, threads=opts.threads).weight for seed in SEEDS]
     saving, harm = np.mean([oracle.saving(w) for w in maps]), np.mean([oracle.harm(w)[0] for w in maps])
@@ -70,5 +71,5 @@ for name, shrink in TABLES.items():
 # %%
 # The table goes between two marks in the page.
 kind = f"{'original' if opts.scene_dir else 'shipped'} {given.sampler}"
-about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples."
+about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples, on {machine()}; one thread."
 replace_table(given.page, kind, about, "", *lines)

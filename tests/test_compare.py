@@ -64,6 +64,17 @@ def test_compare(tmp_path, capsys, monkeypatch):
     assert "| 8 | thesis |" in printed and "| 4 | thesis |" not in printed
 
 
+def test_compare_paths(tmp_path, capsys, monkeypatch):
+    """References of each integrator are kept apart, and so are tables."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    small = ["compare", "cornell", "--rules", "balance", "--spp", "4", "--seeds", "1", "--resolution", "16x16"]
+    small += ["--reference-spp", "8", "-o", str(tmp_path / "out")]
+    assert main([*small, "--integrator", "path", "--max-depth", "3"]) == 0
+    assert main(small) == 2
+    assert "integrator was path, now is direct; max_depth was 3, now is 5" in capsys.readouterr().err
+    assert len(list((tmp_path / "cache").glob("*.exr"))) == 2
+
+
 @pytest.mark.parametrize("kind", ["npy", "exr"])
 def test_given_reference(tmp_path, kind):
     """An image of one's own, as an array or a file."""

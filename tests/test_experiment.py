@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.experiment import Run, measure, median_seconds, spp_in_time
+from dmis.experiment import Run, measure, median_seconds, on_cpu, spp_in_time
 from dmis.metrics import mse, relmse
 
 
@@ -55,6 +55,12 @@ def test_medians():
     runs = [run("thesis", 128, s, o) for s, o in ((13.2, 1), (13.2, 1), (40, 9))]
     assert median_seconds(runs) == 13.2
     assert spp_in_time(12.9, runs) == 125
+
+
+def test_time_of_the_processor():
+    """A busy machine doubled the wall time; stages keep their shares."""
+    (one,) = on_cpu([dataclasses.replace(run("thesis", 128, 13.2, 1.2), cpu_seconds=6.6)])
+    assert one.seconds == pytest.approx(6.6) and one.overhead == pytest.approx(0.6)
 
 
 def test_runs_are_plain_data():

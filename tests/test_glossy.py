@@ -46,7 +46,14 @@ MODELS = {
     "ggx over lambert": dmis.ggx(0.4, 0.5, 0.2),
 }
 each_model = pytest.mark.parametrize("name", MODELS)
-each_angle = pytest.mark.parametrize("degrees", [0.0, 40.0, 75.0, 86.0])
+
+
+def or_slow(usual, more):
+    """Values of a parameter: the usual ones, and more that only a slow run has."""
+    return [*usual, *(pytest.param(value, marks=pytest.mark.slow) for value in more)]
+
+
+each_angle = pytest.mark.parametrize("degrees", or_slow([40.0, 86.0], [0.0, 75.0]))
 
 
 def lobe_axis(name: str, wo: Array) -> Array:
@@ -104,7 +111,7 @@ def test_density_integrates_to_the_accepted_share(name: str, degrees: float) -> 
 
 
 @each_model
-@pytest.mark.parametrize("degrees", [20.0, 80.0])
+@pytest.mark.parametrize("degrees", or_slow([80.0], [20.0]))
 def test_estimates_agree_with_uniform_sampling(name: str, degrees: float) -> None:
     """What the surface reflects of a smooth sky, by BRDF sampling, by uniform sampling and by quadrature.
 
@@ -382,7 +389,10 @@ RENDERED = {
 }
 
 
-@pytest.mark.parametrize("name", RENDERED)
+OFTEN = ("lafortune", "ashikhmin-shirley", "cook-torrance", "anisotropic ggx")  # one of each kind of sampling
+
+
+@pytest.mark.parametrize("name", or_slow(OFTEN, [name for name in RENDERED if name not in OFTEN]))
 def test_light_and_brdf_sampling_agree_in_renders(name: str) -> None:
     """Means over seeds of a floor and a ball: light against BRDF sampling, and each against w = 1/2."""
     ball = Part(BALL, RENDERED[name], tangent=(0, 0, 1))

@@ -36,6 +36,7 @@ from dmis.light import (
 )
 from dmis.material import COPPER_ETA, COPPER_K
 from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
+from dmis.settings import Settings
 from dmis.texture import Image
 
 TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0  1 0 0  0 1 0]\n'
@@ -720,7 +721,6 @@ def test_one_warning_names_everything_that_is_not_used(read):
     (text,) = [str(w.message) for w in caught]
     named = ["Sampler (line 1)", "Accelerator (line 2)", "VolumeIntegrator (line 3)", "TransformTimes (line 4)"]
     named += [
-        "'maxdepth' of SurfaceIntegrator (line 6)",
         "'strategy' of SurfaceIntegrator",
         "'filename' of Film (line 7)",
     ]
@@ -728,6 +728,23 @@ def test_one_warning_names_everything_that_is_not_used(read):
     assert [name for name in named if name not in text] == []
     assert text.count("(line") == len(named)
     assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    "options, asked",
+    [
+        ("", ("direct", 5)),
+        ('SurfaceIntegrator "directlighting" "integer maxdepth" 3', ("direct", 3)),
+        ('SurfaceIntegrator "directlighting" "integer maxdepth" 0', ("direct", 1)),  # pbrt-v2 shades the first surface
+        ('SurfaceIntegrator "path"', ("path", 6)),
+        ('SurfaceIntegrator "path" "integer maxdepth" 0', ("path", 1)),
+    ],
+)
+def test_integrator_of_the_file(read, options, asked):
+    scene = read("", options)
+    assert (scene.integrator, scene.max_depth) == asked
+    settled = scene.plan.settle(Settings())
+    assert (settled.integrator, settled.max_depth) == asked
 
 
 def test_no_warning_without_a_reason(read):
@@ -834,7 +851,8 @@ BAD = {
     ),
     "filter": ('PixelFilter "gaussian"', "", 1, 'make the line PixelFilter "box" "float xwidth" [0.5]'),
     "wide box": ('PixelFilter "box" "float xwidth" 1', "", 1, "the filter must be a box of one pixel"),
-    "path": ('SurfaceIntegrator "path"', "", 1, "paths are not supported yet"),
+    "no surface": ('SurfaceIntegrator "path" "integer maxdepth" -1', "", 1, "maxdepth must let 1 to 10000 surfaces"),
+    "volpath": ('SurfaceIntegrator "volpath"', "", 1, "the integrator must be directlighting or path"),
     "integrator": ('SurfaceIntegrator "whitted"', "", 1, "the integrator must be directlighting"),
     "strategy": (
         'SurfaceIntegrator "directlighting" "string strategy" "none"',
@@ -843,10 +861,10 @@ BAD = {
         "must be all or one; got 'none'",
     ),
     "depth": (
-        'SurfaceIntegrator "directlighting" "integer maxdepth" 2',
+        'SurfaceIntegrator "directlighting" "integer maxdepth" 10001',
         'Material "mirror"',
         1,
-        "maxdepth must be 5 where",
+        "scatter light, else only lights are seen; here it is 10001",
     ),
     "renderer": ('Renderer "metropolis"', "", 1, "the renderer must be sampler"),
     "volume": ("", 'Volume "homogeneous"', 3, "volumes are not supported"),

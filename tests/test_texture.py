@@ -114,9 +114,18 @@ def test_bad_images(texels: Array, options: dict[str, str], message: str) -> Non
         Image(texels, **options)
 
 
-def test_planes_survive_pickling() -> None:
-    """Lookups gather from contiguous planes, in this process and in the next."""
-    image = Image(np.random.default_rng(1).random((4, 5, 3)))
-    for one in (image, pickle.loads(pickle.dumps(image))):
-        assert np.moveaxis(one.texels, 2, 0).flags.c_contiguous
-        np.testing.assert_array_equal(one.texels, image.texels)
+def test_pickles_leave_out_what_can_be_made_again() -> None:
+    """A scene is sent to each worker: the copy of its texels that lookups read is not, and lookups are the same."""
+    image = Image(np.random.default_rng(1).random((64, 64, 3)))
+    uv = np.random.default_rng(2).random((2, 100), np.float32)
+    values = image(uv)
+    pickled = pickle.dumps(image)
+    assert len(pickled) < image.texels.nbytes + 1000
+    np.testing.assert_array_equal(pickle.loads(pickled)(uv), values)
+
+
+def test_bright_texels_leave_no_negative_light_beside_them() -> None:
+    """A sun of 1e8 next to darkness: interpolation is a sum of weights that are not negative."""
+    image = Image(np.array([[[1e8], [0.0], [1e-3]]]), wrap="clamp")
+    s = np.linspace(0, 1, 10001, dtype=np.float32)
+    assert (image(np.stack([s, np.full_like(s, 0.5)])) >= 0).all()

@@ -1,0 +1,157 @@
+"""
+Speed, and what was to be reached
+=================================
+
+How fast the renderer is on the scenes that come with dmis, beside the floor of the same Embree calls alone; where the
+time goes; two threads; memory; start-up. Prints each target and whether it is met, writes the tables of
+docs/performance.md and everything measured to benchmarks/speed.json. Takes a few minutes and wants an idle machine.
+
+Exits with 1 if a ratio misses its target by more than a fifth. Absolute times depend on the machine: they are reported.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+import dmis
+from dmis.bench import HEADER, PARTS, Speed, bench, fresh_python, peak_memory
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "examples"))
+from thesis import SCENES, replace_table, show  # noqa: E402
+
+SLACK = 1.2
+"""A ratio may miss its target by this factor before it counts as a failure."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A figure to reach: at most, or (`least`) at least, `limit`."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str = ""
+    least: bool = False
+    ratio: bool = True
+
+    @property
+    def miss(self) -> float:
+        """How many times too much, or too little; at most 1 if the target is met."""
+        return self.limit / self.value if self.least else self.value / self.limit
+
+    def row(self) -> str:
+        """The row of the table of targets."""
+        sign = "≥" if self.least else "≤"
+        met = "yes" if self.miss <= 1 else f"**no**, by {self.miss - 1:.0%}"
+        return f"| {self.name} | {self.value:.3g}{self.unit} | {sign} {self.limit:g}{self.unit} | {met} |"
+
+
+def floors(speeds: list[Speed]) -> Iterator[Target]:
+    """Total over floor, of the balance heuristic."""
+    for speed in speeds:
+        if speed.rule == "balance":
+            yield Target(f"total / floor, {speed.scene}", statistics.median(speed.ratios), 1.6)
+
+
+def threads(names: list[str], spp: int, repeats: int) -> Iterator[Target]:
+    """What a second thread brings."""
+    for name in names:
+        scene = dmis.load_scene(name, resolution=(342, 256))
+        gains = []
+        for seed in range(repeats):
+            one, two = (dmis.render(scene, "balance", spp, seed=seed, threads=n).seconds["total"] for n in (1, 2))
+            gains.append(one / two)
+        yield Target(f"2 threads over 1, {name}", statistics.median(gains), 1.7, " ×", least=True)
+
+
+def learning(names: list[str]) -> Iterator[Target]:
+    """Statistics, filter and fit at 128 samples per pixel."""
+    for name in names:
+        (speed,) = bench([name], ["second-moment"], (228, 171), 128, repeats=1)
+        share = speed.fit + speed.parts["statistics"]
+        yield Target(f"statistics and fit at 128 spp, {name}", 100 * share, 3, " %")
+
+
+def memory() -> Iterator[Target]:
+    """Peak memory of a large image on two threads, and whether it grows with the samples."""
+    few, many = (peak_memory("tt", "auto", (1500, 833), spp) for spp in (16, 64))
+    yield Target("peak memory, tt 1500×833, auto, 2 threads", many / 1e6, 250, " MB", ratio=False)
+    yield Target("the same, 64 spp over 16", many / few, 1.1)
+
+
+def starting(repeats: int) -> Iterator[Target]:
+    """Import, and loading the largest scene."""
+    clock = "import time; begin = time.perf_counter(); {}; print(time.perf_counter() - begin)"
+    for name, code, limit in (
+        ("import dmis", "import dmis", 0.3),
+        ("load killeroo-gold (622 K triangles), import included", "import dmis; dmis.load_scene('killeroo-gold')", 3.0),
+    ):
+        value = statistics.median(float(fresh_python(clock.format(code))) for _ in range(repeats))
+        yield Target(name, value, limit, " s", ratio=False)
+
+
+def machine() -> str:
+    """Processor, its threads, and versions, in one line."""
+    cpu = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        models = [x.split(":")[1].strip() for x in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in x]
+        cpu = models[0] if models else cpu
+    return f"{os.cpu_count()} threads of {cpu}, Python {platform.python_version()}, NumPy {np.__version__}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="speed beside the Embree floor, and the targets")
+    parser.add_argument("--rules", default="balance,thesis,second-moment,auto", help="separated by commas")
+    parser.add_argument("--spp", type=int, default=32)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "performance.md")
+    parser.add_argument("--json", type=Path, default=ROOT / "benchmarks" / "speed.json")
+    given = parser.parse_args()
+    names = list(SCENES)
+    speeds = bench(
+        names, given.rules.split(","), (342, 256), given.spp, repeats=given.repeats, progress=show("bench")
+    )  # fmt: skip
+    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
+    targets = []
+    for group in (
+        floors(speeds), threads(names, given.spp, given.repeats), learning(names), memory(), starting(given.repeats)
+    ):  # fmt: skip
+        for target in group:
+            print(target.row(), flush=True)
+            targets.append(target)
+    about = f"Made on {date.today()}: {machine()}."
+    where = [
+        "| scene | rule | " + " | ".join((*PARTS, "shading", "pilot", "fit")) + " |",
+        "|---" * (len(PARTS) + 5) + "|",
+        *(
+            f"| {s.scene} | {s.rule} | "
+            + " | ".join(f"{share:.0%}" for share in (*s.parts.values(), s.pilot))
+            + f" | {s.fit:.1%} |"
+            for s in speeds
+        ),
+    ]
+    table = ["| target | measured | to reach | met |", "|---|---|---|---|", *(target.row() for target in targets)]
+    replace_table(given.page, "targets", about, "", *table)
+    replace_table(given.page, "speed", about, "", HEADER, *(speed.row() for speed in speeds))
+    replace_table(given.page, "parts", about, "", *where)
+    data = {"machine": machine(), "date": str(date.today()), "spp": given.spp}
+    data |= {"speeds": [asdict(speed) for speed in speeds], "targets": [asdict(target) for target in targets]}
+    given.json.write_text(json.dumps(data, indent=1) + "\n", "utf-8")
+    failed = [target for target in targets if target.ratio and target.miss > SLACK]
+    for target in failed:
+        print(f"missed by more than {SLACK - 1:.0%}: {target.name}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

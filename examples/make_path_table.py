@@ -1,0 +1,106 @@
+"""
+The tables of docs/paths.md
+===========================
+
+What rules save in path tracing (six surfaces deep) on the thesis's scenes and on the box of colours: mean squared error
+over that of the balance heuristic, with equal camera samples (64, pilot included) and in equal time, with one weight
+for all surfaces of a path and with one for the first and one for those behind it; beside it the oracle, which knows
+what weights could save. Times are of the processor, on one thread, rules taking turns, because a shared machine has no
+other clock to trust. Takes some ten minutes; the result is kept with the project.
+"""
+
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+from thesis import TABLES, cell, options, replace_table, show
+
+import dmis
+from dmis.experiment import measure
+from dmis.fit import make_rule
+from dmis.oracle import make_oracle
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "paths.md"
+
+opts, given = options(
+    __file__,
+    "rules in path tracing against the balance heuristic and the oracle",
+    seeds={"type": int, "default": 4, "help": "number of seeds (default 4)"},
+    page={"type": Path, "default": PAGE, "help": "the page whose tables are replaced"},
+)
+SEEDS = range(given.seeds)
+SPP = opts.pick(16, 64)
+PATHS = dmis.Settings(integrator="path", max_depth=6)
+LEARNED = {
+    f"{name}, {bounces}": f"{name}:bounces={bounces}"
+    for name in ("second-moment", "auto")
+    for bounces in ("shared", "separate")
+}
+RULES = {"power": "pbrt", **LEARNED}
+
+
+def cpu(runs) -> float:
+    """The middle one of the processor's times."""
+    return float(np.median([run.cpu_seconds for run in runs]))
+
+
+def spp_in_cpu_time(seconds: float, runs) -> int:
+    """As `dmis.experiment.spp_in_time`, of the processor's time: pilot and fit take their share, the rest is final."""
+    pilot = sum(make_rule(runs[0].rule).pilot.values())
+    fixed = float(np.median([run.overhead / run.seconds for run in runs])) * cpu(runs)
+    return pilot + max(1, round((seconds - fixed) * (runs[0].spp - pilot) / (cpu(runs) - fixed)))
+
+
+# %%
+# A first round with equal samples tells how many fit in the time of the balance heuristic; a second one measures that.
+equal, timed, known = [], [], []
+for name in ("cornell", *TABLES):
+    if name == "cornell":
+        scene = dmis.load_scene(name, resolution=opts.pick((16, 16), (72, 72)))
+    else:
+        scene = opts.scene(name, TABLES[name] * opts.pick(8, 3))
+    about = {"settings": PATHS, "threads": 1}
+    reference = dmis.make_reference(
+        scene, opts.pick(32, 256), rule=opts.pick("balance", "auto"), progress=show("reference"), **about
+    )
+    oracle = make_oracle(scene, opts.pick(16, 256), progress=show("oracle"), **about)
+    runs = measure(
+        scene, [(rule, SPP) for rule in ("balance", *RULES.values())], SEEDS, reference, progress=show(name), **about
+    )
+    base = runs["balance", SPP]
+    budgets = {rule: (rule, spp_in_cpu_time(cpu(base), runs[rule, SPP])) for rule in RULES.values()}
+    again = measure(scene, [("balance", SPP), *budgets.values()], SEEDS, reference, progress=show(name), **about)
+    width, height = scene.camera.resolution
+    row = f"| {scene.name} {width}×{height} |"
+    equal.append(" ".join([row, *(f"{cell(runs[rule, SPP], base)} |" for rule in RULES.values())]))
+    timed.append(row)
+    for budget in budgets.values():
+        share = cpu(again[budget]) / cpu(again["balance", SPP])
+        timed[-1] += f" {cell(again[budget], again['balance', SPP])} ({budget[1]} spp, time × {share:.2f}) |"
+    known.append(f"{row} {oracle.limit():.3f} | {oracle.limit(apart=True):.3f} | {oracle.spread_evenly():.3f} |")
+    print(equal[-1], timed[-1], known[-1], sep="\n", flush=True)
+
+# %%
+# The tables go between two marks in the page.
+head = [f"| scene | {' | '.join(RULES)} |", "|---" * (len(RULES) + 1) + "|"]
+replace_table(
+    given.page,
+    f"paths {'original' if opts.scene_dir else 'shipped'}",
+    f"Made on {date.today()} with {given.seeds} seeds, {SPP} samples per pixel, six surfaces deep.",
+    "",
+    "At equal samples:",
+    "",
+    *head,
+    *equal,
+    "",
+    "In equal time of one processor:",
+    "",
+    *head,
+    *timed,
+    "",
+    "What the oracle could save at equal samples:",
+    "",
+    "| scene | weights, shared | weights, separate | numbers of samples, at w = ½ |",
+    "|---|---|---|---|",
+    *known,
+)

@@ -1,0 +1,379 @@
+"""Bad input by the thousand: ``python tests/fuzz.py parser 200000``.
+
+Each kind of case is a function of a source of random numbers and a folder with good files, which damages one of them,
+hands it to the library, and lets through what is allowed: a result, or the library's own error. Everything else is
+raised. `tests/test_fuzz.py` gives them numbers from hypothesis, which shrinks what fails; run by itself this file
+gives them numbers from a seed, in child processes, so that a crash of the interpreter, a case of more than `SECONDS` of
+computing and one of more than `MEMORY` are found too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import random
+import re
+import resource
+import signal
+import struct
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import trimesh
+from fuzz_commands import arguments, rule_text
+from fuzz_scenes import MADE, NUMBERS, PARAMETERS, SCENES, SMALL, TEXTS, TRIANGLE, generated, mutated, token
+
+import dmis
+from dmis import geometry, intersect, pbrt_reader, subdivision
+from dmis.__main__ import main
+from dmis.compare import load_reference
+from dmis.fit import make_rule
+from dmis.image import read_exr, write_exr
+from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
+from dmis.pbrt_dialect import DIALECTS
+from dmis.scene import Scene
+
+SECONDS = 5.0
+"""Most that a case may take of its process's time: the machine may be busy."""
+MEMORY = 4 * 2**30
+"""Most memory that the process of a case may have."""
+BATCH = 500
+"""Cases of a child process."""
+
+intersect.CHECK_RAYS = True
+
+
+def prepare(folder: Path) -> None:
+    """Good files, for scenes to name and for cases to damage."""
+    rng = np.random.default_rng(1)
+    for name in ("a.exr", "textures/grid.exr", "textures/sky.exr"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        write_exr(folder / name, {"RGB": np.full((2, 4, 3), 0.5, np.float32)})
+    (folder / "geometry").mkdir()
+    box = trimesh.creation.box()
+    names = {name for text in TEXTS for name in re.findall(r"geometry/[\w-]+\.ply", " ".join(text))}
+    for name in ("a.ply", *sorted(names)):
+        box.export(folder / name)
+    tetrahedron = '"integer indices" [0 2 1 0 1 3 0 3 2 1 2 3] "point P" [0 0 0 1 0 0 0 1 0 0 0 1]'
+    (folder / "geometry/creature.pbrt").write_text(f'Shape "loopsubdiv" "integer nlevels" 1 {tetrahedron}')
+    (folder / "a.spd").write_text("400 1\n700 .5\n")
+    (folder / "empty.pbrt").write_text("")
+    (folder / "scene.pbrt").write_text(f"{SMALL} Shape {TRIANGLE} WorldEnd")
+    good = folder / "good"
+    good.mkdir()
+    (good / "a.ply").write_bytes(trimesh.exchange.ply.export_ply(box, encoding="ascii"))
+    smooth = trimesh.creation.icosphere(1)
+    _ = smooth.vertex_normals
+    smooth.export(good / "b.ply", vertex_normal=True)
+    smooth.export(good / "c.stl")
+    (good / "d.stl").write_text(trimesh.exchange.stl.export_stl_ascii(box))
+    (good / "e.obj").write_text(OBJ)
+    (good / "material.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd image.png\n")
+    moved = trimesh.transformations.translation_matrix((1, 2, 3))
+    trimesh.Scene({"box": box, "ball": smooth.copy().apply_transform(moved)}).export(good / "f.glb")
+    layers = {"RGB": rng.random((4, 6, 3)).astype(np.float32), "weight": np.ones((4, 6), np.float32)}
+    write_exr(good / "g.exr", layers, {"dmis.provenance": "{}"})
+    write_exr(good / "h.exr", {"RGB": rng.random((3, 5, 3)).astype(np.float16)})
+    np.save(good / "i.npy", rng.random((4, 6, 3)).astype(np.float32))
+
+
+OBJ = """mtllib material.mtl
+o one
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 .5
+vt 0 0
+vt 1 1
+vn 0 0 1
+usemtl red
+f 1/1/1 2/2/1 3/1/1 4/2/1
+f 1//1 2//1 4//1
+f -1 -2 -3
+"""
+
+
+# Scene files
+
+
+def parser(rng: random.Random, folder: Path) -> None:
+    """A scene file: a scene, or an error that names file, line and token."""
+    kind = rng.randrange(9)
+    text = generated(rng) if kind < 4 else mutated(rng, rng.choice(TEXTS))
+    if kind == 8:
+        text = "".join(token(rng) + " " for _ in range(rng.randint(0, 12)))
+    read(folder, text, rng.choice([None, None, *DIALECTS]))
+
+
+def read(folder: Path, text: str, dialect: str | None = None) -> Scene | None:
+    """The scene of a text, None where it is refused as it should be."""
+    path = folder / "case.pbrt"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", PbrtWarning)
+            return read_pbrt(path, dialect=dialect)
+    except PbrtError as error:
+        message = str(error)
+        assert re.match(r".*\.pbrt:\d+: token .+: .", message, re.DOTALL), message
+        assert len(message) < 3000
+        return None
+
+
+def rendering(rng: random.Random, folder: Path) -> None:
+    """A scene file of lines that mostly belong there: what is read is rendered, and its image is finite."""
+    lines = [
+        " ".join([rng.choice(MADE), *(rng.choice(PARAMETERS) for _ in range(rng.randint(0, 2)))])
+        for _ in range(rng.randint(1, 2))
+    ]
+    scene = read(folder, f"{SMALL}\n" + "\n".join([*lines, f"Shape {TRIANGLE} WorldEnd"]))
+    if scene is not None:
+        image = dmis.render(scene, rng.choice(["balance", "pbrt", "one-sample"]), 2, threads=1).image
+        assert np.isfinite(image).all() and (image >= 0).all()
+
+
+# Files of numbers
+
+
+def damaged(rng: random.Random, data: bytes) -> bytes:
+    """Bytes changed, cut, doubled; numbers made extreme."""
+    out = bytearray(data)
+    for _ in range(rng.randint(1, 4)):
+        near = len(out) if rng.random() < 0.4 else min(len(out), 400)
+        k = rng.randrange(max(near, 1))
+        what = rng.randrange(7)
+        if what == 0:
+            out[k : k + 1] = bytes([rng.randrange(256)])
+        elif what == 1:
+            whole = rng.choice([0, 1, -1, 2**31 - 1, 2**30, 65536, 10**6, 255])
+            out[k : k + 4] = struct.pack(rng.choice("<>") + "i", whole)
+        elif what == 2:
+            real = rng.choice([float("nan"), float("inf"), 1e38, -1e38, 1e-45, 0.0])
+            out[k : k + 4] = struct.pack(rng.choice("<>") + "f", real)
+        elif what == 3:
+            del out[k : k + rng.choice([1, 4, 40])]
+        elif what == 4:
+            out[k:k] = out[k : k + rng.choice([1, 4, 40])]
+        elif what == 5 and rng.random() < 0.4:
+            del out[k:]
+        elif found := [match.span() for match in re.finditer(rb"\d+", bytes(out[:near]))]:
+            begin, end = rng.choice(found)
+            out[begin:end] = rng.choice(NUMBERS + ["2", "3", "4", "99"]).encode()
+    return bytes(out)
+
+
+def mesh(rng: random.Random, folder: Path) -> None:
+    """A mesh file: a mesh that renders, or an error that names the file."""
+    source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in geometry.FORMATS])
+    path = folder / f"case{source.suffix}"
+    path.write_bytes(damaged(rng, source.read_bytes()))
+    try:
+        scene = dmis.load_scene(path, (4, 4))
+    except ValueError as error:
+        assert str(path) in str(error) or len(str(error)) < 300, error
+        return
+    image = dmis.render(scene, "balance", 1, threads=1).image
+    assert np.isfinite(image).all()
+
+
+def image(rng: random.Random, folder: Path) -> None:
+    """An EXR file: layers, or an error that names the file; what is read makes a reference, a sky, or an error."""
+    source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix == ".exr"])
+    path = folder / "case.exr"
+    path.write_bytes(damaged(rng, source.read_bytes()))
+    try:
+        layers, _ = read_exr(path)
+    except ValueError as error:
+        assert str(path) in str(error), error
+        return
+    assert all(layer.dtype == np.float32 and layer.size for layer in layers.values())
+    with contextlib.suppress(ValueError):
+        load_reference(path)
+    sky = f'WorldBegin LightSource "infinite" "string mapname" "case.exr" Shape {TRIANGLE} WorldEnd'
+    read(folder, sky)
+    read(folder, sky.replace("Shape", 'Texture "t" "color" "imagemap" "string filename" "case.exr" Shape'))
+
+
+def array(rng: random.Random, folder: Path) -> None:
+    """A reference as a NumPy file."""
+    path = folder / "case.npy"
+    path.write_bytes(damaged(rng, (folder / "good/i.npy").read_bytes()))
+    try:
+        load_reference(path)
+    except ValueError as error:
+        assert str(path) in str(error), error
+
+
+def spectrum(rng: random.Random, folder: Path) -> None:
+    """A file of a spectrum, used by a scene."""
+    pieces = [rng.choice([*NUMBERS, "400", "500", "600", "\n", "#", "x", "\0"]) for _ in range(rng.randint(0, 8))]
+    (folder / "case.spd").write_text(" ".join(pieces))
+    use = rng.choice(['Material "matte" "spectrum Kd"', 'LightSource "point" "spectrum I"'])
+    read(folder, f'WorldBegin {use} "case.spd" Shape {TRIANGLE} WorldEnd', rng.choice(["v2", None]))
+
+
+# The command line
+
+
+def rule(rng: random.Random, folder: Path) -> None:
+    """A rule: one that renders, or an error."""
+    text = rule_text(rng)
+    try:
+        made = make_rule(text)
+    except ValueError as error:
+        assert len(str(error)) < 9000
+        return
+    assert sum(made.pilot.values()) >= 0
+    scene = dmis.load_scene(folder / "scene.pbrt")
+    with contextlib.suppress(ValueError):
+        result = dmis.render(scene, text, rng.choice([1, 8, 20]), threads=1)
+        assert np.isfinite(result.image).all()
+
+
+def command(rng: random.Random, folder: Path) -> None:
+    """The command line in this process: 0, or 2 and a message."""
+    words = arguments(rng)
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        before = (folder / "scene.pbrt").read_bytes()
+        try:
+            code = main(words)
+        except SystemExit as stop:
+            code = stop.code
+        if not (folder / "scene.pbrt").read_bytes() == before:
+            (folder / "scene.pbrt").write_bytes(before)
+    judge(words, code, err.getvalue())
+
+
+def judge(words: list[str], code: object, said: str) -> None:
+    """Whether a command ended as it should."""
+    assert code in (0, 2), (words, code, said)
+    assert "Traceback" not in said, (words, said)
+    if code == 2:
+        assert re.search(r"dmis.*: error: .", said), (words, said)
+        assert len(said) < 9000, (words, len(said))
+
+
+def process(rng: random.Random, folder: Path) -> None:
+    """The command line in a process of its own."""
+    import subprocess
+
+    words = arguments(rng)
+    done = subprocess.run(
+        [sys.executable, "-m", "dmis", *words],
+        cwd=folder,
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
+        timeout=120,
+    )
+    judge(words, done.returncode, done.stderr.decode("utf-8", "replace"))
+
+
+KINDS = {
+    one.__name__: one for one in (parser, rendering, mesh, image, array, spectrum, rule, command, process)
+}  # fmt: skip
+
+
+@contextlib.contextmanager
+def small():
+    """Limits that are reached in time; no plots."""
+    full = {name: getattr(geometry, name) for name in ("sphere", "disk", "cylinder")}
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(mock.patch.object(subdivision, "MAX_TRIANGLES", 2**10))
+        stack.enter_context(mock.patch.object(pbrt_reader, "MAX_TRIANGLES", 2**14))
+        for plot in ("report.write_report", "report_plots.convergence"):
+            stack.enter_context(mock.patch(f"dmis.{plot}"))
+        for name, of in full.items():
+            few = lambda *a, of=of, **k: of(*a, **{**k, "segments": 8})  # noqa: E731
+            stack.enter_context(mock.patch.object(geometry, name, few))
+        yield
+
+
+class Hang(BaseException):
+    """A case that takes too long."""
+
+
+def run(kind: str, seed: int, k: int, folder: Path) -> None:
+    """Case number `k`."""
+    KINDS[kind](random.Random(f"{kind} {seed} {k}"), folder)
+
+
+def batch(kind: str, seed: int, cases: range, folder: Path, report: int) -> None:
+    """Cases in this process; failures go to `report`, an open file, as JSON lines, and so does the number of each."""
+
+    def late(*_: object) -> None:
+        raise Hang(f"more than {SECONDS} s of computing")
+
+    signal.signal(signal.SIGPROF, late)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    warnings.simplefilter("error")
+    slowest = 0.0
+    for k in cases:
+        os.pwrite(report, f"{k:12d}\n".encode(), 0)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.alarm(300)
+        begin = time.process_time()
+        try:
+            run(kind, seed, k, folder)
+        except (Exception, Hang, SystemExit) as error:
+            where = "".join(traceback.format_tb(error.__traceback__)[-3:])
+            text = f"\n{kind} {seed} {k}: {type(error).__name__}: {str(error)[:1500]}\n{where}"
+            os.write(2, text.encode("utf-8", "replace"))
+            os.lseek(report, 0, os.SEEK_END)
+            os.write(report, f"{json.dumps([k, type(error).__name__])}\n".encode())
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+        slowest = max(slowest, time.process_time() - begin)
+    os.lseek(report, 0, os.SEEK_END)
+    os.write(report, f"{json.dumps(slowest)}\n".encode())
+
+
+def bulk(kind: str, count: int, seed: int, first: int = 0) -> int:
+    """Many cases in child processes; the number of failures."""
+    failures, slowest, begin = 0, 0.0, time.time()
+    with tempfile.TemporaryDirectory() as name, small():
+        folder = Path(name)
+        prepare(folder)
+        for start in range(first, first + count, BATCH):
+            cases = range(start, min(start + BATCH, first + count))
+            report = os.open(folder / "report", os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+            child = os.fork()
+            if child == 0:
+                code = 1
+                try:
+                    batch(kind, seed, cases, folder, report)
+                    code = 0
+                finally:
+                    os._exit(code)
+            _, status = os.waitpid(child, 0)
+            last, *lines = (folder / "report").read_text().splitlines()
+            found = [json.loads(text) for text in lines]
+            failures += sum(isinstance(one, list) for one in found)
+            if status:
+                failures += 1
+                print(f"{kind} {seed} {last.strip()}: the process died, status {status}", file=sys.stderr)
+            slowest = max([slowest, *(one for one in found if isinstance(one, float))])
+            os.close(report)
+    seconds = time.time() - begin
+    print(f"{count} cases of {kind}, seed {seed}: {failures} failures, {seconds:.0f} s, slowest {slowest:.2f} s")
+    return failures
+
+
+if __name__ == "__main__":
+    options = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    options.add_argument("kind", choices=KINDS)
+    options.add_argument("count", type=int)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--first", type=int, default=0, help="number of the first case")
+    given = options.parse_args()
+    sys.exit(bulk(given.kind, given.count, given.seed, given.first) > 0)

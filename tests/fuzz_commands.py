@@ -1,0 +1,97 @@
+"""Words of the command line, right and wrong; see `fuzz`."""
+
+from __future__ import annotations
+
+import random
+
+from dmis.fit import RULES
+
+AMOUNTS = ["", " ", "1" * 5000]
+AMOUNTS += "0 1 2 3 4 5 16 -1 0.5 0.25 1e400 1e-400 1e9 99999999999999999999 nan inf -inf x".split() + [
+    "",
+    " ",
+    "1" * 5000,
+]
+
+
+def rule_text(rng: random.Random) -> str:
+    """A rule with options, right or wrong."""
+    name = rng.choice([*RULES, "none", ""])
+    keys = ["patch", "spp", "strategies", "filter", "size", "sigma", "reuse", "combiner", "sampler", "split", "counts"]
+    keys += ["floor", "guard", "count_sigma", "gamma", "shrink", "cost", "w", "techniques", "objective", "channels"]
+    words = ["gaussian", "none", "joint", "quadtree", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
+    words += ["cutoff", "maximum", "frozen", "controlled", "optimal-progressive", "stratified", "random"]
+    options = []
+    for _ in range(rng.randint(0, 3)):
+        value = rng.choice(AMOUNTS) if rng.random() < 0.6 else rng.choice(words)
+        options.append(value if rng.random() < 0.2 else f"{rng.choice(keys)}={value}")
+    return f"{name}:{','.join(options)}" if options or rng.random() < 0.1 else name
+
+
+OPTIONS = {
+    "render": "--spp --resolution --integrator --rule --seed --threads --workers --sampler --shading-samples --lights "
+    "--max-depth --clamp --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
+    "compare": "--rules --spp --seeds --seed --reference --reference-spp --oracle-spp --resolution --threads -o "
+    "--quiet",
+    "info": "--resolution --dialect --allow-outside",
+    "bench": "--rules --resolution --spp --threads --seed",
+}
+SIZES = ["4x4", "1x1", "0x0", "-1x4", "99999x1", "65535x65535", "4", "x", "4x4x4", "²x²", "1" * 5000 + "x1", "4X3"]
+FILES = [
+    "no/such/a.exr",
+    ".",
+    "/",
+    "/proc/x.exr",
+    "/dev/full",
+    "/dev/null",
+    "out.exr",
+    "out.EXR",
+    "out.png",
+    "good/a.ply",
+]
+FILES += ["", "a\nb.exr", "\udcff.exr", "x" * 300 + ".exr", "scene.pbrt", "good/i.npy", "good/g.exr", "-"]
+
+
+def arguments(rng: random.Random) -> list[str]:
+    """Words for the command line."""
+    command = rng.choice([*OPTIONS, "render", "render", "compare"])
+    out = [command] if rng.random() < 0.97 else []
+    scenes = ["scene.pbrt"] * 12 + ["good/a.ply", "case.pbrt", "nothing.pbrt", "no-such", "", "good/g.exr", "/dev/zero"]
+    out += [rng.choice(scenes)] if rng.random() < 0.95 else []
+    if command == "bench":
+        out[1:1] = ["--spp", "1", "--resolution", "4x4"]
+    elif command in ("render", "compare"):
+        out += ["--spp", "2", "--resolution", "6x4"]
+    if command in ("render", "compare") and rng.random() < 0.9:
+        out += ["-o", "out.exr" if command == "render" else "out"]
+    for _ in range(rng.randint(0, 4)):
+        option = rng.choice(OPTIONS[command].split())
+        out += [option, *value(rng, option)]
+    if command == "compare" and "--reference" not in out:
+        out += ["--reference", "good/i.npy"]
+    if rng.random() < 0.1:
+        out.insert(rng.randrange(len(out) + 1), rng.choice(["--", "-", "--nothing", "--help=3", "\udcff", "''", "@x"]))
+    return out
+
+
+def value(rng: random.Random, option: str) -> list[str]:
+    """The value of an option, or none, mostly where it wants none."""
+    if option in ("--quiet", "--allow-outside") or rng.random() < 0.02:
+        return []
+    if option in ("--rule", "--rules"):
+        return [",".join(rule_text(rng) for _ in range(1 + (option == "--rules")))]
+    if option == "--resolution":
+        return [rng.choice(SIZES)]
+    if option in ("--checkpoint", "--stats", "--png", "-o", "--reference"):
+        return [rng.choice(FILES)]
+    if option in ("--workers", "--cluster"):
+        return [rng.choice(["0", "-1", "x", "1.5", "99999999999999999999", "", "tcp://"])]
+    words = {
+        "--integrator": "direct path",
+        "--lights": "all one",
+        "--sampler": "sobol stratified",
+        "--dialect": "v2 v4",
+    }
+    if option in words and rng.random() < 0.7:
+        return [rng.choice(words[option].split())]
+    return [rng.choice(AMOUNTS)]

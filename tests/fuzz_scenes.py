@@ -1,0 +1,153 @@
+"""Words of scene files, in orders that belong to the format or do not; see `fuzz`."""
+
+from __future__ import annotations
+
+import random
+import re
+from pathlib import Path
+
+from dmis import pbrt_directives
+from dmis.pbrt_dialect import DIALECTS
+
+SCENES = Path(__file__).parent.parent / "scenes"
+TOKEN = re.compile(r'\[[^\]"]*\]|"[^"\n]*"|[^\s"\[\]#]+|\[|\]|#[^\n]*')
+
+V3 = """Integrator "directlighting" Film "image" Camera "perspective" "float fov" [40] WorldBegin AttributeBegin
+AreaLightSource "diffuse" "rgb L" [1 2 3] Shape "disk" "float radius" 2 AttributeEnd MakeNamedMaterial "a"
+"string type" "matte" "rgb Kd" [.1 .2 .3] NamedMaterial "a" Texture "t" "spectrum" "imagemap" "string filename" "a.exr"
+Material "matte" "texture Kd" "t" Shape "plymesh" "string filename" "a.ply" LightSource "infinite" "string mapname"
+"a.exr" Shape "loopsubdiv" "integer levels" 1 "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3] "point3 P"
+[0 0 0 1 0 0 0 1 0 0 0 1] MediumInterface "" "" ObjectBegin "o" Shape "sphere" ObjectEnd ObjectInstance "o" WorldEnd"""
+V4 = """Film "rgb" "float iso" 100 PixelFilter "box" Integrator "volpath" "integer maxdepth" 1 Option "bool quiet" true
+ColorSpace "srgb" WorldBegin LightSource "distant" "blackbody L" 3000 "float illuminance" 4 AttributeBegin
+AreaLightSource "diffuse" "spectrum L" [400 1 500 2] "float power" 3 Attribute "shape" "float radius" 2 Shape "sphere"
+AttributeEnd Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 0] Material "mix" "string materials" ["b" "b"]
+MakeNamedMaterial "b" "string type" "diffuse" "spectrum reflectance" "a.spd" Import "empty.pbrt" Shape "trianglemesh"
+"point3 P" [0 0 0 1 0 0 0 1 0] "normal N" [0 0 1 0 0 1 0 0 1] "point2 uv" [0 0 0 1 1 1]"""
+TEXTS = [TOKEN.findall(path.read_text()) for path in sorted(SCENES.glob("*.pbrt"))]
+TEXTS += [TOKEN.findall(V3), TOKEN.findall(V4)]
+"""Scenes as tokens: those that come with the library, and two with what they lack."""
+
+WORDS = sorted(
+    {token for text in TEXTS for token in text if len(token) < 40}
+    | set(pbrt_directives._DIRECTIVES)
+    | {f'"{kind} {name}"' for kind in DIALECTS["v3"].types for name in ("L", "Kd", "P", "radius", "indices", "scale")}
+)
+NUMBERS = "0 1 -1 3 1e9 1000000000 65536 1e38 1e308 1e-320 -0 2147483647 2147483648 .5 nan inf".split()
+NASTY = [
+    "[",
+    "]",
+    '"',
+    '""',
+    '"a\0b"',
+    "\ufffd",
+    "[1 2",
+    "[]",
+    '"../../../etc/passwd"',
+    '"/"',
+    '"."',
+    "#",
+    "\0",
+    "²",
+    "",
+]
+PARAMETERS = """"float radius" 2,"point P" [0 0 0 1 0 0 0 1 0],"integer indices" [0 1 2],"rgb L" [1 2 3],
+"rgb Kd" [.5 .5 .5],"float scale" 3,"string filename" "a.ply","string filename" "a.exr",
+"texture Kd" "t","integer levels" 2,"rgb I" [1 1 1],
+"normal N" [0 0 1 0 0 1 0 0 1],"integer nlevels" 20,"float power" 3,"rgb Ks" [0 0 0],"float zmin" 0,
+"spectrum L" "a.spd","string type" "matte","rgb reflectance" [.1 .1 .1],"string mapname" "a.exr",
+"bool twosided" "false\"""".replace("\n", "").split(",")
+NAMES = (
+    "P N uv st S indices radius height zmin zmax phimax levels nlevels L I scale power from to coneangle Kd Ks sigma "
+    "eta k roughness reflectance opacity amount filename mapname maxdepth xresolution yresolution fov type"
+).split()
+TYPES = [*sorted(DIALECTS["v3"].types), "bool", "string", "texture", "spectrum"]
+VALUES = ['"a.exr"', '"a.ply"', '"a.spd"', '"matte"', '"a"', "true", '"metal-Cu-eta"', "3", "-1", ".5"]
+MAKERS = {
+    "Shape": "sphere disk cylinder trianglemesh plymesh loopsubdiv bilinearmesh",
+    "Material": "matte plastic metal mirror glass uber mix diffuse conductor dielectric",
+    "LightSource": "point spot distant infinite",
+    "AreaLightSource": "diffuse area",
+    'Texture "t" "spectrum"': "constant scale imagemap",
+    'Texture "t" "float"': "constant scale imagemap",
+    "MakeNamedMaterial": "a b",
+    "NamedMaterial": "a b",
+    "ObjectBegin": "o",
+    "ObjectInstance": "o",
+    "Attribute": "shape light material",
+}
+MADE = [f'{line} "{kind}"' for line, kinds in MAKERS.items() for kind in kinds.split()]
+PLAIN = "AttributeBegin AttributeEnd TransformBegin TransformEnd ObjectEnd ReverseOrientation Identity".split()
+HEADS = [
+    "WorldBegin\n",
+    'Integrator "directlighting" Film "image"\nWorldBegin\n',
+    'Film "rgb" PixelFilter "box" Integrator "path" "integer maxdepth" 1\nWorldBegin\nShape "sphere"\n',
+    "",
+]
+
+
+SMALL = (
+    'Camera "perspective" Film "image" "integer xresolution" 6 "integer yresolution" 4 WorldBegin LightSource "point"'
+)
+TRIANGLE = '"trianglemesh" "integer indices" [0 1 2] "point P" [-9 -9 2  9 -9 2  0 9 2]'
+
+
+def mutated(rng: random.Random, tokens: list[str]) -> str:
+    """Tokens dropped, doubled, swapped, put in, replaced, cut off."""
+    tokens = list(tokens)
+    for _ in range(rng.randint(1, 6)):
+        what = rng.choice(["drop", "double", "swap", "put", "replace", "replace", "replace", "cut"])
+        k = rng.randrange(max(len(tokens), 1))
+        if what == "drop":
+            del tokens[k : k + 1]
+        elif what == "double":
+            tokens[k:k] = tokens[k : k + 3]
+        elif what == "swap" and tokens:
+            other = rng.randrange(len(tokens))
+            tokens[k], tokens[other] = tokens[other], tokens[k]
+        elif what == "put":
+            tokens.insert(k, token(rng))
+        elif what == "replace":
+            tokens[k : k + 1] = [token(rng)]
+        elif what == "cut" and rng.random() < 0.3:
+            del tokens[k:]
+    return "\n".join(tokens)
+
+
+def token(rng: random.Random) -> str:
+    """A word that belongs to the format, a number, a list, or none of these."""
+    kind = rng.randrange(5)
+    if kind == 4:
+        return "".join(chr(rng.choice([rng.randrange(128), rng.randrange(0x3000)])) for _ in range(rng.randint(0, 6)))
+    return numbers(rng) if kind == 3 else rng.choice((WORDS, NUMBERS, NASTY)[kind])
+
+
+def numbers(rng: random.Random) -> str:
+    """A list of numbers."""
+    some = NUMBERS if rng.random() < 0.5 else ["0", "1", "2", "-1", "3"]
+    return f"[{' '.join(rng.choice(some) for _ in range(rng.choice([0, 1, 3, 6, 9, 12, rng.randint(0, 20)])))}]"
+
+
+def generated(rng: random.Random) -> str:
+    """Lines that belong to the format, in orders that may not."""
+    lines = [line(rng) for _ in range(rng.randint(0, 10))]
+    return rng.choice(HEADS) + "\n".join(lines) + "\nWorldEnd\n"
+
+
+def line(rng: random.Random) -> str:
+    """A directive with parameters."""
+    kind = rng.randrange(8)
+    if kind == 0:
+        return rng.choice(PLAIN)
+    if kind == 1:
+        return " ".join([rng.choice(["Translate", "Scale"]), *rng.choices("1 -1 .5 0 1e9".split(), k=3)])
+    begin = rng.choice(WORDS) if kind == 2 else rng.choice(MADE)
+    return " ".join([begin, *(parameter(rng) for _ in range(rng.randint(0, 4)))])
+
+
+def parameter(rng: random.Random) -> str:
+    """A parameter, right or wrong."""
+    if rng.random() < 0.5:
+        return rng.choice(PARAMETERS)
+    value = numbers(rng) if rng.random() < 0.6 else rng.choice(VALUES)
+    return f'"{rng.choice(TYPES)} {rng.choice(NAMES)}" {value}'

@@ -1,0 +1,278 @@
+"""Bad input of every kind: a result or the library's own error, no hang, no flood; and what once was neither.
+
+The cases are those of `fuzz`, a sample of them here; ``python tests/fuzz.py KIND COUNT`` runs as many as one likes, in
+processes whose time and memory are limited.
+"""
+
+import io
+import json
+import struct
+import subprocess
+import sys
+
+import fuzz
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import dmis
+from dmis.__main__ import main
+from dmis.compare import load_reference
+from dmis.fit import make_rule
+from dmis.image import read_exr, write_exr
+from dmis.scene import Scene
+
+COUNTS = {"parser": 200, "rendering": 20, "mesh": 60, "image": 60, "array": 60, "spectrum": 40, "rule": 60}
+COUNTS["command"] = 20
+"""Cases of each kind in this run."""
+SHRUNK = {"parser": 20, "rule": 20}
+"""And of those whose numbers come from hypothesis, which is slow."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Files to damage."""
+    path = tmp_path_factory.mktemp("fuzz")
+    fuzz.prepare(path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _small():
+    with fuzz.small():
+        yield
+
+
+@pytest.mark.parametrize("kind", COUNTS)
+def test_bad_input(folder, kind):
+    """A sample of each kind; case k again: ``python tests/fuzz.py KIND 1 --seed 0 --first k``."""
+    for k in range(COUNTS[kind]):
+        try:
+            fuzz.run(kind, 0, k, folder)
+        except BaseException as error:
+            error.add_note(f"{kind}, seed 0, case {k}")
+            raise
+
+
+@pytest.mark.parametrize("kind", SHRUNK)
+def test_bad_input_made_smaller(folder, kind):
+    """What fails is made smaller before it is shown."""
+    options = {"max_examples": SHRUNK[kind], "suppress_health_check": list(HealthCheck), "database": None}
+
+    @settings(deadline=None, derandomize=True, **options)
+    @given(st.randoms(use_true_random=False))
+    def check(rng):
+        fuzz.KINDS[kind](rng, folder)
+
+    check()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [*COUNTS, "process"])
+def test_much_bad_input(kind):
+    """Other cases, in child processes with limits."""
+    count = {"parser": 5000, "process": 20, "command": 100}.get(kind, 500)
+    done = subprocess.run(
+        [sys.executable, fuzz.__file__, kind, str(count), "--seed", "2"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-5000:]
+
+
+def test_what_is_not_changed_is_read(folder):
+    """The cases start from files that are good."""
+    for tokens in fuzz.TEXTS[:-1]:
+        assert isinstance(fuzz.read(folder, "\n".join(tokens)), Scene)
+    for path in sorted((folder / "good").iterdir()):
+        if path.suffix in dmis.geometry.FORMATS:
+            assert dmis.load_scene(path).parts[0].mesh.triangles
+        elif path.suffix == ".exr":
+            assert read_exr(path)[0]["RGB"].size
+    assert load_reference(folder / "good/i.npy").first.shape == (4, 6, 3)
+    assert main(["info", str(folder / "scene.pbrt")]) == 0
+
+
+def test_failures_are_found(monkeypatch, capfd):
+    """The driver sees an error that is not the library's, a hang, too much memory and a crash of the interpreter."""
+
+    def bad(rng, folder):
+        number = numbers.pop(0)
+        if number == 1:
+            raise RuntimeError("deep inside")
+        if number == 2:
+            while True:
+                pass
+        if number == 3:
+            np.zeros(2**33).sum()
+        if number == 4:
+            fuzz.os.abort()
+
+    numbers = list(range(5))
+    monkeypatch.setitem(fuzz.KINDS, "bad", bad)
+    monkeypatch.setattr(fuzz, "SECONDS", 0.3)
+    assert fuzz.bulk("bad", 5, 1) == 4
+    said = capfd.readouterr().err
+    assert all(
+        message in said for message in ("deep inside", "Hang", "Unable to allocate", "bad 1 4: the process died")
+    )
+
+
+# What once failed
+
+
+def test_meshes_too_far_away(tmp_path):
+    """Finite numbers that are not so in float32, or whose squares are not."""
+    for x in (1e19, 1e300):
+        mesh = trimesh.Trimesh([[0, 0, 0], [x, 0, 0], [0, 1, 0]], [[0, 1, 2]], process=False)
+        (tmp_path / "a.obj").write_text(trimesh.exchange.obj.export_obj(mesh))
+        with pytest.raises(ValueError, match=r"a\.obj cannot be read .* vertices must be within 1e\+18 of the origin"):
+            dmis.load_scene(tmp_path / "a.obj")
+        with pytest.raises(ValueError, match=r"position must be within 1e\+18"):
+            dmis.PointLight((x, 0, 0), (1, 1, 1))
+        with pytest.raises(ValueError, match=r"to_world must not have elements above 1e\+18"):
+            dmis.Camera(np.diag([1, 1, x, 1]), 40, (4, 4))
+
+
+def glb(document):
+    """A GLB file of `document` alone."""
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), 0x4E4F534A) + text
+
+
+NODE = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
+TRIANGLE = {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}
+
+
+def test_glb_files_of_zeros(tmp_path):
+    """An array without bytes behind it is one of zeros, of any size."""
+    accessor = {"componentType": 5126, "count": 3 * 10**8, "type": "VEC3"}
+    (tmp_path / "a.glb").write_bytes(glb({**NODE, **TRIANGLE, "accessors": [accessor]}))
+    with pytest.raises(ValueError, match="bytes, and an array of 300000000 elements"):
+        dmis.load_scene(tmp_path / "a.glb")
+
+
+def test_meshes_reach_no_other_file(tmp_path, monkeypatch):
+    """Buffers, materials and images that mesh files name are not opened."""
+    opened = []
+    real = io.open
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "secret.bin").write_bytes(np.zeros(9, np.float32).tobytes())
+    (tmp_path / "secret.mtl").write_text("newmtl a\nKd 1 0 0\n")
+    accessor = {"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}
+    buffers = {
+        "buffers": [{"uri": "../secret.bin", "byteLength": 36}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    }
+    (tmp_path / "scene/a.glb").write_bytes(glb({**NODE, **TRIANGLE, "accessors": [accessor], **buffers}))
+    (tmp_path / "scene/b.obj").write_text("mtllib ../secret.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    monkeypatch.setattr("builtins.open", lambda name, *a, **k: opened.append(str(name)) or real(name, *a, **k))
+    with pytest.raises(ValueError, match=r"a\.glb cannot be read as GLB"):
+        dmis.load_scene(tmp_path / "scene/a.glb")
+    assert dmis.load_scene(tmp_path / "scene/b.obj").parts[0].mesh.triangles == 1
+    assert not [name for name in opened if "secret" in name]
+
+
+def test_instances_are_counted(monkeypatch):
+    """A small file may ask for one mesh any number of times."""
+    monkeypatch.setattr("dmis.geometry.MAX_FACES", 20)
+    scene = trimesh.Scene(trimesh.creation.box())
+    name = next(iter(scene.geometry))
+    assert dmis.geometry.from_trimesh(scene).triangles == 12
+    scene.graph.update("again", geometry=name)
+    with pytest.raises(ValueError, match="at most 20 triangles, because instances are copied"):
+        dmis.geometry.from_trimesh(scene)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ((10**9, 10**9, 3), "is not readable as a NumPy array"),
+        ((2, 2), "must hold an image of three channels"),
+    ],
+)
+def test_references_that_say_too_much(tmp_path, shape, message):
+    """The header of a NumPy file may ask for any amount of memory, or be no Python at all."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    (tmp_path / "a.npy").write_bytes(file.getvalue() + b"\0" * 16)
+    with pytest.raises(ValueError, match=message):
+        load_reference(tmp_path / "a.npy")
+    (tmp_path / "a.npy").write_bytes(file.getvalue().replace(b")", b"("))
+    with pytest.raises(ValueError, match="is not readable as a NumPy array"):
+        load_reference(tmp_path / "a.npy")
+
+
+def test_references_must_be_numbers(tmp_path):
+    """Not a number, no real numbers, halves of other kinds."""
+    for bad in (np.full((2, 2, 3), np.nan), np.full((2, 2, 3), "x"), np.zeros((2, 2, 3), complex)):
+        np.save(tmp_path / "a.npy", bad)
+        with pytest.raises(ValueError, match="must hold finite numbers"):
+            load_reference(tmp_path / "a.npy")
+    first = np.zeros((2, 2, 3), np.float32)
+    write_exr(tmp_path / "a.exr", {"first": first, "second": first[..., 0]})
+    with pytest.raises(ValueError, match="must hold an image of three channels, or two halves"):
+        load_reference(tmp_path / "a.exr")
+
+
+def test_images_that_say_too_much(tmp_path, monkeypatch):
+    """By their headers: sides, pixels, channels."""
+    write_exr(tmp_path / "a.exr", {str(k): np.zeros((2, 8), np.float32) for k in range(9)})
+    assert len(read_exr(tmp_path / "a.exr")[0]) == 9
+    data = (tmp_path / "a.exr").read_bytes()
+    window = struct.pack("<4i", 0, 0, 7, 1)
+    (tmp_path / "b.exr").write_bytes(data.replace(window, struct.pack("<4i", 0, 0, 65535, 0)))
+    with pytest.raises(ValueError, match=r"b\.exr as EXR: .*1 to 65535 pixels on a side .* it says 65536x1"):
+        read_exr(tmp_path / "b.exr")
+    monkeypatch.setattr("dmis.image.MAX_CHANNELS", 8)
+    with pytest.raises(ValueError, match=r"at most 8 channels, .* it says 9 of 8x2"):
+        read_exr(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ("thesis:strategies=99999999999999999999", "at most 101"),
+        ("thesis:patch=99999999999999999999", "1 to 65535 pixels"),
+        ("thesis:size=999999999", "1 to 1001"),
+        ("thesis:sigma=inf", "positive and finite"),
+        ("auto:size=999999999", "1 to 1001"),
+        ("auto:patch=99999999999999999996", "at most 65536"),
+        ("auto:sigma=inf", "positive and finite"),
+        ("tsallis:gamma=1e400", "positive and finite"),
+    ],
+)
+def test_rules_that_ask_for_too_much(rule, message):
+    """Each of these is arrays of that size, or a pilot of that many passes."""
+    with pytest.raises(ValueError, match=message):
+        make_rule(rule)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["render", "SCENE", "-o", "a.exr", "--workers", "99999999999999999999"],
+            "workers must be at least 1 and",
+        ),
+        (
+            ["render", "SCENE", "-o", "a.exr", "--threads", "99999999999999999999"],
+            "threads must be at least 1 and",
+        ),
+        (["compare", "SCENE", "-o", "a", "--seeds", "99999999999999999999"], "--seeds must be at least 1 and at most"),
+        (["compare", "SCENE", "-o", "a", "--reference", "nothing.npy"], "there is no reference nothing.npy"),
+    ],
+)
+def test_commands_that_ask_for_too_much(folder, monkeypatch, capsys, words, message):
+    """Exit code 2 and a message."""
+    monkeypatch.chdir(folder)
+    assert main(["scene.pbrt" if word == "SCENE" else word for word in words]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_no_memory_is_an_error(folder, monkeypatch, capsys):
+    """Where no limit is known beforehand."""
+    monkeypatch.setattr("dmis.__main__.load_scene", lambda *_, **__: np.empty(2**55))
+    assert main(["info", str(folder / "scene.pbrt")]) == 2
+    assert "there is not enough memory" in capsys.readouterr().err
