@@ -66,8 +66,13 @@ def sensor(camera: Camera) -> Any:
 
 
 def render(scene: Any, camera: Any, integrator: Any, spp: int, seed: int) -> np.ndarray:
-    """An image ``(H, W, 3)``, computed when this returns."""
-    return np.array(mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=seed))
+    """An image ``(H, W, 3)``, computed when this returns.
+
+    Seeds are spread over all 32 bits: images of Mitsuba's seeds 0 to 5 differ less from each other than from those of
+    seeds 100 to 105, by up to five standard errors in the mean of a block of pixels, so neighbours are not independent.
+    """
+    spread = int(np.random.SeedSequence(seed).generate_state(1)[0])
+    return np.array(mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=spread))
 
 
 def direct() -> Any:
