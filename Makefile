@@ -5,13 +5,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
-SOURCES := $(wildcard dmis benchmarks examples scenes tests)
+DOCS := .venv-docs
+GALLERY ?= 1
+SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo figures report test test-slow bench check format docs clean
+.PHONY: help setup demo figures report test test-slow bench bench-kernels check format docs clean
 
 help:  ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' Makefile
 
 setup: $(READY)  ## make .venv and install dmis in it (editable, with all extras and the tools)
 
@@ -37,8 +39,11 @@ test: $(READY)  ## run the tests (minutes)
 test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders
 	$(BIN)/python -m pytest -m slow
 
-bench: $(READY)  ## measure speed against the same Embree calls alone
-	$(BIN)/python -m dmis bench
+bench: $(READY)  ## measure speed against the same Embree calls alone, and whether the targets are met (minutes)
+	$(BIN)/python benchmarks/speed.py
+
+bench-kernels: $(READY)  ## measure lobes, lights, warps, textures and the film one by one
+	$(BIN)/python -m pytest benchmarks/test_kernels.py --benchmark-columns=min,median,iqr
 
 check: $(READY)  ## lint, format and types, without changing a file
 	$(BIN)/python -m ruff check $(SOURCES)
@@ -49,19 +54,16 @@ format: $(READY)  ## rewrite the sources in the project's format
 	$(BIN)/python -m ruff check --fix $(SOURCES)
 	$(BIN)/python -m ruff format $(SOURCES)
 
-define CHECK_LINKS
-import pathlib, re, sys
-pages = [pathlib.Path(p) for p in sys.argv[1:]]
-links = [(page, link.split("#")[0]) for page in pages for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8"))]
-local = [(page, link) for page, link in links if link and not re.match(r"[a-z]+:", link)]
-broken = [f"{page}: {link}" for page, link in local if not (page.parent / link).exists()]
-sys.exit("links that lead nowhere:\n  " + "\n  ".join(broken) if broken else print(f"{len(pages)} pages, {len(local)} local links: all lead to a file"))
-endef
-export CHECK_LINKS
+# The documentation has an environment of its own: what builds it is pinned, and need not agree with anything else.
+$(DOCS)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[docs]"
+	@touch $(DOCS)/.installed
 
-docs: $(READY)  ## check the links of the pages (plain Markdown: there is nothing to build)
-	@$(BIN)/python -c "$$CHECK_LINKS" $(wildcard *.md docs/*.md)
+docs: $(DOCS)/.installed  ## build the site into docs/_build/html, tutorials and figures included (minutes); GALLERY=0: text only
+	$(DOCS)/bin/python -m sphinx -E -q -W --keep-going -D sphinx_gallery_conf.plot_gallery=$(GALLERY) docs docs/_build/html
+	@echo docs/_build/html/index.html
 
 clean:  ## remove .venv, caches and everything that was built
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DOCS) docs/_build docs/generated build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find $(SOURCES) -name __pycache__ -type d -prune -exec rm -rf {} +

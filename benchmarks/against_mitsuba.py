@@ -86,8 +86,8 @@ def speed(scene: dmis.Scene, contestants: dict[str, Render], spp: dict[str, int]
     """A line of the first table: samples per second of wall and of CPU time."""
     pixels = scene.camera.resolution[0] * scene.camera.resolution[1]
     rates: dict[str, list[np.ndarray]] = {name: [] for name in contestants}
-    for name, render in contestants.items():
-        render(spp[name], 0)
+    for render in contestants.values():
+        render(4, 0)
     for seed in range(1, repeats + 1):
         for name, render in contestants.items():
             _, seconds = timed(render, spp[name], seed)
@@ -104,10 +104,9 @@ def speed(scene: dmis.Scene, contestants: dict[str, Render], spp: dict[str, int]
 
 def error(scene: dmis.Scene, lights: str, mine: Render, other: Render, spp: int, repeats: int) -> str:
     """A line of the second table: mean squared errors in the same time."""
-    mine(spp, 0), other(spp, 0)
-    (_, budget), (_, once), (_, twice) = timed(mine, spp, 0), timed(other, spp, 1), timed(other, 2 * spp, 2)
-    each = max((twice - once)[1], 0.5 * once[1]) / spp  # what a call costs apart from its samples is left out
-    other_spp = max(1, round(spp + (budget - once)[1] / each))
+    mine(16, 0), other(16, 0)
+    (_, budget), (_, same) = timed(mine, spp, 0), timed(other, spp, 0)
+    other_spp = max(1, round(spp * budget[1] / same[1]))
     images: list[tuple[np.ndarray, np.ndarray]] = []
     seconds = []
     for seed in range(1, repeats + 1):
@@ -133,6 +132,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[1])
     parser.add_argument("--quick", action="store_true", help="small images: no page is written")
     parser.add_argument("--repeats", type=int, default=5, help="seeds of each contestant (default 5)")
+    parser.add_argument("--spp", type=int, default=64, help="of speeds; of errors twice as many (default 64)")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES), help="default: all four")
     parser.add_argument("--page", type=Path, default=PAGE, help="the page whose tables are replaced")
     given = parser.parse_args()
@@ -154,7 +154,7 @@ def main() -> None:
             contestants["LLVM"] = theirs(alone, "llvm_ad_rgb", True)
             contestants["own"] = theirs(alone, "llvm_ad_rgb", False)
         contestants["scalar"] = theirs(alone, "scalar_rgb", False)
-        spp = {key: 16 if key == "scalar" else 64 for key in contestants}
+        spp = {key: given.spp // 4 if key == "scalar" else given.spp for key in contestants}
         speeds.append(speed(alone, contestants, spp, given.repeats))
         print(speeds[-1], flush=True)
         if found:
@@ -162,7 +162,7 @@ def main() -> None:
             if len(whole.lights) > len(alone.lights):
                 pairs.append(("all", whole, theirs(whole, "llvm_ad_rgb", True)))
             for lights, scene, other in pairs:
-                errors.append(error(scene, lights, ours(scene, "auto"), other, 128, given.repeats))
+                errors.append(error(scene, lights, ours(scene, "auto"), other, 2 * given.spp, given.repeats))
                 print(errors[-1], flush=True)
     lines = [
         f"Made on {date.today()} with `benchmarks/against_mitsuba.py`: Mitsuba {mi.__version__}, {platform.machine()}, "

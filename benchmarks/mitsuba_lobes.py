@@ -172,7 +172,7 @@ def colour(value: Any) -> Any:
 
 def texture(image: Image) -> Any:
     """An image of dmis as a texture of Mitsuba."""
-    texels = np.ascontiguousarray(np.broadcast_to(image.texels, (*image.texels.shape[:2], 3)), np.float32)
+    texels = np.array(np.broadcast_to(image.texels, (*image.texels.shape[:2], 3)), np.float32, order="C")
     if image.wrap == "black":
         raise ValueError("an image's wrap must be 'repeat' or 'clamp', because Mitsuba has no black border")
     matrix = np.diag([*image.scale, 1.0, 1.0])

@@ -108,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--stats", metavar="FILE.json", help="write seconds, rays and the Embree floor (renders once more)"
     )
-    command.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    _add_talk(command, "where the time went, what was traced")
 
     command = commands.add_parser("compare", help="rules side by side: error, time, rays")
     command.set_defaults(run=_compare)
@@ -129,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="what is there already is gone on from"
     )
-    command.add_argument("--quiet", action="store_true", help="no progress, no table")
+    _add_talk(command, "a line for each render as it is finished")
 
     command = commands.add_parser("info", help="versions, and what a scene needs")
     command.set_defaults(run=_info)
@@ -176,6 +176,12 @@ def _add_scene_options(command: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_talk(command: argparse.ArgumentParser, more: str) -> None:
+    talk = command.add_mutually_exclusive_group()
+    talk.add_argument("--quiet", action="store_true", help="print warnings and errors only")
+    talk.add_argument("--verbose", action="store_true", help=f"also print what the scene needs, {more}")
+
+
 def _load(options: argparse.Namespace) -> Scene:
     return load_scene(
         options.scene, resolution=options.resolution, dialect=options.dialect, outside=options.allow_outside
@@ -206,6 +212,8 @@ def _compare(options: argparse.Namespace) -> int:
     rules = split_rules(options.rules)
     settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
     scene = _load(options)
+    if options.verbose:
+        print(_described(scene), flush=True)
     with _progress_bar(options.quiet) as progress:
         if options.reference is not None:
             reference = load_reference(options.reference)
@@ -221,7 +229,8 @@ def _compare(options: argparse.Namespace) -> int:
             )
         comparison = compare(
             scene, rules, options.spp, seeds, reference, options.output,
-            settings=settings, oracle=oracle, threads=options.threads, progress=progress,
+            settings=settings, oracle=oracle, threads=options.threads,
+            progress=_counted if options.verbose else progress,
         )  # fmt: skip
     if not options.quiet:
         print(summary(comparison.runs))
@@ -229,6 +238,11 @@ def _compare(options: argparse.Namespace) -> int:
             if (options.output / name).exists():
                 print(options.output / name)
     return 0
+
+
+def _counted(rule: str, done: int, total: int) -> None:
+    """A line for a render that is finished."""
+    print(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}", flush=True)
 
 
 def _depth(text: str) -> int | str | None:
@@ -281,7 +295,23 @@ def _render(options: argparse.Namespace) -> int:
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
         rule = result.provenance["rule"]
         print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_doubts(result)}")
+    if options.verbose:
+        print("\n".join([f"  {_described(scene)}", *_spent(result)]))
     return 0
+
+
+def _described(scene: Scene) -> str:
+    width, height = scene.camera.resolution
+    unseen = 0 if scene.seeing is None else int((~scene.seeing).sum())
+    known = f" ({unseen:,} of them see nothing, and are not sampled)" if unseen else ""
+    return f"scene {scene.name}: {width}x{height} pixels{known}, {scene.plan.describe()}"
+
+
+def _spent(result: Result) -> list[str]:
+    """Where the time went, and what was traced."""
+    stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
+    rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
+    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.weight.mean():.0%}"]
 
 
 def _doubts(result: Result) -> str:
@@ -341,11 +371,7 @@ def _info(options: argparse.Namespace) -> int:
         begin = time.perf_counter()
         scene = _load(options)
         scene.prepare()
-        width, height = scene.camera.resolution
-        unseen = 0 if scene.seeing is None else int((~scene.seeing).sum())
-        known = f" ({unseen:,} of them see nothing, and are not sampled)" if unseen else ""
-        described = f"{width}x{height} pixels{known}, {scene.plan.describe()}"
-        print(f"\nscene {scene.name}: {described}\nread and built in {time.perf_counter() - begin:.2f} s")
+        print(f"\n{_described(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 

@@ -17,10 +17,29 @@ from dmis.seen import Rgb, Seen, direction, point, rgb
 from dmis.vec import TINY, Array, dot, frame
 from dmis.warp import cone_pdf, square_to_cone, square_to_disk, square_to_triangle, to_world
 
+_LEAST_FAR = np.float32(1e-12)  # of directions that lead away from a sphere, whose distances are not used
+
 
 @dataclass(frozen=True, eq=False)
 class DiskLight:
-    """A disk that emits along `normal`; sampled uniformly in area."""
+    """A disk that emits along `normal`; sampled uniformly in area, density ``d^2 / (area |cos|)``.
+
+    Parameters
+    ----------
+    centre
+        Three numbers, in units of the scene.
+    normal
+        Where the bright side looks; of any length but 0.
+    radius
+        Positive, in units of the scene.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If the radius is not positive, the normal is zero, or the radiance is negative or not finite.
+    """
 
     centre: Rgb
     normal: Rgb
@@ -54,7 +73,20 @@ class DiskLight:
 
 @dataclass(frozen=True, eq=False)
 class QuadLight:
-    """A parallelogram ``corner + a edge_u + b edge_v`` that emits along ``edge_u x edge_v``."""
+    """A parallelogram ``corner + a edge_u + b edge_v`` that emits along ``edge_u x edge_v``; sampled uniformly in area.
+
+    Parameters
+    ----------
+    corner, edge_u, edge_v
+        Three numbers each, in units of the scene.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If the edges are parallel, or the radiance is negative or not finite.
+    """
 
     corner: Rgb
     edge_u: Rgb
@@ -98,7 +130,22 @@ class QuadLight:
 
 @dataclass(frozen=True, eq=False)
 class SphereLight:
-    """A sphere that emits outwards; sampled uniformly in the cone it subtends. Receivers inside it see nothing."""
+    """A sphere that emits outwards; sampled uniformly in the cone it subtends. Receivers inside it see nothing.
+
+    Parameters
+    ----------
+    centre
+        Three numbers, in units of the scene.
+    radius
+        Positive, in units of the scene.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If the radius is not positive, or the radiance is negative or not finite.
+    """
 
     centre: Rgb
     radius: float
@@ -138,8 +185,11 @@ class SphereLight:
     def _seen(self, wi: Array, to: Array, distance2: Array, cone: Array, met: Array, outside: Array) -> Seen:
         along = dot(to, wi)
         across = to - wi * along
-        chord2 = np.maximum(np.float32(self.radius**2) - dot(across, across), 0)
-        return Seen(wi, along - np.sqrt(chord2), self._data[1], cone_pdf(cone) * met, met)
+        radius2 = np.float32(self.radius**2)
+        far = along + np.sqrt(np.maximum(radius2 - dot(across, across), 0))
+        # the near end is |to|^2 - radius^2 over the far one; their difference would cancel for a large sphere
+        near = np.maximum(distance2 - radius2, 0) / np.maximum(far, _LEAST_FAR)
+        return Seen(wi, near, self._data[1], cone_pdf(cone) * met, met)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +197,20 @@ class MeshLight:
     """Triangles that emit along their winding's normal; sampled uniformly in area.
 
     Directions are tested against the light's own triangles by an Embree scene of their own.
+
+    Parameters
+    ----------
+    vertices
+        ``(V, 3)``, in units of the scene.
+    faces
+        ``(F, 3)`` vertex indices.
+    radiance
+        Emitted in every direction of the bright side, linear RGB, not negative.
+
+    Raises
+    ------
+    ValueError
+        If no triangle has an area, or the radiance is negative or not finite.
     """
 
     vertices: Array

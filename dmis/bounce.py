@@ -88,27 +88,28 @@ def bounce(
     ways: list[Any] = [*surface.delta, *([None] if surface.glossy else [])]
     if not ways:
         return None
-    origin, direction, factor = np.empty((3, 3, n), np.float32)
-    sees = np.zeros(n, bool)
-    for way, index, chance in _choose(surface, ways, n, rng):
-        part = surface.take(index)
-        at: Any = slice(None) if index is None else index
-        if way is None:
-            wi = part.sample(take(u, index))
-            found = part.p, wi, _reflected(part, wi)
-        else:
-            found = scatter(part, surface.take(index).delta[way], epsilon)
-            sees[at] = True
-        for out, value in zip((origin, direction, factor), (*found[:2], found[2] / chance), strict=True):
-            out[:, at] = value
+    if len(ways) == 1:  # nothing to choose, nothing to put together
+        origin, direction, factor = _follow(surface, ways[0], u, epsilon)
+        sees = np.full(n, ways[0] is not None)
+    else:
+        origin, direction, factor = np.empty((3, 3, n), np.float32)
+        sees = np.zeros(n, bool)
+        for lobe, index, chance in _choose(surface, ways, n, rng):
+            part = surface.take(index)
+            at: Any = slice(None) if index is None else index
+            way = None if lobe is None else part.delta[lobe]
+            found = _follow(part, way, take(u, index), epsilon)
+            for out, value in zip((origin, direction, factor), (*found[:2], found[2] / chance), strict=True):
+                out[:, at] = value
+            sees[at] = way is not None
     if throughput is not None:
-        factor *= throughput
+        factor = factor * throughput
     largest = factor.max(axis=0)
     alive = largest > 0
     if depth + 1 >= ROULETTE:
         survival = np.minimum(largest, np.float32(1))
         alive &= rng.random(n, dtype=np.float32) < survival
-        factor /= np.maximum(survival, np.float32(1e-30))
+        factor = factor / np.maximum(survival, np.float32(1e-30))
     if last:
         alive &= sees
     index = indices(alive)
@@ -116,6 +117,14 @@ def bounce(
         return None
     origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
     return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), take(sees, index))
+
+
+def _follow(surface: Surface, way: Any, u: Array, epsilon: np.float32) -> tuple[Array, Array, Array]:
+    """Origins, directions and factors, each ``(3, N)``, of rays along a delta lobe; None: along the glossy ones."""
+    if way is not None:
+        return scatter(surface, way, epsilon)
+    wi = surface.sample(u)
+    return surface.p, wi, _reflected(surface, wi)
 
 
 def merge(parts: Sequence[Rays], samples: int) -> Rays:
@@ -152,8 +161,6 @@ def _choose(
     Delta lobes are picked in proportion to what they let through, glossy ones share what is left of 1, and get at
     least a tenth.
     """
-    if len(ways) == 1:
-        return [(None if ways[0] is None else 0, None, np.float32(1))]
     wanted = np.zeros((len(ways), n), np.float32)
     for k, lobe in enumerate(surface.delta):
         wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)

@@ -23,9 +23,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from dmis.vec import TINY, Array, dot, normalise
-from dmis.warp import INV_PI, TWO_PI, power, power_pdf, square_to_power, square_to_sphere, to_world
+from dmis.warp import INV_PI, TWO_PI, power, square_to_power, square_to_sphere, to_world
 
 ONE = np.float32(1)
+SHARP = 1e3
+"""Exponents up to which cosines in float32 will do: their rounding, times the exponent, is 1e-4 of the lobe."""
+_LEAST = np.float32(1e-12)
 
 
 class Frame(Protocol):
@@ -62,7 +65,7 @@ class Pair:
 
     @cached_property
     def cos_i(self) -> Array:
-        """|n.wi|, ``(N,)``."""
+        """``|n.wi|``, ``(N,)``."""
         return np.abs(self.cos_i_signed)
 
     @cached_property
@@ -89,6 +92,24 @@ class Pair:
     def cos_h(self) -> Array:
         """Cosine between n and the half vector, without the half vector itself."""
         return np.minimum(np.abs(self.cos_i_signed + self.cos_o) / (2 * self.cos_d), ONE)
+
+    @cached_property
+    def tan2_h(self) -> Array:
+        """Squared tangent of the angle between n and the half vector, ``(N,)``.
+
+        From the tangential part of the half vector itself: ``1 - cos_h^2`` cancels where a narrow lobe is.
+        """
+        normal = self.cos_i_signed + self.cos_o
+        across = self.surface.wo + self.wi - self.surface.n * normal
+        return dot(across, across) / np.maximum(normal * normal, _LEAST)
+
+    def power_h(self, exponent: Any) -> Array:
+        """``cos_h ** exponent``, ``(N,)``; of sharp lobes through the tangent, because the rounding of a cosine near 1
+        is multiplied by the exponent: from 1e7 on it is larger than the lobe.
+        """
+        if np.max(exponent) <= SHARP:
+            return power(self.cos_h, exponent)
+        return np.exp(np.log1p(self.tan2_h) * (exponent * np.float32(-0.5)))
 
     @cached_property
     def half(self) -> tuple[Array, Array]:
@@ -160,10 +181,10 @@ class Blinn:
 
     def density(self, pair: Pair) -> Array:
         e = self.exponent
-        return (e + 2) / TWO_PI * power(pair.cos_h, e)
+        return (e + 2) / TWO_PI * pair.power_h(e)
 
     def pdf_h(self, pair: Pair) -> Array:
-        return power_pdf(pair.cos_h, self.exponent)
+        return (self.exponent + 1) * pair.power_h(self.exponent) / TWO_PI
 
     def sample_h(self, surface: Frame, u: Array) -> Array:
         return to_world(square_to_power(u, self.exponent), surface.n)
@@ -195,7 +216,7 @@ class Anisotropic:
     def _lobe(self, pair: Pair) -> Array:
         x, y = pair.half
         x2, y2 = x * x, y * y
-        return power(pair.cos_h, (self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
+        return pair.power_h((self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
 
 
 # Lobes --------------------------------------------------------------------------------------------------------------

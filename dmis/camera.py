@@ -117,7 +117,7 @@ class Camera:
         width, height = self.frame or self.resolution
         matrix = np.linalg.inv(np.asarray(self.to_world, float)[:3, :3])
         right, up, depth = matrix @ (np.asarray(points, float) - np.asarray(self.to_world, float)[:3, 3]).T
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the camera itself x and y mean nothing either
             x = width / 2 - self.corner[0] + right / (depth * self.pixel)
             y = height / 2 - self.corner[1] - up / (depth * self.pixel)
         return x, y, depth, float(np.linalg.norm(matrix, 2))

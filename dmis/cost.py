@@ -14,11 +14,14 @@ from dmis.vec import Array
 
 CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
+UNSEEN = "unseen"
+"""Beside the kinds of rays: camera samples of pixels that are known to see nothing, for which no ray is traced."""
 
 
 def surface_points(rays: Mapping[str, int]) -> float:
     """Surface points of a camera sample: where it meets the scene, and where paths that go on do."""
-    return 1 + (rays.get("bounce", 0) + rays.get("specular", 0)) / max(rays.get("camera", 0), 1)
+    onward = sum(number for kind, number in rays.items() if kind.startswith(("bounce", "specular")))
+    return 1 + onward / max(_camera_samples(rays), 1)
 
 
 def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, shading_samples: float = 2) -> Array:
@@ -34,8 +37,12 @@ def camera_sample(rays: Mapping[str, int], w: Array, pilot_samples: int = 4, sha
     pilot_samples, shading_samples
         Shading samples of each camera sample, in the pilot and in what is asked for.
     """
-    camera, points = max(rays.get("camera", 0), 1), surface_points(rays)
+    camera, points = max(_camera_samples(rays), 1), surface_points(rays)
     each = camera * points * pilot_samples / 2  # samples of either technique
     light, brdf = (SHADING + RAY * rays.get(kind, 0) / each for kind in ("shadow", "brdf"))
     always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
     return np.asarray(always + points * shading_samples * (np.asarray(w) * light + (1 - np.asarray(w)) * brdf))
+
+
+def _camera_samples(rays: Mapping[str, int]) -> int:
+    return rays.get("camera", 0) + rays.get(UNSEEN, 0)

@@ -32,12 +32,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmis.estimator import Record
-from dmis.vec import Array
+from dmis.vec import TINY, Array
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)
 """Weights at which curves are known: dense at the ends, where they are steep."""
 HALF = int(np.flatnonzero(GRID == 0.5)[0])
 LEAST = np.float32(1e-9)
+ROUNDING = 3e-5
+"""Of a pixel's curve, as a share of its second moment. A curve is the difference of float32 sums, each of which is off
+by 1e-6 or less; that may be the same in all pixels, so it is taken to be more, and something is left of it in means.
+"""
 
 
 class Curves:
@@ -56,7 +60,7 @@ class Curves:
     def __init__(self, pixels: int, shading_samples: int, classes: int = 1) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._curve, self._pattern = np.zeros((2, classes, len(GRID), pixels), np.float64)
+        self._curve, self._pattern, self._second = np.zeros((3, classes, len(GRID), pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -67,12 +71,13 @@ class Curves:
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
         last = len(self._curve) - 1
-        for k, (curve, pattern) in enumerate(zip(self._curve, self._pattern, strict=True)):
+        for k, (curve, pattern, second) in enumerate(zip(self._curve, self._pattern, self._second, strict=True)):
             mine = [record for record in records if min(record.depth, last) == k]
             difference: Array | None = None
             for x, d in spread(mine, 2 * self._s, radiance.shape[1]):
-                at_y, found = _curve(x, d, count)
+                at_y, found, moment = _curve(x, d, count)
                 curve += count / self._s * at_y
+                second += count / self._s * moment
                 difference = found if difference is None else difference + found
             if difference is not None:
                 pattern[1:-1] += count * _pattern(difference, count)
@@ -88,7 +93,11 @@ class Curves:
         pattern, seen = self._pattern / n, self._total / n
         curve = self._curve / n + _rounding(self._s)[:, None] * pattern
         half = curve[:, HALF : HALF + 1]
-        sums = {"curve": curve, "square": curve * curve, "cross": curve * half, "pattern": pattern}
+        # where all samples are alike curves are rounding, which must not pass for a gain
+        rounding = ROUNDING * self._second / n
+        square, cross = curve * curve + rounding * rounding, curve * half
+        cross[:, HALF] = square[:, HALF]
+        sums = {"curve": curve, "square": square, "cross": cross, "pattern": pattern}
         if len(curve) == 1:
             sums = {name: a[0] for name, a in sums.items()}
         # the pilot's own variance is V(1/2) with 2 S shading samples in place of S
@@ -108,7 +117,7 @@ def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[
         where = slice(None) if record.sample is None else record.sample
         at = record.turn, record.side, where
         x[at] += record.value.mean(axis=0)
-        d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], LEAST)
+        d[at] = (record.pdf[0] - record.pdf[1]) / np.maximum(record.pdf[0] + record.pdf[1], TINY)
     yield from found.values()
 
 
@@ -128,11 +137,18 @@ def _rounding(s: float) -> Array:
     return part * (1 - part) / s**2
 
 
-def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array]:
+def _unit(x: Array) -> np.float32:
+    """A power of two near the largest of them: in units of it squares of small numbers are not 0 in float32."""
+    return np.float32(2.0 ** np.floor(np.log2(max(float(x.max()), float(-x.min()), 1e-37))))
+
+
+def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
     """Variance of a shading sample at y, per pixel ``(G, P)``; D of pairs, the grid's ends left out,
-    ``(G - 2, S / 2, N)``.
+    ``(G - 2, S / 2, N)``; second moment ``(G, P)``.
     """
-    out = np.zeros((len(GRID), x.shape[2] // count), np.float64)
+    unit = _unit(x)
+    x = x / unit
+    out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     samples = x.shape[0] * x.shape[1] * count
     radiance_2 = _product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
@@ -141,22 +157,25 @@ def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array]:
         m = d * np.float32(2 * w - 1)
         m += 1
         np.maximum(m, LEAST, out=m)
-        out[g] = (square / m).reshape(-1, count, out.shape[1]).sum(axis=(0, 1)) / samples - radiance_2
+        second[g] = (square / m).reshape(-1, count, out.shape[1]).sum(axis=(0, 1)) / samples
+        out[g] = second[g] - radiance_2
         if 0 < w < 1:
             difference = differences[g - 1] = (x * d / m).sum(axis=1)
             out[g] -= w * (1 - w) * _product(difference).reshape(count, -1).mean(axis=0)
-    return out, differences
+    differences *= unit
+    return out * float(unit) ** 2, differences, second * float(unit) ** 2
 
 
 def _pattern(differences: Array, count: int) -> Array:
     """Variance of D over y, per pixel, from that of pairs ``(K, S / 2, N)``, ``(K, P)``."""
     out = []
-    for difference in differences:
+    unit = _unit(differences)
+    for difference in differences / unit:
         at_y = _product(difference).reshape(count, -1).mean(axis=0)
         pixel = difference.mean(axis=0).reshape(count, -1)
         everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
         out.append(at_y - everywhere)
-    return np.stack(out)
+    return np.stack(out) * float(unit) ** 2
 
 
 def _product(pairs: Array) -> Array:

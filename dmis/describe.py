@@ -30,7 +30,9 @@ def describe(plan: Plan) -> str:
     if left:
         lines.append(f"  {left:,} triangles neither reflect nor emit: they only occlude")
     for light in plan.sampled:
-        lines.append(f"  {type(light).__name__}: two techniques, MIS")
+        mixed = any(plan.mixes(group, light) for group in plan.groups)
+        way = "two techniques, MIS" if mixed else "no surface to sample it for, outside MIS"
+        lines.append(f"  {type(light).__name__}: {way}")
     for k, light in enumerate(plan.deltas):
         rays = ", at the pinhole: no shadow rays from camera hits" if k in plan.headlights else ""
         lines.append(f"  {type(light).__name__}: a single direction, outside MIS{rays}")

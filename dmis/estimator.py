@@ -24,6 +24,7 @@ import numpy as np
 from dmis import mis, technique
 from dmis.bounce import Rays, bounce, merge, scatter
 from dmis.brdf import Pair
+from dmis.cost import UNSEEN
 from dmis.intersect import RayCaster
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
@@ -146,15 +147,18 @@ def radiance(batch: Batch, origin: Array, direction: Array, seeing: Selection | 
     origin, direction
         ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
     seeing
-        Those that may meet something; None: all of them. The others are counted, but not traced.
+        Those that may meet something; None: all of them. The others are counted as `UNSEEN`.
 
     Returns
     -------
     ``(3, N)`` float32 linear RGB.
     """
     found = np.zeros(direction.shape, np.float32)
-    batch.rays["camera"] += direction.shape[1]
-    if seeing is not None and size(seeing, 0) == 0:
+    traced = size(seeing, direction.shape[1])
+    batch.rays["camera"] += traced
+    if traced < direction.shape[1]:
+        batch.rays[UNSEEN] += direction.shape[1] - traced
+    if not traced:
         return found
     pending = [Rays(take(origin, seeing), take(direction, seeing), seeing, None, 0, ())]
     while pending:
@@ -177,7 +181,8 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
     scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
     hits = batch.caster.closest(rays.origin, rays.direction)
     if rays.depth:
-        batch.rays["bounce" if settings.integrator == "path" else "specular"] += len(hits.prim)
+        kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
+        batch.rays[kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment:
         missed = indices(hits.prim < 0 if rays.sees is True else (hits.prim < 0) & rays.sees)

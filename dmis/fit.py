@@ -265,7 +265,7 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
     values = variance.reshape(len(w), -1)
     usable = np.isfinite(values).all(axis=0)
     scale = np.where(usable, np.abs(values).max(axis=0), 0)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # infinite variances are not usable already; their range is NaN
         usable &= np.ptp(values, axis=0) > 1e-12 * scale
     values = np.where(usable, values / np.where(usable, scale, 1), 0)
     centred, root = w - 0.5, np.sqrt(trust / trust.max())[:, None]
@@ -311,6 +311,16 @@ def make_rule(text: str) -> Rule:
     """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
 
     A bare value is the rule's first option.
+
+    Parameters
+    ----------
+    text
+        A name of `RULES`, a colon, and options ``name=value`` separated by commas.
+
+    Returns
+    -------
+    Rule
+        What `dmis.render.render` takes.
 
     Raises
     ------

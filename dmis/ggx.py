@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf import Frame, Fresnel, Pair, reflect
-from dmis.roughness import Roughness, tan2_h
+from dmis.roughness import Roughness
 from dmis.vec import Array, dot, normalise
 from dmis.warp import INV_PI, TWO_PI
 
@@ -36,7 +36,7 @@ class TrowbridgeReitz:
 
     def density(self, pair: Pair) -> Array:
         """D, ``(N,)``."""
-        ratio = (1 + tan2_h(pair)) / (1 + self.roughness.q(pair))
+        ratio = (1 + pair.tan2_h) / (1 + self.roughness.q(pair))
         return ratio * ratio * (INV_PI / self.roughness.area)
 
     def pdf_h(self, pair: Pair) -> Array:

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Blinn, Distribution, Frame, Pair, fifth, half_vector_pdf, half_vector_sample
+from dmis.brdf import SHARP, Blinn, Distribution, Frame, Pair, fifth, half_vector_pdf, half_vector_sample
 from dmis.roughness import Beckmann
-from dmis.vec import TINY, Array, normalise
-from dmis.warp import TWO_PI, power, power_pdf, square_to_power, to_world
+from dmis.vec import TINY, Array, dot, normalise
+from dmis.warp import TWO_PI, power, square_to_power, to_world
 
 _LEAST = np.float32(1e-10)  # of cosines and their products at the horizon
+_NEARLY_1 = np.float32(1 - 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,26 +42,34 @@ class Lafortune:
 
     def eval(self, pair: Pair) -> Array:
         """BRDF without the cosine; 0 below the shading horizon."""
-        lobe = power(self._cos(pair), self.exponent) * pair.above
+        lobe = self._lobe(pair, True) * pair.above
         return self.reflectance * ((self.exponent + 2) / TWO_PI * lobe)
 
     def pdf(self, pair: Pair) -> Array:
         """Density of `sample`, ``(N,)``."""
-        tangential, normal = self.c_t * self.c_t, self.c_n * self.c_n
-        cos2_o = pair.cos_o * pair.cos_o
-        length = np.sqrt(np.maximum(tangential * (1 - cos2_o) + normal * cos2_o, TINY))
-        return power_pdf(self._cos(pair) / length, self.exponent) * pair.above
+        return (self.exponent + 1) / TWO_PI * self._lobe(pair, False) * pair.above
 
     def sample(self, surface: Frame, u: Array) -> Array:
         """Directions about C wo, ``(3, N)``."""
-        # C wo vanishes at the horizon if c_t = 0
-        axis = surface.wo * self.c_t + surface.n * ((self.c_n - self.c_t) * np.maximum(surface.cos_o, _LEAST))
-        return to_world(square_to_power(u, self.exponent), normalise(axis))
+        return to_world(square_to_power(u, self.exponent), normalise(self._towards(surface)))
 
-    def _cos(self, pair: Pair) -> Array:
-        """C wo . wi where it is positive; up to \\|C wo\\|, not 1."""
-        across = pair.cos_io - pair.cos_i_signed * pair.cos_o
-        return np.clip(self.c_t * across + self.c_n * (pair.cos_i_signed * pair.cos_o), 0, 1)
+    def _towards(self, surface: Frame) -> Array:
+        """C wo, ``(3, N)``, kept from vanishing, which it would at the horizon if c_t = 0."""
+        return surface.wo * self.c_t + surface.n * ((self.c_n - self.c_t) * np.maximum(surface.cos_o, _LEAST))
+
+    def _lobe(self, pair: Pair, scaled: bool) -> Array:
+        """Cosine between C wo and wi to the exponent; times that power of \\|C wo\\| if `scaled`, ``(N,)``."""
+        tangential, normal = self.c_t * self.c_t - 1, self.c_n * self.c_n - 1
+        cos2_o = pair.cos_o * pair.cos_o
+        beyond = tangential * (1 - cos2_o) + normal * cos2_o  # |C wo|^2 - 1
+        if np.max(self.exponent) <= SHARP:
+            across = pair.cos_io - pair.cos_i_signed * pair.cos_o
+            cos = np.clip(self.c_t * across + self.c_n * (pair.cos_i_signed * pair.cos_o), 0, 1)
+            return power(cos if scaled else cos / np.sqrt(np.maximum(1 + beyond, TINY)), self.exponent)
+        # a cosine near 1 is rounded by more than the width of the lobe, see `Pair.power_h`: 1 - cos = |a - b|^2 / 2
+        away = normalise(self._towards(pair.surface)) - pair.wi
+        log_cos = np.log1p(-np.minimum(dot(away, away) / 2, _NEARLY_1))
+        return np.exp((log_cos + np.log1p(np.maximum(beyond, -_NEARLY_1)) / 2 if scaled else log_cos) * self.exponent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +90,7 @@ class BlinnPhong:
         """BRDF without the cosine; 0 below the shading horizon."""
         n = self.distribution.exponent
         scale = (n + 2) * (n + 4) / (4 * TWO_PI * (n + np.exp2(-n / 2)))
-        return self.reflectance * (scale * power(pair.cos_h, n) * pair.above)
+        return self.reflectance * (scale * pair.power_h(n) * pair.above)
 
     def pdf(self, pair: Pair) -> Array:
         """Density of `sample`, ``(N,)``."""

@@ -73,7 +73,7 @@ def _colour(lobe: Any) -> Array:
         return lobe.transmittance
     if isinstance(lobe, Microfacet | SpecularReflection) and lobe.fresnel is not None:
         return lobe.reflectance * lobe.fresnel(np.ones(1, np.float32))
-    return lobe.reflectance
+    return getattr(lobe, "reflectance", np.zeros(1, np.float32))  # a lobe of one's own may have none of that name
 
 
 def _centres(size: int) -> Array:

@@ -36,7 +36,8 @@ def write_image(path: str | os.PathLike[str], result: Result) -> None:
     if Path(path).suffix.lower() == ".png":
         write_png(path, result.image)
         return
-    layers = {"RGB": result.image, "weight": result.weight, "variance": result.variance, "samples": result.samples}
+    variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold
+    layers = {"RGB": result.image, "weight": result.weight, "variance": variance, "samples": result.samples}
     write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
 
 
@@ -50,7 +51,7 @@ def write_exr(
     Raises
     ------
     ValueError
-        If the extension is not .exr, or a layer has another shape.
+        If the extension is not .exr, a layer has another shape, or the image is not finite.
     OSError
         If the directory does not exist, or the disk is full: a file that was there before is then left as it was.
     """
@@ -65,6 +66,8 @@ def write_exr(
     for name, layer in layers.items():
         if layer.ndim not in (2, 3) or (layer.ndim == 3 and layer.shape[2] != 3):
             raise ValueError(f"layer {name} must have shape (H, W) or (H, W, 3); got {layer.shape}")
+        if name == "RGB" and not np.isfinite(layer).all():
+            raise ValueError(f"an image must be finite; {np.size(layer) - np.isfinite(layer).sum()} values are not")
         kind = np.float16 if layer.dtype == np.float16 else np.float32
         channels[name] = np.ascontiguousarray(layer, kind)  # OpenEXR writes strided arrays wrong
     header: dict[str, Any] = {

@@ -81,7 +81,8 @@ class Intersector:
             raise ValueError(f"distance must have shape ({len(o)},), one for each ray; got {distance.shape}")
         if self._check and np.isnan(distance).any():
             raise ValueError("distance must not be NaN, because Embree would walk the whole tree")
-        dists = np.array(distance, np.float32)  # a copy: Embree writes into it
+        # a copy, because Embree writes into it; not below 0, where it would call everything occluded
+        dists = np.maximum(distance, np.float32(0)).astype(np.float32, copy=False)
         return np.equal(self._scene.run(o, d, dists=dists, query="OCCLUDED"), 0)
 
     def _rays(self, origin: Array, direction: Array) -> tuple[Array, Array]:
@@ -130,7 +131,7 @@ class BruteForce:
         edge_u, edge_v = self._edges
         across = np.cross(d, edge_v)
         volume = (across * edge_u).sum(-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # rays in the plane of a triangle do not meet it
             inverse = 1 / volume
             offset = o - self._corner
             u = (offset * across).sum(-1) * inverse

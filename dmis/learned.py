@@ -63,7 +63,8 @@ class Learned:
         be more, if that is best for the image (second-moment, and only if cost counts).
     bounces
         In path tracing, ``shared``: one weight for all surfaces of a path; ``separate``: one for the first surface
-        and one for all behind it (second-moment, not with filter quadtree).
+        and one for all behind it (second-moment, not with filter quadtree), which was not better in any scene that
+        was measured, see ``docs/paths.md``.
     counts
         Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)`` (second-moment).
     floor
@@ -89,7 +90,7 @@ class Learned:
     cost: bool = True
     guard: float = 1.5
     split: bool = False
-    bounces: str = "separate"
+    bounces: str = "shared"
     counts: bool = False
     floor: float = 0.1
     count_sigma: float = 0.4

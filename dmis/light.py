@@ -30,7 +30,20 @@ from dmis.vec import TINY, Array, dot
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
-    """A point that emits `intensity` (power per solid angle) equally in all directions."""
+    """A point that emits equally in all directions. A delta light: it takes no part in MIS.
+
+    Parameters
+    ----------
+    position
+        Three numbers, in units of the scene.
+    intensity
+        Power per solid angle, linear RGB: at the distance d a surface that faces the point gets ``intensity / d^2``.
+
+    Raises
+    ------
+    ValueError
+        If the intensity is negative or not finite.
+    """
 
     position: Rgb
     intensity: Rgb
@@ -55,9 +68,25 @@ class PointLight:
 
 @dataclass(frozen=True, eq=False)
 class SpotLight:
-    """A point light that shines along `direction`, full inside `inner`, dark outside `outer` (half angles, degrees).
+    """A point light that shines along `direction`, full inside of a cone, dark outside of another. A delta light.
 
     In between the falloff is ``d^4``, d linear in the cosine, as in pbrt.
+
+    Parameters
+    ----------
+    position
+        Three numbers, in units of the scene.
+    direction
+        Where it shines; of any length but 0.
+    intensity
+        Power per solid angle on the axis, linear RGB.
+    outer, inner
+        Half angles of the cones in degrees, ``0 <= inner <= outer <= 180``.
+
+    Raises
+    ------
+    ValueError
+        If the angles are out of order, the direction is zero, or the intensity is negative or not finite.
     """
 
     position: Rgb
@@ -92,7 +121,20 @@ class SpotLight:
 
 @dataclass(frozen=True, eq=False)
 class DistantLight:
-    """Parallel light from one direction; `direction` points towards the light."""
+    """Parallel light from one direction. A delta light: it takes no part in MIS.
+
+    Parameters
+    ----------
+    direction
+        Towards the light, from where it comes; of any length but 0.
+    radiance
+        Linear RGB; times a BRDF and a cosine it is what a surface reflects (an irradiance, in other words).
+
+    Raises
+    ------
+    ValueError
+        If the direction is zero, or the radiance is negative or not finite.
+    """
 
     direction: Rgb
     radiance: Rgb

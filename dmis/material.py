@@ -2,7 +2,8 @@
 
 Parameters are numbers, RGB triples or `dmis.texture.Image`. A black constant removes its lobe, so that nothing is
 sampled or evaluated for it. Fresnel terms are the right way round here; the pbrt reader passes the reciprocal index
-for files of pbrt-v2, whose ``plastic`` and ``uber`` swap the two media.
+for files of pbrt-v2, whose ``plastic`` and ``uber`` swap the two media. A parameter out of its range is a ValueError
+that names it.
 """
 
 from __future__ import annotations
@@ -44,14 +45,30 @@ COPPER_K: Rgb = (3.912949, 2.452848, 2.142188)
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A surface's reflection: the sum of its lobes; sampling picks one of the non-delta lobes uniformly."""
+    """A surface's reflection: the sum of its lobes; sampling picks one of the non-delta lobes uniformly.
+
+    Parameters
+    ----------
+    lobes
+        Any number, see `dmis.brdf` and `dmis.glossy`; none is black.
+    name
+        For tables and messages.
+    """
 
     lobes: tuple[Lobe, ...]
     name: str = "material"
 
 
 def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
-    """Lambert, or Oren-Nayar if `sigma` (degrees) is not 0."""
+    """Lambert, or Oren-Nayar if `sigma` (degrees) is not 0.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    sigma
+        Spread of facet slopes in degrees, 0 to 90.
+    """
     if not 0 <= sigma <= 90:
         raise ValueError(f"sigma must be in [0, 90] degrees, the spread of facet slopes; got {sigma}")
     if _black("kd", kd):
@@ -60,7 +77,19 @@ def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
 
 
 def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1.5) -> Material:
-    """Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`."""
+    """Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    roughness
+        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
+    eta
+        Index of refraction of the coat, inside over outside.
+    """
     lobes: tuple[Lobe, ...] = ()
     if not _black("kd", kd):
         lobes += (Lambert(kd),)
@@ -70,12 +99,28 @@ def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1
 
 
 def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Material:
-    """A Blinn microfacet conductor; copper by default."""
+    """A Blinn microfacet conductor; copper by default.
+
+    Parameters
+    ----------
+    eta, k
+        Index of refraction and absorption, RGB triples, not negative.
+    roughness
+        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
+    """
     return Material((Microfacet(1.0, blinn(roughness), Conductor(_triple("eta", eta), _triple("k", k))),), "metal")
 
 
 def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
-    """A glossy and a mirror lobe, both with the conductor whose reflectance at normal incidence is `ks`, `kr`."""
+    """A glossy and a mirror lobe, both with the conductor whose reflectance at normal incidence is `ks`, `kr`.
+
+    Parameters
+    ----------
+    ks, kr
+        Numbers or RGB triples in [0, 1]; black leaves the lobe out.
+    roughness
+        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
+    """
     lobes: tuple[Lobe, ...] = ()
     if not _black("ks", ks):
         lobes += (Microfacet(1.0, blinn(roughness), _conductor_of("ks", ks)),)
@@ -85,7 +130,17 @@ def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
 
 
 def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness: Any = 0.1) -> Material:
-    """Ashikhmin and Shirley's diffuse base under a glossy coat; a tangent frame is needed only if u and v differ."""
+    """Ashikhmin and Shirley's diffuse base under a glossy coat; a tangent frame is needed only if u and v differ.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    u_roughness, v_roughness
+        Reciprocals of the exponents along the two tangents: positive, numbers or an `Image`.
+    """
     _black("kd", kd), _black("ks", ks)
     same = u_roughness is v_roughness or (
         not isinstance(u_roughness, Image) and not isinstance(v_roughness, Image) and u_roughness == v_roughness
@@ -105,7 +160,23 @@ def uber(
     eta: float = 1.5,
     opacity: Any = 1.0,
 ) -> Material:
-    """Diffuse, glossy, mirror and refraction together, all but a share ``1 - opacity`` that passes straight through."""
+    """Diffuse, glossy, mirror and refraction together, all but a share ``1 - opacity`` that passes straight through.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    kr, kt
+        Reflectance of the mirror and transmittance of the refraction, likewise.
+    roughness
+        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
+    eta
+        Index of refraction, inside over outside.
+    opacity
+        A number or an RGB triple in [0, 1].
+    """
     if isinstance(opacity, Image):
         raise ValueError("opacity must be a constant; got an image texture, which is not supported")
     clear = np.maximum(1 - np.atleast_1d(np.asarray(opacity, float)), 0)
@@ -124,13 +195,27 @@ def uber(
 
 
 def mirror(kr: Any = 0.9) -> Material:
-    """A perfect mirror of reflectance `kr`."""
+    """A perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS.
+
+    Parameters
+    ----------
+    kr
+        A number, an RGB triple or an `Image`, not negative.
+    """
     lobes: tuple[Delta, ...] = () if _black("kr", kr) else (SpecularReflection(kr),)
     return Material(lobes, "mirror")
 
 
 def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
-    """Smooth glass: mirror reflection and refraction, divided by Fresnel."""
+    """Smooth glass: mirror reflection and refraction, divided by Fresnel.
+
+    Parameters
+    ----------
+    kr, kt
+        Factors of the reflected and of the refracted part: numbers, RGB triples or `Image`, not negative.
+    eta
+        Index of refraction, inside over outside.
+    """
     lobes: tuple[Lobe, ...] = ()
     if not _black("kr", kr):
         lobes += (SpecularReflection(kr, Dielectric(eta)),)
@@ -143,7 +228,17 @@ def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
 
 
 def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
-    """Phong's cosine lobe about the mirror direction, normalised; see `dmis.glossy.Lafortune`."""
+    """Phong's cosine lobe about the mirror direction, normalised; see `dmis.glossy.Lafortune`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    """
     return _over(kd, ks, Lafortune(ks, _power("exponent", exponent)), "phong")
 
 
@@ -152,6 +247,17 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
 
     ``c_t = -1`` with ``c_n < 1`` is off-specular, ``c_t > 0`` sends light back to where it came from. Put several
     lobes in one `Material` to fit a measured surface.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    c_t, c_n
+        In [-1, 1] and (0, 1].
     """
     if not (abs(c_t) <= 1 and 0 < c_n <= 1):
         raise ValueError(
@@ -162,12 +268,33 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
 
 
 def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
-    """A cosine lobe of the half vector without masking, normalised; see `dmis.glossy.BlinnPhong`."""
+    """A cosine lobe of the half vector without masking, normalised; see `dmis.glossy.BlinnPhong`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    """
     return _over(kd, ks, BlinnPhong(ks, Blinn(_power("exponent", exponent))), "blinnphong")
 
 
 def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -> Material:
-    """Ward's Gaussian lobe with bounded albedo; anisotropic if `alpha_v` is given; see `dmis.glossy.Ward`."""
+    """Ward's Gaussian lobe with bounded albedo; anisotropic if `alpha_v` is given; see `dmis.glossy.Ward`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    """
     return _over(kd, ks, Ward(ks, Beckmann(spread(alpha, alpha_v))), "ward")
 
 
@@ -176,6 +303,15 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
 
     `n_u` and `n_v` are the exponents along the two tangents, the same if `n_v` is None. `substrate` is pbrt's variant,
     whose coat has a slightly larger factor.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the coat at normal incidence, likewise.
+    n_u, n_v
+        Positive, numbers or an `Image`.
     """
     _black("kd", kd), _black("ks", ks)
     distribution: Distribution = Blinn(_power("n_u", n_u))
@@ -185,21 +321,59 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
 
 
 def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel: Fresnel | None = None) -> Material:
-    """V-shaped facets with Blinn's distribution; `fresnel` None reflects everything; see `dmis.brdf.Microfacet`."""
+    """V-shaped facets with Blinn's distribution; `fresnel` None reflects everything; see `dmis.brdf.Microfacet`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    fresnel
+        `dmis.brdf.Dielectric`, `dmis.brdf.Conductor`, or None, which reflects everything.
+    """
     return _over(kd, ks, Microfacet(ks, Blinn(_power("exponent", exponent)), fresnel), "torrancesparrow")
 
 
 def cook_torrance(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
-    """V-shaped facets with Beckmann's distribution; the paper's factor 1/pi is 1/4 here, which conserves energy."""
+    """V-shaped facets with Beckmann's distribution; the paper's factor 1/pi is 1/4 here, which conserves energy.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    fresnel
+        `dmis.brdf.Dielectric`, `dmis.brdf.Conductor`, or None, which reflects everything.
+    """
     return _over(kd, ks, Microfacet(ks, Beckmann(spread(alpha, alpha_v)), fresnel), "cooktorrance")
 
 
 def ggx(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
-    """Facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.ggx`."""
+    """Facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.ggx`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, not negative; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    fresnel
+        `dmis.brdf.Dielectric`, `dmis.brdf.Conductor`, or None, which reflects everything.
+    """
     return _over(kd, ks, GGX(ks, spread(alpha, alpha_v), fresnel), "ggx")
 
 

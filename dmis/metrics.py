@@ -21,7 +21,18 @@ def squared_error(image: Array, first: Array, second: Array | None = None) -> Ar
 
 
 def mse(image: Array, first: Array, second: Array | None = None) -> float:
-    """Mean squared error over pixels and channels, against a reference or two independent halves of one."""
+    """Mean squared error over pixels and channels, against a reference or two independent halves of one.
+
+    Parameters
+    ----------
+    image, first, second
+        ``(H, W, 3)`` linear RGB. With two halves the reference's own noise is not counted; without `second` it is.
+
+    Raises
+    ------
+    ValueError
+        If they differ in shape.
+    """
     return float(_product(image, first, second).mean())
 
 
@@ -58,7 +69,20 @@ def ratio(values: Array, baseline: Array, confidence: float = 0.95) -> tuple[flo
 
 
 def relmse(image: Array, first: Array, second: Array | None = None, epsilon: float = 0.01) -> float:
-    """Mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, no outliers trimmed."""
+    """Mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, no outliers trimmed.
+
+    Parameters
+    ----------
+    image, first, second
+        See `mse`; r is the mean of the halves.
+    epsilon
+        In units of radiance, squared: what is much darker than its root counts little.
+
+    Raises
+    ------
+    ValueError
+        If the images differ in shape.
+    """
     reference = _mean(first, second)
     return float((_product(image, first, second) / (reference * reference + epsilon)).mean())
 

@@ -64,7 +64,7 @@ def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
     if temperature == 0:
         return rgb
     peak = _WIEN / temperature
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # a colour that is not finite is refused by the light that gets it
         c2 = 1.4388e7 / temperature
         brightest = (555 / peak) ** 5 * np.exp(c2 / 555 - c2 / peak) * np.expm1(-c2 / 555) / np.expm1(-c2 / peak)
         return _times(rgb, 470 / 471 / brightest)

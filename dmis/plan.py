@@ -37,10 +37,19 @@ NOTHING = 255
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A mesh with its material; `light` is the light whose visible surface it is. Its winding gives the bright side.
+    """A mesh with its material.
 
-    `tangent` is the direction that anisotropic lobes call u, laid upon the surface; by default the one in which the
-    mesh's texture coordinate u grows.
+    Parameters
+    ----------
+    mesh
+        Triangles in world space.
+    material
+        How they reflect.
+    light
+        The light whose visible surface this is; the winding of the triangles gives the bright side. None: it is none.
+    tangent
+        The direction that anisotropic lobes call u, three numbers, laid upon the surface; default: the one in which
+        the mesh's texture coordinate u grows.
     """
 
     mesh: Mesh

@@ -99,6 +99,25 @@ def save(figure: Figure, path: str | os.PathLike[str], title: str, caption: str)
     plt.close(figure)
 
 
+def show(stem: str, folder: str | os.PathLike[str] = "figures/tutorials") -> list[Path]:
+    """Show all open figures in windows; where there is no screen, write them to ``<stem>-1.png``, ``<stem>-2.png``, ...
+    in `folder`, close them, and return the files.
+    """
+    import matplotlib.pyplot as plt
+
+    if matplotlib.get_backend().lower() != "agg":
+        plt.show()
+        return []
+    paths = []
+    for k, number in enumerate(plt.get_fignums(), 1):
+        path = Path(folder) / f"{stem}-{k}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        plt.figure(number).savefig(path, dpi=100)
+        paths.append(path)
+    plt.close("all")
+    return paths
+
+
 def _extent(rows: tuple[int, int], columns: tuple[int, int]) -> tuple[float, float, float, float]:
     return columns[0], columns[1], rows[1], rows[0]
 

@@ -77,6 +77,13 @@ def make_reference(
         Where it is kept. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
     threads, progress
         See `dmis.render.render`. An interrupted half goes on where it stopped.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or another process is rendering the same reference.
+    OSError
+        If it cannot be written.
     """
     width, height = scene.camera.resolution
     key = json.dumps([__version__, fingerprint(scene), width, height, spp, rule, *described(settings)])

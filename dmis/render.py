@@ -26,6 +26,7 @@ from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
 from dmis.combine import COLLECTORS
+from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
 from dmis.fit import Pilot, Rule, make_rule
@@ -35,6 +36,7 @@ from dmis.samplers import Kind, stream
 from dmis.scene import Scene
 from dmis.settings import DEPTH, MOST, Settings
 from dmis.tile import Statistic, Tile, split
+from dmis.units import suited
 from dmis.variance import Moments
 from dmis.vec import Array
 from dmis.workers import Workers
@@ -57,7 +59,7 @@ class Result:
     image
         ``(H, W, 3)`` float32 linear RGB, row 0 on top.
     variance
-        ``(H, W, 3)`` float32: estimated variance of `image` itself (of the mean, not of one sample); NaN at one
+        ``(H, W, 3)`` float64: estimated variance of `image` itself (of the mean, not of one sample); NaN at one
         sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
         sampler spreads them.
     weight
@@ -68,10 +70,10 @@ class Result:
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
-        Rays traced, by kind: ``camera`` (one per camera sample, counted also where it is known to see nothing),
+        Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
         ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
-        ``specular`` (through mirrors and glass), ``bounce`` (of paths); ``guide``, towards what a rule's filter is
-        guided by.
+        ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on from so many
+        surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance
@@ -141,10 +143,12 @@ def render(
     Raises
     ------
     ValueError
-        If an argument is out of range, or the checkpoint is damaged, in use, or belongs to a different image.
+        If an argument is out of range, or the checkpoint is damaged, in use, or belongs to a different image; or if a
+        pixel comes out as infinite or NaN, which never is in an image.
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
+    described, (scene, gain) = scene, suited(scene)
     if rule is None:
         s, exact = (settings or Settings()).shading_samples, _exact(settings or Settings())
         rule = "auto" if spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST and exact else "balance"
@@ -170,7 +174,7 @@ def render(
     provenance = {
         "dmis": __version__,
         "scene": scene.name,
-        "scene_hash": fingerprint(scene),
+        "scene_hash": fingerprint(described),
         "resolution": list(scene.camera.resolution),
         "rule": rule_text,
         "spp": spp,
@@ -213,11 +217,12 @@ def render(
         crew.close(now=True)
         raise
     crew.close()
+    work.rays.pop(UNSEEN, None)
     pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
     parts = [(final, mean)]
     if settings.reuse_pilot:
         parts += [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()]
-    image, variance = _combine(parts)
+    image, variance = _combine(parts, gain)
     store.remove()
     shape = image.shape[:2]
     return Result(
@@ -296,9 +301,10 @@ def _check_workers(threads: int | None, workers: int | None, executor: Executor 
         )
 
 
-def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
+def _combine(parts: list[tuple[Moments, int]], gain: float) -> tuple[Array, Array]:
     """Average images with weights fixed beforehand, their mean numbers of samples; and the variance of the average.
 
+    Both in the units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """
     total = sum(n for _, n in parts)
@@ -307,9 +313,14 @@ def _combine(parts: list[tuple[Moments, int]]) -> tuple[Array, Array]:
     for part, n in parts:
         share = n / total
         image += part.mean * share
-        with np.errstate(divide="ignore", invalid="ignore"):
-            variance += np.where(np.asarray(part.n) > 1, part.m2 / (part.n - 1) / part.n, np.nan) * share**2
-    return image.astype(np.float32), variance.astype(np.float32)
+        n_each = np.broadcast_to(np.asarray(part.n, np.float64), image.shape)
+        freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
+        variance += part.m2 / (freedom * n_each) * share**2
+    with np.errstate(over="ignore"):  # what is infinite is refused here
+        single = (image * gain).astype(np.float32)
+    if not np.isfinite(single).all():
+        raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {image.max() * gain:g}")
+    return single, variance * gain**2
 
 
 def fingerprint(scene: Scene) -> str:

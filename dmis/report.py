@@ -216,7 +216,7 @@ def _maps(c: Comparison) -> str:
         if baseline is not None:
             ratios = variance_ratio(layers, baseline)
             middle = np.nanmedian(ratios) if np.isfinite(ratios).any() else np.nan
-            with np.errstate(divide="ignore"):
+            with np.errstate(divide="ignore"):  # a ratio of 0 is at the end of the scale
                 drawn = map_png(np.log2(ratios), "PuOr_r", -np.log2(RATIO), np.log2(RATIO))
             maps.append(("variance / balance", f"median {middle:.2f}", drawn))
         if c.oracle is not None:

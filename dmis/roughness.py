@@ -37,7 +37,7 @@ class Isotropic:
 
     def q(self, pair: Pair) -> Array:
         """Squared slope of the half vector over alpha."""
-        return tan2_h(pair) / self.area
+        return pair.tan2_h / self.area
 
     def stretched(self, surface: Frame, w: Array, cos: Array) -> Array:
         """Length of the unit vector `w`, whose cosine is `cos`, with its tangential parts multiplied by alpha."""
@@ -84,17 +84,6 @@ class Elliptic:
 Roughness = Isotropic | Elliptic
 
 
-def tan2_h(pair: Pair) -> Array:
-    """Squared tangent of the angle between n and the half vector, ``(N,)``.
-
-    From the tangential part of the half vector itself: ``1 - cos_h^2`` cancels where the lobe of a small alpha is.
-    """
-    h = pair.surface.wo + pair.wi
-    normal = pair.cos_i_signed + pair.cos_o
-    across = h - pair.surface.n * normal
-    return dot(across, across) / np.maximum(normal * normal, _LEAST)
-
-
 @dataclass(frozen=True, eq=False)
 class Beckmann:
     """Gaussian slopes, ``D = exp(-q) / (pi alpha_u alpha_v cos_h^4)``; half vectors are sampled with ``D cos_h``."""
@@ -103,7 +92,7 @@ class Beckmann:
 
     def density(self, pair: Pair) -> Array:
         """D, ``(N,)``."""
-        secant2 = 1 + tan2_h(pair)
+        secant2 = 1 + pair.tan2_h
         return np.exp(-self.roughness.q(pair)) * (secant2 * secant2) * (INV_PI / self.roughness.area)
 
     def pdf_h(self, pair: Pair) -> Array:

@@ -12,6 +12,7 @@ from dmis.vec import Array, Selection, take
 Rgb = tuple[float, float, float]
 FAR = np.float32(1e30)
 """The distance of what is infinitely far away."""
+_LARGEST = 3.4e38  # float32
 
 
 @dataclass(eq=False)
@@ -45,12 +46,12 @@ class Seen:
 
 def rgb(name: str, value: Rgb) -> Array:
     """A colour as ``(3, 1)`` float32; finite and not negative, or a ValueError that calls it `name`."""
-    out = np.asarray(value, np.float32).reshape(-1)
+    out = np.asarray(value, np.float64).reshape(-1)
     if out.shape == (1,):
         out = np.repeat(out, 3)
-    if out.shape != (3,) or not np.isfinite(out).all() or (out < 0).any():
-        raise ValueError(f"{name} must be three finite non-negative numbers (linear RGB); got {value}")
-    return out[:, None]
+    if out.shape != (3,) or not (out <= _LARGEST).all() or (out < 0).any():
+        raise ValueError(f"{name} must be three finite non-negative numbers (linear RGB) below 3.4e38; got {value}")
+    return out.astype(np.float32)[:, None]
 
 
 def point(name: str, value: Rgb) -> Array:

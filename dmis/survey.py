@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmis.cost import camera_sample
+from dmis.cost import UNSEEN, camera_sample
 from dmis.settings import DEPTH, Settings
 from dmis.vec import Array
 
@@ -58,7 +58,7 @@ def survey(scene: Scene) -> Survey:
         found = render_tile(small, Tile(0, 0, 0, (0, size[1]), (0, size[0]), SPP, 0.5, settings))
         images[integrator] = found.moments.mean.astype(float).mean(axis=2)
         samples = size[0] * size[1] * SPP
-        rays[integrator] = sum(found.rays.values()) / samples
+        rays[integrator] = (sum(found.rays.values()) - found.rays[UNSEEN]) / samples
         cost[integrator] = float(camera_sample(found.rays, np.array(0.5), settings.shading_samples))
     return Survey(_share(images["direct"], images["path"]), rays, cost)
 

@@ -111,6 +111,11 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     ----------
     caster
         What answers ray queries; None: the scene's Embree handle.
+
+    Raises
+    ------
+    ValueError
+        If a pixel is not finite.
     """
     tile = replace(tile, settings=scene.plan.settle(tile.settings))
     (top, bottom), (left, right) = tile.rows, tile.columns
@@ -176,6 +181,13 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     assert total is not None
     shape = bottom - top, right - left
     mean = total.mean if collector is None else total.mean + collector.correction()
+    if not (np.isfinite(mean).all() and np.isfinite(total.m2).all()):
+        bad = int(np.argmin(np.isfinite(mean + total.m2).all(axis=0)))
+        raise ValueError(
+            f"pixel at row {top + bad // (right - left)}, column {left + bad % (right - left)} must be finite; got "
+            f"{mean[:, bad].tolist()} with squared deviations {total.m2[:, bad].tolist()}. Something there is beyond "
+            f"what float32 holds, or a material divides by 0"
+        )
     mean, m2 = (np.moveaxis(a.reshape(3, *shape), 0, -1) for a in (mean, total.m2))
     n = total.n if isinstance(total.n, int) else total.n.reshape(*shape, 1)
     found = statistic.sums() if statistic else {}

@@ -1,7 +1,8 @@
 """Statistics per pixel, mergeable in any order of splits; and square patches of pixels.
 
-Means and sums of squared deviations are float64 and merge by Chan, Golub and LeVeque's formula (1983), which does not
-cancel.
+Means and sums of squared deviations are float64 from the first addition on (squares of float32 numbers overflow and
+underflow where the numbers do not, and one pixel may have 32768 samples in a block), and merge by Chan, Golub and
+LeVeque's formula (1983), which does not cancel.
 """
 
 from __future__ import annotations
@@ -38,10 +39,9 @@ class Moments:
     def of(cls, samples: Array) -> Moments:
         """Moments over the first axis of `samples` ``(n, ...)``."""
         n = len(samples)
-        mean = samples.sum(axis=0) * np.float32(1 / n)
-        deviation = samples - mean
-        deviation *= deviation
-        return cls(n, mean.astype(np.float64), deviation.sum(axis=0).astype(np.float64))
+        mean = samples.sum(axis=0, dtype=np.float64) / n
+        deviation = samples - mean.astype(samples.dtype)
+        return cls(n, mean, np.square(deviation, dtype=np.float64).sum(axis=0))
 
     def merge(self, other: Moments) -> Moments:
         """Moments of both sets of samples together."""

@@ -15,6 +15,7 @@ from dmis.vec import TINY, Array, frame
 PI = np.float32(np.pi)
 TWO_PI = np.float32(2 * np.pi)
 INV_PI = np.float32(1 / np.pi)
+_LEAST_CONE = np.float32(1e-37)  # one over which float32 still holds
 
 
 def square_to_disk(u: Array) -> Array:
@@ -79,7 +80,7 @@ def cone_to_square(w: Array, one_minus_cos: Array) -> Array:
 
 def cone_pdf(one_minus_cos: Array) -> Array:
     """Solid-angle density of `square_to_cone`."""
-    return 1 / (TWO_PI * np.maximum(one_minus_cos, TINY))
+    return 1 / (TWO_PI * np.maximum(one_minus_cos, _LEAST_CONE))
 
 
 def square_to_triangle(u: Array) -> Array:

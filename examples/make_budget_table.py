@@ -11,7 +11,7 @@ samples (``--sampler``) for all, the baseline too. Takes a quarter of an hour; t
 from datetime import date
 from pathlib import Path
 
-from thesis import TABLES, cell, options, replace_table, show
+from thesis import TABLES, cell, machine, options, replace_table, show
 
 from dmis.experiment import measure, median_seconds, on_cpu
 
@@ -51,5 +51,5 @@ for name, shrink in TABLES.items():
 # %%
 # The table goes between two marks in the page.
 kind = f"budgets {given.sampler}"
-about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples."
+about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples, on {machine()}."
 replace_table(given.page, kind, about, "", *lines)

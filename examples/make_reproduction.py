@@ -11,7 +11,7 @@ the project, once for the scenes that come with dmis, and once (``--scene-dir``)
 from datetime import date
 from pathlib import Path
 
-from thesis import SCENES, cell, options, replace_table, show
+from thesis import SCENES, cell, machine, options, replace_table, show
 
 from dmis.experiment import measure
 
@@ -46,5 +46,5 @@ for name in SCENES:
 # %%
 # The table goes between two marks in the page.
 kind = "original" if opts.scene_dir else "shipped"
-about = f"Made on {date.today()} with {given.seeds} seeds at {opts.spp} camera samples per pixel."
+about = f"Made on {date.today()} with {given.seeds} seeds at {opts.spp} camera samples per pixel, on {machine()}."
 replace_table(given.page, kind, about, "", *lines)

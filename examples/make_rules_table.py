@@ -12,7 +12,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from thesis import TABLES, cell, options, replace_table, show
+from thesis import TABLES, cell, machine, options, replace_table, show
 
 import dmis
 from dmis.curves import HALF
@@ -71,5 +71,5 @@ for name, shrink in TABLES.items():
 # %%
 # The table goes between two marks in the page.
 kind = f"{'original' if opts.scene_dir else 'shipped'} {given.sampler}"
-about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples; time is that of one thread."
+about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples, on {machine()}; one thread."
 replace_table(given.page, kind, about, "", *lines)

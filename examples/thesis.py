@@ -5,6 +5,8 @@ The thesis: Seo, Data-driven Multiple Importance Sampling for Monte Carlo Render
 
 import argparse
 import os
+import platform
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -142,6 +144,15 @@ def cell(runs: Sequence[Run], baseline: Sequence[Run]) -> str:
     value, half = ratio(np.array([run.mse for run in runs]), np.array([run.mse for run in baseline]))
     text = f"{value:.3f} ± {half:.3f}"
     return f"**{text}**" if value + half < 1 else text
+
+
+def machine() -> str:
+    """What a table was made on: processors, their name, where the system tells."""
+    cpu = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        names = re.findall(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text("utf-8"), re.M)
+        cpu = names[0] if names else cpu
+    return f"{os.cpu_count()} cores of {cpu}"
 
 
 def replace_table(page: Path, kind: str, *lines: str) -> None:

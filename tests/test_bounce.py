@@ -207,7 +207,8 @@ def test_one_batch_per_bounce() -> None:
     assert list(both.sample) == [0, 1, 3, 4] and list(both.direction[0]) == [2, 1, 2, 1]
     assert list(both.sees) == [False, True, False, False]
     rays = dmis.render(ROOM, "balance", 4, settings=Settings(integrator="path", max_depth=3)).rays
-    assert set(rays) == {"camera", "bounce", "shadow", "brdf"}
+    assert set(rays) == {"camera", "bounce 1", "bounce 2", "shadow", "brdf"}
+    assert rays["camera"] >= rays["bounce 1"] > rays["bounce 2"] > 0
 
 
 def test_unbounded_paths_are_for_paths() -> None:

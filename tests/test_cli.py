@@ -13,6 +13,7 @@ import time
 import numpy as np
 import pytest
 
+import dmis
 from dmis.__main__ import main
 from dmis.image import read_exr
 
@@ -55,7 +56,8 @@ def test_render_writes_layers_stats_and_preview(scene, tmp_path, capsys):
     assert json.loads(attributes["dmis.provenance"])["seed"] == 5
     data = json.loads((tmp_path / "stats.json").read_text())
     assert data["samples"] == 20 * 10 * 8
-    assert data["rays"]["camera"] == data["samples"]
+    seeing = dmis.load_scene(scene, resolution=(20, 10)).seeing  # no ray is traced where nothing is to be seen
+    assert data["rays"]["camera"] == 8 * seeing.sum() < data["samples"]
     assert data["samples_per_second"] == pytest.approx(data["samples"] / data["seconds"])
     assert 0 < data["embree_seconds"] and data["peak_rss_bytes"] > 1e6
     assert os.path.getsize(png) > 0
@@ -80,6 +82,34 @@ def test_quiet_and_logs_stay_quiet(scene, tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_verbose_says_more(scene, tmp_path, capsys):
+    """What the scene needs, stages, rays; for `compare` a line for each render. Not together with --quiet."""
+    out = str(tmp_path / "a.exr")
+    assert main(["render", scene, "-o", out, "--spp", "2", "--rule", "balance", "--verbose"]) == 0
+    first, *plan, seconds, rays, weight = capsys.readouterr().out.splitlines()
+    assert first.startswith(out) and "40x30 pixels" in plan[0] and len(plan) > 2
+    assert "pilot" in seconds and "shadow" in rays and "50%" in weight
+    options = ["--rules", "pbrt", "--spp", "2", "--seeds", "2", "--reference-spp", "2", "--resolution", "16x12"]
+    assert main(["compare", scene, *options, "-o", str(tmp_path / "c"), "--verbose"]) == 0
+    captured = capsys.readouterr()
+    assert re.findall(r":\d\d (\[\d/4\] \w+)$", captured.out, re.M) == [
+        "[1/4] balance", "[2/4] pbrt", "[3/4] balance", "[4/4] pbrt"
+    ]  # fmt: skip
+    assert captured.err == ""
+    with pytest.raises(SystemExit):
+        main(["render", scene, "-o", out, "--quiet", "--verbose"])
+
+
+def test_the_library_prints_nothing(capfd, tmp_path):
+    """Neither Python nor what it calls, from reading a scene to writing an image."""
+    scene = dmis.load_scene("teapot-area-light", resolution=(24, 24))
+    result = dmis.render(scene, "auto", 16, seed=1)
+    dmis.write_image(tmp_path / "a.exr", result)
+    dmis.read_exr(tmp_path / "a.exr")
+    dmis.make_reference(scene, 2, folder=tmp_path)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_info_describes_the_plan(scene, capsys):
     """Versions, and what the scene needs."""
     assert main(["info"]) == 0
@@ -96,7 +126,7 @@ def test_bench_prints_a_table(scene, capsys):
         assert main(["bench", scene, *small, *more]) == 0
         rows = capsys.readouterr().out.strip().split("\n")
         assert len(rows) == 4
-        assert float(rows[2].split("|")[-2]) > 0
+        assert float(rows[2].split("|")[-3]) > 0
 
 
 @pytest.mark.parametrize(

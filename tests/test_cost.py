@@ -20,6 +20,6 @@ def test_only_rays_of_techniques_depend_on_the_weight() -> None:
 def test_points_cost() -> None:
     """With as many rays to further surfaces as camera rays, a camera sample costs twice as much."""
     rays = {"camera": 100, "shadow": 150, "brdf": 20}
-    for kind in ("bounce", "specular"):
-        more = {"camera": 100, kind: 100, "shadow": 300, "brdf": 40}
+    for further in ({"bounce 1": 70, "bounce 2": 30}, {"specular": 100}):
+        more = {"camera": 100, "shadow": 300, "brdf": 40, **further}
         np.testing.assert_allclose(camera_sample(more, W), 2 * camera_sample(rays, W))

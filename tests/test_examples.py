@@ -117,6 +117,17 @@ def test_cluster_tables(cache, tmp_path):
     assert "nan" not in text and "inf" not in text
 
 
+@pytest.mark.slow
+def test_path_tables(cache, tmp_path):
+    """Five scenes in three tables: equal samples, equal time, the oracle."""
+    page = tmp_path / "page.md"
+    page.write_text("before\n", "utf-8")
+    run(ROOT / "examples" / "make_path_table.py", cache, "--seeds", "2", "--page", page)
+    text = page.read_text("utf-8")
+    assert text.startswith("before\n") and text.count("| cornell 16×16 |") == 3 and text.count("| tt ") == 3
+    assert "nan" not in text
+
+
 def test_report(cache, tmp_path):
     """Four scenes in one page, each with a folder that the next run goes on from."""
     script = ROOT / "examples" / "make_report.py"

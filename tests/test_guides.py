@@ -6,8 +6,9 @@ from helpers import box_scene
 
 import dmis
 from dmis import geometry
+from dmis.brdf import Lambert
 from dmis.fit import make_rule
-from dmis.guides import SCALES, guides
+from dmis.guides import SCALES, albedo, guides
 from dmis.sharing import pool
 from dmis.tile import BASE
 from dmis.vec import Array
@@ -102,3 +103,12 @@ def test_joint_rules_render(box: dmis.Scene) -> None:
     assert "guide" not in plain.rays
     assert plain.rays["camera"] == dmis.render(box, "second-moment:filter=joint", 16, seed=1).rays["camera"]
     assert not make_rule("second-moment:filter=gaussian").guided and make_rule("second-moment:filter=joint").guided
+
+
+def test_albedo_of_a_lobe_of_ones_own():
+    """Lobes need no attribute called reflectance: without it they count as black, and change no other's colour."""
+
+    class Own:
+        """Neither a colour nor anything else."""
+
+    assert np.array_equal(albedo((Own(), Lambert(0.25)), 3), np.full((3, 3), 0.25, np.float32))

@@ -172,3 +172,13 @@ def test_scene_comes_back_from_pickle() -> None:
     again = pickled(scene).intersector.closest(origin, direction)
     np.testing.assert_array_equal(hits.prim, again.prim)
     np.testing.assert_array_equal(hits.distance, again.distance)
+
+
+def test_nothing_is_nearer_than_0() -> None:
+    """A distance that rounding has made 0 or less has nothing in it, in Embree as by brute force."""
+    corners, faces = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]])
+    origin, down = (np.repeat(np.array([[0], [0], [z]], np.float32), 5, axis=1) for z in (1.0, -1.0))
+    distance = np.array([-5, -0.5, 0, 0.5, 5], np.float32)
+    for caster in (Intersector(corners, faces), BruteForce(corners, faces)):
+        np.testing.assert_array_equal(caster.occluded(origin, down, distance), distance > 1)
+    assert distance[0] == -5  # nothing was written into it

@@ -416,3 +416,17 @@ def test_bad_lights(make: Callable[[], Any], message: str) -> None:
     """Errors name the argument and the constraint."""
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("radius", [1.0, 1e4, 1e6])
+def test_the_near_end_of_a_large_sphere(radius: float) -> None:
+    """Its distance is positive and has the digits that the centre's has, although both ends are millions away."""
+    light = SphereLight((0.0, 0.0, radius + 2), radius, (1, 1, 1))
+    p = np.zeros((3, 500), np.float32)
+    for seen in (light.sample(p, uniforms(500)), light.hit(p, columns((0.6, 0.0, 0.8), 500))):
+        cos = seen.wi[2].astype(float)
+        along = (radius + 2) * cos
+        near = (4 * radius + 4) / (along + np.sqrt(np.maximum(along**2 - (4 * radius + 4), 0)))
+        assert (seen.distance > 0).all()
+        if seen.emits.all():
+            np.testing.assert_allclose(np.median(seen.distance / near), 1, rtol=1e-7 * radius + 1e-5)

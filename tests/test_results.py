@@ -27,9 +27,9 @@ def rendered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[tuple[str,
     seen = []
     original = dmis.experiment.render
 
-    def counted(scene, rule, spp, *, seed, threads):
+    def counted(scene, rule, spp, *, seed, **options):
         seen.append((rule, spp, seed))
-        return original(scene, rule, spp, seed=seed, threads=threads)
+        return original(scene, rule, spp, seed=seed, **options)
 
     monkeypatch.setattr(dmis.experiment, "render", counted)
     return seen

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,22 @@ def test_every_mixture_agrees(name):
     for mean, error in zip(means[1:], errors[1:], strict=True):
         assert np.abs((mean - means[0]) / np.hypot(error, errors[0])).max() < 4
     assert means[0].min() > 0.05
+
+
+@pytest.mark.parametrize("name", RESOLUTIONS)
+def test_rules_agree_on_paths(name):
+    """|z| < 4 between rules in the mean over the image, six surfaces deep, at 40 pixels across."""
+    width, height = RESOLUTIONS[name]
+    scene = dmis.load_scene(name, resolution=(40, round(40 * height / width)))
+    settings = dmis.Settings(integrator="path", max_depth=6)
+    rules = ("balance", "pbrt", "fixed:0.8", "thesis", "second-moment:bounces=separate", "auto")
+    results = [dmis.render(scene, rule, 32, seed=k, settings=settings) for k, rule in enumerate(rules)]
+    means = [r.image.mean(dtype=float) for r in results]
+    # channels vary together
+    errors = [np.sqrt(r.variance.mean(axis=2, dtype=float).sum()) / r.weight.size for r in results]
+    for mean, error in zip(means[1:], errors[1:], strict=True):
+        assert abs(mean - means[0]) < 4 * np.hypot(error, errors[0])
+    assert means[0] > dmis.render(scene, "balance", 32, settings=replace(settings, max_depth=1)).image.mean()
 
 
 @pytest.mark.parametrize("path", [*(ROOT / "scenes").rglob("*.*")], ids=lambda p: p.name)

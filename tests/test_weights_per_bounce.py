@@ -115,7 +115,7 @@ def test_one_weight_unless_paths_go_on(box: dmis.Scene) -> None:
         ("bounces=separate,filter=quadtree", PATHS, False),
         ("bounces=separate,combiner=optimal", PATHS, False),
         ("bounces=separate", replace(PATHS, max_depth=1), False),
-        ("bounces=separate", Settings(), False),
+        ("bounces=separate", Settings(integrator="direct"), False),
     ):
         assert ("later" in dmis.render(box, f"second-moment:{rule}", 8, settings=settings).maps) == apart
     with pytest.raises(ValueError, match="bounces must be shared or separate; got 'each'"):
@@ -148,7 +148,7 @@ def test_threads_do_not_matter() -> None:
 
 def test_curves_predict_paths() -> None:
     """The variance of rendered images at two weights, over many seeds, is what pilots at 1/2 say of each."""
-    rule = Learned(patch=32, spp=512, filter="none", shrink=False)
+    rule = Learned(patch=32, spp=512, filter="none", shrink=False, bounces="separate")
     first, behind = np.mean(
         [dmis.render(ROOM, rule, 513, seed=s, settings=PATHS).maps["variances"][:, :, 0, 0] for s in range(4)], axis=0
     )
@@ -188,7 +188,7 @@ def test_furnace_of_an_emitting_sphere(rule: Any) -> None:
 def test_oracle_of_paths(tmp_path: Any) -> None:
     """Two curves, whose changes add up; weights of their own save at least as much as one for all; kept by settings."""
     oracle = make_oracle(ROOM, 64, settings=PATHS, folder=tmp_path)
-    direct = make_oracle(ROOM, 64, folder=tmp_path)
+    direct = make_oracle(ROOM, 64, settings=Settings(integrator="direct"), folder=tmp_path)
     assert oracle.apart is not None and direct.apart is None and len(list(tmp_path.glob("*.npz"))) == 2
     assert oracle.best_apart().shape == (2, *oracle.best().shape)
     assert oracle.limit(apart=True) <= oracle.limit() < 1

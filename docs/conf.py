@@ -1,0 +1,188 @@
+"""How Sphinx makes the site: Markdown pages, the gallery, an API page for each module.
+
+The pages are plain Markdown that also reads well on a code host, so what only the site needs is here: the table of
+contents, pages made of files at the root, formulas as MathML (no script and no network is needed to see them).
+"""
+
+import os
+import pkgutil
+import re
+import sys
+import types
+from pathlib import Path
+
+import ziamath
+from latex2mathml.converter import convert
+
+import dmis
+
+DOCS = Path(__file__).parent
+sys.path.insert(0, str(DOCS))  # gallery.py
+os.environ.setdefault("DMIS_CACHE", str(DOCS / "_build" / "cache"))
+os.environ.pop("DMIS_PBRT_SCENES", None)  # the gallery shows the scenes that everyone has
+
+project = "dmis"
+author = "the dmis authors"
+copyright = author
+release = version = dmis.__version__
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+    "sphinx_gallery.gen_gallery",
+]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+exclude_patterns = ["_build", "tutorials", "generated/**/*.ipynb"]
+default_role = "py:obj"
+python_maximum_signature_line_length = 88
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_typehints_format = "short"
+autosummary_generate = False
+numpydoc_show_class_members = False
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+
+html_theme = "furo"
+html_title = f"dmis {version}"
+html_static_path = ["_static", str(Path(ziamath.__file__).parent / "fonts")]  # STIX Two Math, for the formulas
+html_css_files = ["dmis.css"]
+html_show_sourcelink = False
+html_show_copyright = False
+html_show_sphinx = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": ["tutorials", "../examples"],
+    "gallery_dirs": ["generated/tutorials", "generated/figures"],
+    "filename_pattern": r"/(plot_(?!scale)|\d_)",  # plot_scale.py starts processes: not in Sphinx
+    "ignore_pattern": r"^(?!plot_|\d_)",
+    "within_subsection_order": "FileNameSortKey",
+    "reset_argv": "gallery.arguments",
+    "image_scrapers": ("gallery.written", "matplotlib"),
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 1,
+    "remove_config_comments": True,
+    "write_computation_times": False,
+    "backreferences_dir": None,
+    "plot_gallery": "True",
+}
+
+# The table of contents ------------------------------------------------------------------------------------------------
+
+CONTENTS = {
+    "Begin": ["quickstart", "generated/tutorials/index", "choosing", "faq"],
+    "Know": ["theory", "rules", "brdfs", "paths", "plan", "conventions"],
+    "Use": ["cli", "scenes", "report", "cluster"],
+    "Measured": ["generated/figures/index", "reproduction", "performance", "stability"],
+    "Look up": ["generated/api/index", "code", "generated/contributing", "generated/changes"],
+}
+ELSEWHERE = {"CONTRIBUTING.md": "contributing", "CHANGELOG.md": "changes"}
+"""Pages that are kept at the root, by their names here."""
+
+
+def contents() -> str:
+    """Hidden tables of contents for the front page; pages that nobody listed come last."""
+    listed = {name for names in CONTENTS.values() for name in names} | {"index"}
+    more = sorted({page.stem for page in DOCS.glob("*.md")} - listed)
+    blocks = []
+    for caption, names in {**CONTENTS, "More": more}.items():
+        there = [name for name in names if name.startswith("generated/") or (DOCS / f"{name}.md").exists()]
+        if there:
+            blocks.append("\n".join(["```{toctree}", ":hidden:", f":caption: {caption}", "", *there, "```"]))
+    return "\n\n".join(blocks)
+
+
+# Markdown that reads well on a code host, too ---------------------------------------------------------------------
+
+
+def source_read(app, page: str, text: list[str]) -> None:
+    """Links that lead out of docs/ lead to the pages that the site has for them."""
+    if page.startswith("generated/"):
+        return
+    for file, name in ELSEWHERE.items():
+        text[0] = text[0].replace(f"](../{file}", f"](generated/{name}.md")
+    text[0] = re.sub(r"\]\(\.\./examples(?:/(plot_\w+)\.py)?\)", _gallery_page("figures"), text[0])
+    text[0] = re.sub(r"\]\(tutorials(?:/(\d_\w+)\.py)?\)", _gallery_page("tutorials"), text[0])
+    if page == "index":
+        text[0] += "\n\n" + contents()
+
+
+def _gallery_page(folder: str):
+    return lambda link: f"](generated/{folder}/{link[1] or 'index'}.rst)"
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file, unless it is there already as it should be."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_text("utf-8") != text:
+        path.write_text(text, "utf-8")
+
+
+def generate(app) -> None:
+    """Pages that are made of other files: those at the root, and one for each module."""
+    for file, name in ELSEWHERE.items():
+        text = (DOCS.parent / file).read_text("utf-8")
+        text = re.sub(r"\]\(docs/", "](../", text)
+        for other, page in ELSEWHERE.items():
+            text = text.replace(f"]({other}", f"]({page}.md")
+        write(DOCS / "generated" / f"{name}.md", text)
+    modules = sorted(module.name for module in pkgutil.iter_modules(dmis.__path__) if module.name != "__main__")
+    for name in modules:
+        title = f"dmis.{name}"
+        write(
+            DOCS / "generated" / "api" / f"{name}.rst",
+            f"{title}\n{'=' * len(title)}\n\n.. automodule:: {title}\n   :members:\n",
+        )
+    for page in (DOCS / "generated" / "api").glob("*.rst"):
+        if page.stem not in (*modules, "index"):
+            page.unlink()  # of a module that is no more
+    public = (DOCS / "api.rst.txt").read_text("utf-8")
+    entries = "\n".join(f"   {name}" for name in modules)
+    write(
+        DOCS / "generated" / "api" / "index.rst",
+        f"{public}\n\n.. toctree::\n   :caption: Modules\n   :maxdepth: 1\n\n{entries}\n",
+    )
+
+
+# Formulas ---------------------------------------------------------------------------------------------------------
+
+
+def inline_math(self, node) -> None:
+    """A formula in a line."""
+    from docutils.nodes import SkipNode
+
+    self.body.append(convert(node.astext()))
+    raise SkipNode
+
+
+def display_math(self, node) -> None:
+    r"""A formula of its own; its number is what ``\tag`` says."""
+    from docutils.nodes import SkipNode
+
+    formula, _, rest = node.astext().partition(r"\tag{")
+    number = rest.partition("}")[0]
+    anchor = f' id="eq-{number}"' if number else ""
+    shown = f'<span class="eqno">({number})</span>' if number else ""
+    self.body.append(f'<div class="math"{anchor}>{convert(formula.strip(), display="block")}{shown}</div>\n')
+    raise SkipNode
+
+
+def skip_aliases(app, what: str, name: str, value, skip: bool, options) -> bool | None:
+    """Leave out names of types such as ``Array``: signatures spell them out."""
+    return True if isinstance(value, types.GenericAlias) else None
+
+
+def setup(app) -> None:
+    """Connect all that."""
+    app.add_html_math_renderer("mathml", (inline_math, None), (display_math, None))
+    app.connect("builder-inited", generate, priority=100)
+    app.connect("source-read", source_read)
+    app.connect("autodoc-skip-member", skip_aliases)
+
+
+html_math_renderer = "mathml"

@@ -1,0 +1,27 @@
+"""What sphinx-gallery needs to know of the scripts: how they are run, and where their pictures are."""
+
+from pathlib import Path
+
+from sphinx_gallery.scrapers import figure_rst
+
+FIGURES = Path(__file__).parent / "_build" / "figures"
+
+
+def arguments(conf: dict, script: dict) -> list[str]:
+    """Command line of a script: those of `examples` run at their quick size; tutorials take nothing."""
+    source = Path(script["src_file"])
+    script["example_globals"]["__file__"] = str(source)  # as it is when it is run as a script
+    if source.parent.name != "examples":
+        return []
+    return ["--quick", "-o", f"../docs/_build/figures/{source.stem}.png"]
+
+
+def written(block: tuple, variables: dict, conf: dict) -> str:
+    """The picture that a script of `examples` has written, if it has by now."""
+    picture = FIGURES / f"{Path(variables['src_file']).stem}.png"
+    if not picture.exists():
+        return ""
+    path = Path(next(variables["image_path_iterator"]))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    picture.replace(path)
+    return figure_rst([str(path)], conf["src_dir"], path.stem)

@@ -1,0 +1,205 @@
+"""Stiff scenes: the mean is right up to what float32 must lose, and nothing is infinite, whatever the rule.
+
+The family is that of examples/stiff.py, whose truths are closed forms and quadrature in float64. NumPy's floating-point
+warnings are errors, here as in all tests. A sample takes seconds; `make test-slow` has the whole map.
+"""
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import stiff
+from helpers import Z_LIMIT, box_scene, columns, polar, surface, unit
+
+import dmis
+from dmis.brdf import Pair
+from dmis.fit import RULES, parabola_minimum
+from dmis.variance import Moments
+from dmis.vec import Array
+
+FAMILY = list(stiff.family())
+SAMPLE = {
+    "light radius, roughness 8e-06, 1e-08",
+    "light radius, roughness 0.008, 1e-08",
+    "light radius, roughness 8e-06, 1",
+    "light radius, roughness 8e+06, 1e-08",
+    "light radius, roughness 8e+06, 1",
+    "light distance 8e+06",
+    "radiance 1e-30",
+    "radiance 1e+30",
+    "sun's contrast 1e+08",
+    "grazing view 1e-07",
+    "grazing light 0.001",
+    "light in contact, facing 0.0001",
+    "light in contact, at right angles 0.0001",
+    "slivers 100000",
+    "offset 8e+06",
+    "scale 1e-06",
+    "scale 1e+06",
+    "albedo 0",
+    "albedo 1",
+    "identical techniques, light 0",
+    "identical techniques, brdf 0",
+}
+LEAN = ("thesis", "inverse-variance", "representativity")
+"""Rules that may leave a technique too few samples to be measured here, see test_rules.py."""
+
+
+def test_the_sample_is_of_the_family() -> None:
+    """No case of the sample is called something else."""
+    assert SAMPLE <= {case.name for case in FAMILY}
+
+
+@pytest.mark.parametrize("case", [c for c in FAMILY if c.name in SAMPLE], ids=lambda case: case.name)
+def test_a_sample_of_the_map(case: stiff.Case) -> None:
+    """The balance heuristic."""
+    assert stiff.measure(case, "balance", 64).z(case.rounding) < Z_LIMIT
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rule", ["balance", "pbrt", "second-moment", "auto"])
+@pytest.mark.parametrize("case", FAMILY, ids=lambda case: case.name)
+def test_the_whole_map(case: stiff.Case, rule: str) -> None:
+    """All cases; where float32 loses everything, what comes out is at least finite."""
+    found = stiff.measure(case, rule, 128, seed=2)
+    assert np.isfinite(found.mean) and not found.refused
+    assert case.rounding >= 1 or found.z(case.rounding) < Z_LIMIT
+
+
+@pytest.mark.parametrize("rule", sorted(RULES))
+def test_every_rule_is_finite(rule: str) -> None:
+    """No rule divides by what a stiff scene makes 0, or squares what it makes too large."""
+    for case in FAMILY:
+        if case.name in ("radiance 1e+30", "light radius, roughness 8e-06, 1e-08", "light distance 8e+06"):
+            found = stiff.measure(case, rule, 16)
+            blind = rule in ("uniform", *LEAN)
+            assert np.isfinite(found.mean) and (blind or found.z(case.rounding) < Z_LIMIT)
+
+
+# Images that are degenerate -----------------------------------------------------------------------------------------
+
+
+def one_point(radiance: float = 1.0, resolution: tuple[int, int] = (1, 1), lit: bool = False) -> dmis.Scene:
+    """A floor under a lamp, in few pixels; or nothing but the lamp in all of them."""
+    lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (radiance,) * 3)
+    shade = dmis.Mesh(np.array([[-0.5, -0.5, 2], [-0.5, 0.5, 2], [0.5, 0.5, 2], [0.5, -0.5, 2]]),
+                      np.array([[0, 1, 2], [0, 2, 3]]))  # fmt: skip
+    part = dmis.scene.Part(shade, dmis.matte(0.0), lamp)
+    target = (0.0, 0.0, 2.0) if lit else (0.0, 0.0, 0.0)
+    eye = (0.0, -0.1, 0.5) if lit else (0.0, -1.0, 0.7)
+    return box_scene(lights=(lamp,), extra=(part,), resolution=resolution, eye=eye, target=target, fov=5.0)
+
+
+@pytest.mark.parametrize("rule", sorted(RULES))
+@pytest.mark.parametrize("resolution", [(1, 1), (1, 5), (3, 2)])
+def test_images_smaller_than_a_patch(rule: str, resolution: tuple[int, int]) -> None:
+    """One pixel, one column, less than a patch."""
+    result = dmis.render(one_point(resolution=resolution), rule, 64, threads=1)
+    assert result.image.shape == (resolution[1], resolution[0], 3) and (result.image >= 0).all()
+    assert np.isfinite(result.weight).all() and np.isfinite(result.variance).all()
+
+
+@pytest.mark.parametrize("rule", sorted(RULES))
+@pytest.mark.parametrize("radiance, lit, seen", [(0.0, False, 0.0), (0.0, True, 0.0), (7.0, True, 7.0)])
+def test_images_without_noise(rule: str, radiance: float, lit: bool, seen: float) -> None:
+    """All black, all lamp: nothing varies, and no weight is better than another."""
+    result = dmis.render(one_point(radiance, (5, 4), lit), rule, 16, threads=1)
+    np.testing.assert_array_equal(result.image, np.full((4, 5, 3), seen, np.float32))
+    np.testing.assert_array_equal(result.variance, 0)
+    assert np.isfinite(result.weight).all()
+
+
+def test_one_sample_has_no_variance() -> None:
+    """1 spp is an image; its variance is said to be unknown; a rule with a pilot says how many it needs."""
+    result = dmis.render(one_point(), "balance", 1)
+    assert np.isfinite(result.image).all() and np.isnan(result.variance).all()
+    with pytest.raises(ValueError, match="more than the pilot's 6 camera samples"):
+        dmis.render(one_point(), "thesis", 1)
+
+
+# Numerics -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [dmis.torrance_sparrow, dmis.blinn_phong, dmis.phong, dmis.ashikhmin_shirley])
+@pytest.mark.parametrize("exponent", [1e4, 1e6, 1e8])
+def test_sharp_lobes(make: Callable[..., dmis.Material], exponent: float) -> None:
+    """Densities of a sharp lobe are those of float64 at the same directions, a few of its widths from the mirror's.
+
+    A cosine near 1 is off by 6e-8, which times 1e8 is more than the lobe.
+    """
+    material = (
+        make(0.0, 0.5, exponent) if make is not dmis.ashikhmin_shirley else make(0.0, 0.5, exponent, 2 * exponent)
+    )
+    normal = unit(0.3, -0.5, 0.8)
+    mirrored = (2 * normal[:, None] @ normal[None] - np.eye(3)) @ (wo := polar(30.0))
+    slopes = np.random.default_rng(1).normal(size=(3, 64)) * 2 / np.sqrt(exponent)
+    wi = mirrored[:, None] + slopes
+    wi /= np.linalg.norm(wi, axis=0)
+    single, double = (
+        _lobe(material, *(np.asarray(v, dtype) for v in (columns(wo, 64), columns(normal, 64), wi.astype(np.float32))))
+        for dtype in (np.float32, np.float64)
+    )
+    assert double[0].max() > 1
+    for one, two in zip(single, double):
+        np.testing.assert_allclose(one, two, rtol=2e-6 * np.sqrt(exponent), atol=1e-6 * two.max())
+
+
+def _lobe(material: dmis.Material, wo: Array, n: Array, wi: Array) -> tuple[Array, Array]:
+    """``f`` and density of the first glossy lobe at unit vectors of either type, brought to unit length in it."""
+    wo, n, wi = (v / np.sqrt((v * v).sum(axis=0)) for v in (wo, n, wi))
+    at = surface(material, polar(30.0), wo.shape[1])
+    vars(at).update(n=n, ng=n, wo=wo, cos_o=(n * wo).sum(axis=0), dpdu=np.broadcast_to(polar(80.0)[:, None], wo.shape))
+    lobe = at.glossy[-1]
+    return np.broadcast_to(lobe.eval(Pair(at, wi)), wo.shape)[0], lobe.pdf(Pair(at, wi))
+
+
+def test_moments_do_not_lose_digits() -> None:
+    """A pixel's 32768 samples, one after the other; tiny and huge ones; a large mean with a small spread."""
+    samples = np.full((2**15, 3), 0.1, np.float32)
+    np.testing.assert_allclose(Moments.of(samples).mean, np.float64(np.float32(0.1)), rtol=1e-14)
+    for scale in (1e-30, 1e30):
+        x = (scale * np.random.default_rng(1).random((64, 5))).astype(np.float32)
+        np.testing.assert_allclose(Moments.of(x).variance(), x.astype(np.float64).var(axis=0, ddof=1), rtol=1e-6)
+    x = (1000 + np.random.default_rng(1).random((64, 5))).astype(np.float32)
+    np.testing.assert_allclose(Moments.of(x).variance(), x.astype(np.float64).var(axis=0, ddof=1), rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-30, 1.0, 1e30, 1e150])
+@pytest.mark.parametrize("base", [0.0, 1e4])
+def test_the_parabola_is_found_at_any_scale(scale: float, base: float) -> None:
+    """The minimum of a planted parabola, on a constant that is much larger than its depth."""
+    w = np.array([0, 0.5, 1])
+    found, status = parabola_minimum(w, scale * (base + (w - 0.3) ** 2)[:, None])
+    np.testing.assert_allclose(found, 0.3, atol=1e-10)
+    assert status == 0
+
+
+def test_suppressed_warnings_say_why() -> None:
+    """Each `np.errstate` of the library has a comment on its line or above it."""
+    for module in (Path(__file__).parent.parent / "dmis").glob("*.py"):
+        before = ""
+        for line in module.read_text("utf-8").splitlines():
+            if "np.errstate" in line:
+                assert "#" in line or before.lstrip().startswith("#"), f"{module.name}: {line.strip()}"
+            before = line
+
+
+class Broken(dmis.brdf.Lambert):
+    """A lobe that divides by 0."""
+
+    def eval(self, pair: Pair) -> Array:
+        return self.reflectance / (pair.cos_i * 0)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_raise_too(threads: int) -> None:
+    """A material that divides by 0 fails a test wherever it is evaluated, and is no image where it does not."""
+    scene = box_scene(dmis.Material((Broken(0.5),)))
+    with pytest.raises(RuntimeWarning, match="divide by zero"):
+        dmis.render(scene, "balance", 2, threads=threads)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises(ValueError, match=r"pixel at row \d+, column \d+ must be finite"):
+            dmis.render(scene, "balance", 2, threads=threads)

@@ -1,0 +1,115 @@
+"""Units that suit float32: extreme scenes give the image of the tame one, ordinary scenes are not touched."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import FLOOR, box_scene
+
+import dmis
+from dmis.geometry import scale, translate
+from dmis.scene import Part, Scene
+from dmis.units import suited
+
+LIGHTS = (
+    dmis.DiskLight((1.0, 0.5, 2.0), (-0.2, 0.1, -1.0), 0.5, (3.0, 2.0, 1.0)),
+    dmis.QuadLight((-0.5, -0.5, 2.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (5.0, 4.0, 3.0)),
+    dmis.SphereLight((-1.0, 1.0, 1.5), 0.25, (9.0, 9.0, 9.0)),
+    dmis.MeshLight(np.array([[0, 0, 3.0], [0, 1, 3], [1, 0, 3]]), np.array([[0, 1, 2]]), (4.0, 4.0, 4.0)),
+    dmis.PointLight((1.0, -1.0, 2.0), (1.0, 2.0, 3.0)),
+    dmis.SpotLight((0.0, 0.0, 3.0), (0.1, 0.2, -1.0), (5.0, 5.0, 5.0)),
+    dmis.DistantLight((1.0, 1.0, 2.0), (0.5, 0.4, 0.3)),
+    dmis.EnvironmentLight(np.ones((4, 8, 3), np.float32), scale=(0.3, 0.2, 0.1)),
+)
+VISIBLE = dmis.Mesh(np.array([[-0.5, -0.5, 2], [-0.5, 0.5, 2], [0.5, 0.5, 2.0]]), np.array([[0, 1, 2]]))
+
+
+def zoo(length: float = 1.0, offset: float = 0.0, gain: float = 1.0) -> Scene:
+    """All lights over a floor, one of them visible; every length, position and radiance in other units."""
+    matrix = translate((offset,) * 3) @ scale(length)
+    lights = []
+    for light in LIGHTS:
+        changes = {}
+        for name in ("centre", "corner", "position", "vertices"):
+            if hasattr(light, name):
+                changes[name] = np.asarray(getattr(light, name)) * length + offset
+        for name in ("radius", "edge_u", "edge_v"):
+            if hasattr(light, name):
+                changes[name] = np.asarray(getattr(light, name)) * length
+        for name, factor in (("radiance", gain), ("scale", gain), ("intensity", gain * length**2)):
+            if name in light.__dataclass_fields__:
+                changes[name] = np.asarray(getattr(light, name)) * factor
+        lights.append(replace(light, **{k: v if v.ndim else float(v) for k, v in changes.items()}))
+    tame = box_scene(resolution=(4, 4), fov=60.0)
+    to_world = np.array(tame.camera.to_world)
+    to_world[:3, 3] = to_world[:3, 3] * length + offset
+    parts = (
+        Part(FLOOR.transformed(matrix), dmis.plastic(0.5, 0.3, 0.05)),
+        Part(VISIBLE.transformed(matrix), dmis.matte(0.0), lights[1]),
+    )
+    return Scene(replace(tame.camera, to_world=to_world), parts, tuple(lights))
+
+
+@pytest.mark.parametrize(
+    "length, gain, rule",
+    [(2.0**-40, 1.0, "balance"), (2.0**30, 2.0**60, "auto"), (2.0**-25, 2.0**-90, "thesis")],
+)
+def test_extreme_units_give_the_same_bits(length: float, gain: float, rule: str) -> None:
+    """Powers of two change no digit: the image is that of the tame scene times the gain, to the last bit."""
+    tame, extreme = (dmis.render(s, rule, 16, seed=3, threads=1) for s in (zoo(), zoo(length, 0.0, gain)))
+    np.testing.assert_array_equal(extreme.image, tame.image * gain)
+    np.testing.assert_array_equal(extreme.variance, tame.variance * gain**2)
+    np.testing.assert_array_equal(extreme.weight, tame.weight)
+    assert tame.image.min() > 0
+
+
+@pytest.mark.parametrize("offset", [2.0**10, 2.0**20, -(2.0**30)])
+def test_far_from_the_origin(offset: float) -> None:
+    """Positions are moved before they are rounded, so a scene a billion away has the digits that it has at home."""
+    tame, far = (dmis.render(s, "balance", 64, seed=3, threads=1).image for s in (zoo(), zoo(offset=offset)))
+    np.testing.assert_allclose(far, tame, rtol=2e-3)  # a few samples cross an edge
+    np.testing.assert_allclose(far.mean(), tame.mean(), rtol=2e-5)
+
+
+def test_ordinary_scenes_are_not_touched(box: Scene) -> None:
+    """No copy, no factor."""
+    for scene in (box, zoo(), zoo(1e-3, 0.05, 1e3)):
+        same, gain = suited(scene)
+        assert same is scene and gain == 1
+
+
+def test_parts_keep_their_lights() -> None:
+    """A visible light stays the light of its part, and one light."""
+    scene, gain = suited(zoo(gain=2.0**70))
+    assert gain == 2.0**73 and scene.parts[1].light is scene.lights[1]
+    np.testing.assert_array_equal(scene.lights[1].radiance, np.array((5.0, 4.0, 3.0)) / 8)
+
+
+def test_too_far_to_be_there() -> None:
+    """What even float64 cannot hold is refused."""
+    with pytest.raises(ValueError, match="further from the origin than 1e9 times its size"):
+        dmis.render(zoo(offset=1e12), "balance", 2)
+
+
+def test_radiance_beyond_float32() -> None:
+    """An image that would be infinite is an error."""
+    sky = dmis.EnvironmentLight(np.full((2, 2, 3), 3e38, np.float32))
+    with pytest.raises(ValueError, match=r"below 3\.4e38"):
+        dmis.render(box_scene(dmis.matte(0.9), (sky,), resolution=(2, 2)), "fixed:1", 4)
+    with pytest.raises(ValueError, match=r"radiance must be .* got \(1.0, 1.0, 1e\+39\)"):
+        dmis.SphereLight((0, 0, 0), 1.0, (1.0, 1.0, 1e39))
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        dmis.SphereLight((0, 0, 2), 1e-13, (1, 1, 1)),
+        dmis.DiskLight((0, 0, 2), (0, 0, -1), 1e14, (1, 1, 1)),
+        dmis.QuadLight((0, 0, 2), (0, 1e-30, 0), (1, 0, 0), (1, 1, 1)),
+        dmis.MeshLight(np.eye(3) * 1e-20, np.array([[0, 1, 2]]), (1, 1, 1)),
+    ],
+)
+def test_lights_whose_area_float32_does_not_hold(light: dmis.light.AreaLight) -> None:
+    """Refused: they would come out with another area."""
+    with pytest.raises(ValueError, match="a light must have 1e-12 to 1e\\+12 times the size of the scene"):
+        dmis.render(box_scene(lights=(light,)), "balance", 1)
