@@ -34,7 +34,7 @@ report: $(READY)  ## measure error against time on the four scenes, write figure
 	$(BIN)/python examples/make_report.py
 
 test: $(READY)  ## run the tests (minutes)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8
 
 test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders
 	$(BIN)/python -m pytest -m slow

@@ -239,15 +239,30 @@ class Pooled:
         return np.sqrt(np.maximum(second - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
 
 
-def least(curves: Pooled, cost: Array, guard: float, allowed: np.ndarray) -> np.ndarray:
-    """Where variance times cost is least: indices into the grid.
+def weighed(variance: Array, cost: Array, price: float | None) -> Array:
+    """What is minimised patch by patch, from `variance` ``(G, ...)`` and `cost` ``(G,)`` of a camera sample.
 
-    w = 1/2 is left only for a gain of more than `guard` standard errors, and for weights that are `allowed` ``(G,)``.
+    The error of an image times its time is ``sum(V / n) sum(n C)`` over patches. With the same number n of samples in
+    all of them that is least where each minimises ``V + price C``, the price being ``sum V / sum C``: dark patches
+    had better be cheap. With numbers in proportion to ``sqrt(V / C)``, `price` None, it is ``(sum sqrt(V C))^2``, and
+    each minimises V C.
     """
-    c = np.reshape(cost, (-1,) + (1,) * curves.position.ndim)
-    objective = curves.variance * c
-    sure = objective - objective[HALF] < -guard * curves.gain_error(cost)
-    sure &= np.reshape(allowed, c.shape)
+    c = np.reshape(cost, (-1,) + (1,) * (variance.ndim - 1))
+    return variance * c if price is None else variance + np.asarray(price * c, variance.dtype)
+
+
+def least(curves: Pooled, cost: Array, guard: float, allowed: np.ndarray, price: float | None = None) -> np.ndarray:
+    """Where variance and cost together are least (`weighed`): indices into the grid.
+
+    w = 1/2 is left only for a gain of more than `guard` standard errors, in variance alone too: that something is
+    cheaper is always sure, and would have the last word where the pilot knows nothing. And only for weights that are
+    `allowed` ``(G,)``.
+    """
+    objective = weighed(curves.variance, cost, price)
+    error = curves.gain_error(np.ones_like(cost))
+    sure = curves.variance - curves.variance[HALF] < -guard * error
+    sure &= objective - objective[HALF] < -guard * (curves.gain_error(cost) if price is None else error)
+    sure &= np.reshape(allowed, (-1,) + (1,) * curves.position.ndim)
     sure[HALF] = True
     return np.where(sure, objective, np.inf).argmin(axis=0)
 

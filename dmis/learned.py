@@ -32,10 +32,11 @@ SPLITS = (1, 0.5, 2, 4, 8)
 class Learned:
     """Weights that minimise an objective per patch.
 
-    The objective ``second-moment`` is ``V(w) C(w)``, variance times cost: the pilot gives unbiased curves V(w)
-    (`dmis.curves`), which are averaged over patches, filtered, multiplied by the cost of a camera sample at w
-    (`dmis.cost`) and minimised on a grid of weights. The others, ``taylor``, ``inverse-variance``, ``neyman``,
-    ``representativity``, ``kl``, ``tsallis`` and ``linear``, are those of the literature (`dmis.objectives`).
+    The objective ``second-moment`` is variance and cost, V(w) and C(w), weighed such that the image's error times its
+    time is least (`dmis.curves.weighed`): the pilot gives unbiased curves V(w) (`dmis.curves`), which are averaged over
+    patches, filtered, weighed with the cost of a camera sample at w (`dmis.cost`) and minimised on a grid of weights.
+    The others, ``taylor``, ``inverse-variance``, ``neyman``, ``representativity``, ``kl``, ``tsallis`` and ``linear``,
+    are those of the literature (`dmis.objectives`).
 
     Parameters
     ----------
@@ -172,13 +173,15 @@ class Learned:
         prepare = self._prepare(times, found)
         maps = {}
         curves = _joined([prepare(part) for part in parts])
+        half = (np.maximum(curves[0].variance[HALF], 0) * area).sum() / area.sum()
+        price = None if self.counts else half / costs[0][HALF]
         if self.filter == "quadtree":
             sums = {name: a * pixels for name, a in means.items()}
-            index, maps["size"] = adaptive_patches(sums, pixels, costs[0], self.guard, prepare)
+            index, maps["size"] = adaptive_patches(sums, pixels, costs[0], self.guard, prepare, price)
             best = [index]
         else:
             ends = [allowed((part.curve * area).sum(axis=(1, 2))) for part in parts]
-            best = [least(part, c, self.guard, may) for part, c, may in zip(curves, costs, ends, strict=True)]
+            best = [least(part, c, self.guard, may, price) for part, c, may in zip(curves, costs, ends, strict=True)]
         weights = [GRID[index] for index in best]
         samples = None
         if self.counts:

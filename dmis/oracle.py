@@ -17,7 +17,7 @@ import numpy as np
 
 from dmis import __version__
 from dmis.cost import camera_sample
-from dmis.curves import GRID, HALF
+from dmis.curves import GRID, HALF, weighed
 from dmis.files import replacing
 from dmis.learned import Learned
 from dmis.reference import SEED, cache_folder, described
@@ -58,9 +58,17 @@ class Oracle:
     apart: Array | None = None
 
     def best(self, costly: bool = False) -> Array:
-        """The weight of least variance per patch, ``(rows, columns)``; of least variance times cost if `costly`."""
-        curves = self.variance * (self.cost[:, None, None] if costly else 1)
-        return GRID[curves.argmin(axis=0)]
+        """The weight of least variance per patch, ``(rows, columns)``; if `costly`, the map of least variance of the
+        image times its cost, with the same number of samples in all patches.
+        """
+        return GRID[self._best(costly)]
+
+    def _best(self, costly: bool) -> np.ndarray:
+        best = self.variance.argmin(axis=0)
+        for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
+            price = np.take_along_axis(self.variance, best[None], axis=0).mean() / self.cost[best].mean()
+            best = weighed(self.variance, self.cost, float(price)).argmin(axis=0)
+        return best
 
     def best_apart(self) -> Array:
         """The weights of least variance of the first and of later surfaces, ``(2, rows, columns)``."""
@@ -98,11 +106,15 @@ class Oracle:
         half = self.variance[HALF].sum()
         return float((half - self.at(weight).sum()) / (half - self.variance.min(axis=0).sum()))
 
-    def limit(self, apart: bool = False) -> float:
-        """Variance of the image with the best weights over that with w = 1/2, at equal samples; `apart`: with weights
-        of their own for later surfaces.
+    def limit(self, apart: bool = False, costly: bool = False) -> float:
+        """Variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in equal
+        time by the cost model, without a pilot; `apart`: with weights of their own for later surfaces.
         """
         half = self.variance[HALF].sum()
+        if costly:
+            best = self._best(costly)
+            variance = np.take_along_axis(self.variance, best[None], axis=0).sum()
+            return float(variance / half * self.cost[best].mean() / self.cost[HALF])
         if apart:
             return float((self._apart.min(axis=1).sum() - half) / half)
         return float(self.variance.min(axis=0).sum() / half)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from dmis.curves import HALF, Pooled, allowed, least
+from dmis.curves import HALF, Pooled, allowed, least, weighed
 from dmis.variance import patch_spread, patch_sum
 from dmis.vec import Array
 
@@ -26,6 +26,7 @@ def adaptive_patches(
     cost: Array,
     guard: float,
     prepare: Callable[[Pooled], Pooled] | None = None,
+    price: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The weight of every base patch, from patches of the size that its surroundings allow.
 
@@ -41,6 +42,8 @@ def adaptive_patches(
         Standard errors that leaving w = 1/2 must gain in a patch; a split must gain `SELECTION` more.
     prepare
         What is done with the curves of patches of every size, such as `dmis.shrinkage.shrink`; None: nothing.
+    price
+        Of cost in variance, see `dmis.curves.weighed`.
 
     Returns
     -------
@@ -62,8 +65,9 @@ def adaptive_patches(
         curves = Pooled(**means, pixels=n)
         if prepare is not None:
             curves = prepare(curves)
-        own = least(curves, cost, guard, may)
-        objective, spread = curves.variance * cost[:, None, None], curves.gain_error(cost)
+        own = least(curves, cost, guard, may, price)
+        objective = weighed(curves.variance, cost, price)
+        spread = curves.gain_error(cost if price is None else np.ones_like(cost))
         merged = np.take_along_axis(objective - objective[HALF], own[None], axis=0)[0] * n
         merged_error = (np.take_along_axis(spread, own[None], axis=0)[0] * n) ** 2
         if times > 1:

@@ -1,5 +1,6 @@
 """The second-moment rule: planted curves, the guard, costs, numbers of samples."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import dmis
 from dmis.budget import LEVELS, whole_samples
 from dmis.cost import camera_sample
-from dmis.curves import GRID, HALF
+from dmis.curves import GRID, HALF, weighed
 from dmis.fit import Pilot, make_rule
 from dmis.learned import Learned
 from dmis.variance import Moments
@@ -72,14 +73,42 @@ def test_filtering_makes_surer() -> None:
 
 
 def test_cost_moves_the_minimum() -> None:
-    """A flat curve goes to the cheaper technique; what does not depend on w makes that stronger."""
+    """Light samples trace a ray, BRDF samples none: the minimum moves to where those are fewer, in dark patches more
+    than in bright ones, because the image has one number of samples everywhere.
+    """
     rays = {"camera": 100, "shadow": 100, "brdf": 0}
-    cost = camera_sample(rays, GRID)
-    assert (np.diff(cost) > 0).all()
-    flat = pilot(np.ones((len(GRID), 1, 1)))
-    flat[0.5] = Pilot(flat[0.5].moments, rays, flat[0.5].sums)
-    assert np.all(Learned(guard=0.0).fit(flat).weight == 0)
-    assert np.all(Learned(guard=0.0, cost=False).fit(pilot(np.ones((len(GRID), 1, 1)))).weight <= 0.5)
+    assert (np.diff(camera_sample(rays, GRID)) > 0).all()
+    bowl = ((GRID - GRID[9]) ** 2 + 0.2)[:, None, None]
+    curve = bowl * np.where(np.arange(8) < 2, 1.0, 1e-2)  # columns of patches; too few are bright to be filtered away
+    found = pilot(curve)
+    found[0.5] = Pilot(found[0.5].moments, rays, found[0.5].sums)
+    plain, costly = (Learned(**{**PLAIN, "cost": cost}).fit(found).maps["patch"] for cost in (False, True))
+    np.testing.assert_array_equal(plain, GRID[9])
+    assert np.all(costly[:, :2] <= plain[:, :2]) and np.all(costly[:, 2:] < costly[:, :1])
+
+
+def test_cheap_is_not_sure() -> None:
+    """Where the pilot sees no gain in variance, a sure gain in cost changes nothing: it may have seen too little."""
+    found = pilot(np.ones((len(GRID), 1, 1)))
+    found[0.5] = Pilot(found[0.5].moments, {"camera": 100, "shadow": 100, "brdf": 0}, found[0.5].sums)
+    for counts in (False, True):
+        assert np.all(Learned(guard=0.0, counts=counts).fit(found).weight == 0.5)
+
+
+@pytest.mark.parametrize("uniform", [True, False])
+def test_objectives_are_least_for_the_image(uniform: bool) -> None:
+    """Each patch for itself finds the weights for which the image's error times its time is least: with the same
+    number of samples everywhere sum(V) sum(C), with numbers in proportion to sqrt(V / C) sum(sqrt(V C))^2.
+    """
+    rng = np.random.default_rng(3)
+    variance = rng.random((3, 4)) ** 4 + 0.01
+    cost = np.array([0.8, 1.0, 1.3])
+    every = np.array(list(itertools.product(range(3), repeat=4)))
+    v, c = variance[every, np.arange(4)], cost[every]
+    total = v.sum(axis=1) * c.sum(axis=1) if uniform else np.sqrt(v * c).sum(axis=1) ** 2
+    best = every[total.argmin()]
+    price = v[total.argmin()].sum() / c[total.argmin()].sum() if uniform else None
+    np.testing.assert_array_equal(weighed(variance, cost, price).argmin(axis=0), best)
 
 
 def test_ends_are_for_images_that_like_them() -> None:
@@ -166,7 +195,8 @@ def test_split_renders(box: dmis.Scene, monkeypatch, counts: str) -> None:
     monkeypatch.setattr("dmis.learned.SPLITS", (4,))
     result = dmis.render(box, f"second-moment:split=yes,counts={counts}", 66, seed=1)
     pixels = result.samples.size
-    assert result.rays["camera"] / pixels == pytest.approx(3 + 60 / 4, rel=0.02)
+    if counts == "no":  # else the pixels that see nothing, where no ray is traced, have fewer
+        assert result.rays["camera"] / box.seeing.sum() == pytest.approx(3 + 60 / 4, rel=0.02)
     assert result.samples.mean() == pytest.approx(66, rel=0.02)
     truth = dmis.render(box, "balance", 512, seed=2)
     error = np.sqrt((result.variance + truth.variance).mean() / pixels)
@@ -183,5 +213,6 @@ def test_counts_render(box: dmis.Scene, sampler: str) -> None:
     one, two = (dmis.render(box, rule, 32, seed=3, threads=n) for n in (1, 2))
     assert np.array_equal(one.image, two.image) and np.array_equal(one.samples, two.samples)
     assert one.samples.mean() == pytest.approx(32, rel=0.02) and np.ptp(one.samples) > 0
-    assert one.rays["camera"] == one.samples.sum() - 3 * one.samples.size  # three of the pilot count for six
+    seen = one.samples[box.seeing]
+    assert one.rays["camera"] == seen.sum() - 3 * seen.size  # three of the pilot count for six
     assert np.isfinite(one.image).all() and np.isfinite(one.variance).all()

@@ -222,7 +222,7 @@ def _stop(*_):
         ({"sampler": "halton"}, "sampler must be independent or"),
         ({"threads": 0}, "threads must be at least 1"),
         ({"rule": "best"}, "rule must be one of"),
-        ({"rule": "thesis:patch=0"}, "patch must be at least 1"),
+        ({"rule": "thesis:patch=0"}, "patch must be 1 to 65535"),
     ],
 )
 def test_bad_arguments(box, options, message):

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, box_scene, z_score
+import scipy.stats
+from helpers import LEVEL, Z_LIMIT, box_scene, z_score
 from test_curves import exact, f, unbiased
 from test_learned import PLAIN, pilot
 
@@ -177,9 +178,10 @@ def test_furnace_of_an_emitting_sphere(rule: Any) -> None:
     for depth in (1, 2, 5, None):
         expected = (1 - 0.6 ** (np.inf if depth is None else depth + 1)) / 0.4
         settings = Settings(integrator="path", max_depth=depth)
-        found = means(scene, rule, range(8), 16, settings)
+        found = means(scene, rule, range(20), 16, settings)
         # a technique alone has no noise here at one bounce, but that of rounding
-        assert abs(found.mean() - expected) < Z_LIMIT * found.std(ddof=1) / np.sqrt(8) + 1e-5 * expected
+        limit = scipy.stats.t.isf(LEVEL / 2, len(found) - 1)
+        assert abs(found.mean() - expected) < limit * found.std(ddof=1) / np.sqrt(len(found)) + 1e-5 * expected
 
 
 # Oracle -------------------------------------------------------------------------------------------------------------
