@@ -15,6 +15,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
+import numpy as np
+
 from dmis.load import load_scene
 from dmis.render import Result, render
 from dmis.replay import embree_seconds
@@ -130,22 +132,18 @@ def _speed(scene: Scene, rule: str, spp: int, threads: int, runs: Sequence[tuple
     )
 
 
-def parts(scene: Scene, tiles: Sequence[Tile], limit: float = 1.0) -> dict[str, float]:
+def parts(scene: Scene, tiles: Sequence[Tile], limit: float = 2.0) -> dict[str, float]:
     """Where the time of `tiles` goes: shares of `PARTS` and of shading, which add up to 1.
 
-    Tiles from all over the image, and of all passes, are rendered under Python's profiler, for `limit` seconds or so.
+    Tiles from all over the image, and of all passes, are rendered under Python's profiler, in a random order, for
+    `limit` seconds or so.
     """
     profile = cProfile.Profile(time.thread_time)
     end = time.perf_counter() + limit
-    steps = max(1, len(tiles) // 64)
-    for k in range(steps):
-        for tile in tiles[k::steps]:
-            profile.runcall(render_tile, scene, tile)
-            if time.perf_counter() > end:
-                break
-        else:
-            continue
-        break
+    for k in np.random.default_rng(0).permutation(len(tiles)):
+        profile.runcall(render_tile, scene, tiles[k])
+        if time.perf_counter() > end:
+            break
     found = dict.fromkeys((*PARTS, "shading"), 0.0)
     for (file, _, function), (_, _, _, inclusive, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         name = PurePath(file).name

@@ -187,7 +187,7 @@ def _conductor(p: Lookup) -> Material:
         r = np.clip(p.constant_colour("reflectance", (0.5, 0.5, 0.5)), 0, 0.9999)
         eta, k = np.ones(3), 2 * np.sqrt(r) / np.sqrt(1 - r)
     else:
-        named = SPECTRA["v4"].named
+        named = SPECTRA["v4"].named()
         eta = np.asarray(p.constant_colour("eta", named["metal-Cu-eta"]))
         k = np.asarray(p.constant_colour("k", named["metal-Cu-k"]))
     if _smooth(p):

@@ -38,8 +38,8 @@ class Parameter:
         spectra = SPECTRA[self.token.source.dialect.name]
         with blame(self.token):
             if isinstance(self.values, tuple):
-                if self.values[0] in spectra.named:
-                    return spectra.named[self.values[0]]
+                if self.values[0] in spectra.named():
+                    return spectra.named()[self.values[0]]
                 return spectra.sampled(*read_spd(self._file(self.values[0])))
             if self.kind == "spectrum":
                 return spectra.sampled(self.values[::2], self.values[1::2])
@@ -57,13 +57,13 @@ class Parameter:
             return self.colour()
         with blame(self.token):
             if isinstance(self.values, tuple):
-                if self.values[0] in spectra.named:
-                    return luminous(spectra.named[self.values[0]])
+                if self.values[0] in spectra.named():
+                    return luminous(spectra.named()[self.values[0]])
                 return luminous(spectrum_to_rgb(*read_spd(self._file(self.values[0]))))
             return luminous(spectrum_to_rgb(self.values[::2], self.values[1::2]))
 
     def _file(self, name: str) -> Path:
-        known = SPECTRA[self.token.source.dialect.name].named
+        known = SPECTRA[self.token.source.dialect.name].named()
         if known and "." not in name:
             raise self.token.error(
                 f"there is no spectrum of the name {name!r} here, write it as rgb; there are {', '.join(known)}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +20,15 @@ from dmis.spectrum import LUMINANCE, Rgb, blackbody_to_rgb, spectrum_to_rgb
 
 Floats = npt.NDArray[np.float64]
 
-_WHITE = np.array(spectrum_to_rgb([555.0], [1.0]))
 _GOLD_ETA, _GOLD_K = (0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214)
 _WIEN = 2.8977721e6
 """Displacement constant, nm K."""
+
+
+@cache
+def _white() -> Floats:
+    """What a constant spectrum is before it is balanced; worked out when it is needed, because that imports SciPy."""
+    return np.array(spectrum_to_rgb([555.0], [1.0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +37,7 @@ class Spectra:
 
     sampled: Callable[[npt.ArrayLike, npt.ArrayLike], Rgb]
     blackbody: Callable[..., Rgb]
-    named: dict[str, Rgb]
+    named: Callable[[], dict[str, Rgb]]
 
 
 def luminous(rgb: Rgb) -> Rgb:
@@ -71,26 +77,28 @@ def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
 
 
 def _v4_sampled(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
-    return _times(spectrum_to_rgb(wavelengths, values), 1 / _WHITE)
+    return _times(spectrum_to_rgb(wavelengths, values), 1 / _white())
 
 
 def _v4_blackbody(temperature: float) -> Rgb:
     return luminous(blackbody_to_rgb(temperature))
 
 
+@cache
+def _v4_named() -> dict[str, Rgb]:
+    balance = 1 / _white()
+    metals = {"Cu": (COPPER_ETA, COPPER_K), "Au": (_GOLD_ETA, _GOLD_K)}
+    named = {
+        f"metal-{metal}-{what}": _times(value, balance)
+        for metal, values in metals.items()
+        for what, value in zip(("eta", "k"), values, strict=True)
+    }
+    return named | {"stdillum-D65": (1.0, 1.0, 1.0)}
+
+
 SPECTRA = {
-    "v2": Spectra(spectrum_to_rgb, blackbody_to_rgb, {}),
-    "v3": Spectra(_v3_sampled, _v3_blackbody, {}),
-    "v4": Spectra(
-        _v4_sampled,
-        _v4_blackbody,
-        {
-            "metal-Cu-eta": _times(COPPER_ETA, 1 / _WHITE),
-            "metal-Cu-k": _times(COPPER_K, 1 / _WHITE),
-            "metal-Au-eta": _times(_GOLD_ETA, 1 / _WHITE),
-            "metal-Au-k": _times(_GOLD_K, 1 / _WHITE),
-            "stdillum-D65": (1.0, 1.0, 1.0),
-        },
-    ),
+    "v2": Spectra(spectrum_to_rgb, blackbody_to_rgb, dict),
+    "v3": Spectra(_v3_sampled, _v3_blackbody, dict),
+    "v4": Spectra(_v4_sampled, _v4_blackbody, _v4_named),
 }
 """By the dialect's name."""

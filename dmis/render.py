@@ -310,17 +310,19 @@ def _combine(parts: list[tuple[Moments, int]], gain: float) -> tuple[Array, Arra
     total = sum(n for _, n in parts)
     image = np.zeros(parts[0][0].mean.shape)
     variance = np.zeros(image.shape)
-    for part, n in parts:
-        share = n / total
-        image += part.mean * share
-        n_each = np.broadcast_to(np.asarray(part.n, np.float64), image.shape)
-        freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
-        variance += part.m2 / (freedom * n_each) * share**2
+    for row in range(len(image)):  # the image is large, and what is worked out on the way would be several more of it
+        for part, n in parts:
+            share = n / total
+            image[row] += part.mean[row] * share
+            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*image.shape[:2], 1))[row]
+            freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
+            variance[row] += part.m2[row] / (freedom * n_each) * share**2
     with np.errstate(over="ignore"):  # what is infinite is refused here
         single = (image * gain).astype(np.float32)
     if not np.isfinite(single).all():
         raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {image.max() * gain:g}")
-    return single, variance * gain**2
+    variance *= gain**2
+    return single, variance
 
 
 def fingerprint(scene: Scene) -> str:

@@ -90,11 +90,11 @@ class Rendered:
 
 
 def split(resolution: tuple[int, int], spp: int, uneven: bool = False) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Rows and columns of the tiles of an image: of 32 to 128 pixels a side, so that `CHUNK` samples fill a batch; of
-    32 where the numbers of samples are `uneven`, so that no tile has most of them.
+    """Rows and columns of the tiles of an image: of 32 to 128 pixels a side, so that `CHUNK` samples fill a batch; half
+    as large where the numbers of samples are `uneven`, so that no tile has most of them.
     """
     across = down = 32
-    while not uneven and down < 128 and 2 * across * down * spp <= CHUNK:
+    while down < 128 and 2 * across * down * spp <= (CHUNK // 2 if uneven else CHUNK):
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [

@@ -15,6 +15,7 @@ import pytest
 
 import dmis
 from dmis.__main__ import main
+from dmis.bench import fresh_python
 from dmis.image import read_exr
 
 SCENE = """
@@ -98,6 +99,13 @@ def test_verbose_says_more(scene, tmp_path, capsys):
     assert captured.err == ""
     with pytest.raises(SystemExit):
         main(["render", scene, "-o", out, "--quiet", "--verbose"])
+
+
+def test_import_is_light():
+    """Libraries that take long to import are imported where they are used."""
+    code = "import sys, dmis; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    loaded = set(fresh_python(code).split())
+    assert "numpy" in loaded and not loaded & {"scipy", "matplotlib", "trimesh", "OpenEXR", "tqdm", "dask"}
 
 
 def test_the_library_prints_nothing(capfd, tmp_path):
