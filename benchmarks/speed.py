@@ -111,7 +111,7 @@ def machine() -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="speed beside the Embree floor, and the targets")
-    parser.add_argument("--rules", default="balance,thesis,second-moment,auto", help="separated by commas")
+    parser.add_argument("--rules", default="balance,thesis,auto", help="separated by commas")
     parser.add_argument("--spp", type=int, default=32)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "performance.md")

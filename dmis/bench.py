@@ -11,9 +11,9 @@ import pstats
 import statistics
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class Speed:
     seconds, floor
         Wall seconds of each render, and of its Embree calls alone.
     pilot, fit
-        Share of the pilot, and of statistics made into weights, in the time of the median render.
+        Share of the pilot, and of statistics made into weights, in the time of a render, the median.
     parts
         Share of each of `PARTS`, and of shading, in the tiles of the last render.
     """
@@ -104,31 +104,35 @@ def bench(
         raise ValueError(f"repeats must be at least 1; got {repeats}")
     scenes = [load_scene(source, resolution=resolution) for source in sources]
     cases = [(scene, rule) for scene in scenes for rule in rules]
-    runs: list[list[tuple[Result, float]]] = [[] for _ in cases]
+    runs: list[list[tuple[Mapping[str, float], float]]] = [[] for _ in cases]
+    last: list[Result] = []
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
             result = render(scene, rule, spp, seed=seed + k, settings=settings, threads=threads)
-            runs[n].append((result, embree_seconds(scene, result.tiles, threads)))
+            runs[n].append((result.seconds, embree_seconds(scene, result.tiles, threads)))
+            if k == repeats - 1:
+                last.append(result)
             if progress:
                 progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
-    return [_speed(scene, rule, spp, threads, found) for (scene, rule), found in zip(cases, runs)]
+    return [_speed(*case, spp, threads, found, result) for case, found, result in zip(cases, runs, last)]
 
 
-def _speed(scene: Scene, rule: str, spp: int, threads: int, runs: Sequence[tuple[Result, float]]) -> Speed:
-    results = sorted((result for result, _ in runs), key=lambda result: result.seconds["total"])
-    middle = results[len(results) // 2]
-    height, width = middle.image.shape[:2]
+def _speed(
+    scene: Scene, rule: str, spp: int, threads: int, runs: Sequence[tuple[Mapping[str, float], float]], last: Result
+) -> Speed:
+    height, width = last.image.shape[:2]
+    pilot, fit = (statistics.median(times[stage] / times["total"] for times, _ in runs) for stage in ("pilot", "fit"))
     return Speed(
         scene=scene.name,
         rule=rule,
         threads=threads,
         samples=height * width * spp,
-        rays=dict(middle.rays),
-        seconds=[result.seconds["total"] for result, _ in runs],
+        rays=dict(last.rays),
+        seconds=[times["total"] for times, _ in runs],
         floor=[floor for _, floor in runs],
-        pilot=middle.seconds["pilot"] / middle.seconds["total"],
-        fit=middle.seconds["fit"] / middle.seconds["total"],
-        parts=parts(scene, middle.tiles),
+        pilot=pilot,
+        fit=fit,
+        parts=parts(scene, last.tiles),
     )
 
 
@@ -160,12 +164,26 @@ def parts(scene: Scene, tiles: Sequence[Tile], limit: float = 2.0) -> dict[str, 
 def peak_memory(source: str, rule: str, resolution: tuple[int, int], spp: int, threads: int = 2) -> int:
     """Peak resident memory of a process that loads a scene and renders it, in bytes (POSIX)."""
     code = (
-        "import resource, sys, dmis; "
+        "import dmis, dmis.bench; "
         f"dmis.render(dmis.load_scene({source!r}, resolution={resolution!r}), {rule!r}, {spp}, threads={threads}); "
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        "print(dmis.bench.own_peak())"
     )
-    kilobytes = int(fresh_python(code))
-    return kilobytes if sys.platform == "darwin" else kilobytes * 1024
+    return int(fresh_python(code))
+
+
+def own_peak() -> int:
+    """Peak resident memory of this process, in bytes.
+
+    Linux is asked directly: what `resource.getrusage` says begins with the memory of the process that started this one.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return 1024 * int(line.split()[1])
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def fresh_python(code: str) -> str:
