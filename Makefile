@@ -31,7 +31,7 @@ figures: $(READY)  ## draw all figures and figures/index.html (minutes)
 	$(BIN)/python examples/make_figures.py
 
 report: $(READY)  ## measure error against time on the four scenes, write figures/report.html (10 minutes)
-	$(BIN)/python examples/make_report.py
+	$(BIN)/python examples/make_report.py --docs docs/report.md
 
 test: $(READY)  ## run the tests (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8

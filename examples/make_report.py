@@ -8,19 +8,24 @@ and a second one with more seeds renders only those. Made to take less than ten 
 """
 
 import time
+from datetime import date
 from pathlib import Path
 
-from thesis import SCENES, options, show
+from thesis import SCENES, machine, options, replace_table, show
 
+from dmis import plot
 from dmis.compare import compare, summary
+from dmis.convergence import gains, line, slope
 from dmis.oracle import make_oracle
 from dmis.report import write_report
+from dmis.report_plots import error_lines
 
 opts, given = options(
     __file__,
     __doc__,
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     page={"type": Path, "help": "the page to write (default report.html beside the folder)"},
+    docs={"type": Path, "help": "also replace the tables of this page, and the picture in its folder images"},
 )
 RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")
 BUDGETS = opts.pick((8, 16, 32), (16, 32, 64, 128))
@@ -32,7 +37,7 @@ page = given.page or opts.output.parent / "report.html"
 # %%
 # References and oracles are rendered once and kept. Each scene's folder also has a page of its own.
 begun = time.perf_counter()
-comparisons = []
+comparisons, limits = [], []
 for name, shrink in SIZES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 512))
@@ -49,9 +54,39 @@ for name, shrink in SIZES.items():
         progress=show(SCENES[name].title),
     )
     comparisons.append(comparison)
+    limits.append(oracle)
     print(f"{SCENES[name].title}, {time.perf_counter() - begun:.0f} s\n{summary(comparison.runs)}\n", flush=True)
 
 # %%
 # One page for all.
 write_report(comparisons, page, "Error against time, on four scenes")
 print(page)
+
+# %%
+# The same in a table and a picture, for the pages of the project. Error ratios at the largest budget.
+lines = [
+    "| scene | rule | slope, samples | slope, seconds | MSE, equal samples | MSE, equal time | speed-up, equal error |",
+    "|---|---|---|---|---|---|---|",
+]
+figure, axes = plot.canvas(2, 4, 22, 10, sharey="col")
+for column, comparison, oracle in zip(axes.T, comparisons, limits, strict=True):
+    runs, title = comparison.runs, SCENES[comparison.scene].title
+    for axis, over in zip(column, ("seconds", "rays"), strict=True):
+        error_lines(axis, runs, over, oracle)
+    column[0].set_title(title, fontsize=11)
+    for gain in (gain for gain in gains(runs) if gain.spp == BUDGETS[-1]):
+        slopes = (slope(*line(runs, gain.rule, over)) for over in ("spp", "seconds"))
+        told = " | ".join(f"{value:.3f} ± {error:.3f}" for value, error in slopes)
+        mark = "†" if gain.extrapolated else ""
+        lines.append(
+            f"| {title} | {gain.rule} | {told} | {gain.over_balance:.3f} ± {gain.interval:.3f} "
+            f"| {1 / gain.equal_time:.2f}{mark} | {gain.equal_error:.2f}{mark} |"
+        )
+    best = f"{oracle.limit():.3f} | {oracle.limit(costly=True):.2f} | {1 / oracle.limit(costly=True):.2f}"
+    lines.append(f"| {title} | *best weights there are* | | | {best} |")
+figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center")
+if given.docs is not None:
+    figure.savefig(given.docs.parent / "images" / "error-vs-time.png", dpi=80)
+    took = f"{time.perf_counter() - begun:.0f} s"
+    about = f"Made on {date.today()} in {took} with {given.seeds} seeds, on {machine()}."
+    replace_table(given.docs, "four scenes", about, "", *lines)
