@@ -205,7 +205,11 @@ def test_interrupt_keeps_the_checkpoint(scene, tmp_path):
     options = ["--spp", "128", "--rule", "balance", "--resolution", "320x240", "--quiet"]
     some = 300_000  # bytes: half a dozen of eighty tiles, so that seconds of work are left when the signal comes
     command = ["render", scene, "-o", paths["a.exr"], *options, "--checkpoint", paths["c"]]
-    with subprocess.Popen([sys.executable, "-m", "dmis", *command], stderr=subprocess.PIPE, text=True) as process:
+    # what runs in the background of a shell begins with Ctrl-C ignored, these tests perhaps among it
+    heed = """import runpy, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+runpy.run_module("dmis", run_name="__main__", alter_sys=True)"""
+    with subprocess.Popen([sys.executable, "-c", heed, *command], stderr=subprocess.PIPE, text=True) as process:
         while process.poll() is None and not (os.path.exists(paths["c"]) and os.path.getsize(paths["c"]) > some):
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
