@@ -10,6 +10,7 @@ import json
 import math
 import os
 import platform
+import re
 import resource
 import shlex
 import sys
@@ -328,6 +329,10 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
     if address is None:
         yield None
         return
+    if "://" not in address and not re.fullmatch(r"([^\s:/]+|\[[\da-fA-F:.]+\]):\d{1,5}", address):
+        raise ValueError(
+            f"--cluster must be the address of a Dask scheduler, HOST:PORT or tcp://HOST:PORT; got {address}"
+        )
     try:
         from distributed import Client
     except ImportError as error:

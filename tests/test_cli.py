@@ -158,6 +158,7 @@ def test_bench_prints_a_table(scene, capsys):
         (["info", "SCENE", "--resolution", "65536x1"], "1 to 65535 on a side"),
         (["compare", "SCENE", "-o", "a", "--resolution", "65535x65535"], "at most 2**25 pixels"),
         (["bench", "SCENE", "--resolution", "1x65536"], "1 to 65535 on a side"),
+        (["render", "SCENE", "-o", "a.exr", "--cluster", "-1"], "the address of a Dask scheduler, HOST:PORT"),
         (["render", "SCENE", "-o", "a.exr", "--workers", "0"], "workers must be at least 1"),
         (["render", "SCENE", "-o", "a.exr", "--workers", "2", "--threads", "2"], "not allowed with"),
         (["render", "SCENE", "-o", "a.exr", "--threads", "-2"], "threads"),
