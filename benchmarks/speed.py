@@ -11,8 +11,6 @@ Exits with 1 if a ratio misses its target by more than a fifth. Absolute times d
 
 import argparse
 import json
-import os
-import platform
 import statistics
 import sys
 from collections.abc import Iterator
@@ -20,14 +18,12 @@ from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 
-import numpy as np
-
 import dmis
 from dmis.bench import HEADER, PARTS, Speed, bench, fresh_python, peak_memory
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
-from thesis import SCENES, replace_table, show  # noqa: E402
+from thesis import SCENES, machine, replace_table, show  # noqa: E402
 
 SLACK = 1.2
 """A ratio may miss its target by this factor before it counts as a failure."""
@@ -98,15 +94,6 @@ def starting(repeats: int) -> Iterator[Target]:
     ):
         value = statistics.median(float(fresh_python(clock.format(code))) for _ in range(repeats))
         yield Target(name, value, limit, " s", ratio=False)
-
-
-def machine() -> str:
-    """Processor, its threads, and versions, in one line."""
-    cpu = platform.processor() or platform.machine()
-    if Path("/proc/cpuinfo").exists():
-        models = [x.split(":")[1].strip() for x in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in x]
-        cpu = models[0] if models else cpu
-    return f"{os.cpu_count()} threads of {cpu}, Python {platform.python_version()}, NumPy {np.__version__}"
 
 
 def main() -> int:

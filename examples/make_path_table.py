@@ -12,12 +12,10 @@ other clock to trust. Takes some ten minutes; the result is kept with the projec
 from datetime import date
 from pathlib import Path
 
-import numpy as np
 from thesis import TABLES, cell, options, replace_table, show
 
 import dmis
-from dmis.experiment import measure
-from dmis.fit import make_rule
+from dmis.experiment import measure, median_seconds, on_cpu, spp_in_time
 from dmis.oracle import make_oracle
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "paths.md"
@@ -39,18 +37,6 @@ LEARNED = {
 RULES = {"power": "pbrt", **LEARNED}
 
 
-def cpu(runs) -> float:
-    """The middle one of the processor's times."""
-    return float(np.median([run.cpu_seconds for run in runs]))
-
-
-def spp_in_cpu_time(seconds: float, runs) -> int:
-    """As `dmis.experiment.spp_in_time`, of the processor's time: pilot and fit take their share, the rest is final."""
-    pilot = sum(make_rule(runs[0].rule).pilot.values())
-    fixed = float(np.median([run.overhead / run.seconds for run in runs])) * cpu(runs)
-    return pilot + max(1, round((seconds - fixed) * (runs[0].spp - pilot) / (cpu(runs) - fixed)))
-
-
 # %%
 # A first round with equal samples tells how many fit in the time of the balance heuristic; a second one measures that.
 equal, timed, known = [], [], []
@@ -68,14 +54,16 @@ for name in ("cornell", *TABLES):
         scene, [(rule, SPP) for rule in ("balance", *RULES.values())], SEEDS, reference, progress=show(name), **about
     )
     base = runs["balance", SPP]
-    budgets = {rule: (rule, spp_in_cpu_time(cpu(base), runs[rule, SPP])) for rule in RULES.values()}
+    budgets = {
+        rule: (rule, spp_in_time(median_seconds(on_cpu(base)), on_cpu(runs[rule, SPP]))) for rule in RULES.values()
+    }
     again = measure(scene, [("balance", SPP), *budgets.values()], SEEDS, reference, progress=show(name), **about)
     width, height = scene.camera.resolution
     row = f"| {scene.name} {width}×{height} |"
     equal.append(" ".join([row, *(f"{cell(runs[rule, SPP], base)} |" for rule in RULES.values())]))
     timed.append(row)
     for budget in budgets.values():
-        share = cpu(again[budget]) / cpu(again["balance", SPP])
+        share = median_seconds(on_cpu(again[budget])) / median_seconds(on_cpu(again["balance", SPP]))
         timed[-1] += f" {cell(again[budget], again['balance', SPP])} ({budget[1]} spp, time × {share:.2f}) |"
     known.append(f"{row} {oracle.limit():.3f} | {oracle.limit(apart=True):.3f} | {oracle.spread_evenly():.3f} |")
     print(equal[-1], timed[-1], known[-1], sep="\n", flush=True)
