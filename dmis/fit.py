@@ -15,7 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from dmis.filter import gaussian
-from dmis.variance import Moments, luminance, patch_mean, patch_spread
+from dmis.variance import Film, luminance, patch_mean, patch_spread
 from dmis.vec import Array
 
 
@@ -63,7 +63,7 @@ class Pilot:
         What the camera sees in these patches, if the rule is `guided`, see `dmis.guides`.
     """
 
-    moments: Moments
+    moments: Film
     rays: Mapping[str, int] = field(default_factory=dict)
     sums: Mapping[str, Array] = field(default_factory=dict)
     shading_samples: int = 4

@@ -37,7 +37,7 @@ from dmis.scene import Scene
 from dmis.settings import DEPTH, MOST, Settings
 from dmis.tile import Statistic, Tile, split
 from dmis.units import suited
-from dmis.variance import Moments
+from dmis.variance import Film
 from dmis.vec import Array
 from dmis.workers import Workers
 
@@ -47,7 +47,7 @@ LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
 MOST_WORKERS = 1024
 """Threads or processes."""
-_SAVED = 48  # bytes that a checkpoint has for a pixel and pass, sums aside
+_SAVED = 24  # bytes that a checkpoint has for a pixel and pass, sums aside
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +209,11 @@ def render(
             counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))
         shading = replace(settings, shading_samples=round(settings.shading_samples * fit.split))
         beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
+        pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
+        parts = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if settings.reuse_pilot else []
+        del pilot  # it is large, and nothing else of it is needed
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later).moments
+        final = work.render(len(rule.pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later).moments
         end = time.perf_counter()
     except BaseException:
         store.close()
@@ -218,11 +221,7 @@ def render(
         raise
     crew.close()
     work.rays.pop(UNSEEN, None)
-    pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
-    parts = [(final, mean)]
-    if settings.reuse_pilot:
-        parts += [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()]
-    image, variance = _combine(parts, gain)
+    image, variance = _combine([(final, mean), *parts], gain)
     store.remove()
     shape = image.shape[:2]
     return Result(
@@ -301,28 +300,30 @@ def _check_workers(threads: int | None, workers: int | None, executor: Executor 
         )
 
 
-def _combine(parts: list[tuple[Moments, int]], gain: float) -> tuple[Array, Array]:
+def _combine(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
     """Average images with weights fixed beforehand, their mean numbers of samples; and the variance of the average.
 
     Both in the units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """
     total = sum(n for _, n in parts)
-    image = np.zeros(parts[0][0].mean.shape)
-    variance = np.zeros(image.shape)
+    shape = parts[0][0].mean.shape
+    image, variance = np.empty(shape, np.float32), np.zeros(shape)
     for row in range(len(image)):  # the image is large, and what is worked out on the way would be several more of it
+        mean = np.zeros(shape[1:])
         for part, n in parts:
             share = n / total
-            image[row] += part.mean[row] * share
-            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*image.shape[:2], 1))[row]
+            mean += part.mean[row] * share
+            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*shape[:2], 1))[row]
             freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
-            variance[row] += part.m2[row] / (freedom * n_each) * share**2
-    with np.errstate(over="ignore"):  # what is infinite is refused here
-        single = (image * gain).astype(np.float32)
-    if not np.isfinite(single).all():
-        raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {image.max() * gain:g}")
+            variance[row] += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
+        mean *= gain
+        if not (np.abs(mean) <= np.finfo(np.float32).max).all():
+            most = np.abs(mean).max()
+            raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
+        image[row] = mean
     variance *= gain**2
-    return single, variance
+    return image, variance
 
 
 def fingerprint(scene: Scene) -> str:
@@ -399,7 +400,7 @@ class _Work:
                     self._progress(stage, finished, total)
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
-        return Pilot(Moments(n, stored.mean, stored.m2), dict(stored.rays), stored.sums, settings.shading_samples)
+        return Pilot(Film(n, stored.mean, stored.root), dict(stored.rays), stored.sums, settings.shading_samples)
 
 
 def _samples(tile: Tile) -> int:
