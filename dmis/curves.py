@@ -218,6 +218,10 @@ class Pooled:
         """
         return self.curve + np.maximum(self.position, 0)
 
+    def rows(self, block: slice) -> Pooled:
+        """Those of some rows of patches, as views."""
+        return Pooled(**{name: a[..., block, :] for name, a in vars(self).items()})
+
     def split(self, times: float, shading_samples: int) -> Pooled:
         """The curves of camera samples with that many times the `shading_samples` that these have.
 

@@ -36,9 +36,9 @@ def guides(scene: Scene) -> tuple[dict[str, Array], int]:
     Returns
     -------
     guides
-        Means over rays, ``(C, rows, columns)``: ``normal`` (3), the shading normal on the camera's side, 0 where
-        nothing is seen; ``albedo`` (3), see `albedo`; ``material``, shares of the materials that are seen, "nothing"
-        being one.
+        Means over rays, ``(C, rows, columns)`` float32: ``normal`` (3), the shading normal on the camera's side, 0
+        where nothing is seen; ``albedo`` (3), see `albedo`; ``material``, shares of the materials that are seen,
+        "nothing" being one.
     rays
         Their number.
     """
@@ -48,9 +48,12 @@ def guides(scene: Scene) -> tuple[dict[str, Array], int]:
     seen = [_look(scene, x[k : k + CHUNK], y[k : k + CHUNK]) for k in range(0, len(x), CHUNK)]
     shape = len(rows), len(columns)
     normal, colour, material = (np.concatenate(parts, axis=-1).reshape(-1, *shape) for parts in zip(*seen, strict=True))
-    shares = material == np.unique(material)[:, None, None]
-    maps = {"normal": normal, "albedo": colour, "material": shares.astype(np.float64)}
-    return {name: patch_mean(a, BASE // STEP) for name, a in maps.items()}, len(x)
+    shares = [_mean(material == number) for number in np.unique(material)]
+    return {"normal": _mean(normal), "albedo": _mean(colour), "material": np.concatenate(shares)}, len(x)
+
+
+def _mean(values: Array) -> Array:
+    return patch_mean(values.astype(np.float32), BASE // STEP).astype(np.float32)
 
 
 def albedo(lobes: tuple[Any, ...], n: int) -> Array:

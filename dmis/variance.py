@@ -7,6 +7,7 @@ LeVeque's formula (1983), which does not cancel.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,8 +115,15 @@ def patch_sum(values: Array, size: int) -> Array:
     """
     if size < 1:
         raise ValueError(f"patch must be at least 1 pixel; got {size}")
+    if size == 1:
+        return values
     rows, columns = (np.arange(0, n, size) for n in values.shape[-2:])
     return np.add.reduceat(np.add.reduceat(values, rows, axis=-2), columns, axis=-1)
+
+
+def row_blocks(rows: int, size: int = 16) -> Iterator[slice]:
+    """Some rows of an image after the other: what is worked out on the way stays small, and in the cache."""
+    return (slice(k, min(k + size, rows)) for k in range(0, rows, size))
 
 
 def patch_mean(image: Array, size: int) -> Array:

@@ -33,7 +33,7 @@ def test_what_is_seen() -> None:
     np.testing.assert_allclose(
         found["normal"], np.array([0, 0, 1.0])[:, None, None].repeat(3, 1).repeat(4, 2), atol=1e-6
     )
-    halves = {tuple(a) for a in found["albedo"].reshape(3, -1).T.round(3)}
+    halves = {tuple(a) for a in found["albedo"].astype(float).reshape(3, -1).T.round(3)}
     assert halves == {(0.9, 0.9, 0.9), (0.5, 0.2, 0.1)}
     assert {tuple(a) for a in found["material"].reshape(2, -1).T} == {(1, 0), (0, 1)}
 
