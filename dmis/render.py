@@ -213,7 +213,9 @@ def render(
         parts = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if settings.reuse_pilot else []
         del pilot  # it is large, and nothing else of it is needed
         final_begin = time.perf_counter()
-        final = work.render(len(rule.pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later).moments
+        final = work.render(
+            len(rule.pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later
+        ).moments
         end = time.perf_counter()
     except BaseException:
         store.close()
