@@ -84,6 +84,7 @@ class Store:
 
     def start(self, pass_: int, shape: tuple[int, int, int], tiles: int) -> Pass:
         """A pass, as far as the file has it."""
+        self._pass = None  # it is large
         mean, root = (np.zeros(shape, np.float32) for _ in range(2))
         found = Pass(mean, root, np.zeros(tiles, bool), Counter(), {})
         for place in self._places.get(pass_, []):

@@ -204,7 +204,8 @@ class Learned:
             return lambda curves: curves.split(times, s)
         material = pilot.guides.get("material") if self.guided else None
         kinds = None if material is None else patch_mean(material, self.patch // BASE)
-        return lambda curves: shrink(curves, kinds, lambda part: part.split(times, s))
+        again = self.filter == "quadtree"  # curves are needed once more
+        return lambda curves: shrink(curves, kinds, lambda part: part.split(times, s), in_place=not again)
 
     def _split(self, parts: list[Pooled], area: Array, pilot: Pilot) -> tuple[float, list[Array]]:
         """How many times the shading samples are best for the image, and what camera samples with them cost, where

@@ -31,6 +31,7 @@ from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
 from dmis.fit import Pilot, Rule, make_rule
 from dmis.guides import guides
+from dmis.memory import release
 from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
@@ -58,10 +59,10 @@ class Result:
     ----------
     image
         ``(H, W, 3)`` float32 linear RGB, row 0 on top.
-    variance
-        ``(H, W, 3)`` float64: estimated variance of `image` itself (of the mean, not of one sample); NaN at one
-        sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
-        sampler spreads them.
+    deviation
+        ``(H, W, 3)`` float32: estimated standard deviation of `image` itself (of the mean, not of one sample); NaN at
+        one sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
+        sampler spreads them. Its square is `variance`.
     weight
         ``(H, W)`` float32: share of light samples in the final pass.
     samples
@@ -81,7 +82,7 @@ class Result:
     """
 
     image: Array
-    variance: Array
+    deviation: Array
     weight: Array
     samples: Array
     seconds: Mapping[str, float]
@@ -89,6 +90,11 @@ class Result:
     maps: Mapping[str, np.ndarray]
     provenance: Mapping[str, Any]
     tiles: tuple[Tile, ...] = field(default=(), repr=False)
+
+    @property
+    def variance(self) -> Array:
+        """``(H, W, 3)`` float64: square of `deviation`, which may be beyond float32."""
+        return np.square(self.deviation, dtype=np.float64)
 
     @property
     def fireflies(self) -> np.ndarray:
@@ -198,6 +204,8 @@ def render(
             seen, rays = guides(scene)
             work.rays["guide"] += rays
             pilot = {w: replace(p, guides=seen) for w, p in pilot.items()}
+            del seen
+            release()
         fitted = time.perf_counter()
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
         if settings.combiner == "frozen" and pilot:
@@ -223,16 +231,14 @@ def render(
         raise
     crew.close()
     work.rays.pop(UNSEEN, None)
-    image, variance = _combine([(final, mean), *parts], gain)
+    image, deviation = _combine([(final, mean), *parts], gain)
     store.remove()
     shape = image.shape[:2]
     return Result(
         image=image,
-        variance=variance,
-        weight=np.broadcast_to(np.asarray(fit.weight, np.float32), shape).copy(),
-        samples=np.broadcast_to(
-            np.float32(pilot_spp) + np.float32(fit.split) * np.asarray(counts, np.float32), shape
-        ).copy(),
+        deviation=deviation,
+        weight=_map(fit.weight, shape),
+        samples=_map(pilot_spp + np.float32(fit.split) * np.asarray(counts, np.float32), shape),
         seconds={
             "pilot": fitted - begin,
             "fit": final_begin - fitted,
@@ -303,29 +309,34 @@ def _check_workers(threads: int | None, workers: int | None, executor: Executor 
 
 
 def _combine(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
-    """Average images with weights fixed beforehand, their mean numbers of samples; and the variance of the average.
+    """Average images with weights fixed beforehand, their mean numbers of samples; and the average's deviation.
 
-    Both in the units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
+    They take the place of the first of them, and are worked out row by row, because images are large. Both are in the
+    units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """
     total = sum(n for _, n in parts)
-    shape = parts[0][0].mean.shape
-    image, variance = np.empty(shape, np.float32), np.zeros(shape)
-    for row in range(len(image)):  # the image is large, and what is worked out on the way would be several more of it
-        mean = np.zeros(shape[1:])
+    image, deviation = parts[0][0].mean, parts[0][0].root
+    shape = image.shape
+    for row in range(len(image)):
+        mean, variance = np.zeros((2, *shape[1:]))
         for part, n in parts:
             share = n / total
             mean += part.mean[row] * share
             n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*shape[:2], 1))[row]
             freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
-            variance[row] += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
+            variance += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
         mean *= gain
         if not (np.abs(mean) <= np.finfo(np.float32).max).all():
             most = np.abs(mean).max()
             raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
-        image[row] = mean
-    variance *= gain**2
-    return image, variance
+        with np.errstate(over="ignore"):
+            image[row], deviation[row] = mean, np.sqrt(variance) * gain
+    return image, deviation
+
+
+def _map(values: Array | float, shape: tuple[int, int]) -> Array:
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(values, np.float32), shape))
 
 
 def fingerprint(scene: Scene) -> str:
@@ -389,6 +400,7 @@ class _Work:
             tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
             tiles.append(tile)
         self.tiles.extend(tiles)
+        release()
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
         tiles.sort(key=_samples, reverse=True)  # so that no large one is waited for at the end
         missing = [tile for tile in tiles if not stored.done[tile.number]]
@@ -400,6 +412,7 @@ class _Work:
                 finished += _samples(tile)
                 if self._progress:
                     self._progress(stage, finished, total)
+        release()
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
         return Pilot(Film(n, stored.mean, stored.root), dict(stored.rays), stored.sums, settings.shading_samples)

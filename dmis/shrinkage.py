@@ -34,7 +34,10 @@ from dmis.vec import Array
 
 
 def shrink(
-    curves: Pooled, kinds: Array | None = None, change: Callable[[Pooled], Pooled] = lambda curves: curves
+    curves: Pooled,
+    kinds: Array | None = None,
+    change: Callable[[Pooled], Pooled] = lambda curves: curves,
+    in_place: bool = False,
 ) -> Pooled:
     """The curves of patches ``(G, rows, columns)``, moved towards the shape of their kind; errors are those after it.
 
@@ -52,6 +55,8 @@ def shrink(
         of their shapes. None: all are of one kind.
     change
         What is done with the curves of each patch beforehand, see `dmis.curves.Pooled.split`.
+    in_place
+        Whether the arrays of `curves` may be written to.
     """
     rows = list(row_blocks(len(curves.position)))  # curves are large, and what is worked out on the way is more
     of = np.ones((1, *curves.position.shape), np.float32) if kinds is None else kinds
@@ -65,7 +70,8 @@ def shrink(
     lit = sums[HALF] > 0  # the other kinds are black
     if not lit.any():
         return change(curves)
-    of, sums = of[lit], sums[:, lit]
+    if not lit.all():
+        of, sums = of[lit], sums[:, lit]
     rho = sums / sums[HALF]
     variance, scatter, weight = np.zeros((3, *rho.shape))
     for k, part in enumerate(map(block, range(len(rows)))):
@@ -76,7 +82,9 @@ def shrink(
         scatter += _over(here, trust * (own.e * own.e - own.error))
         weight += _over(here, trust * own.scale * own.scale)
     tau_2, rho_error = np.maximum(_divide(scatter, weight, 0.0), 0), variance / sums[HALF] ** 2
-    out = replace(curves, **{name: np.empty(curves.curve.shape) for name in ("curve", "square", "cross")})
+    out = curves
+    if not in_place:
+        out = replace(curves, **{name: np.empty(curves.curve.shape) for name in ("curve", "square", "cross")})
     for k, part in enumerate(map(block, range(len(rows)))):
         own, found = _Own.of(part, rho, of[:, rows[k]]), out.rows(rows[k])
         prior = own.scale * own.scale * _spread(own.share_of, tau_2)

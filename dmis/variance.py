@@ -128,6 +128,8 @@ def row_blocks(rows: int, size: int = 16) -> Iterator[slice]:
 
 def patch_mean(image: Array, size: int) -> Array:
     """Means over square patches: each of the pixels that it has; see `patch_sum`."""
+    if size == 1:
+        return image
     return patch_sum(image, size) / patch_sum(np.ones(image.shape[-2:]), size)
 
 
