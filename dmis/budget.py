@@ -6,7 +6,7 @@ import numpy as np
 
 from dmis.vec import Array
 
-LEVELS = np.unique(np.round(2 ** np.arange(0, 16.25, 0.5)).astype(np.int64))
+LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
 
 

@@ -16,8 +16,8 @@ _TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
 }
-_COMMENTS = re.compile(rb"^(?:comment|obj_info).*\n", re.MULTILINE)
-_HEADER = re.compile(
+_COMMENTS = rb"(?m)^(?:comment|obj_info).*\n"
+_HEADER = (
     rb"ply\nformat binary_(little|big)_endian 1\.0\n"
     rb"element vertex (\d+)\n((?:property \w+ \w+\n)+)"
     rb"element face (\d+)\nproperty list (?:uchar|uint8) (?:int|uint|int32|uint32) vertex_ind(?:ex|ices)\n"
@@ -33,7 +33,7 @@ def triangles(data: bytes) -> tuple[Floats, Ints, Floats | None] | None:
     None if it is of another form: text, polygons, texture coordinates, more or fewer bytes than the header says.
     """
     start = data.find(_END, 0, 2**16) + len(_END)
-    found = _HEADER.fullmatch(_COMMENTS.sub(b"", data[: max(start - len(_END), 0)]))
+    found = re.fullmatch(_HEADER, re.sub(_COMMENTS, b"", data[: max(start - len(_END), 0)]))
     if found is None:
         return None
     order = "<" if found[1] == b"little" else ">"

@@ -7,7 +7,6 @@ variance would not be.) Work is cut into tiles (`dmis.tile`) for any `concurrent
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import pickle
@@ -341,6 +340,8 @@ def _map(values: Array | float, shape: tuple[int, int]) -> Array:
 
 def fingerprint(scene: Scene) -> str:
     """A short hash of the description: camera, meshes, materials, lights, and an integrator that is not the usual."""
+    import hashlib  # imported where used: it brings OpenSSL
+
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
     materials = [part.material for part in scene.parts]
     camera = scene.camera
