@@ -292,6 +292,7 @@ def _turns(batch: Batch, counts: Counts, count: Array | int, n: int) -> Iterator
     together: list[tuple[int, Selection | None]] = []
     total, apart = 0, batch.records is not None or n == 1  # of a single point, `take` makes a constant
     for turn in range(batch.settings.shading_samples):
+        those: Selection | None
         if isinstance(count, int):
             those = None if turn < count else slice(0, 0)
         else:
