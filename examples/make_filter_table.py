@@ -2,8 +2,8 @@
 The table of filters in docs/rules.md
 =====================================
 
-How curves are shared between patches: for each way, the share of the oracle's saving that learned weights reach, and the
-share of patches that they make worse, over several pilots. Only weights are learned, no image is finished. Takes
+How curves are shared between patches: for each way, the share of the oracle's saving that learned weights reach, and
+the share of patches that they make worse, over several pilots. Only weights are learned, no image is finished. Takes
 some ten minutes, most of them for the oracles; the result is kept with the project.
 """
 
