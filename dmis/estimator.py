@@ -37,6 +37,8 @@ from dmis.vec import Array, Index, Selection, compose, dot, indices, size, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
+TOGETHER = 2**15
+"""Shading samples up to which several turns of a technique are one batch: more are faster apart, in the cache."""
 MORE, CONTINUE = -1, -2
 """In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""
 
@@ -266,37 +268,64 @@ def _mixture(
     if not isinstance(first, int):
         first = take(first, sample)
     w, control = take(w, sample), _take(batch.control, sample)
+    n = size(index, points.out.shape[1])
     for side, count in enumerate((first, settings.shading_samples - first)):
         own, other = techniques[side], techniques[1 - side]
-        for turn in range(settings.shading_samples):
-            if isinstance(count, int):
-                if turn >= count:
-                    break
-                chosen = None
-            else:
-                chosen = _run(count > turn) if counts is batch.counts else indices(count > turn)
-                if size(chosen, 1) == 0:
-                    break
+        for turns in _turns(batch, counts, count, n):
+            u = [_draw(batch, counts, key, side, turn, compose(sample, those), own.numbers) for turn, those in turns]
+            chosen = turns[0][1] if len(turns) == 1 else _joined(n, *(those for _, those in turns))
             where = compose(index, chosen)
-            u = _draw(batch, counts, key, side, turn, compose(sample, chosen))
-            if own.numbers > 2:
-                more = _draw(batch, counts, (*key, MORE), side, turn, compose(sample, chosen))
-                u = np.concatenate([u, more])[: own.numbers]
             part = points.surface.take(where)
-            seen = own.sample(part, light, u)
-            share = take(w, chosen)
+            seen = own.sample(part, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
+            share, turn = take(w, chosen), turns[0][0]
             found = _shade(batch, points, part, where, seen, own, other, side, turn, share, heuristic, scale, key)
             if control is not None:
                 beta = take(control, chosen) * (scale / np.float32(settings.shading_samples))
                 _add(points.out, -beta * _control(side, share, part.p.shape[1], *found), where)
 
 
-def _draw(batch: Batch, counts: Counts, key: tuple[int, ...], side: int, turn: int, points: Selection | None) -> Array:
-    """Numbers for one shading sample of the camera samples `points`.
+def _turns(batch: Batch, counts: Counts, count: Array | int, n: int) -> Iterator[list[tuple[int, Selection | None]]]:
+    """Each turn of a technique that n points take `count` times, and which of them take it.
+
+    Turns of few points come together, to be one batch; but one by one where statistics tell them apart.
+    """
+    together: list[tuple[int, Selection | None]] = []
+    total, apart = 0, batch.records is not None or n == 1  # of a single point, `take` makes a constant
+    for turn in range(batch.settings.shading_samples):
+        those: Selection | None
+        if isinstance(count, int):
+            those = None if turn < count else slice(0, 0)
+        else:
+            those = _run(count > turn) if counts is batch.counts else indices(count > turn)
+        number = size(those, n)
+        if number == 0:
+            break
+        if together and (apart or total + number > TOGETHER):
+            yield together
+            together, total = [], 0
+        together.append((turn, those))
+        total += number
+    if together:
+        yield together
+
+
+def _joined(n: int, *selections: Selection | None) -> Index:
+    """Selections from n points, one after the other."""
+    every = np.arange(n)
+    return np.concatenate([take(every, selection) for selection in selections])
+
+
+def _draw(
+    batch: Batch, counts: Counts, key: tuple[int, ...], side: int, turn: int, points: Selection | None, numbers: int = 2
+) -> Array:
+    """Numbers for one shading sample of the camera samples `points`, ``(numbers, N)``.
 
     Structured samplers spread the numbers of a pixel over all its samples of one technique, so where techniques take
     turns unevenly, each sample takes the place in its technique's sequence that its pixel has reached.
     """
+    if numbers > 2:
+        parts = [_draw(batch, counts, k, side, turn, points) for k in (key, (*key, MORE))]
+        return np.concatenate(parts)[:numbers]
     reached = counts.reached
     if reached is None or isinstance(batch.sampler, Independent):
         return batch.sampler.draw((*key, side, turn), points)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -123,8 +124,17 @@ def _gather(value: Any, index: Selection | None) -> Any:
     if isinstance(value, np.ndarray):
         return take(value, index)
     if isinstance(value, tuple):
-        return tuple(_gather(item, index) for item in value)
-    if not is_dataclass(value):
-        return value
-    changes = {f.name: _gather(getattr(value, f.name), index) for f in fields(value)}
-    return replace(value, **changes)  # type: ignore[type-var]
+        items = tuple(_gather(item, index) for item in value)
+        return value if all(map(is_, items, value)) else items
+    changes: dict[str, Any] = {}
+    for name in _names(value.__class__):
+        old = getattr(value, name)
+        if (new := _gather(old, index)) is not old:
+            changes[name] = new
+    return replace(value, **changes) if changes else value
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    """Fields of a dataclass; none of what is not one."""
+    return tuple(f.name for f in fields(kind)) if is_dataclass(kind) else ()

@@ -21,7 +21,7 @@ from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
 from dmis.vec import Array, compose, indices
 
-CHUNK = 2**15
+CHUNK = 2**16
 """Camera samples per batch: the arrays of one batch stay in the cache."""
 BASE = 4
 """Side in pixels of the patches that statistics are summed over in a tile."""

@@ -12,13 +12,13 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from thesis import TABLES, cell, machine, options, replace_table, show
+from thesis import ROOT, TABLES, cell, machine, options, replace_table, show
 
 import dmis
 from dmis.experiment import measure, median_seconds, on_cpu, spp_in_time
 from dmis.oracle import make_oracle
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "rules.md"
+PAGE = ROOT / "docs" / "rules.md"
 
 opts, given = options(
     __file__,

@@ -27,7 +27,7 @@ OPTIONS = {"rule": "second-moment", "spp": 32, "seed": 4}
 @pytest.fixture(scope="module")
 def wide(box):
     """The box in 15 tiles."""
-    return replace(box, camera=replace(box.camera, resolution=(160, 96)))
+    return replace(box, camera=replace(box.camera, resolution=(320, 96)))
 
 
 @pytest.fixture(scope="module")
