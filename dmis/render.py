@@ -329,7 +329,7 @@ def _combine(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
         if not (np.abs(mean) <= np.finfo(np.float32).max).all():
             most = np.abs(mean).max()
             raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
             image[row], deviation[row] = mean, np.sqrt(variance) * gain
     return image, deviation
 
