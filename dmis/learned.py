@@ -187,7 +187,10 @@ class Learned:
         samples = None
         if self.counts:
             guides = found.guides if self.guided else None
-            sharp, n = pool(found.sums, shape, self.patch, self.count_sigma, self.size // 2, guides)
+            errors = ("square", "cross")  # which numbers of samples do without
+            known = {name: a for name, a in found.sums.items() if name not in errors}
+            sharp, n = pool(known, shape, self.patch, self.count_sigma, self.size // 2, guides)
+            sharp |= dict.fromkeys(errors, np.broadcast_to(0.0, sharp["curve"].shape))
             v, c = _at(_by_class(sharp, n), costs, times, found.shading_samples // 2, best)
             samples = self._shares(np.sqrt(v / c), shape)
         maps |= {"patch": weights[0], "variance": _together(variances, best)}

@@ -204,7 +204,7 @@ def render(
             work.rays["guide"] += rays
             pilot = {w: replace(p, guides=seen) for w, p in pilot.items()}
             del seen
-            release()
+            release(math.prod(scene.camera.resolution))
         fitted = time.perf_counter()
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
         if settings.combiner == "frozen" and pilot:
@@ -401,7 +401,7 @@ class _Work:
             tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
             tiles.append(tile)
         self.tiles.extend(tiles)
-        release()
+        release(width * height)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
         tiles.sort(key=_samples, reverse=True)  # so that no large one is waited for at the end
         missing = [tile for tile in tiles if not stored.done[tile.number]]
@@ -413,7 +413,7 @@ class _Work:
                 finished += _samples(tile)
                 if self._progress:
                     self._progress(stage, finished, total)
-        release()
+        release(width * height)
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
         return Pilot(Film(n, stored.mean, stored.root), dict(stored.rays), stored.sums, settings.shading_samples)
