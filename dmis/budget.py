@@ -36,6 +36,6 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
         wanted = np.clip(row.astype(float) * high_scale, least, most)
         low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
         steps = np.cumsum(np.append(passed, (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])))
-        found[:] = LEVELS[low + np.diff(np.floor(steps).astype(int))]
+        found[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
         passed = steps[-1]
     return out

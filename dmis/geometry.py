@@ -11,15 +11,13 @@ import io
 import json
 import os
 import struct
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dmis import ply
-from dmis.mesh import Floats, Ints, at_least, direction, positive, vector, weld
+from dmis.mesh import Floats, at_least, direction, positive, vector, weld
 from dmis.mesh import Mesh as Mesh
 from dmis.mesh import concatenate as concatenate
 from dmis.mesh import flat_normals as flat_normals
@@ -64,16 +62,11 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
         raise ValueError(f"mesh must be a trimesh.Trimesh with faces, or a Scene of them; got {mesh!r}")
     vertices, faces, normals = np.asarray(mesh.vertices), np.asarray(mesh.faces), None
     if "vertex_normals" in mesh._cache:
-        normals = _mended(np.array(mesh.vertex_normals), vertices, faces)
+        normals = np.array(mesh.vertex_normals)
+        lost = ~(np.isfinite(normals).all(axis=1) & normals.any(axis=1))  # written by exporters at a loss
+        if lost.any():
+            normals[lost] = vertex_normals(vertices, faces)[lost]
     return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
-
-
-def _mended(normals: Floats, vertices: Floats, faces: Ints) -> Floats:
-    """`normals` of a file with our own where exporters, at a loss, have written zero or what is not finite."""
-    lost = ~(np.isfinite(normals).all(axis=1) & normals.any(axis=1))
-    if lost.any():
-        normals[lost] = vertex_normals(vertices, faces)[lost]
-    return normals
 
 
 def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
@@ -100,8 +93,19 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
         raise ValueError(f"mesh file {path} must have one of the extensions {' '.join(FORMATS)}; got {suffix!r}")
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
+    import trimesh
+
     try:
-        mesh = _read(_bytes(path), suffix)
+        data = _bytes(path)
+        if suffix == ".glb":
+            _check_accessors(data)
+        # It may name other files, anywhere. Given bytes alone, trimesh does not know where they would be
+        bare: dict[str, Any] = {"skip_materials": True} if suffix == ".ply" else {}  # an image
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            loaded: Any = trimesh.load(
+                io.BytesIO(data), file_type=suffix[1:], process=False, **bare
+            )  # process=True would merge and reorder vertices
+            mesh = from_trimesh(loaded)
     except Exception as error:  # whatever trimesh's readers meet comes through
         reason = "it is empty" if path.stat().st_size == 0 else f"{type(error).__name__}: {error}"
         if isinstance(error, ImportError):  # which it would guess other encodings with
@@ -114,25 +118,6 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
         same = weld(mesh.vertices)
         normals = vertex_normals(mesh.vertices, same[mesh.faces])[same]
     return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv)
-
-
-def _read(data: bytes, suffix: str) -> Mesh:
-    if suffix == ".ply" and (plain := ply.triangles(data)) is not None:
-        vertices, faces, normals = plain
-        mesh = Mesh(vertices, faces)
-        return (
-            mesh if normals is None or not normals.any() else replace(mesh, normals=_mended(normals, vertices, faces))
-        )
-    import trimesh
-
-    if suffix == ".glb":
-        _check_accessors(data)
-    # It may name other files, anywhere. Given bytes alone, trimesh does not know where they would be
-    bare: dict[str, Any] = {"skip_materials": True} if suffix == ".ply" else {}  # an image
-    with np.errstate(all="ignore"):  # what is not finite is refused by Mesh
-        # process=True would merge and reorder vertices
-        loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **bare)
-        return from_trimesh(loaded)
 
 
 def _bytes(path: Path) -> bytes:
