@@ -80,7 +80,7 @@ class Curves:
                 second += count / self._s * moment
                 difference = found if difference is None else difference + found
             if difference is not None:
-                pattern[1:-1] += count * _pattern(difference, count)
+                pattern[1:-1] += count * variation(difference, count)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
@@ -151,7 +151,7 @@ def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
     out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     samples = x.shape[0] * x.shape[1] * count
-    radiance_2 = _product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
+    radiance_2 = product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
     square = x * x
     for g, w in enumerate(GRID.astype(float)):
         m = d * np.float32(2 * w - 1)
@@ -161,24 +161,24 @@ def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
         out[g] = second[g] - radiance_2
         if 0 < w < 1:
             difference = differences[g - 1] = (x * d / m).sum(axis=1)
-            out[g] -= w * (1 - w) * _product(difference).reshape(count, -1).mean(axis=0)
+            out[g] -= w * (1 - w) * product(difference).reshape(count, -1).mean(axis=0)
     differences *= unit
     return out * float(unit) ** 2, differences, second * float(unit) ** 2
 
 
-def _pattern(differences: Array, count: int) -> Array:
+def variation(differences: Array, count: int) -> Array:
     """Variance of D over y, per pixel, from that of pairs ``(K, S / 2, N)``, ``(K, P)``."""
     out = []
     unit = _unit(differences)
     for difference in differences / unit:
-        at_y = _product(difference).reshape(count, -1).mean(axis=0)
+        at_y = product(difference).reshape(count, -1).mean(axis=0)
         pixel = difference.mean(axis=0).reshape(count, -1)
         everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
         out.append(at_y - everywhere)
     return np.stack(out) * float(unit) ** 2
 
 
-def _product(pairs: Array) -> Array:
+def product(pairs: Array) -> Array:
     """Product of the means of two halves of independent estimates ``(S / 2, N)``."""
     if len(pairs) == 2:
         return np.asarray(pairs[0] * pairs[1])
@@ -201,6 +201,8 @@ class Pooled:
         The rest of it: that of the radiance over the pixel.
     pixels
         How many pixels were averaged.
+    half
+        Where in the grid the weights are that others are compared with: w = 1/2.
     """
 
     curve: Array
@@ -209,6 +211,7 @@ class Pooled:
     pattern: Array
     position: Array
     pixels: Array
+    half: int = HALF
 
     @property
     def variance(self) -> Array:
@@ -233,9 +236,9 @@ class Pooled:
     def gain_error(self, cost: Array) -> Array:
         """Standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""
         c = np.reshape(cost, (-1,) + (1,) * self.position.ndim)
-        half = c[HALF]
-        second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[HALF]
-        mean = c * self.curve - half * self.curve[HALF]
+        half = c[self.half]
+        second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[self.half]
+        mean = c * self.curve - half * self.curve[self.half]
         return np.sqrt(np.maximum(second - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
 
 
@@ -260,10 +263,10 @@ def least(curves: Pooled, cost: Array, guard: float, allowed: np.ndarray, price:
     """
     objective = weighed(curves.variance, cost, price)
     error = curves.gain_error(np.ones_like(cost))
-    sure = curves.variance - curves.variance[HALF] < -guard * error
-    sure &= objective - objective[HALF] < -guard * (curves.gain_error(cost) if price is None else error)
+    sure = curves.variance - curves.variance[curves.half] < -guard * error
+    sure &= objective - objective[curves.half] < -guard * (curves.gain_error(cost) if price is None else error)
     sure &= np.reshape(allowed, (-1,) + (1,) * curves.position.ndim)
-    sure[HALF] = True
+    sure[curves.half] = True
     return np.where(sure, objective, np.inf).argmin(axis=0)
 
 

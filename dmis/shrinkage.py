@@ -27,7 +27,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmis.curves import HALF, Pooled
+from dmis.curves import Pooled
 from dmis.vec import Array
 
 
@@ -47,7 +47,8 @@ def shrink(curves: Pooled, kinds: Array | None = None) -> Pooled:
         Which share of each patch is of which kind, ``(K, rows, columns)``, of sum 1; patches of several have the mean
         of their shapes. None: all are of one kind.
     """
-    curve, half, pixels = curves.curve, curves.curve[HALF], curves.pixels
+    at = curves.half
+    curve, half, pixels = curves.curve, curves.curve[at], curves.pixels
     of = np.ones((1, *half.shape)) if kinds is None else kinds
     total = _over(of, pixels * half)
     if not (total > 0).any():
@@ -55,10 +56,10 @@ def shrink(curves: Pooled, kinds: Array | None = None) -> Pooled:
     of, total = of[total > 0], total[total > 0]  # the others are black
     share_of = _divide(of, of.sum(axis=0), 0.0)
     freedom = np.maximum(pixels - 1, 1)
-    scale = np.maximum(half, np.sqrt(np.maximum(curves.square[HALF] - half * half, 0) / freedom))
+    scale = np.maximum(half, np.sqrt(np.maximum(curves.square[at] - half * half, 0) / freedom))
     rho = _spread(share_of, _over(of, pixels * curve) / total)
     e = curve - rho * half
-    second = curves.square - 2 * rho * curves.cross + rho * rho * curves.square[HALF]
+    second = curves.square - 2 * rho * curves.cross + rho * rho * curves.square[at]
     error = np.maximum(second - e * e, 0) / freedom
     rho_error = _spread(share_of**2, _over(of**2, pixels**2 * error) / total**2)
     trust = _divide(1.0, scale * scale + error, 0.0)
@@ -68,7 +69,7 @@ def shrink(curves: Pooled, kinds: Array | None = None) -> Pooled:
     mean = rho * scale + share * e
     posterior = share * error + ((1 - share) * scale) ** 2 * rho_error
     # such that `Pooled.gain_error` is the root of the posterior variance, times cost
-    return replace(curves, curve=mean, square=mean * mean + freedom * posterior, cross=mean * mean[HALF])
+    return replace(curves, curve=mean, square=mean * mean + freedom * posterior, cross=mean * mean[at])
 
 
 def _over(of: Array, values: Array) -> Array:

@@ -140,7 +140,7 @@ def test_negative_and_black_patches() -> None:
 def test_one_patch_is_its_own_image() -> None:
     """Nothing to learn from."""
     curves, _ = planted(0.27, 0.05)
-    one = Pooled(**{name: a[..., :1, :1] for name, a in vars(curves).items()})
+    one = Pooled(**{name: a[..., :1, :1] for name, a in vars(curves).items() if name != "half"})
     np.testing.assert_allclose(shrink(one).curve, np.where(one.curve[HALF] > 0, one.curve, 0), rtol=1e-9)
 
 
