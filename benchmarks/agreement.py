@@ -31,8 +31,9 @@ from thesis import SCENES, replace_table, show  # noqa: E402
 
 import dmis  # noqa: E402
 from dmis.conductor import ExactConductor  # noqa: E402
-from dmis.material import Material, ggx, glass, matte, mirror  # noqa: E402
+from dmis.material import Material, glass, matte, mirror  # noqa: E402
 from dmis.metrics import block_error  # noqa: E402
+from dmis.models import ggx  # noqa: E402
 
 PAGE = ROOT / "docs" / "performance.md"
 GOLD = ExactConductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dmis import material, warp
+from dmis import material, models, warp
 from dmis.brdf import Pair
 from dmis.environment import EnvironmentLight
 from dmis.light import DiskLight, QuadLight, SphereLight
@@ -31,9 +31,9 @@ MATERIALS = {
     "plastic": material.plastic(),
     "metal": material.metal(),
     "substrate": material.substrate(),
-    "ward": material.ward(),
-    "cook-torrance": material.cook_torrance(),
-    "ggx": material.ggx(),
+    "ward": models.ward(),
+    "cook-torrance": models.cook_torrance(),
+    "ggx": models.ggx(),
 }
 LIGHTS: dict[str, SampledLight] = {
     "disk": DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1)),

@@ -19,7 +19,8 @@ from dmis.brdf import Lambert
 from dmis.camera import Camera
 from dmis.geometry import quad, sphere, translate
 from dmis.light import EnvironmentLight, Light, PointLight, QuadLight
-from dmis.material import Material, ggx, matte, metal, mirror, plastic
+from dmis.material import Material, matte, metal, mirror, plastic
+from dmis.models import ggx
 from dmis.scene import Part, Scene
 from dmis.texture import Image
 from dmis.tile import Tile, render_tile

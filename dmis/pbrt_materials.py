@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis import material
+from dmis import material, models
 from dmis.brdf import BlendBase, BlendCoat, Dielectric, SpecularReflection
 from dmis.conductor import ExactConductor
 from dmis.ggx import TrowbridgeReitz
@@ -133,7 +133,7 @@ def _plastic(p: Lookup) -> Material:
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
     remap, roughness = p.boolean("remaproughness", True), p.real("roughness", 0.1)
     # pbrt-v3 swaps the two media, like v2 (materials/plastic.cpp)
-    made = material.ggx(kd, ks, _alpha(roughness, remap, True), fresnel=Dielectric(1 / 1.5))
+    made = models.ggx(kd, ks, _alpha(roughness, remap, True), fresnel=Dielectric(1 / 1.5))
     return replace(made, name="plastic")
 
 
@@ -148,7 +148,7 @@ def _substrate(p: Lookup) -> Material:
     alphas = _alphas(p, (p.real("uroughness", 0.1), p.real("vroughness", 0.1)))
     if _black(kd) and _black(ks):
         return Material((), "substrate")
-    facets = TrowbridgeReitz(material.spread(*alphas))
+    facets = TrowbridgeReitz(models.spread(*alphas))
     return Material((BlendBase(kd, ks), BlendCoat(ks, facets)), "substrate")
 
 
@@ -157,7 +157,7 @@ def _uber(p: Lookup) -> Material:
     index, (alpha, alpha_v) = p.index("eta", p.index()), _alphas(p, _roughness(p, 0.1))
     kd, kr, kt = p.reflectance("Kd", 0.25), p.reflectance("Kr", 0), p.reflectance("Kt", 0)
     others = material.uber(kd, 0, kr, kt, eta=index, opacity=opacity)
-    rough = material.ggx(0, scale(opacity, ks), alpha, alpha_v, Dielectric(index))
+    rough = models.ggx(0, scale(opacity, ks), alpha, alpha_v, Dielectric(index))
     return replace(others, lobes=others.lobes + rough.lobes)
 
 
@@ -197,7 +197,7 @@ def _conductor(p: Lookup) -> Material:
 
 def _rough_metal(p: Lookup, eta: Any, k: Any, roughness: tuple[Any, Any], name: str) -> Material:
     alpha, alpha_v = _alphas(p, roughness)
-    return replace(material.ggx(0, 1, alpha, alpha_v, _fresnel(eta, k)), name=name)
+    return replace(models.ggx(0, 1, alpha, alpha_v, _fresnel(eta, k)), name=name)
 
 
 def _fresnel(eta: Any, k: Any) -> ExactConductor:

@@ -1,7 +1,7 @@
 """Statistics per pixel, mergeable in any order of splits; and square patches of pixels.
 
 Means and sums of squared deviations are float64 from the first addition on (squares of float32 numbers overflow and
-underflow where the numbers do not, and one pixel may have 32768 samples in a block), and merge by Chan, Golub and
+underflow where the numbers do not, and one pixel may have 65536 samples in a block), and merge by Chan, Golub and
 LeVeque's formula (1983), which does not cancel.
 """
 

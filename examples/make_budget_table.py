@@ -11,11 +11,11 @@ samples (``--sampler``) for all, the baseline too. Takes a quarter of an hour; t
 from datetime import date
 from pathlib import Path
 
-from thesis import TABLES, cell, machine, options, replace_table, show
+from thesis import ROOT, TABLES, cell, machine, options, replace_table, show
 
 from dmis.experiment import measure, median_seconds, on_cpu
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "rules.md"
+PAGE = ROOT / "docs" / "rules.md"
 
 opts, given = options(
     __file__,

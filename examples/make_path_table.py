@@ -12,13 +12,13 @@ other clock to trust. Takes some ten minutes; the result is kept with the projec
 from datetime import date
 from pathlib import Path
 
-from thesis import TABLES, cell, options, replace_table, show
+from thesis import ROOT, TABLES, cell, options, replace_table, show
 
 import dmis
 from dmis.experiment import measure, median_seconds, on_cpu, spp_in_time
 from dmis.oracle import make_oracle
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "paths.md"
+PAGE = ROOT / "docs" / "paths.md"
 
 opts, given = options(
     __file__,

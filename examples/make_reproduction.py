@@ -11,11 +11,11 @@ the project, once for the scenes that come with dmis, and once (``--scene-dir``)
 from datetime import date
 from pathlib import Path
 
-from thesis import SCENES, cell, machine, options, replace_table, show
+from thesis import ROOT, SCENES, cell, machine, options, replace_table, show
 
 from dmis.experiment import measure
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "reproduction.md"
+PAGE = ROOT / "docs" / "reproduction.md"
 PATCHES = (4, 8, 16, 32)
 
 opts, given = options(

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 from stiff import Case, both, chosen, rounding_errors
-from thesis import options, replace_table
+from thesis import ROOT, options, replace_table
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "stability.md"
+PAGE = ROOT / "docs" / "stability.md"
 PASS, LOST = 1e-3, 0.5
 """Relative errors up to which a mean passes, and from which on nothing is left of it."""
 

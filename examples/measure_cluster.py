@@ -17,7 +17,7 @@ import time
 from datetime import date
 from pathlib import Path
 
-from thesis import replace_table
+from thesis import ROOT, replace_table
 
 import dmis
 from dmis.checkpoint import Store
@@ -25,7 +25,7 @@ from dmis.load import SHIPPED
 from dmis.tile import render_tile
 from dmis.workers import _send
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "cluster.md"
+PAGE = ROOT / "docs" / "cluster.md"
 RULE, SPP = "auto", 128
 
 

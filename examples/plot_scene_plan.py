@@ -18,7 +18,8 @@ from dmis import plot
 from dmis.geometry import quad, sphere, translate
 from dmis.light import EnvironmentLight, PointLight, QuadLight
 from dmis.load import light_part
-from dmis.material import ggx, glass, matte, mirror, plastic
+from dmis.material import glass, matte, mirror, plastic
+from dmis.models import ggx
 from dmis.scene import Part
 
 opts, _ = options(__file__, __doc__)

@@ -10,8 +10,10 @@ The balance heuristic takes one light and one BRDF sample each time. docs/reprod
 baseline too, and with more seeds.
 """
 
+from datetime import date
+
 import numpy as np
-from thesis import SCENES, options, show
+from thesis import ROOT, SCENES, machine, options, replace_table, show
 
 from dmis import plot
 from dmis.experiment import Run, measure, median_seconds, spp_in_time
@@ -73,22 +75,33 @@ for name, about in SCENES.items():
     )
 
 # %%
-# The table, with the thesis's numbers in parentheses.
-print()
-print(
+# The table, with the thesis's numbers in parentheses; and the short one of the README.
+lines = [
     "| scene | balance: s (thesis) | MSE | ours / balance, equal samples (thesis) | more time (thesis) "
-    "| spp in equal time (thesis) | time / balance | ours / balance, equal time (thesis) |"
-)
-print("|---" * 8 + "|")
+    "| spp in equal time (thesis) | time / balance | ours / balance, equal time (thesis) |",
+    "|---" * 8 + "|",
+]
+short = [
+    "| scene | thesis, equal samples | ours, equal samples | thesis, equal time | ours, equal time |",
+    "|---" * 5 + "|",
+]
 for row in rows:
     about, equal, fair = row["about"], row["equal samples"], row["equal time"]
-    print(
+    lines.append(
         f"| {row['scene']} | {row['seconds']:.1f} ({about.seconds}) | {row['mse']:.3e} "
         f"| {equal[0]:.3f} ± {equal[1]:.3f} ({about.equal_samples:.3f}) "
         f"| {row['overhead']:+.1%} ({about.overhead:+.1%}) "
         f"| {row['spp']} (125) | {row['time']:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} ({about.equal_time:.3f}) |"
     )
-print()
+    short.append(
+        f"| {row['scene']} | {about.equal_samples:.3f} | {equal[0]:.3f} ± {equal[1]:.3f} "
+        f"| {about.equal_time:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} |"
+    )
+print("", *lines, "", sep="\n")
+if opts.size == "full" and opts.scene_dir is None:
+    made = f"{len(SEEDS)} seed{'s' * (len(SEEDS) > 1)}, made on {date.today()} on {machine()}."
+    replace_table(ROOT / "docs" / "reproduction.md", "table 4.1", *lines, "", made)
+    replace_table(ROOT / "README.md", "table 4.1", *short, "", made)
 
 # %%
 # The same as a picture: below 1 the rule wins.

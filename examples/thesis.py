@@ -19,7 +19,8 @@ from dmis import plot
 from dmis.experiment import Run
 from dmis.metrics import ratio
 
-FIGURES = Path(__file__).resolve().parent.parent / "figures"
+ROOT = Path(__file__).resolve().parent.parent
+FIGURES = ROOT / "figures"
 
 
 @dataclass(frozen=True)

@@ -106,6 +106,15 @@ def test_budget_table(cache, tmp_path):
     assert "<!-- budgets sobol: begin -->" in text and "| 16 spp | 32 spp |" in text
 
 
+def test_filter_table(cache, tmp_path):
+    """Six ways to share curves, on four scenes."""
+    page = tmp_path / "page.md"
+    page.write_text("", "utf-8")
+    run(ROOT / "examples" / "make_filter_table.py", cache, "--seeds", "1", "--page", page)
+    text = page.read_text("utf-8")
+    assert text.count("%, harm ") == 24 and "| quadtree |" in text
+
+
 def test_cluster_tables(cache, tmp_path):
     """Three tables, of bytes, of renders with the same bits, and of what follows for many workers."""
     pytest.importorskip("distributed")

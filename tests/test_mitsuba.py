@@ -14,7 +14,8 @@ from dmis import vec
 from dmis.brdf import Pair
 from dmis.conductor import ExactConductor
 from dmis.light import DiskLight, EnvironmentLight
-from dmis.material import ggx, glass, matte, metal, mirror, plastic, substrate
+from dmis.material import glass, matte, metal, mirror, plastic, substrate
+from dmis.models import ggx
 from dmis.surface import Surface
 from dmis.texture import Image
 

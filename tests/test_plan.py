@@ -21,7 +21,8 @@ from dmis.environment import EnvironmentLight
 from dmis.geometry import quad, sphere, translate
 from dmis.intersect import Hits
 from dmis.light import DistantLight, PointLight, QuadLight, SphereLight, SpotLight
-from dmis.material import Material, ggx, glass, matte, metal, mirror, plastic
+from dmis.material import Material, glass, matte, metal, mirror, plastic
+from dmis.models import ggx
 from dmis.plan import NOTHING
 from dmis.render import fingerprint
 from dmis.scene import Part, Scene
