@@ -108,17 +108,18 @@ class Shares:
         self._n += count
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
-        lights = list(spread(records, self._s, len(self._exact), radiance.shape[1]))
+        found = spread(records, self._s, len(self._exact), radiance.shape[1])
+        lights = [Seen(x, q, self._exact) for x, q in found]
         for g, (shares, uneven) in enumerate(zip(self._shares.T.astype(np.float32), self._uneven, strict=True)):
             means: Array | None = None
-            for x, q in lights:
-                second, mean = moments(x, q, shares, self._exact)
-                at_y = np.einsum("k,k...->...", shares, [product(m) for m in mean.swapaxes(0, 1)])
+            for light in lights:
+                second, mean = light.at(shares)
+                at_y = np.einsum("k,k...->...", shares, [product(m) for m in mean])
                 self._second[g] += second.reshape(count, -1).sum(axis=0) / self._s
                 self._curve[g] += (second - at_y).reshape(count, -1).sum(axis=0) / self._s
                 means = mean if means is None else means + mean
             if means is not None and len(uneven):
-                self._pattern[g] += count * variation(np.einsum("ek,tkn->etn", uneven, means), count).sum(axis=0)
+                self._pattern[g] += count * variation(np.einsum("ek,ktn->etn", uneven, means), count).sum(axis=0)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: ``curve`` ``(G, P)``, its square and its product with itself at
@@ -157,28 +158,45 @@ def spread(records: Sequence[Record], s: int, techniques: int, n: int) -> Iterat
     yield from found.values()
 
 
-def moments(x: Array, q: Array, shares: Array, exact: Sequence[bool]) -> tuple[Array, Array]:
-    """Second moment and means of shading samples at the `shares` ``(K,)``, from what `spread` yields.
+class Seen:
+    """Shading samples of all techniques towards one light, as `spread` yields them: what they say of any shares."""
 
-    Returns
-    -------
-    second
-        Estimates of M2, ``(N,)``.
-    means
-        Estimates of m_k, ``(S, K, N)``; those of different rows are independent.
-    """
-    known = np.flatnonzero(exact)
-    y = x / np.maximum(np.einsum("k,tjkn->tjn", shares, q), LEAST)
-    means, second = y.copy(), np.zeros(x.shape[2], np.float32)
-    if len(known):
-        mixture = np.maximum(q[:, known][:, :, known].mean(axis=2), LEAST)
-        weighed = y[:, known] / mixture  # relative to the mixture of the known ones that drew them
-        for k in known:
-            means[:, k] = (weighed * q[:, known, k]).mean(axis=1)
-            second += shares[k] * (weighed * y[:, known] * q[:, known, k]).mean(axis=(0, 1))
-    for k in np.flatnonzero(~np.asarray(exact)):
-        second += shares[k] * (y[:, k] * y[:, k]).mean(axis=0)
-    return second, means
+    def __init__(self, x: Array, q: Array, exact: Sequence[bool]) -> None:
+        self._known, self._own = np.flatnonzero(exact), np.flatnonzero(~np.asarray(exact))
+        self._x = x.swapaxes(0, 1)
+        self._q = np.ascontiguousarray(q.transpose(2, 1, 0, 3))  # of each technique, in the samples of each
+        known = self._q[np.ix_(self._known, self._known)]
+        mixture = np.maximum(known.sum(axis=0) / max(len(known), 1), LEAST)  # the one that drew samples of these
+        self._relative = known / mixture
+
+    def at(self, shares: Array) -> tuple[Array, Array]:
+        """Second moment and means of shading samples at the `shares` ``(K,)``.
+
+        Returns
+        -------
+        second
+            Estimates of M2, ``(N,)``.
+        means
+            Estimates of m_k, ``(K, S, N)``; those of different S are independent.
+        """
+        techniques, rows, n = self._x.shape
+        m = shares[0] * self._q[0]
+        for share, q in zip(shares[1:], self._q[1:], strict=True):
+            m += share * q
+        y = self._x / np.maximum(m, LEAST, out=m)
+        means, second = np.zeros((techniques, rows, n), np.float32), np.zeros(n, np.float32)
+        for relative, k in zip(self._relative, self._known, strict=True):
+            for each, own in zip(relative, self._known, strict=True):
+                part = each * y[own]
+                means[k] += part
+                part *= y[own]
+                second += shares[k] * part.sum(axis=0)
+        means /= max(len(self._known), 1)
+        second /= max(len(self._known), 1)
+        for k in self._own:
+            means[k] = y[k]
+            second += shares[k] * (y[k] * y[k]).sum(axis=0)
+        return second / rows, means
 
 
 def _projections(covariance: Array) -> Array:

@@ -20,7 +20,7 @@ from dmis.light import SphereLight
 from dmis.material import plastic
 from dmis.mis import allocate
 from dmis.settings import Settings
-from dmis.simplex import FLOOR, Shares, Simplex, allowed, grid, home, moments, spread
+from dmis.simplex import FLOOR, Seen, Shares, Simplex, allowed, grid, home, spread
 from dmis.vec import Array
 
 LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
@@ -130,10 +130,10 @@ def test_curves_are_unbiased(exact: tuple[bool, ...], count: int, s: int) -> Non
 def test_second_moments_are_convex() -> None:
     """Of techniques whose densities are known, ``mean of f^2 / p_w`` of one pilot, between any two points."""
     records, _, _ = pilot(plain, 200, 2)
-    ((x, q),) = spread(records, 2, 3, 400)
+    seen = Seen(*next(spread(records, 2, 3, 400)), (True,) * 3)
     rng = np.random.default_rng(4)
     for a, b in rng.dirichlet((0.5, 0.5, 0.5), (50, 2)).astype(np.float32):
-        at_a, at_b, middle = (moments(x, q, w, (True,) * 3)[0].mean() for w in (a, b, (a + b) / 2))
+        at_a, at_b, middle = (seen.at(w)[0].mean() for w in (a, b, (a + b) / 2))
         assert middle <= (at_a + at_b) / 2 * (1 + 1e-5)
 
 
