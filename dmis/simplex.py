@@ -45,6 +45,8 @@ STEPS = 6
 """At most so many steps of the grid from one technique alone to another; a multiple of K, to have equal shares."""
 FLOOR = 0.03
 """Share of a technique in those points of the grid that only just do not leave it out."""
+PRICES = 2.0 ** -np.arange(6)
+"""Of cost in variance, times that at `home`."""
 
 
 @cache
@@ -78,6 +80,24 @@ def allowed(curve: Array, inside: np.ndarray) -> np.ndarray:
     techniques out only if they are as good for the image as those that just do not, see `dmis.curves.allowed`.
     """
     return curve <= curve[inside]
+
+
+def cheapest(curves: Pooled, cost: Array, guard: float, may: np.ndarray, area: Array) -> np.ndarray:
+    """Points of the grid, ``(rows, columns)``, for which the image's error times its time is least, ``sum V sum C``
+    over patches of the `area` ``(rows, columns)`` in pixels.
+
+    Patches minimise ``V + price C`` (`dmis.curves.weighed`). At the minimum the price is ``sum V / sum C`` there, which
+    may be far from that at `home`: a technique that costs twice as much is worth it if it has a quarter of the variance.
+    So prices from that at home downwards are tried.
+    """
+    variance = np.maximum(curves.variance, 0)
+    home_price = (variance[curves.half] * area).sum() / area.sum() / cost[curves.half]
+    found = []
+    for price in home_price * PRICES:
+        index = least(curves, cost, guard, may, price)
+        error = (np.take_along_axis(variance, index[None], axis=0)[0] * area).sum()
+        found.append((error * (cost[index] * area).sum(), index))
+    return min(found, key=lambda one: one[0])[1]
 
 
 class Shares:
@@ -311,9 +331,8 @@ class Simplex:
             s = found.shading_samples
             cost = camera_sample(found.rays, shares, s, s // len(self.techniques), self.techniques)
         area = patch_sum(np.ones(shape), self.patch)
-        price = (np.maximum(curves.variance[at], 0) * area).sum() / area.sum() / cost[at]
         may = allowed((curves.curve * area).sum(axis=(1, 2)), inside)
-        index = least(curves, cost, self.guard, may, price)
+        index = cheapest(curves, cost, self.guard, may, area)
         patches = shares[:, index]
         weight = np.stack([patch_spread(share, self.patch, shape) for share in patches])
         maps = {
