@@ -88,7 +88,7 @@ class Curves:
                     second[:, part] += scale / self._s * moment
                     difference = found if difference is None else difference + found
                 assert difference is not None
-                pattern[1:-1, part] += scale * _pattern(difference, count)
+                pattern[1:-1, part] += scale * variation(difference, count)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
@@ -162,7 +162,7 @@ def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
     out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     samples = x.shape[0] * x.shape[1] * count
-    radiance_2 = _over_y(_product(x.mean(axis=1)), count)
+    radiance_2 = _over_y(product(x.mean(axis=1)), count)
     square, first = x * x, x * d
     for g, w in enumerate(GRID.astype(float)):
         m = d * np.float32(2 * w - 1)
@@ -174,17 +174,17 @@ def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
         out[g] = second[g] - radiance_2
         if 0 < w < 1:
             difference = differences[g - 1] = (first * m).sum(axis=1)
-            out[g] -= w * (1 - w) * _over_y(_product(difference), count)
+            out[g] -= w * (1 - w) * _over_y(product(difference), count)
     return out, differences, second
 
 
-def _pattern(differences: Array, count: int) -> Array:
+def variation(differences: Array, count: int) -> Array:
     """Variance of D over y, per pixel, from that of pairs ``(K, S / 2, N)``, ``(K, P)``."""
     out = np.empty((len(differences), differences.shape[2] // count))
     for row, difference in zip(out, differences, strict=True):
         pixel = difference.sum(axis=0).reshape(count, -1) * np.float32(1 / len(difference))
         everywhere = pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)
-        row[:] = _over_y(_product(difference), count) - everywhere / (count * (count - 1))
+        row[:] = _over_y(product(difference), count) - everywhere / (count * (count - 1))
     return out
 
 
@@ -193,7 +193,7 @@ def _over_y(values: Array, count: int) -> Array:
     return np.asarray(values.reshape(count, -1).sum(axis=0) / np.float32(count))
 
 
-def _product(pairs: Array) -> Array:
+def product(pairs: Array) -> Array:
     """Product of the means of two halves of independent estimates ``(S / 2, N)``."""
     if len(pairs) == 2:
         return np.asarray(pairs[0] * pairs[1])
@@ -216,6 +216,8 @@ class Pooled:
         The rest of it: that of the radiance over the pixel.
     pixels
         How many pixels were averaged.
+    half
+        Where in the grid the weights are that others are compared with: w = 1/2.
     """
 
     curve: Array
@@ -224,6 +226,7 @@ class Pooled:
     pattern: Array
     position: Array
     pixels: Array
+    half: int = HALF
 
     @property
     def variance(self) -> Array:
@@ -235,7 +238,7 @@ class Pooled:
 
     def rows(self, block: slice) -> Pooled:
         """Those of some rows of patches, as views."""
-        return Pooled(**{name: a[..., block, :] for name, a in vars(self).items()})
+        return replace(self, **{name: a[..., block, :] for name, a in vars(self).items() if np.ndim(a) > 1})
 
     def split(self, times: float, shading_samples: int) -> Pooled:
         """The curves of camera samples with that many times the `shading_samples` that these have.
@@ -252,9 +255,9 @@ class Pooled:
     def gain_error(self, cost: Array) -> Array:
         """Standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""
         c = np.reshape(cost, (-1,) + (1,) * self.position.ndim)
-        half = c[HALF]
-        second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[HALF]
-        mean = c * self.curve - half * self.curve[HALF]
+        half = c[self.half]
+        second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[self.half]
+        mean = c * self.curve - half * self.curve[self.half]
         return np.sqrt(np.maximum(second - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
 
 
@@ -279,10 +282,10 @@ def least(curves: Pooled, cost: Array, guard: float, allowed: np.ndarray, price:
     """
     objective = weighed(curves.variance, cost, price)
     error = curves.gain_error(np.ones_like(cost))
-    sure = curves.variance - curves.variance[HALF] < -guard * error
-    sure &= objective - objective[HALF] < -guard * (curves.gain_error(cost) if price is None else error)
+    sure = curves.variance - curves.variance[curves.half] < -guard * error
+    sure &= objective - objective[curves.half] < -guard * (curves.gain_error(cost) if price is None else error)
     sure &= np.reshape(allowed, (-1,) + (1,) * curves.position.ndim)
-    sure[HALF] = True
+    sure[curves.half] = True
     return np.where(sure, objective, np.inf).argmin(axis=0)
 
 

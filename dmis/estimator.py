@@ -1,9 +1,9 @@
 """Direct lighting and path tracing: camera rays in, radiance out, one batch per bounce.
 
-Follow one camera sample: its ray meets a surface (`radiance`); each light is sampled by two techniques, S shading
-samples in all (`_mixture`); a shading sample is a direction, the BRDF and the light's radiance there, a weight, and
-an occlusion ray (`_shade`). Mirrors and glass send the sample on, to be shaded where it arrives; in path tracing every
-surface does (`dmis.bounce`).
+Follow one camera sample: its ray meets a surface (`radiance`); each light is sampled by two techniques or more, S
+shading samples in all (`_mixture`); a shading sample is a direction, the BRDF and the light's radiance there, a
+weight, and an occlusion ray (`_shade`). Mirrors and glass send the sample on, to be shaded where it arrives; in path
+tracing every surface does (`dmis.bounce`).
 
 The radiance reflected at p towards wo is the integral over wi of ``f = f_r(wo, wi) L(wi) |n.wi| V(wi)``. With
 densities p_l (light sampling), p_b (BRDF sampling) and the share w of light samples, the balance heuristic estimates
@@ -50,10 +50,10 @@ class Batch:
     Attributes
     ----------
     w
-        Share of the first technique, ``(N,)`` or one number.
+        Share of the first technique, ``(N,)`` or one number; of K > 2 techniques all shares, ``(K, N)`` or ``(K, 1)``.
     counts
-        How many shading samples of each camera sample go to the first technique; falling, so that those with the
-        same number are a slice, and nothing needs to be gathered.
+        How many shading samples of each camera sample go to each technique; falling for the first, so that those with
+        the same number are a slice, and nothing needs to be gathered.
     rng
         For choices that are not two-dimensional draws.
     rays
@@ -79,7 +79,7 @@ class Batch:
     later: tuple[Array, Counts] | None = None
 
     def division(self, path: tuple[int, ...]) -> tuple[Array, Counts]:
-        """Share of the first technique, and counts, at the surfaces that `path` led to."""
+        """Shares and counts at the surfaces that `path` led to."""
         return (self.w, self.counts) if self.later is None or not path else self.later
 
 
@@ -90,7 +90,7 @@ class Record:
     Attributes
     ----------
     side
-        0 for the first technique, 1 for the second.
+        Number of the technique, 0 for the first.
     key
         Which light, in the last place; before it, by way of which delta lobes, or in path tracing the number of
         surfaces before.
@@ -102,7 +102,7 @@ class Record:
         What each would estimate alone, ``W f / (share p_own)``, with the throughput of its path, ``(3, N)``; 0 where
         something is in between.
     pdf
-        Densities of both techniques in its direction, ``(2, N)``.
+        Densities of all techniques in its direction, ``(K, N)``.
     """
 
     side: int
@@ -258,36 +258,36 @@ def _light(batch: Batch, points: _Points) -> None:
 def _mixture(
     batch: Batch, points: _Points, light: SampledLight, index: Selection | None, scale: np.float32, key: tuple[int, ...]
 ) -> None:
-    """Add what the points `index` reflect of one light: S shading samples each, divided between two techniques."""
+    """Add what the points `index` reflect of one light: S shading samples each, divided between techniques."""
     settings = batch.settings
     techniques = tuple(technique.find(name) for name in settings.techniques)
     heuristic = mis.find(settings.combiner)
     sample = compose(points.sample, index)
     w, counts = batch.division(points.path)
-    first = counts.first
-    if not isinstance(first, int):
-        first = take(first, sample)
+    each = [count if isinstance(count, int) else take(count, sample) for count in counts.each]
+    each.append(settings.shading_samples - sum(each))
     w, control = take(w, sample), _take(batch.control, sample)
     n = size(index, points.out.shape[1])
-    for side, count in enumerate((first, settings.shading_samples - first)):
-        own, other = techniques[side], techniques[1 - side]
-        for turns in _turns(batch, counts, count, n):
+    for side, (own, count) in enumerate(zip(techniques, each, strict=True)):
+        ordered = counts is batch.counts and (side == 0 or len(each) == 2)
+        for turns in _turns(batch, count, n, ordered):
             u = [_draw(batch, counts, key, side, turn, compose(sample, those), own.numbers) for turn, those in turns]
             chosen = turns[0][1] if len(turns) == 1 else _joined(n, *(those for _, those in turns))
             where = compose(index, chosen)
             part = points.surface.take(where)
             seen = own.sample(part, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
             share, turn = take(w, chosen), turns[0][0]
-            found = _shade(batch, points, part, where, seen, own, other, side, turn, share, heuristic, scale, key)
+            found = _shade(batch, points, part, where, seen, techniques, side, turn, share, heuristic, scale, key)
             if control is not None:
                 beta = take(control, chosen) * (scale / np.float32(settings.shading_samples))
                 _add(points.out, -beta * _control(side, share, part.p.shape[1], *found), where)
 
 
-def _turns(batch: Batch, counts: Counts, count: Array | int, n: int) -> Iterator[list[tuple[int, Selection | None]]]:
+def _turns(batch: Batch, count: Array | int, n: int, ordered: bool) -> Iterator[list[tuple[int, Selection | None]]]:
     """Each turn of a technique that n points take `count` times, and which of them take it.
 
-    Turns of few points come together, to be one batch; but one by one where statistics tell them apart.
+    If they are `ordered`, counts only fall, or only rise. Turns of few points come together, to be one batch; but one
+    by one where statistics tell them apart.
     """
     together: list[tuple[int, Selection | None]] = []
     total, apart = 0, batch.records is not None or n == 1  # of a single point, `take` makes a constant
@@ -296,7 +296,7 @@ def _turns(batch: Batch, counts: Counts, count: Array | int, n: int) -> Iterator
         if isinstance(count, int):
             those = None if turn < count else slice(0, 0)
         else:
-            those = _run(count > turn) if counts is batch.counts else indices(count > turn)
+            those = _run(count > turn) if ordered else indices(count > turn)
         number = size(those, n)
         if number == 0:
             break
@@ -338,57 +338,54 @@ def _shade(
     surface: Surface,
     where: Selection | None,
     seen: Seen,
-    own: Technique,
-    other: Technique,
+    techniques: tuple[Technique, ...],
     side: int,
     turn: int,
     w: Array,
     heuristic: Heuristic,
     scale: np.float32,
     key: tuple[int, ...],
-) -> tuple[Index | None, Array, Array]:
-    """Add one shading sample of technique `own` to each of the points `where`, whose surface is given.
+) -> tuple[Index | None, list[Array]]:
+    """Add one shading sample of the technique `side` to each of the points `where`, whose surface is given.
 
-    Returns which of them have a direction that meets a light, and the own and the other technique's densities there.
+    Returns which of them have a direction that meets a light, and the densities of all techniques there.
     """
     lit = indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
     if lit is not None and len(lit) == 0:
-        return lit, np.zeros(0, np.float32), np.zeros(0, np.float32)
+        return lit, [np.zeros(0, np.float32)] * len(techniques)
     surface, wi, w = surface.take(lit), take(seen.wi, lit), take(w, lit)
     light_pdf = take(seen.pdf, lit)
     pair = Pair(surface, wi)
-    p_own, p_other = own.pdf(surface, pair, light_pdf), other.pdf(surface, pair, light_pdf)
-    share = w if side == 0 else 1 - w
-    other_share = mis.against(batch.settings.combiner, share)
-    factor = heuristic(share * p_own, other_share * p_other, side == 0) * pair.cos_i
+    pdf = [each.pdf(surface, pair, light_pdf) for each in techniques]
+    shares = mis.against(batch.settings.combiner, mis.shares(w), side)
+    factor = heuristic([share * p for share, p in zip(shares, pdf, strict=True)], side) * pair.cos_i
     factor *= scale / np.float32(batch.settings.shading_samples)
-    f = surface.eval(pair) * (factor * (p_own > 0))
+    accepted = pdf[side] > 0  # others are as if they had met no light
+    f = surface.eval(pair) * (factor * accepted)
     alive: Selection | None = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
     value = np.zeros((3, 0), np.float32)
     if size(alive, 1):
         distance = take(seen.distance, compose(lit, alive))
-        clear = indices(_visible(batch, own.rays, take(surface.p, alive), take(wi, alive), distance))
+        clear = indices(_visible(batch, techniques[side].rays, take(surface.p, alive), take(wi, alive), distance))
         alive = compose(alive, clear)  # the sky is looked up only where it is seen
         both = compose(lit, alive)
         value = take(f, alive) * seen.radiance_at(both)
         _add(points.out, value, compose(where, both))
     if batch.records is None and batch.control is None:
-        return lit, p_own, p_other
-    accepted = p_own > 0  # others are as if they had met no light
-    p_own, p_other = np.where(accepted, p_own, 1), np.where(accepted, p_other, 0)
+        return lit, pdf
+    pdf = [np.where(accepted, p, np.float32(k == side)) for k, p in enumerate(pdf)]
     if batch.records is not None:
-        pdf = np.stack((p_own, p_other) if side == 0 else (p_other, p_own))
-        _record(batch, points, Record(side, key, turn, compose(where, lit), value, pdf), alive)
-    return lit, p_own, p_other
+        _record(batch, points, Record(side, key, turn, compose(where, lit), value, np.stack(pdf)), alive)
+    return lit, pdf
 
 
-def _control(side: int, w: Array, n: int, lit: Index | None, p_own: Array, p_other: Array) -> Array:
+def _control(side: int, w: Array, n: int, lit: Index | None, pdf: list[Array]) -> Array:
     """``(p_l - p_b) / p_w`` of n shading samples of one technique, those that are not `lit` included, ``(n,)``."""
-    share = np.broadcast_to(w if side == 0 else 1 - w, n)
-    g = 1 / share
-    share = take(share, lit)
-    g[slice(None) if lit is None else lit] = (p_own - p_other) / (share * p_own + (1 - share) * p_other)
-    return g if side == 0 else -g
+    w = np.broadcast_to(w, n)
+    g = 1 / w if side == 0 else -1 / (1 - w)
+    w, (light, brdf) = take(w, lit), pdf
+    g[slice(None) if lit is None else lit] = (light - brdf) / (w * light + (1 - w) * brdf)
+    return g
 
 
 def _record(batch: Batch, points: _Points, record: Record, alive: Selection | None) -> None:

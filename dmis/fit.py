@@ -8,15 +8,19 @@ map of weights. `RULES` lists them by the name that the command line knows; `mak
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from dmis.filter import gaussian
+from dmis.technique import TECHNIQUES
 from dmis.variance import Film, luminance, patch_mean, patch_spread
 from dmis.vec import Array
+
+Weight = float | tuple[float, ...]
+"""Share of the first of two techniques, or shares of all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +30,8 @@ class Fit:
     Attributes
     ----------
     weight
-        Share of light samples: ``(H, W)``, or one number for the whole image.
+        Share of light samples: ``(H, W)``, or one number for the whole image. Of K > 2 techniques the shares of all:
+        ``(K, H, W)``, or ``(K,)`` for the whole image.
     samples
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
@@ -74,19 +79,20 @@ class Pilot:
 class Rule(Protocol):
     """What `dmis.render.render` asks of a rule. `settings` are changes to `dmis.settings.Settings` that belong to
     it. A rule may also have a `statistic`, see `dmis.tile.Statistic`, that is gathered in its pilot; be `guided`: then
-    its pilot brings guides, see `dmis.guides`; and be `separate`: then its statistic is told to make 2 `classes`, see
-    `dmis.curves.Curves`, where paths go on.
+    its pilot brings guides, see `dmis.guides`; be `separate`: then its statistic is told to make 2 `classes`, see
+    `dmis.curves.Curves`, where paths go on; and be for `several` techniques, as `dmis.simplex.Simplex` is: then its
+    weights are shares of all, and its statistic does without their densities.
     """
 
     @property
-    def pilot(self) -> Mapping[float, int]:
+    def pilot(self) -> Mapping[Any, int]:
         """Camera samples per pixel by weight, rendered before the fit."""
         ...
 
     @property
     def settings(self) -> Mapping[str, Any]: ...
 
-    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+    def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Weights from what the pilot brought at each of its weights."""
         ...
 
@@ -104,15 +110,25 @@ def _sampler(name: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Fixed:
-    """The same weight everywhere and no pilot. w = 1/2 with the balance heuristic is the classic estimator."""
+    """The same weight everywhere and no pilot. w = 1/2 with the balance heuristic is the classic estimator.
 
-    w: float = 0.5
+    For more than two `techniques` w is the shares of all of them.
+    """
+
+    w: Weight = 0.5
     combiner: str = "balance"
-    techniques: tuple[str, str] = ("light", "brdf")
+    techniques: tuple[str, ...] = ("light", "brdf")
     allocation: str = "systematic"
     sampler: str = ""
 
     def __post_init__(self) -> None:
+        if isinstance(self.w, tuple):
+            if not all(0 <= share <= 1 for share in self.w) or abs(sum(self.w) - 1) > 1e-6:
+                raise ValueError(
+                    f"shares must be in [0, 1] and add up to 1, because they divide samples; got "
+                    f"{' + '.join(f'{share:g}' for share in self.w)} = {sum(self.w):g}"
+                )
+            return
         if not 0 <= self.w <= 1:
             raise ValueError(f"w must be in [0, 1], the share of light samples; got {self.w}")
         if self.combiner == "frozen" and self.w in (0, 1):
@@ -120,6 +136,10 @@ class Fixed:
                 f"w must not be 0 or 1 with combiner frozen, which gives each technique its part of f at any share; "
                 f"got {self.w:g}"
             )
+
+    @property
+    def several(self) -> bool:
+        return isinstance(self.w, tuple)
 
     @property
     def pilot(self) -> Mapping[float, int]:
@@ -131,7 +151,7 @@ class Fixed:
         return own | _sampler(self.sampler)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
-        return Fit(self.w)
+        return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)
 
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
@@ -286,6 +306,23 @@ def _learned(objective: str, **options: Any) -> Rule:
     return Learned(objective, **options)
 
 
+def _simplex(**options: Any) -> Rule:
+    from dmis.simplex import Simplex
+
+    shares = {name: options.pop(name) for name in tuple(options) if name in TECHNIQUES}
+    if not shares:
+        return Simplex(**options)
+    if wrong := options.keys() - {"combiner", "sampler"}:
+        raise ValueError(
+            f"rule simplex with shares that are given has the options combiner, sampler; got {', '.join(sorted(wrong))}"
+        )
+    if len(shares) < 2:
+        raise ValueError(f"rule simplex needs shares of at least two techniques; got {', '.join(shares)}")
+    w = tuple(shares.values())
+    rule = Fixed(w, techniques=tuple(shares), **options)
+    return rule if len(w) > 2 else replace(rule, w=w[0])
+
+
 _RELATIVES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis", "linear")
 
 RULES: dict[str, Callable[..., Rule]] = {
@@ -298,12 +335,14 @@ RULES: dict[str, Callable[..., Rule]] = {
     "thesis": Thesis,
     "second-moment": partial(_learned, "second-moment"),
     **{name: partial(_learned, name, shrink=False) for name in _RELATIVES},
+    "simplex": _simplex,
     "auto": partial(_learned, "second-moment", counts=True, split=True, reuse=False),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),
 ``resampled:W`` (`dmis.resampling` in the place of light sampling), ``thesis``; ``second-moment`` and its relatives in
-the literature, see `dmis.learned`; ``auto``, the best of them all.
+the literature, see `dmis.learned`; ``simplex:light+brdf+resampled``, weights of several techniques, see `dmis.simplex`,
+and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``, the best of them all.
 """
 
 
@@ -336,6 +375,8 @@ def make_rule(text: str) -> Rule:
         types.pop("w")
     types.pop("techniques", None)
     types.pop("objective", None)
+    if name == "simplex":
+        types |= dict.fromkeys(TECHNIQUES, float)
     options: dict[str, Any] = {}
     convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
     for item in filter(None, rest.split(",")):

@@ -247,7 +247,7 @@ class Learned:
         return patch_spread(np.maximum(wanted, least) if least > 0 else np.ones_like(wanted), self.patch, shape)
 
 
-def _by_class(means: Mapping[str, Array], pixels: Array) -> list[Pooled]:
+def _by_class(means: Mapping[str, Any], pixels: Array) -> list[Pooled]:
     """The curves of each class of surfaces: one, or the first and all others, see `dmis.curves.Curves`."""
     if means["curve"].ndim == 3:
         return [Pooled(**means, pixels=pixels)]

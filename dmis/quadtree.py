@@ -7,6 +7,7 @@ keeping their own weights surely gains.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def adaptive_patches(
     may = allowed(sums["curve"].sum(axis=(1, 2)))
     while True:
         n = patch_sum(pixels, times)
-        means = {name: patch_sum(a, times) / n for name, a in sums.items()}
+        means: dict[str, Any] = {name: patch_sum(a, times) / n for name, a in sums.items()}
         curves = Pooled(**means, pixels=n)
         if prepare is not None:
             curves = prepare(curves)

@@ -28,7 +28,7 @@ from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
-from dmis.fit import Pilot, Rule, make_rule
+from dmis.fit import Pilot, Rule, Weight, make_rule
 from dmis.guides import guides
 from dmis.memory import release
 from dmis.mis import FROZEN
@@ -63,7 +63,7 @@ class Result:
         one sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
         sampler spreads them. Its square is `variance`.
     weight
-        ``(H, W)`` float32: share of light samples in the final pass.
+        ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first.
     samples
         ``(H, W)`` float32: samples of the budget spent, pilot included, whether or not it is part of the image. Camera
         samples, where they have as many shading samples as `settings` says; with more they count for as many.
@@ -71,9 +71,9 @@ class Result:
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
         Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
-        ``shadow`` (of light samples), ``brdf``, ``uniform``, ``delta`` (towards lights of a single direction),
-        ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on from so many
-        surfaces); ``guide``, towards what a rule's filter is guided by.
+        ``shadow`` (of light samples), ``brdf``, ``uniform``, ``resampled``, ``delta`` (towards lights of a single
+        direction), ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on
+        from so many surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
     provenance
@@ -162,7 +162,13 @@ def render(
     given = {} if sampler is None else {"sampler": sampler}
     settings = scene.plan.settle(replace(settings or Settings(), **{**given, **rule.settings}))
     gather = getattr(rule, "statistic", None)
-    if gather is not None and not _exact(settings):
+    several = getattr(rule, "several", False)
+    if len(settings.techniques) > 2 and not several:
+        raise ValueError(
+            f"rule {rule_text} divides samples between two techniques; got {', '.join(settings.techniques)}, which "
+            f"rule simplex divides them between"
+        )
+    if gather is not None and not several and not _exact(settings):
         raise ValueError(
             f"rule {rule_text} learns from densities, and that of technique resampled is not known; rules that learn "
             f"from variances, such as thesis, and fixed weights do without"
@@ -196,7 +202,7 @@ def render(
         scene.prepare()
         begin = time.perf_counter()
         pilot = {
-            w: work.render(k, "pilot", n if gather is None else n // 2, w, learning, gather)
+            w: work.render(k, "pilot", n if gather is None else n // len(settings.techniques), w, learning, gather)
             for k, (w, n) in enumerate(sorted(rule.pilot.items()))
         }
         if getattr(rule, "guided", False):
@@ -236,7 +242,7 @@ def render(
     return Result(
         image=image,
         deviation=deviation,
-        weight=_map(fit.weight, shape),
+        weight=_map(_first(fit.weight), shape),
         samples=_map(pilot_spp + np.float32(fit.split) * np.asarray(counts, np.float32), shape),
         seconds={
             "pilot": fitted - begin,
@@ -251,12 +257,13 @@ def render(
     )
 
 
-def pilot_settings(settings: Settings, pilot: Mapping[float, int], paired: bool) -> Settings:
+def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool) -> Settings:
     """What a pilot is rendered with: independent samples, which statistics assume, and the balance heuristic, whose
     terms are f / p_w, however the final samples are drawn and combined.
 
     If `paired`, because a statistic is gathered, with twice the shading samples in half the camera samples: what
-    varies over a pixel, and what varies at a point, are told apart by two independent estimates at the same point.
+    varies over a pixel, and what varies at a point, are told apart by two independent estimates at the same point. For
+    K techniques to have two samples each, with K times as many in as many times fewer.
 
     Raises
     ------
@@ -266,10 +273,13 @@ def pilot_settings(settings: Settings, pilot: Mapping[float, int], paired: bool)
     settings = replace(settings, combiner="balance", allocation="systematic", sampler="independent")
     if not paired:
         return settings
+    techniques = len(settings.techniques)
     for name, n in (("shading_samples", settings.shading_samples), *(("pilot samples", n) for n in pilot.values())):
         if n % 2:
             raise ValueError(f"{name} must be even for rules that learn from two halves of them; got {n}")
-    return replace(settings, shading_samples=2 * settings.shading_samples)
+        if name != "shading_samples" and n % techniques:
+            raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
+    return replace(settings, shading_samples=techniques * settings.shading_samples)
 
 
 def _separate(rule: Rule, settings: Settings) -> bool:
@@ -386,16 +396,15 @@ class _Work:
         control: Array | None = None,
         later: Array | float | None = None,
     ) -> Pilot:
-        """One pass: `spp` camera samples at weight `w`, `later` behind the first surface, each one number or
-        ``(H, W)``; `control` is ``(H, W, 3)``.
+        """One pass: `spp` camera samples at weight `w` (see `dmis.fit.Fit`), `later` behind the first surface, each one
+        number or ``(H, W)``; `control` is ``(H, W, 3)``.
         """
         width, height = self._scene.camera.resolution
         tiles = []
         uneven = not isinstance(spp, int)
         for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
             area = slice(*rows), slice(*columns)
-            local = w if np.ndim(w) == 0 else np.asarray(w)[area].reshape(-1)
-            behind = later if later is None or np.ndim(later) == 0 else np.asarray(later)[area].reshape(-1)
+            local, behind = _local(w, area), None if later is None else _local(later, area)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)
             beta = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
             tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
@@ -417,6 +426,20 @@ class _Work:
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
         return Pilot(Film(n, stored.mean, stored.root), dict(stored.rays), stored.sums, settings.shading_samples)
+
+
+def _first(weight: Array | float) -> Array:
+    """Share of the first technique, of what a `dmis.fit.Fit` has."""
+    found = np.asarray(weight, np.float32)
+    return found[0] if found.ndim in (1, 3) else found
+
+
+def _local(w: Array | float, area: tuple[slice, slice]) -> Array | float:
+    """What a `dmis.tile.Tile` has of it."""
+    found = np.asarray(w)
+    if found.ndim < 2:
+        return found[:, None] if found.ndim else w
+    return found[..., *area].reshape(*found.shape[:-2], -1)
 
 
 def _samples(tile: Tile) -> int:

@@ -25,7 +25,7 @@ class Settings:
     shading_samples
         S, light or BRDF samples per camera sample and light.
     techniques
-        The two techniques that share them; w is the share of the first.
+        The techniques that share them, two or more; of two, w is the share of the first.
     combiner
         Heuristic that weights them, see `dmis.mis.find`.
     allocation
@@ -49,7 +49,7 @@ class Settings:
     """
 
     shading_samples: int = 2
-    techniques: tuple[str, str] = ("light", "brdf")
+    techniques: tuple[str, ...] = ("light", "brdf")
     combiner: str = "balance"
     allocation: str = "systematic"
     lights: str = "all"
@@ -62,12 +62,14 @@ class Settings:
     def __post_init__(self) -> None:
         if not 1 <= self.shading_samples <= MOST:
             raise ValueError(f"shading_samples must be between 1 and {MOST}; got {self.shading_samples}")
-        if len(self.techniques) != 2:
-            raise ValueError(
-                f"techniques must be two names, because w is the share of the first; got {self.techniques}"
-            )
+        if len(self.techniques) < 2:
+            raise ValueError(f"techniques must be at least two names, which share the samples; got {self.techniques}")
         techniques = [technique.find(name) for name in self.techniques]
         mis.find(self.combiner)
+        if len(techniques) > 2 and self.combiner.startswith(("optimal", "controlled", "frozen")):
+            raise ValueError(
+                f"combiner {self.combiner} needs two techniques; got {len(techniques)}: {', '.join(self.techniques)}"
+            )
         if not all(t.exact for t in techniques) and self.combiner.startswith(("optimal", "controlled")):
             raise ValueError(
                 f"combiner {self.combiner} needs densities that are known, which those of technique resampled are not"

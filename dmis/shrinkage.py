@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.curves import HALF, Pooled
+from dmis.curves import Pooled
 from dmis.variance import row_blocks
 from dmis.vec import Array
 
@@ -64,15 +64,15 @@ def shrink(
     def block(k: int) -> Pooled:
         return change(curves.rows(rows[k]))
 
-    sums = np.zeros((len(curves.curve), len(of)))
+    at, sums = curves.half, np.zeros((len(curves.curve), len(of)))
     for k, part in enumerate(map(block, range(len(rows)))):
         sums += _over(of[:, rows[k]], part.pixels * part.curve)
-    lit = sums[HALF] > 0  # the other kinds are black
+    lit = sums[at] > 0  # the other kinds are black
     if not lit.any():
         return change(curves)
     if not lit.all():
         of, sums = of[lit], sums[:, lit]
-    rho = sums / sums[HALF]
+    rho = sums / sums[at]
     variance, scatter, weight = np.zeros((3, *rho.shape))
     for k, part in enumerate(map(block, range(len(rows)))):
         here = of[:, rows[k]]
@@ -81,10 +81,11 @@ def shrink(
         variance += _over(here**2, part.pixels**2 * own.error)
         scatter += _over(here, trust * (own.e * own.e - own.error))
         weight += _over(here, trust * own.scale * own.scale)
-    tau_2, rho_error = np.maximum(_divide(scatter, weight, 0.0), 0), variance / sums[HALF] ** 2
+    tau_2, rho_error = np.maximum(_divide(scatter, weight, 0.0), 0), variance / sums[at] ** 2
     out = curves
     if not in_place:
-        out = replace(curves, **{name: np.empty(curves.curve.shape) for name in ("curve", "square", "cross")})
+        curve, square, cross = np.empty((3, *curves.curve.shape))
+        out = replace(curves, curve=curve, square=square, cross=cross)
     for k, part in enumerate(map(block, range(len(rows)))):
         own, found = _Own.of(part, rho, of[:, rows[k]]), out.rows(rows[k])
         prior = own.scale * own.scale * _spread(own.share_of, tau_2)
@@ -94,7 +95,7 @@ def shrink(
         # such that `Pooled.gain_error` is the root of the posterior variance, times cost
         found.curve[:] = mean
         found.square[:] = mean * mean + np.maximum(part.pixels - 1, 1) * posterior
-        found.cross[:] = mean * mean[HALF]
+        found.cross[:] = mean * mean[at]
     return out
 
 
@@ -110,12 +111,13 @@ class _Own:
 
     @classmethod
     def of(cls, curves: Pooled, rho: Array, of: Array) -> _Own:
-        half, freedom = curves.curve[HALF], np.maximum(curves.pixels - 1, 1)
-        scale = np.maximum(half, np.sqrt(np.maximum(curves.square[HALF] - half * half, 0) / freedom))
+        at = curves.half
+        half, freedom = curves.curve[at], np.maximum(curves.pixels - 1, 1)
+        scale = np.maximum(half, np.sqrt(np.maximum(curves.square[at] - half * half, 0) / freedom))
         share_of = _divide(of, of.sum(axis=0), 0.0)
         shape = _spread(share_of, rho)
         e = curves.curve - shape * half
-        second = curves.square - 2 * shape * curves.cross + shape * shape * curves.square[HALF]
+        second = curves.square - 2 * shape * curves.cross + shape * shape * curves.square[at]
         return cls(share_of, shape, scale, e, np.maximum(second - e * e, 0) / freedom)
 
 

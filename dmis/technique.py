@@ -3,7 +3,7 @@
 Each technique is a pair of functions with the same leading arguments: ``sample`` picks directions at surface points and
 tells what they see of a light; ``pdf`` is the density, per solid angle, with which it would pick given directions,
 or, where that is not known, what stands in for it in MIS weights (`dmis.resampling`).
-Two techniques are mixed by `dmis.mis`; anything that has these two functions can be one of them.
+Two techniques or more are mixed by `dmis.mis`; anything that has these two functions can be one of them.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _uniform_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
 LIGHT = Technique("light", "shadow", _light_sample, _light_pdf)
 BRDF = Technique("brdf", "brdf", _brdf_sample, _brdf_pdf)
 UNIFORM = Technique("uniform", "uniform", _uniform_sample, _uniform_pdf)
-RESAMPLED = Technique("resampled", "shadow", resampled, _light_pdf, numbers=3, exact=False)
+RESAMPLED = Technique("resampled", "resampled", resampled, _light_pdf, numbers=3, exact=False)
 
 TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)}
 """By name. `UNIFORM`, equal density over the hemisphere, is for teaching: importance sampling improves on it."""

@@ -19,7 +19,7 @@ from dmis.samplers import make_sampler, stream
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import Moments, patch_sum
-from dmis.vec import Array, compose, indices
+from dmis.vec import Array, compose, indices, take
 
 CHUNK = 2**16
 """Camera samples per batch: the arrays of one batch stay in the cache."""
@@ -40,7 +40,7 @@ class Tile:
     spp
         Camera samples per pixel, one number or ``(P,)``, P pixels in row order.
     w
-        Share of the first technique, one number or ``(P,)``.
+        Share of the first technique, one number or ``(P,)``; of K > 2 techniques all shares, ``(K, 1)`` or ``(K, P)``.
     statistic
         What is gathered from the shading samples, see `Statistic`; None: nothing.
     control
@@ -128,7 +128,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     if settings.combiner in COLLECTORS:
         collector = COLLECTORS[settings.combiner](tile.w, tile.spp * np.full(pixels, shading_samples))
     stages = 1 if collector is None else collector.stages
-    offset = rng.random(stages * pixels)
+    of_rounding = () if len(settings.techniques) == 2 else (len(settings.techniques) - 1,)
+    offset = rng.random((*of_rounding, stages * pixels))
     picks = rng if settings.allocation == "random" else None
     seeing = None if scene.seeing is None else scene.seeing[top:bottom, left:right].reshape(-1)
     if seeing is not None and seeing.all():
@@ -142,7 +143,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     for blocks in _batches(tile.spp, pixels):
         pixel, number = (np.concatenate(a) for a in zip(*(block.samples() for block in blocks), strict=True))
         place = slot(pixel, number, tile.spp, pixels, stages)
-        counts = allocate(w if w.ndim == 0 else np.tile(w, stages), shading_samples, place, number, offset, picks)
+        counts = allocate(
+            w if stages == 1 or w.ndim == 0 else np.tile(w, stages), shading_samples, place, number, offset, picks
+        )
         order = None if isinstance(counts.first, int) else np.argsort(-counts.first, kind="stable")
         if order is not None:
             pixel, number, place = pixel.take(order), number.take(order), place.take(order)
@@ -150,13 +153,13 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         later = None
         if later_w is not None and later_offset is not None:
             later_counts = allocate(later_w, shading_samples, pixel, number, later_offset, picks)
-            later = later_w if later_w.ndim == 0 else later_w.take(pixel), later_counts
+            later = take(later_w, pixel), later_counts
         sampler.start(pixel, number)
         u = sampler.draw("camera", None)
         direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
         origin = np.repeat(scene.camera.origin, direction.shape[1], axis=1)
         records: list[Record] | None = None if statistic is None and collector is None else []
-        share = w if w.ndim == 0 else w.take(pixel)
+        share = take(w, pixel)
         control = None if tile.control is None else tile.control.take(pixel, axis=1)
         batch = Batch(
             scene, caster or scene.intersector, settings, sampler, rng, share, counts, rays, records, control, later
@@ -210,9 +213,13 @@ class _Block:
 
 
 def _share(w: Array | float) -> Array:
-    """Shares of the pixels as an array, ``(P,)``, or of no dimension if they are all the same."""
+    """Shares of the pixels as an array, ``(P,)``, or of no dimension if they are all the same; ``(K, P)`` or
+    ``(K, 1)``.
+    """
     share = np.asarray(w, np.float32)
-    return share[0] if share.ndim and (share == share[0]).all() else share
+    if share.ndim == 0 or (share != share[..., :1]).any():
+        return share
+    return share[0] if share.ndim == 1 else share[:, :1]
 
 
 def _back(order: np.ndarray, values: Array) -> Array:

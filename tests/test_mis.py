@@ -6,7 +6,7 @@ from helpers import LEVEL, Z_LIMIT, chi2_p, z_score
 
 import dmis
 from dmis.fit import make_rule
-from dmis.mis import Counts, against, allocate, balance, cutoff, find, maximum, power
+from dmis.mis import Counts, against, allocate, balance, cutoff, find, maximum, power, rounding
 from dmis.vec import Array
 
 HEURISTICS = [
@@ -27,7 +27,7 @@ each_heuristic = pytest.mark.parametrize("name", HEURISTICS)
 def weights(name: str, a: Array, b: Array) -> tuple[Array, Array]:
     """MIS weights of a sample with densities `a`, `b`, as the first and as the second technique's."""
     heuristic = find(name)
-    return a.astype(float) * heuristic(a, b, True), b.astype(float) * heuristic(b, a, False)
+    return a.astype(float) * heuristic((a, b), 0), b.astype(float) * heuristic((a, b), 1)
 
 
 @each_heuristic
@@ -62,8 +62,25 @@ def test_weights_of_extreme_densities(name: str, a: float, b: float) -> None:
 def test_vanishing_densities_are_finite(name: str) -> None:
     """Both 0 or 1e-30 (a float32 underflow away): finite factors."""
     for a, b in ((0, 0), (1e-30, 0), (0, 1e-30), (1e-30, 1e-30), (1e-38, 1e30)):
-        for first in (True, False):
-            assert np.isfinite(find(name)(np.float32([a]), np.float32([b]), first)).all()
+        for own in (0, 1):
+            assert np.isfinite(find(name)((np.float32([a]), np.float32([b])), own)).all()
+
+
+@pytest.mark.parametrize("name", [name for name in HEURISTICS if name != "frozen"])
+@pytest.mark.parametrize("techniques", [3, 4])
+def test_weights_of_several_techniques_sum_to_one(name: str, techniques: int) -> None:
+    """A partition of unity over twelve magnitudes, with ties of two and of all, and with densities of 0; and with a
+    last density of 0 everywhere, the weights of one technique fewer.
+    """
+    a = 10 ** np.random.default_rng(1).uniform(-6, 6, (techniques, 1000)).astype(np.float32)
+    a[1, :100], a[2:, :50], a[0, 100:200] = a[0, :100], a[0, :50], 0
+    heuristic = find(name)
+    found = np.stack([a[k].astype(float) * heuristic(tuple(a), k) for k in range(techniques)])
+    np.testing.assert_allclose(found.sum(axis=0), 1, rtol=1e-6)
+    assert (found >= 0).all() and not found[0, 100:200].any()
+    a[-1] = 0
+    fewer = [a[k] * heuristic(tuple(a[:-1]), k) for k in range(techniques - 1)]
+    np.testing.assert_allclose([a[k] * heuristic(tuple(a), k) for k in range(techniques - 1)], fewer, rtol=1e-6)
 
 
 def test_closed_forms() -> None:
@@ -78,10 +95,10 @@ def test_closed_forms() -> None:
 def test_limits() -> None:
     """Power 1 and cutoff 0 are balance; cutoff 1 is maximum but for ties, which it shares."""
     a, b = np.random.default_rng(2).random((2, 100), dtype=np.float32)
-    np.testing.assert_allclose(power(1)(a, b, True), balance(a, b, True), rtol=1e-6)
-    np.testing.assert_allclose(cutoff(0)(a, b, True), balance(a, b, True), rtol=1e-6)
-    np.testing.assert_allclose(cutoff(1)(a, b, True), maximum(a, b, True), rtol=1e-6)
-    np.testing.assert_allclose(cutoff(1)(a, a, True) * a, 0.5)
+    np.testing.assert_allclose(power(1)((a, b), 0), balance((a, b), 0), rtol=1e-6)
+    np.testing.assert_allclose(cutoff(0)((a, b), 0), balance((a, b), 0), rtol=1e-6)
+    np.testing.assert_allclose(cutoff(1)((a, b), 0), maximum((a, b), 0), rtol=1e-6)
+    np.testing.assert_allclose(cutoff(1)((a, a), 0) * a, 0.5)
 
 
 # Frozen weights -----------------------------------------------------------------------------------------------------
@@ -89,8 +106,9 @@ def test_limits() -> None:
 
 def estimates(combiner: str, w: float, side: int, p_own: Array, p_other: Array) -> Array:
     """The factor of f in the estimate of a sample, as the estimator makes it."""
-    share = np.float64(w if side == 0 else 1 - w)
-    return find(combiner)(share * p_own, against(combiner, share) * p_other, side == 0)
+    shares = against(combiner, (np.float64(w), np.float64(1 - w)), side)
+    pdf = (p_own, p_other) if side == 0 else (p_other, p_own)
+    return find(combiner)([share * p for share, p in zip(shares, pdf, strict=True)], side)
 
 
 @pytest.mark.parametrize("w", [0.05, 0.3, 0.5, 0.95])
@@ -183,7 +201,8 @@ def test_unknown_heuristics(name: str, message: str) -> None:
 
 def divide(w, shading_samples: int, start: int, count: int, offset: Array, rng=None) -> Counts:
     """Samples `start` to ``start + count`` of all pixels, sample-major."""
-    pixel, number = np.tile(np.arange(len(offset)), count), np.repeat(np.arange(start, start + count), len(offset))
+    pixels = offset.shape[-1]
+    pixel, number = np.tile(np.arange(pixels), count), np.repeat(np.arange(start, start + count), pixels)
     return allocate(w, shading_samples, pixel, number, offset, rng)
 
 
@@ -266,3 +285,88 @@ def test_random_allocation_is_binomial(w: float, shading_samples: int) -> None:
     observed = np.bincount(first, minlength=shading_samples + 1)
     expected = binom.pmf(np.arange(shading_samples + 1), shading_samples, w) * count
     assert chi2_p(observed, expected) > LEVEL
+
+
+# More than two techniques -------------------------------------------------------------------------------------------
+
+SHARES = [
+    (0.5, 0.3, 0.2),
+    (1 / 3, 1 / 3, 1 / 3),
+    (0.94, 0.03, 0.03),
+    (0.0, 0.6, 0.4),
+    (0.5, 0.5, 0.0),
+    (0.1, 0.2, 0.3, 0.4),
+]
+each_shares = pytest.mark.parametrize("w", SHARES)
+
+
+@pytest.mark.parametrize("w", [0.0, 0.1, 0.25, 1 / 3, 0.5, 0.77, 1.0])
+@pytest.mark.parametrize("shading_samples", [1, 2, 3])
+@pytest.mark.parametrize("random", [False, True])
+def test_two_shares_are_one_weight(w: float, shading_samples: int, random: bool) -> None:
+    """Shares of both techniques divide samples as the share of the first does."""
+    offset = np.random.default_rng(12).random(100)
+    rngs = [np.random.default_rng(13) if random else None for _ in range(2)]
+    one = divide(np.full(100, w), shading_samples, 2, 7, offset, rngs[0])
+    both = divide(np.repeat([[w], [1 - w]], 100, axis=1), shading_samples, 2, 7, offset, rngs[1])
+    for a, b in zip(one.each, both.each, strict=True):
+        np.testing.assert_array_equal(a, b)
+    if not random:
+        np.testing.assert_array_equal(one.reached, both.reached)
+
+
+@each_shares
+@pytest.mark.parametrize("shading_samples", [1, 2, 6])
+def test_totals_of_several_techniques(w: tuple[float, ...], shading_samples: int) -> None:
+    """All samples are divided, none to a share of 0, and a pixel's totals are ``n w_k``, within 1 for the first, and
+    within as many as there are roundings for the others; `reached` is what came before.
+    """
+    pixels, spp = 300, 37
+    offset = np.random.default_rng(14).random((len(w) - 1, pixels))
+    counts = divide(np.repeat(np.array(w)[:, None], pixels, axis=1), shading_samples, 0, spp, offset)
+    each = np.array([n.reshape(spp, pixels) for n in counts.each], int)
+    each = np.concatenate([each, shading_samples - each.sum(axis=0, keepdims=True)])
+    assert each.min() >= 0
+    off = np.abs(each.sum(axis=1) - spp * shading_samples * np.array(w)[:, None])
+    assert (off[0] < 1).all() and (off < len(w) - 1 + 1e-6).all() and not each[np.array(w) == 0].any()
+    before = np.concatenate([np.zeros((len(w), 1, pixels), int), np.cumsum(each, axis=1)[:, :-1]], axis=1)
+    np.testing.assert_array_equal(counts.reached.reshape(before.shape), before)
+
+
+@each_shares
+@pytest.mark.parametrize("random", [False, True])
+def test_slots_have_the_shares_as_probabilities(w: tuple[float, ...], random: bool) -> None:
+    """Every slot of 12 goes to technique k with probability w_k."""
+    count = 20_000
+    rng = np.random.default_rng(15)
+    offset = rng.random((len(w) - 1, count))
+    counts = divide(np.repeat(np.array(w)[:, None], count, axis=1), 1, 0, 12, offset, rng if random else None)
+    for share, each in zip(w, counts.each, strict=False):
+        off = each.reshape(12, count).sum(axis=1) - count * share
+        assert (np.abs(off) <= Z_LIMIT * np.sqrt(count * share * (1 - share))).all()
+
+
+def test_whole_shares_are_numbers() -> None:
+    """Where all counts are whole, they are the same for all camera samples; in float32, too."""
+    thirds = np.full((3, 1), np.float32(1 / 3))
+    for n in (3, 6):
+        assert divide(thirds, n, 0, 4, np.zeros((2, 5))).each == (n // 3,) * 2
+    assert divide(np.array([[0.5], [0.25], [0.25]]), 4, 0, 4, np.zeros((2, 5))).each == (2, 1)
+    only_first = np.array([[1.0], [0.0], [0.0]])
+    assert divide(only_first, 2, 0, 4, np.zeros((2, 5)), np.random.default_rng(1)).each == (2, 0)
+
+
+@each_shares
+@pytest.mark.parametrize("shading_samples", [2, 3])
+def test_covariance_of_rounding(w: tuple[float, ...], shading_samples: int) -> None:
+    """What `rounding` says of the counts of a camera sample, in the middle of its pixel, is what they show."""
+    offset = np.random.default_rng(16).random((len(w) - 1, 100_000))
+    counts = divide(np.repeat(np.array(w)[:, None], 100_000, axis=1), shading_samples, 5, 1, offset)
+    each = np.array([*counts.each, shading_samples - sum(counts.each)])
+    np.testing.assert_allclose(np.cov(each) / shading_samples**2, rounding(w, shading_samples), atol=2e-3)
+
+
+def test_rounding_of_two() -> None:
+    """With the fractional part p of ``w S``: p (1 - p) / S^2."""
+    np.testing.assert_allclose(rounding((0.4, 0.6), 2), 0.8 * 0.2 / 4 * np.array([[1, -1], [-1, 1]]), atol=1e-12)
+    np.testing.assert_allclose(rounding((0.5, 0.5), 2), 0, atol=1e-12)

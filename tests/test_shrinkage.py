@@ -1,5 +1,6 @@
 """Shrinkage on planted curves: what agrees becomes one, what surely differs stays as it is."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -140,7 +141,7 @@ def test_negative_and_black_patches() -> None:
 def test_one_patch_is_its_own_image() -> None:
     """Nothing to learn from."""
     curves, _ = planted(0.27, 0.05)
-    one = Pooled(**{name: a[..., :1, :1] for name, a in vars(curves).items()})
+    one = Pooled(**{name: a[..., :1, :1] for name, a in vars(curves).items() if name != "half"})
     np.testing.assert_allclose(shrink(one).curve, np.where(one.curve[HALF] > 0, one.curve, 0), rtol=1e-9)
 
 
@@ -163,7 +164,7 @@ def test_some_rows_at_a_time(kinds: bool, monkeypatch: pytest.MonkeyPatch) -> No
     curves, _ = planted(0.27, 0.1)
     of = np.random.default_rng(3).dirichlet(np.ones(3), SHAPE).transpose(2, 0, 1) if kinds else None
     found = shrink(curves, of, lambda part: part.split(2, 4))
-    copy = Pooled(**{name: a.copy() for name, a in vars(curves).items()})
+    copy = deepcopy(curves)
     monkeypatch.setattr("dmis.shrinkage.row_blocks", lambda rows: row_blocks(rows, 5))
     shrink(copy, of, lambda part: part.split(2, 4), in_place=True)
     whole = shrink(curves.split(2, 4), of)

@@ -33,7 +33,7 @@ left.plot(x, p_b, label="p_b, wide")
 left.set_ylabel("densities")
 for name in ("balance", "power", "cutoff", "maximum"):
     heuristic = mis.find(name)
-    own, other = heuristic(p_l, p_b, True) * p_l, heuristic(p_b, p_l, False) * p_b  # a heuristic returns W / density
+    own, other = heuristic((p_l, p_b), 0) * p_l, heuristic((p_l, p_b), 1) * p_b  # a heuristic returns W / density
     assert np.allclose(own + other, 1, atol=1e-3)
     right.plot(x, own, label=name)
 right.set_ylabel("weight W of a sample from p_l")
