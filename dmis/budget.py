@@ -6,12 +6,12 @@ import numpy as np
 
 from dmis.vec import Array
 
-LEVELS = np.unique(np.round(2 ** np.arange(0, 16.25, 0.5)).astype(np.int64))
+LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
 
 
 def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
-    """Whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2.
+    """Whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2, int32.
 
     Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
     keeps their mean.
@@ -30,8 +30,12 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
         scale = (low_scale + high_scale) / 2
         enough = np.clip(values * scale, least, most) @ pixels >= spp * share.size
         low_scale, high_scale = (low_scale, scale) if enough else (scale, high_scale)
-    wanted = np.clip(share * high_scale, least, most)
-    low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
-    step = (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])
-    passed = np.floor(np.cumsum(step.ravel()) + rng.random()).astype(np.int64)
-    return LEVELS[low + np.diff(passed, prepend=0).reshape(low.shape)]
+    out = np.empty(share.shape, np.int32)
+    passed = rng.random()
+    for row, found in zip(share, out, strict=True):
+        wanted = np.clip(row.astype(float) * high_scale, least, most)
+        low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
+        steps = np.cumsum(np.append(passed, (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])))
+        found[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
+        passed = steps[-1]
+    return out

@@ -23,17 +23,17 @@ import numpy as np
 from dmis.files import replacing
 from dmis.tile import BASE, Rendered, Tile
 
-MAGIC = b"dmis checkpoint 2\n"
+MAGIC = b"dmis checkpoint 3\n"
 _NUMBER = 8  # bytes of a length or checksum, little-endian
 _START = len(MAGIC) + _NUMBER
 
 
 @dataclass(eq=False)
 class Pass:
-    """What is finished of one pass over the image."""
+    """What is finished of one pass over the image; `mean` and `root` as in `dmis.variance.Film`."""
 
     mean: np.ndarray
-    m2: np.ndarray
+    root: np.ndarray
     done: np.ndarray
     rays: Counter[str]
     sums: dict[str, np.ndarray]
@@ -41,10 +41,10 @@ class Pass:
     def put(self, about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         """Enter a tile, as `_record` describes it."""
         area = slice(*about["rows"]), slice(*about["columns"])
-        self.mean[area], self.m2[area] = arrays["mean"], arrays["m2"]
+        self.mean[area], self.root[area] = arrays["mean"], arrays["root"]
         corner = about["rows"][0] // BASE, about["columns"][0] // BASE
         for name, values in arrays.items():
-            if name in ("mean", "m2"):
+            if name in ("mean", "root"):
                 continue
             if name not in self.sums:
                 whole = (-(-n // BASE) for n in self.mean.shape[:2])
@@ -56,7 +56,7 @@ class Pass:
 
 
 class Store:
-    """Finished tiles of all passes, in memory and, if there is a path, in a file.
+    """Finished tiles: of the pass that was started last in memory, and of all, if there is a path, in a file.
 
     Raises
     ------
@@ -65,7 +65,7 @@ class Store:
     """
 
     def __init__(self, path: str | os.PathLike[str] | None, provenance: Mapping[str, Any]) -> None:
-        self._passes: dict[int, Pass] = {}
+        self._pass: Pass | None = None
         self._places: dict[int, list[int]] = {}
         self._file: BinaryIO | None = None
         if path is None:
@@ -84,21 +84,24 @@ class Store:
 
     def start(self, pass_: int, shape: tuple[int, int, int], tiles: int) -> Pass:
         """A pass, as far as the file has it."""
-        found = Pass(np.zeros(shape), np.zeros(shape), np.zeros(tiles, bool), Counter(), {})
+        self._pass = None  # it is large
+        mean, root = (np.zeros(shape, np.float32) for _ in range(2))
+        found = Pass(mean, root, np.zeros(tiles, bool), Counter(), {})
         for place in self._places.get(pass_, []):
             found.put(*self._unpack(place)[:2])
-        self._passes[pass_] = found
+        self._pass = found
         return found
 
     def put(self, tile: Tile, rendered: Rendered) -> None:
-        """Enter a tile."""
+        """Enter a tile of the pass."""
+        assert self._pass is not None
         about, arrays = _record(tile, rendered)
         if self._file is not None:
             record = _pack(about, arrays)
             self._write(self._whole, record)
             self._whole += len(record)
             self._write(len(MAGIC), self._whole.to_bytes(_NUMBER, "little"))
-        self._passes[tile.pass_].put(about, arrays)
+        self._pass.put(about, arrays)
 
     def close(self) -> None:
         """Leave the file for another time."""
@@ -177,8 +180,9 @@ class Store:
 def _record(tile: Tile, rendered: Rendered) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """What a checkpoint keeps of a tile."""
     where = {"pass": tile.pass_, "number": tile.number, "rows": tile.rows, "columns": tile.columns}
-    moments = {"mean": rendered.moments.mean, "m2": rendered.moments.m2}
-    return {**where, "rays": dict(rendered.rays)}, {**moments, **rendered.sums}
+    with np.errstate(over="ignore"):  # what is infinite is refused when the image is whole
+        film = [a.astype(np.float32) for a in (rendered.moments.mean, np.sqrt(rendered.moments.m2))]
+    return {**where, "rays": dict(rendered.rays)}, {"mean": film[0], "root": film[1], **rendered.sums}
 
 
 def _pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:

@@ -38,6 +38,8 @@ GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0
 """Weights at which curves are known: dense at the ends, where they are steep."""
 HALF = int(np.flatnonzero(GRID == 0.5)[0])
 LEAST = np.float32(1e-9)
+TOGETHER = 2**16
+"""Shading samples, about, whose values at all weights are worked out together: they stay in the cache."""
 ROUNDING = 3e-5
 """Of a pixel's curve, as a share of its second moment. A curve is the difference of float32 sums, each of which is off
 by 1e-6 or less; that may be the same in all pixels, so it is taken to be more, and something is left of it in means.
@@ -73,14 +75,20 @@ class Curves:
         last = len(self._curve) - 1
         for k, (curve, pattern, second) in enumerate(zip(self._curve, self._pattern, self._second, strict=True)):
             mine = [record for record in records if min(record.depth, last) == k]
-            difference: Array | None = None
-            for x, d in spread(mine, 2 * self._s, radiance.shape[1]):
-                at_y, found, moment = _curve(x, d, count)
-                curve += count / self._s * at_y
-                second += count / self._s * moment
-                difference = found if difference is None else difference + found
-            if difference is not None:
-                pattern[1:-1] += count * variation(difference, count)
+            lights = list(spread(mine, 2 * self._s, radiance.shape[1]))
+            unit = max((_unit(x) for x, _ in lights), default=np.float32(1))
+            scale = count * float(unit) ** 2
+            pixels = max(1, TOGETHER // (2 * self._s * count))
+            for begin in range(0, len(self._total) if lights else 0, pixels):
+                part = slice(begin, begin + pixels)
+                difference: Array | None = None
+                for x, d in lights:
+                    at_y, found, moment = _curve(_some(x, part, count) / unit, _some(d, part, count), count)
+                    curve[:, part] += scale / self._s * at_y
+                    second[:, part] += scale / self._s * moment
+                    difference = found if difference is None else difference + found
+                assert difference is not None
+                pattern[1:-1, part] += scale * variation(difference, count)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
@@ -131,6 +139,11 @@ def nothing(shading_samples: int, n: int) -> tuple[Array, Array]:
     return x, d
 
 
+def _some(a: Array, pixels: slice, count: int) -> Array:
+    """What is of some pixels, of samples ``(..., count * P)``."""
+    return a.reshape(*a.shape[:-1], count, -1)[..., pixels].reshape(*a.shape[:-1], -1)
+
+
 def _rounding(s: float) -> Array:
     """var(n / S) at the weights of the grid, ``(G,)``: n is w S, rounded down or up."""
     part = GRID.astype(np.float64) * s % 1
@@ -146,36 +159,38 @@ def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
     """Variance of a shading sample at y, per pixel ``(G, P)``; D of pairs, the grid's ends left out,
     ``(G - 2, S / 2, N)``; second moment ``(G, P)``.
     """
-    unit = _unit(x)
-    x = x / unit
     out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     samples = x.shape[0] * x.shape[1] * count
-    radiance_2 = product(x.mean(axis=1)).reshape(count, -1).mean(axis=0)
-    square = x * x
+    radiance_2 = _over_y(product(x.mean(axis=1)), count)
+    square, first = x * x, x * d
     for g, w in enumerate(GRID.astype(float)):
         m = d * np.float32(2 * w - 1)
         m += 1
-        np.maximum(m, LEAST, out=m)
-        second[g] = (square / m).reshape(-1, count, out.shape[1]).sum(axis=(0, 1)) / samples
+        if w in (0, 1):
+            np.maximum(m, LEAST, out=m)
+        np.reciprocal(m, out=m)
+        second[g] = (square * m).reshape(-1, out.shape[1]).sum(axis=0) / samples
         out[g] = second[g] - radiance_2
         if 0 < w < 1:
-            difference = differences[g - 1] = (x * d / m).sum(axis=1)
-            out[g] -= w * (1 - w) * product(difference).reshape(count, -1).mean(axis=0)
-    differences *= unit
-    return out * float(unit) ** 2, differences, second * float(unit) ** 2
+            difference = differences[g - 1] = (first * m).sum(axis=1)
+            out[g] -= w * (1 - w) * _over_y(product(difference), count)
+    return out, differences, second
 
 
 def variation(differences: Array, count: int) -> Array:
     """Variance of D over y, per pixel, from that of pairs ``(K, S / 2, N)``, ``(K, P)``."""
-    out = []
-    unit = _unit(differences)
-    for difference in differences / unit:
-        at_y = product(difference).reshape(count, -1).mean(axis=0)
-        pixel = difference.mean(axis=0).reshape(count, -1)
-        everywhere = (pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)) / (count * (count - 1))
-        out.append(at_y - everywhere)
-    return np.stack(out) * float(unit) ** 2
+    out = np.empty((len(differences), differences.shape[2] // count))
+    for row, difference in zip(out, differences, strict=True):
+        pixel = difference.sum(axis=0).reshape(count, -1) * np.float32(1 / len(difference))
+        everywhere = pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)
+        row[:] = _over_y(product(difference), count) - everywhere / (count * (count - 1))
+    return out
+
+
+def _over_y(values: Array, count: int) -> Array:
+    """Mean over the camera samples of each pixel, of values ``(N,)``."""
+    return np.asarray(values.reshape(count, -1).sum(axis=0) / np.float32(count))
 
 
 def product(pairs: Array) -> Array:
@@ -220,6 +235,10 @@ class Pooled:
         An estimate: where the pilot is small it may be negative.
         """
         return self.curve + np.maximum(self.position, 0)
+
+    def rows(self, block: slice) -> Pooled:
+        """Those of some rows of patches, as views."""
+        return replace(self, **{name: a[..., block, :] for name, a in vars(self).items() if np.ndim(a) > 1})
 
     def split(self, times: float, shading_samples: int) -> Pooled:
         """The curves of camera samples with that many times the `shading_samples` that these have.

@@ -109,7 +109,9 @@ def median_of_means(results: Sequence[Result]) -> Result:
     bias = [*results[0].provenance.get("bias", ()), f"median of means of {number} renders"]
     return Result(
         image=np.median([result.image for result in results], axis=0).astype(np.float32),
-        variance=np.float32(np.pi / 2 / number) * np.mean([result.variance for result in results], axis=0),
+        deviation=np.sqrt(np.pi / 2 / number * np.mean([result.variance for result in results], axis=0)).astype(
+            np.float32
+        ),
         weight=np.mean([result.weight for result in results], axis=0),
         samples=np.sum([result.samples for result in results], axis=0),
         seconds={name: sum(result.seconds[name] for result in results) for name in results[0].seconds},

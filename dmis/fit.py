@@ -16,7 +16,7 @@ import numpy as np
 
 from dmis.filter import gaussian
 from dmis.technique import TECHNIQUES
-from dmis.variance import Moments, luminance, patch_mean, patch_spread
+from dmis.variance import Film, luminance, patch_mean, patch_spread
 from dmis.vec import Array
 
 Weight = float | tuple[float, ...]
@@ -68,7 +68,7 @@ class Pilot:
         What the camera sees in these patches, if the rule is `guided`, see `dmis.guides`.
     """
 
-    moments: Moments
+    moments: Film
     rays: Mapping[str, int] = field(default_factory=dict)
     sums: Mapping[str, Array] = field(default_factory=dict)
     shading_samples: int = 4

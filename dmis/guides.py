@@ -36,21 +36,27 @@ def guides(scene: Scene) -> tuple[dict[str, Array], int]:
     Returns
     -------
     guides
-        Means over rays, ``(C, rows, columns)``: ``normal`` (3), the shading normal on the camera's side, 0 where
-        nothing is seen; ``albedo`` (3), see `albedo`; ``material``, shares of the materials that are seen, "nothing"
-        being one.
+        Means over rays, ``(C, rows, columns)`` float32: ``normal`` (3), the shading normal on the camera's side, 0
+        where nothing is seen; ``albedo`` (3), see `albedo`; ``material``, shares of the materials that are seen,
+        "nothing" being one.
     rays
         Their number.
     """
     width, height = scene.camera.resolution
     columns, rows = _centres(width), _centres(height)
     y, x = (a.reshape(-1) for a in np.meshgrid(rows, columns, indexing="ij"))
-    seen = [_look(scene, x[k : k + CHUNK], y[k : k + CHUNK]) for k in range(0, len(x), CHUNK)]
-    shape = len(rows), len(columns)
-    normal, colour, material = (np.concatenate(parts, axis=-1).reshape(-1, *shape) for parts in zip(*seen, strict=True))
-    shares = material == np.unique(material)[:, None, None]
-    maps = {"normal": normal, "albedo": colour, "material": shares.astype(np.float64)}
-    return {name: patch_mean(a, BASE // STEP) for name, a in maps.items()}, len(x)
+    normal, colour = np.empty((2, 3, len(x)), np.float32)
+    material = np.empty((1, len(x)), np.int32)
+    for k in range(0, len(x), CHUNK):
+        part = slice(k, k + CHUNK)
+        normal[:, part], colour[:, part], material[:, part] = _look(scene, x[part], y[part])
+    kinds = (material == number for number in np.unique(material))
+
+    def mean(values: Array) -> Array:
+        image = values.astype(np.float32, copy=False).reshape(-1, len(rows), len(columns))
+        return patch_mean(image, BASE // STEP).astype(np.float32)
+
+    return {"normal": mean(normal), "albedo": mean(colour), "material": np.concatenate([*map(mean, kinds)])}, len(x)
 
 
 def albedo(lobes: tuple[Any, ...], n: int) -> Array:

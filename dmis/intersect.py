@@ -64,7 +64,9 @@ class Intersector:
     def __init__(self, vertices: Array, faces: np.ndarray, check: bool | None = None) -> None:
         self._scene = rtcore_scene.EmbreeScene(robust=True)
         vertices, faces = _checked_mesh(vertices, faces)
-        self._mesh = TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
+        self._mesh = TriangleMesh(
+            self._scene, vertices.astype(np.float32, copy=False), faces.astype(np.int32, copy=False)
+        )
         self._check = CHECK_RAYS if check is None else check
         self.occluded(*(np.zeros((3, 1), np.float32),) * 2, np.zeros(1, np.float32))
 

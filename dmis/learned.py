@@ -21,7 +21,7 @@ from dmis.settings import MOST
 from dmis.sharing import pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
-from dmis.variance import patch_mean, patch_spread, patch_sum
+from dmis.variance import patch_mean, patch_spread, patch_sum, row_blocks
 from dmis.vec import Array
 
 SPLITS = (1, 0.5, 2, 4, 8)
@@ -132,7 +132,7 @@ class Learned:
             ):
                 if chosen:
                     raise ValueError(f"{name} needs variances, which the objective {self.objective} does not estimate")
-        if self.filter == "gaussian" or self.counts:
+        if self.filter == "gaussian" or (self.counts and not self.guided):
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
     @property
@@ -173,24 +173,26 @@ class Learned:
         prepare = self._prepare(times, found)
         maps = {}
         curves = _joined([prepare(part) for part in parts])
-        half = (np.maximum(curves[0].variance[HALF], 0) * area).sum() / area.sum()
+        variances = [part.variance for part in curves]
+        half = (np.maximum(variances[0][HALF], 0) * area).sum() / area.sum()
         price = None if self.counts else half / costs[0][HALF]
         if self.filter == "quadtree":
             sums = {name: a * pixels for name, a in means.items()}
             index, maps["size"] = adaptive_patches(sums, pixels, costs[0], self.guard, prepare, price)
             best = [index]
         else:
-            ends = [allowed((part.curve * area).sum(axis=(1, 2))) for part in parts]
-            best = [least(part, c, self.guard, may, price) for part, c, may in zip(curves, costs, ends, strict=True)]
+            best = [self._least(part, area, c, price) for part, c in zip(curves, costs, strict=True)]
         weights = [GRID[index] for index in best]
+        del means, parts, curves  # they are large
         samples = None
         if self.counts:
             guides = found.guides if self.guided else None
-            sharp, n = pool(found.sums, shape, self.patch, self.count_sigma, self.size // 2, guides)
-            local = _joined([part.split(times, found.shading_samples // 2) for part in _by_class(sharp, n)])
-            wanted = _together([part.variance for part in local], best) / _together(costs, best)
-            samples = self._shares(np.sqrt(wanted), shape)
-        variances = [part.variance for part in curves]
+            errors = ("square", "cross")  # which numbers of samples do without
+            known = {name: a for name, a in found.sums.items() if name not in errors}
+            sharp, n = pool(known, shape, self.patch, self.count_sigma, self.size // 2, guides)
+            sharp |= dict.fromkeys(errors, np.broadcast_to(0.0, sharp["curve"].shape))
+            v, c = _at(_by_class(sharp, n), costs, times, found.shading_samples // 2, best)
+            samples = self._shares(np.sqrt(v / c), shape)
         maps |= {"patch": weights[0], "variance": _together(variances, best)}
         maps["variances"] = variances[0] if len(variances) == 1 else np.stack(variances)
         later = None
@@ -205,7 +207,8 @@ class Learned:
             return lambda curves: curves.split(times, s)
         material = pilot.guides.get("material") if self.guided else None
         kinds = None if material is None else patch_mean(material, self.patch // BASE)
-        return lambda curves: shrink(curves.split(times, s), kinds)
+        again = self.filter == "quadtree"  # curves are needed once more
+        return lambda curves: shrink(curves, kinds, lambda part: part.split(times, s), in_place=not again)
 
     def _split(self, parts: list[Pooled], area: Array, pilot: Pilot) -> tuple[float, list[Array]]:
         """How many times the shading samples are best for the image, and what camera samples with them cost, where
@@ -220,9 +223,7 @@ class Learned:
                 first = 1 / surface_points(pilot.rays)
                 shares = (first, 1 - first) if len(parts) > 1 else (1.0,)
                 costs = [cost[HALF] + share * (cost - cost[HALF]) for share in shares]
-            variances = [np.maximum(part.variance, 0) for part in _joined([p.split(times, s) for p in parts])]
-            best = [(v * c[:, None, None]).argmin(axis=0) for v, c in zip(variances, costs, strict=True)]
-            v, c = _together(variances, best), _together(costs, best)
+            v, c = _at(parts, costs, times, s)
             total = (np.sqrt(v * c) * area).sum() ** 2
             if not self.counts:
                 total = (v * area).sum() * (c * area).sum()
@@ -234,8 +235,14 @@ class Learned:
         wide = sigma if self.filter in ("gaussian", "joint") else None
         return pool(pilot.sums, shape, self.patch, wide, self.size // 2, guides)
 
+    def _least(self, curves: Pooled, area: Array, cost: Array, price: float | None) -> np.ndarray:
+        may = allowed(np.einsum("gyx,yx->g", curves.curve, area))
+        blocks = (curves.rows(rows) for rows in row_blocks(len(area)))
+        return np.concatenate([least(block, cost, self.guard, may, price) for block in blocks])
+
     def _shares(self, wanted: Array, shape: tuple[int, int]) -> Array:
         """Numbers of samples in proportion to `wanted`, not below the floor."""
+        wanted = wanted.astype(np.float32)
         least = self.floor * wanted.mean()
         return patch_spread(np.maximum(wanted, least) if least > 0 else np.ones_like(wanted), self.patch, shape)
 
@@ -256,6 +263,29 @@ def _joined(parts: list[Pooled]) -> list[Pooled]:
     """Curves of classes such that the variance of each is that of a camera sample, the others being at w = 1/2."""
     half = sum(part.curve[HALF] for part in parts)
     return [replace(part, position=np.maximum(part.position, 0) + half - part.curve[HALF]) for part in parts]
+
+
+def _at(
+    parts: list[Pooled],
+    costs: list[Array],
+    times: float,
+    shading_samples: int,
+    best: Sequence[np.ndarray] | None = None,
+) -> tuple[Array, Array]:
+    """Variance and cost of camera samples with `times` the `shading_samples`, with every class at its index into the
+    grid; `best` is None: where variance times cost is least. Some rows at a time.
+    """
+    found = []
+    for rows in row_blocks(len(parts[0].position)):
+        joined = _joined([part.rows(rows).split(times, shading_samples) for part in parts])
+        variances = [np.maximum(part.variance, 0) for part in joined]
+        if best is None:
+            index = [(v * c[:, None, None]).argmin(axis=0) for v, c in zip(variances, costs, strict=True)]
+        else:
+            index = [b[rows] for b in best]
+        found.append((_together(variances, index), _together(costs, index)))
+    v, c = (np.concatenate(a) for a in zip(*found, strict=True))
+    return v, c
 
 
 def _together(curves: Sequence[Array], best: Sequence[np.ndarray]) -> Array:

@@ -20,6 +20,7 @@ from dmis.pbrt_parameters import COLOURS, Parameter, Parameters
 from dmis.pbrt_tokens import Floats, PbrtError, Token, blame
 from dmis.spectrum import LUMINANCE, Rgb
 from dmis.texture import Image, scale
+from dmis.vec import Array
 
 Textures = Mapping[tuple[str, str], Any]
 """Values by ("float" or "color", name)."""
@@ -166,7 +167,7 @@ def _imagemap(kind: str, name: Token, parameters: Parameters) -> Image:
     size = parameters.number("uscale", 1), parameters.number("vscale", 1)
     offset = parameters.number("udelta", 0), parameters.number("vdelta", 0)
     factor, gamma = parameters.number("scale", 1), _gamma(name, parameters)
-    texels = image(parameters, "filename")
+    texels = image(parameters, "filename").astype(np.float64)
     if name.source.dialect.t_up:
         texels = texels[::-1]
     if kind == "float":
@@ -190,8 +191,8 @@ def _gamma(name: Token, parameters: Parameters) -> float:
     return 1.0
 
 
-def image(parameters: Parameters, name: str) -> Floats:
-    """The EXR file that the string `name` names, (H, W, 3); alpha is dropped."""
+def image(parameters: Parameters, name: str) -> Array:
+    """The EXR file that the string `name` names, (H, W, 3) float32; alpha is dropped."""
     file = parameters.string(name)
     token = parameters.items[name].token
     path = token.file(file)
@@ -204,7 +205,7 @@ def image(parameters: Parameters, name: str) -> Floats:
         rgb = layers["Y"][..., None].repeat(3, axis=2) if "Y" in layers else None
     if rgb is None:
         raise token.error(f"the image needs the channels R, G, B or Y; it has {', '.join(layers)}")
-    return rgb.astype(np.float64)
+    return rgb
 
 
 # Materials --------------------------------------------------------------------------------------------------------

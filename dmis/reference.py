@@ -6,7 +6,6 @@ noise (`dmis.metrics.mse`), because the errors of the halves are independent of 
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from dataclasses import asdict, dataclass
@@ -87,6 +86,8 @@ def make_reference(
     """
     width, height = scene.camera.resolution
     key = json.dumps([__version__, fingerprint(scene), width, height, spp, rule, *described(settings)])
+    import hashlib  # imported where used: it brings OpenSSL
+
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     path = cache_folder(folder) / f"{scene.name}-{width}x{height}-{spp}spp-{digest}.exr"
     if not path.exists():

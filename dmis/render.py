@@ -7,7 +7,6 @@ variance would not be.) Work is cut into tiles (`dmis.tile`) for any `concurrent
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import pickle
@@ -31,13 +30,14 @@ from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
 from dmis.fit import Pilot, Rule, Weight, make_rule
 from dmis.guides import guides
+from dmis.memory import release
 from dmis.mis import FROZEN
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
 from dmis.settings import DEPTH, MOST, Settings
 from dmis.tile import Statistic, Tile, split
 from dmis.units import suited
-from dmis.variance import Moments
+from dmis.variance import Film
 from dmis.vec import Array
 from dmis.workers import Workers
 
@@ -47,7 +47,7 @@ LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
 MOST_WORKERS = 1024
 """Threads or processes."""
-_SAVED = 48  # bytes that a checkpoint has for a pixel and pass, sums aside
+_SAVED = 24  # bytes that a checkpoint has for a pixel and pass, sums aside
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +58,10 @@ class Result:
     ----------
     image
         ``(H, W, 3)`` float32 linear RGB, row 0 on top.
-    variance
-        ``(H, W, 3)`` float64: estimated variance of `image` itself (of the mean, not of one sample); NaN at one
-        sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
-        sampler spreads them.
+    deviation
+        ``(H, W, 3)`` float32: estimated standard deviation of `image` itself (of the mean, not of one sample); NaN at
+        one sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
+        sampler spreads them. Its square is `variance`.
     weight
         ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first.
     samples
@@ -81,7 +81,7 @@ class Result:
     """
 
     image: Array
-    variance: Array
+    deviation: Array
     weight: Array
     samples: Array
     seconds: Mapping[str, float]
@@ -89,6 +89,11 @@ class Result:
     maps: Mapping[str, np.ndarray]
     provenance: Mapping[str, Any]
     tiles: tuple[Tile, ...] = field(default=(), repr=False)
+
+    @property
+    def variance(self) -> Array:
+        """``(H, W, 3)`` float64: square of `deviation`, which may be beyond float32."""
+        return np.square(self.deviation, dtype=np.float64)
 
     @property
     def fireflies(self) -> np.ndarray:
@@ -204,6 +209,8 @@ def render(
             seen, rays = guides(scene)
             work.rays["guide"] += rays
             pilot = {w: replace(p, guides=seen) for w, p in pilot.items()}
+            del seen
+            release(math.prod(scene.camera.resolution))
         fitted = time.perf_counter()
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
         if settings.combiner == "frozen" and pilot:
@@ -215,8 +222,13 @@ def render(
             counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))
         shading = replace(settings, shading_samples=round(settings.shading_samples * fit.split))
         beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
+        pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
+        parts = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if settings.reuse_pilot else []
+        del pilot  # it is large, and nothing else of it is needed
         final_begin = time.perf_counter()
-        final = work.render(len(pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later).moments
+        final = work.render(
+            len(rule.pilot), "final", counts, fit.weight, shading, control=beta, later=fit.later
+        ).moments
         end = time.perf_counter()
     except BaseException:
         store.close()
@@ -224,20 +236,14 @@ def render(
         raise
     crew.close()
     work.rays.pop(UNSEEN, None)
-    pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
-    parts = [(final, mean)]
-    if settings.reuse_pilot:
-        parts += [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()]
-    image, variance = _combine(parts, gain)
+    image, deviation = _combine([(final, mean), *parts], gain)
     store.remove()
     shape = image.shape[:2]
     return Result(
         image=image,
-        variance=variance,
-        weight=np.broadcast_to(_first(fit.weight), shape).copy(),
-        samples=np.broadcast_to(
-            np.float32(pilot_spp) + np.float32(fit.split) * np.asarray(counts, np.float32), shape
-        ).copy(),
+        deviation=deviation,
+        weight=_map(_first(fit.weight), shape),
+        samples=_map(pilot_spp + np.float32(fit.split) * np.asarray(counts, np.float32), shape),
         seconds={
             "pilot": fitted - begin,
             "fit": final_begin - fitted,
@@ -311,32 +317,41 @@ def _check_workers(threads: int | None, workers: int | None, executor: Executor 
         )
 
 
-def _combine(parts: list[tuple[Moments, int]], gain: float) -> tuple[Array, Array]:
-    """Average images with weights fixed beforehand, their mean numbers of samples; and the variance of the average.
+def _combine(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
+    """Average images with weights fixed beforehand, their mean numbers of samples; and the average's deviation.
 
-    Both in the units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
+    They take the place of the first of them, and are worked out row by row, because images are large. Both are in the
+    units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """
     total = sum(n for _, n in parts)
-    image = np.zeros(parts[0][0].mean.shape)
-    variance = np.zeros(image.shape)
-    for row in range(len(image)):  # the image is large, and what is worked out on the way would be several more of it
+    image, deviation = parts[0][0].mean, parts[0][0].root
+    shape = image.shape
+    for row in range(len(image)):
+        mean, variance = np.zeros((2, *shape[1:]))
         for part, n in parts:
             share = n / total
-            image[row] += part.mean[row] * share
-            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*image.shape[:2], 1))[row]
+            mean += part.mean[row] * share
+            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*shape[:2], 1))[row]
             freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
-            variance[row] += part.m2[row] / (freedom * n_each) * share**2
-    with np.errstate(over="ignore"):  # what is infinite is refused here
-        single = (image * gain).astype(np.float32)
-    if not np.isfinite(single).all():
-        raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {image.max() * gain:g}")
-    variance *= gain**2
-    return single, variance
+            variance += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
+        mean *= gain
+        if not (np.abs(mean) <= np.finfo(np.float32).max).all():
+            most = np.abs(mean).max()
+            raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
+        with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
+            image[row], deviation[row] = mean, np.sqrt(variance) * gain
+    return image, deviation
+
+
+def _map(values: Array | float, shape: tuple[int, int]) -> Array:
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(values, np.float32), shape))
 
 
 def fingerprint(scene: Scene) -> str:
     """A short hash of the description: camera, meshes, materials, lights, and an integrator that is not the usual."""
+    import hashlib  # imported where used: it brings OpenSSL
+
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
     materials = [part.material for part in scene.parts]
     camera = scene.camera
@@ -395,6 +410,7 @@ class _Work:
             tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
             tiles.append(tile)
         self.tiles.extend(tiles)
+        release(width * height)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
         tiles.sort(key=_samples, reverse=True)  # so that no large one is waited for at the end
         missing = [tile for tile in tiles if not stored.done[tile.number]]
@@ -406,9 +422,10 @@ class _Work:
                 finished += _samples(tile)
                 if self._progress:
                     self._progress(stage, finished, total)
+        release(width * height)
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
-        return Pilot(Moments(n, stored.mean, stored.m2), dict(stored.rays), stored.sums, settings.shading_samples)
+        return Pilot(Film(n, stored.mean, stored.root), dict(stored.rays), stored.sums, settings.shading_samples)
 
 
 def _first(weight: Array | float) -> Array:

@@ -110,8 +110,8 @@ class Scene:
     def intersector(self) -> RayCaster:
         """Embree over all triangles of all parts, in order."""
         offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in self.parts)])
-        vertices = np.concatenate([part.mesh.vertices for part in self.parts])
-        faces = np.concatenate([part.mesh.faces + k for part, k in zip(self.parts, offsets, strict=False)])
+        vertices = np.concatenate([part.mesh.vertices for part in self.parts], dtype=np.float32)
+        faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(self.parts, offsets, strict=False)])
         return Intersector(vertices, faces)
 
     def prepare(self) -> None:

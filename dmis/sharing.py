@@ -9,7 +9,7 @@ import numpy as np
 from dmis.filter import effective, gaussian, joint
 from dmis.guides import SCALES
 from dmis.tile import BASE
-from dmis.variance import patch_mean, patch_sum
+from dmis.variance import patch_mean, patch_sum, row_blocks
 from dmis.vec import Array
 
 
@@ -48,16 +48,31 @@ def pool(
     worth: Array | float = 1.0
     if sigma is not None and guides is not None:
         alike = {name: patch_mean(a, patch // BASE) for name, a in guides.items()}
-        ends = np.cumsum([a[..., 0, 0].size for a in coarse.values()])[:-1]
-        flat = np.concatenate([a.reshape(-1, *a.shape[-2:]) for a in coarse.values()])
-        flat, worth = joint(flat, alike, SCALES, sigma, radius)
-        parts = np.split(flat, ends)
-        coarse = {name: part.reshape(a.shape) for (name, a), part in zip(coarse.items(), parts, strict=True)}
+        coarse, worth = _joint(coarse, alike, sigma, radius)
     elif sigma is not None:
         coarse = {name: _each(a, sigma, radius) for name, a in coarse.items()}
         worth = effective(sigma, radius)
     pixels = coarse.pop("pixels")
-    return {name: a / pixels for name, a in coarse.items()}, pixels * worth
+    return {name: coarse.pop(name) / pixels for name in list(coarse)}, pixels * worth
+
+
+def _joint(
+    maps: Mapping[str, Array], guides: Mapping[str, Array], sigma: float, radius: int
+) -> tuple[dict[str, Array], Array]:
+    """The joint filter of all maps, some rows at a time with those that they are averaged with."""
+    out = {name: np.empty(a.shape) for name, a in maps.items()}
+    rows, columns = maps["pixels"].shape
+    worth = np.empty((rows, columns))
+    ends = np.cumsum([a[..., 0, 0].size for a in maps.values()])[:-1]
+    for block in row_blocks(rows, max(16, 2 * radius)):
+        near = slice(max(block.start - radius, 0), min(block.stop + radius, rows))
+        flat = np.concatenate([a[..., near, :].reshape(-1, near.stop - near.start, columns) for a in maps.values()])
+        flat, entries = joint(flat, {name: g[:, near] for name, g in guides.items()}, SCALES, sigma, radius)
+        inner = slice(block.start - near.start, block.stop - near.start)
+        worth[block] = entries[inner]
+        for a, found in zip(out.values(), np.split(flat[:, inner], ends), strict=True):
+            a[..., block, :] = found.reshape(a[..., block, :].shape)
+    return out, worth
 
 
 def _each(values: Array, sigma: float, radius: int) -> Array:

@@ -23,15 +23,22 @@ stays as the scale, and is not taken for uncertain, because it has no bearing on
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dmis.curves import Pooled
+from dmis.variance import row_blocks
 from dmis.vec import Array
 
 
-def shrink(curves: Pooled, kinds: Array | None = None) -> Pooled:
+def shrink(
+    curves: Pooled,
+    kinds: Array | None = None,
+    change: Callable[[Pooled], Pooled] = lambda curves: curves,
+    in_place: bool = False,
+) -> Pooled:
     """The curves of patches ``(G, rows, columns)``, moved towards the shape of their kind; errors are those after it.
 
     The scale of a patch is V(1/2), or its standard error if that is more: the estimate of a quiet patch may be
@@ -46,30 +53,72 @@ def shrink(curves: Pooled, kinds: Array | None = None) -> Pooled:
     kinds
         Which share of each patch is of which kind, ``(K, rows, columns)``, of sum 1; patches of several have the mean
         of their shapes. None: all are of one kind.
+    change
+        What is done with the curves of each patch beforehand, see `dmis.curves.Pooled.split`.
+    in_place
+        Whether the arrays of `curves` may be written to.
     """
-    at = curves.half
-    curve, half, pixels = curves.curve, curves.curve[at], curves.pixels
-    of = np.ones((1, *half.shape)) if kinds is None else kinds
-    total = _over(of, pixels * half)
-    if not (total > 0).any():
-        return curves
-    of, total = of[total > 0], total[total > 0]  # the others are black
-    share_of = _divide(of, of.sum(axis=0), 0.0)
-    freedom = np.maximum(pixels - 1, 1)
-    scale = np.maximum(half, np.sqrt(np.maximum(curves.square[at] - half * half, 0) / freedom))
-    rho = _spread(share_of, _over(of, pixels * curve) / total)
-    e = curve - rho * half
-    second = curves.square - 2 * rho * curves.cross + rho * rho * curves.square[at]
-    error = np.maximum(second - e * e, 0) / freedom
-    rho_error = _spread(share_of**2, _over(of**2, pixels**2 * error) / total**2)
-    trust = _divide(1.0, scale * scale + error, 0.0)
-    scatter = _divide(_over(of, trust * (e * e - error)), _over(of, trust * scale * scale), 0.0)
-    prior = scale * scale * _spread(share_of, np.maximum(scatter, 0))
-    share = _divide(prior, prior + error, 1.0)
-    mean = rho * scale + share * e
-    posterior = share * error + ((1 - share) * scale) ** 2 * rho_error
-    # such that `Pooled.gain_error` is the root of the posterior variance, times cost
-    return replace(curves, curve=mean, square=mean * mean + freedom * posterior, cross=mean * mean[at])
+    rows = list(row_blocks(len(curves.position)))  # curves are large, and what is worked out on the way is more
+    of = np.ones((1, *curves.position.shape), np.float32) if kinds is None else kinds
+
+    def block(k: int) -> Pooled:
+        return change(curves.rows(rows[k]))
+
+    at, sums = curves.half, np.zeros((len(curves.curve), len(of)))
+    for k, part in enumerate(map(block, range(len(rows)))):
+        sums += _over(of[:, rows[k]], part.pixels * part.curve)
+    lit = sums[at] > 0  # the other kinds are black
+    if not lit.any():
+        return change(curves)
+    if not lit.all():
+        of, sums = of[lit], sums[:, lit]
+    rho = sums / sums[at]
+    variance, scatter, weight = np.zeros((3, *rho.shape))
+    for k, part in enumerate(map(block, range(len(rows)))):
+        here = of[:, rows[k]]
+        own = _Own.of(part, rho, here)
+        trust = _divide(1.0, own.scale * own.scale + own.error, 0.0)
+        variance += _over(here**2, part.pixels**2 * own.error)
+        scatter += _over(here, trust * (own.e * own.e - own.error))
+        weight += _over(here, trust * own.scale * own.scale)
+    tau_2, rho_error = np.maximum(_divide(scatter, weight, 0.0), 0), variance / sums[at] ** 2
+    out = curves
+    if not in_place:
+        curve, square, cross = np.empty((3, *curves.curve.shape))
+        out = replace(curves, curve=curve, square=square, cross=cross)
+    for k, part in enumerate(map(block, range(len(rows)))):
+        own, found = _Own.of(part, rho, of[:, rows[k]]), out.rows(rows[k])
+        prior = own.scale * own.scale * _spread(own.share_of, tau_2)
+        share = _divide(prior, prior + own.error, 1.0)
+        mean = own.rho * own.scale + share * own.e
+        posterior = share * own.error + ((1 - share) * own.scale) ** 2 * _spread(own.share_of**2, rho_error)
+        # such that `Pooled.gain_error` is the root of the posterior variance, times cost
+        found.curve[:] = mean
+        found.square[:] = mean * mean + np.maximum(part.pixels - 1, 1) * posterior
+        found.cross[:] = mean * mean[at]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """Of some patches: shares of the kinds, the shape of these, the scale s, and e with the square of its error."""
+
+    share_of: Array
+    rho: Array
+    scale: Array
+    e: Array
+    error: Array
+
+    @classmethod
+    def of(cls, curves: Pooled, rho: Array, of: Array) -> _Own:
+        at = curves.half
+        half, freedom = curves.curve[at], np.maximum(curves.pixels - 1, 1)
+        scale = np.maximum(half, np.sqrt(np.maximum(curves.square[at] - half * half, 0) / freedom))
+        share_of = _divide(of, of.sum(axis=0), 0.0)
+        shape = _spread(share_of, rho)
+        e = curves.curve - shape * half
+        second = curves.square - 2 * shape * curves.cross + shape * shape * curves.square[at]
+        return cls(share_of, shape, scale, e, np.maximum(second - e * e, 0) / freedom)
 
 
 def _over(of: Array, values: Array) -> Array:

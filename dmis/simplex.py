@@ -87,8 +87,8 @@ def cheapest(curves: Pooled, cost: Array, guard: float, may: np.ndarray, area: A
     over patches of the `area` ``(rows, columns)`` in pixels.
 
     Patches minimise ``V + price C`` (`dmis.curves.weighed`). At the minimum the price is ``sum V / sum C`` there, which
-    may be far from that at `home`: a technique that costs twice as much is worth it if it has a quarter of the
-    variance. So prices from that at home downwards are tried.
+    may be far from that at `home`: a technique that costs twice as much may have a quarter of the variance.
+    So prices from that at home downwards are tried.
     """
     variance = np.maximum(curves.variance, 0)
     home_price = (variance[curves.half] * area).sum() / area.sum() / cost[curves.half]

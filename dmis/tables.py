@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from dmis.plan import Part
+from dmis.variance import row_blocks
 from dmis.vec import Array
 
 
@@ -22,11 +23,17 @@ class Tables:
     @cached_property
     def corners(self) -> Array:
         """Per triangle: first vertex, two edges, unit normal, as rows ``(T, 12)``, one gather per hit."""
-        corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in self.parts])
-        edge_u, edge_v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        normal = np.cross(edge_u, edge_v)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-        return np.concatenate([corners[:, 0], edge_u, edge_v, normal], axis=1).astype(np.float32)
+        rows = np.empty((sum(len(part.mesh.faces) for part in self.parts), 12), np.float32)
+        start = 0
+        for part in self.parts:
+            for block in row_blocks(len(part.mesh.faces), 2**14):  # in float64 they are large
+                a, b, c = (part.mesh.vertices[part.mesh.faces[block, k]] for k in range(3))
+                edge_u, edge_v = b - a, c - a
+                normal = np.cross(edge_u, edge_v)
+                normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+                np.concatenate([a, edge_u, edge_v, normal], axis=1, out=rows[start : start + len(a)])
+                start += len(a)
+        return rows
 
     @cached_property
     def normals(self) -> Array:

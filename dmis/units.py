@@ -95,7 +95,7 @@ def _extent(light: Light) -> float | None:
 def _brightness(light: Light, length: float) -> float:
     """Largest radiance; of point and spot lights, at the distance `length`."""
     if isinstance(light, EnvironmentLight):
-        texels = np.broadcast_to(np.asarray(light.texels, np.float64).max(axis=(0, 1)), 3)
+        texels = np.broadcast_to(np.asarray(light.texels).max(axis=(0, 1)).astype(float), 3)
         return float((texels * light.scale).max())
     radiance = getattr(light, "radiance", None)
     return float(np.max(light.intensity) / length**2 if radiance is None else np.max(radiance))  # type: ignore[union-attr]

@@ -10,7 +10,6 @@ pool of processes, if the pool is ours.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
 import platform
@@ -19,23 +18,17 @@ import sys
 import tempfile
 import threading
 from collections.abc import Generator, Sequence
-from concurrent.futures import (
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor, as_completed
 from functools import lru_cache
-from multiprocessing.connection import wait
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dmis import __version__
 from dmis.scene import Scene
 from dmis.tile import Rendered, Tile, render_tile
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 ATTEMPTS = 3
 """New pools in a row in which not one tile was finished, after which we give up."""
@@ -58,7 +51,7 @@ class Workers:
         self._own = executor is None
         self._executor = executor or ThreadPoolExecutor(threads or os.cpu_count() or 1)
         self._scene: Any = scene  # what every tile carries in the scene's place
-        if isinstance(executor, ProcessPoolExecutor) or (executor is None and processes):
+        if _is_processes(executor) or (executor is None and processes):
             with tempfile.NamedTemporaryFile(prefix="dmis-scene-", delete=False) as file:
                 pickle.dump(scene, file)
             self._scene = self._file = Path(file.name)
@@ -138,6 +131,9 @@ class Workers:
 
     def _pool(self) -> ProcessPoolExecutor:
         assert self._file is not None
+        import multiprocessing  # imported where used: threads do without
+        from concurrent.futures import ProcessPoolExecutor
+
         context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
         return ProcessPoolExecutor(self._processes, context, initializer=_start, initargs=(self._file,))
 
@@ -164,6 +160,9 @@ def _load(data: bytes) -> Scene:
 
 def _start(file: Path) -> None:
     """A worker process begins: Ctrl-C is for the process that started it, and it ends when that one does."""
+    import multiprocessing
+    from multiprocessing.connection import wait
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
@@ -174,6 +173,14 @@ def _start(file: Path) -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _is_processes(executor: Executor | None) -> bool:
+    if executor is None:
+        return False
+    from concurrent.futures import ProcessPoolExecutor
+
+    return isinstance(executor, ProcessPoolExecutor)
 
 
 def _is_dask(executor: Executor | None) -> bool:

@@ -21,7 +21,7 @@ import scipy.ndimage
 import scipy.stats  # noqa: F401
 import trimesh  # noqa: F401
 
-SINGLE = ("intersect", "samplers", "image", "checkpoint")
+SINGLE = ("intersect", "samplers", "image")
 """Modules that go on to mean float32."""
 
 

@@ -185,8 +185,8 @@ def test_a_checkpoint_of_another_scene_or_version_is_refused(wide, tmp_path, mon
     monkeypatch.setattr(sys.modules["dmis.render"], "__version__", "9.9")
     with pytest.raises(ValueError, match=r": dmis is 0\.1\S+ there, and 9\.9 is asked for$"):
         dmis.render(wide, checkpoint=file, **OPTIONS)
-    file.write_bytes(file.read_bytes().replace(b"checkpoint 2", b"checkpoint 1"))
-    with pytest.raises(ValueError, match="is of another version: b'dmis checkpoint 1'"):
+    file.write_bytes(file.read_bytes().replace(b"checkpoint 3", b"checkpoint 2"))
+    with pytest.raises(ValueError, match="is of another version: b'dmis checkpoint 2'"):
         dmis.render(wide, checkpoint=file, **OPTIONS)
 
 

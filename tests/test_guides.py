@@ -7,6 +7,7 @@ from helpers import box_scene
 import dmis
 from dmis import geometry
 from dmis.brdf import Lambert
+from dmis.filter import joint
 from dmis.fit import make_rule
 from dmis.guides import SCALES, albedo, guides
 from dmis.sharing import pool
@@ -33,7 +34,7 @@ def test_what_is_seen() -> None:
     np.testing.assert_allclose(
         found["normal"], np.array([0, 0, 1.0])[:, None, None].repeat(3, 1).repeat(4, 2), atol=1e-6
     )
-    halves = {tuple(a) for a in found["albedo"].reshape(3, -1).T.round(3)}
+    halves = {tuple(a) for a in found["albedo"].astype(float).reshape(3, -1).T.round(3)}
     assert halves == {(0.9, 0.9, 0.9), (0.5, 0.2, 0.1)}
     assert {tuple(a) for a in found["material"].reshape(2, -1).T} == {(1, 0), (0, 1)}
 
@@ -91,6 +92,20 @@ def test_pool() -> None:
         np.testing.assert_allclose(means["a"][0, :, half:], 3, atol=0.05)
         np.testing.assert_allclose(means["b"], 1)
         assert (pixels > 2 * patch**2).all() and (pixels < 13 * patch**2).all()
+
+
+@pytest.mark.parametrize("radius", [1, 2, 9])
+def test_pool_some_rows_at_a_time(radius: int) -> None:
+    """It is the filter of the whole image, to the bit."""
+    rng = np.random.default_rng(1)
+    sums = {"a": rng.random((2, 70, 9)), "b": rng.random((70, 9))}
+    normal = rng.random((3, 70, 9)).astype(np.float32)
+    means, pixels = pool(sums, (280, 36), 4, 1.0, radius, {"normal": normal})
+    flat = np.concatenate([sums["a"], sums["b"][None], np.full((1, 70, 9), 16.0)])
+    whole, worth = joint(flat, {"normal": normal}, SCALES, 1.0, radius)
+    np.testing.assert_array_equal(means["a"], whole[:2] / whole[3])
+    np.testing.assert_array_equal(means["b"], whole[2] / whole[3])
+    np.testing.assert_array_equal(pixels, whole[3] * worth)
 
 
 def test_joint_rules_render(box: dmis.Scene) -> None:

@@ -1,6 +1,7 @@
 """The second-moment rule: planted curves, the guard, costs, numbers of samples."""
 
 import itertools
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,20 @@ def pilot(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot
     sums |= {"pattern": np.zeros(curve.shape), "position": np.zeros((rows, columns))}
     moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
     return {0.5: Pilot(moments, {"camera": 100}, {name: a * 16 for name, a in sums.items()})}
+
+
+def test_memory_of_a_fit() -> None:
+    """Means of the size of the sums, a few maps, and some rows of what is worked out on the way."""
+    found = pilot(np.random.default_rng(1).random((len(GRID), 96, 96)) + 1, size=384)
+    guide = {"normal": np.zeros((3, 96, 96), np.float32), "material": np.ones((1, 96, 96), np.float32)}
+    found = {w: replace(p, guides=guide) for w, p in found.items()}
+    rule = make_rule("auto:split=no")
+    rule.fit(found)
+    tracemalloc.start()
+    rule.fit(found)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.5 * sum(a.nbytes for a in found[0.5].sums.values())
 
 
 @pytest.mark.parametrize("g", range(len(GRID)))

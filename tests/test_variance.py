@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import Z_LIMIT
 
-from dmis.variance import Moments, luminance, patch_mean, patch_spread
+from dmis.variance import Film, Moments, luminance, patch_mean, patch_spread
 from dmis.vec import Array
 
 
@@ -63,6 +63,14 @@ def test_variance_is_unbiased() -> None:
     """Over many sets of two normal samples the mean variance is the true one, 4, by a z-test."""
     variance = Moments.of(2 * np.random.default_rng(4).normal(size=(2, 20000))).variance()
     assert abs((variance.mean() - 4) / (variance.std() / np.sqrt(20000))) < Z_LIMIT
+
+
+def test_film() -> None:
+    """Variances beyond float32, of what is not, are kept with its digits."""
+    for unit in (1e-30, 1.0, 1e30):
+        moments = Moments.of(samples(7) * unit)
+        film = Film(7, moments.mean.astype(np.float32), np.sqrt(moments.m2).astype(np.float32))
+        np.testing.assert_allclose(film.variance(), moments.variance(), rtol=2e-7)
 
 
 @pytest.mark.parametrize("n", [0, 1])
