@@ -76,14 +76,14 @@ class Curves:
         for k, (curve, pattern, second) in enumerate(zip(self._curve, self._pattern, self._second, strict=True)):
             mine = [record for record in records if min(record.depth, last) == k]
             lights = list(spread(mine, 2 * self._s, radiance.shape[1]))
-            unit = max((_unit(x) for x, _ in lights), default=np.float32(1))
+            unit = max((power_near(x) for x, _ in lights), default=np.float32(1))
             scale = count * float(unit) ** 2
             pixels = max(1, TOGETHER // (2 * self._s * count))
             for begin in range(0, len(self._total) if lights else 0, pixels):
                 part = slice(begin, begin + pixels)
                 difference: Array | None = None
                 for x, d in lights:
-                    at_y, found, moment = _curve(_some(x, part, count) / unit, _some(d, part, count), count)
+                    at_y, found, moment = _curve(of_pixels(x, part, count) / unit, of_pixels(d, part, count), count)
                     curve[:, part] += scale / self._s * at_y
                     second[:, part] += scale / self._s * moment
                     difference = found if difference is None else difference + found
@@ -139,7 +139,7 @@ def nothing(shading_samples: int, n: int) -> tuple[Array, Array]:
     return x, d
 
 
-def _some(a: Array, pixels: slice, count: int) -> Array:
+def of_pixels(a: Array, pixels: slice, count: int) -> Array:
     """What is of some pixels, of samples ``(..., count * P)``."""
     return a.reshape(*a.shape[:-1], count, -1)[..., pixels].reshape(*a.shape[:-1], -1)
 
@@ -150,7 +150,7 @@ def _rounding(s: float) -> Array:
     return part * (1 - part) / s**2
 
 
-def _unit(x: Array) -> np.float32:
+def power_near(x: Array) -> np.float32:
     """A power of two near the largest of them: in units of it squares of small numbers are not 0 in float32."""
     return np.float32(2.0 ** np.floor(np.log2(max(float(x.max()), float(-x.min()), 1e-37))))
 

@@ -32,13 +32,13 @@ import numpy as np
 
 from dmis import mis, technique
 from dmis.cost import camera_sample
-from dmis.curves import LEAST, ROUNDING, Pooled, least, product, variation
+from dmis.curves import LEAST, ROUNDING, TOGETHER, Pooled, least, of_pixels, power_near, product, variation
 from dmis.estimator import Record
 from dmis.fit import Fit, Pilot, Weight, check_taps
 from dmis.sharing import pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
-from dmis.variance import patch_mean, patch_spread, patch_sum
+from dmis.variance import patch_mean, patch_spread, patch_sum, row_blocks
 from dmis.vec import TINY, Array
 
 STEPS = 6
@@ -94,7 +94,7 @@ def cheapest(curves: Pooled, cost: Array, guard: float, may: np.ndarray, area: A
     home_price = (variance[curves.half] * area).sum() / area.sum() / cost[curves.half]
     found = []
     for price in home_price * PRICES:
-        index = least(curves, cost, guard, may, price)
+        index = np.concatenate([least(curves.rows(rows), cost, guard, may, price) for rows in row_blocks(len(area))])
         error = (np.take_along_axis(variance, index[None], axis=0)[0] * area).sum()
         found.append((error * (cost[index] * area).sum(), index))
     return min(found, key=lambda one: one[0])[1]
@@ -128,18 +128,28 @@ class Shares:
         self._n += count
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
-        found = spread(records, self._s, len(self._exact), radiance.shape[1])
-        lights = [Seen(x, q, self._exact) for x, q in found]
+        lights = list(spread(records, self._s, len(self._exact), radiance.shape[1]))
+        unit = max((power_near(x) for x, _ in lights), default=np.float32(1))
+        pixels = max(1, TOGETHER // (len(self._exact) * self._s * count))
+        for begin in range(0, len(self._total) if lights else 0, pixels):
+            part = slice(begin, begin + pixels)
+            some = [Seen(of_pixels(x, part, count) / unit, of_pixels(q, part, count), self._exact) for x, q in lights]
+            self._add(some, part, count, float(unit) ** 2)
+
+    def _add(self, lights: Sequence[Seen], part: slice, count: int, scale: float) -> None:
+        """Add what some pixels have seen, in units whose square is `scale`."""
         for g, (shares, uneven) in enumerate(zip(self._shares.T.astype(np.float32), self._uneven, strict=True)):
-            means: Array | None = None
+            means: Array | float = 0
             for light in lights:
                 second, mean = light.at(shares)
                 at_y = np.einsum("k,k...->...", shares, [product(m) for m in mean])
-                self._second[g] += second.reshape(count, -1).sum(axis=0) / self._s
-                self._curve[g] += (second - at_y).reshape(count, -1).sum(axis=0) / self._s
-                means = mean if means is None else means + mean
-            if means is not None and len(uneven):
-                self._pattern[g] += count * variation(np.einsum("ek,ktn->etn", uneven, means), count).sum(axis=0)
+                self._second[g, part] += scale / self._s * second.reshape(count, -1).sum(axis=0)
+                self._curve[g, part] += scale / self._s * (second - at_y).reshape(count, -1).sum(axis=0)
+                means = mean + means
+            if len(uneven):
+                self._pattern[g, part] += (
+                    scale * count * variation(np.einsum("ek,ktn->etn", uneven, means), count).sum(axis=0)
+                )
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: ``curve`` ``(G, P)``, its square and its product with itself at
@@ -325,7 +335,8 @@ class Simplex:
         curves = Pooled(**means, pattern=np.zeros(()), pixels=pixels, half=at)
         if self.shrink:
             material = found.guides.get("material") if self.guided else None
-            curves = shrink(curves, None if material is None else patch_mean(material, self.patch // BASE))
+            kinds = None if material is None else patch_mean(material, self.patch // BASE)
+            curves = shrink(curves, kinds, in_place=True)
         cost = np.ones(shares.shape[1])
         if self.cost:
             s = found.shading_samples

@@ -21,10 +21,11 @@ opts, given = options(
     __file__,
     "learned and given shares of three techniques",
     seeds={"type": int, "default": 4, "help": "number of seeds (default 4)"},
+    spp={"type": int, "help": "camera samples per pixel (default 64)"},
     page={"type": Path, "default": PAGE, "help": "the page whose table is replaced"},
 )
 SHRINK = {"teapot-area-light": 6, "killeroo-diffuse": 9, "killeroo-gold": 9, "tt": 10}  # the thesis's sizes
-SPP = opts.pick(16, 64)
+SPP = given.spp or opts.pick(16, 64)
 RULES = (
     "second-moment",
     "simplex:light+brdf",

@@ -106,6 +106,16 @@ def test_budget_table(cache, tmp_path):
     assert "<!-- budgets sobol: begin -->" in text and "| 16 spp | 32 spp |" in text
 
 
+@pytest.mark.slow
+def test_simplex_table(cache, tmp_path):
+    """Six rules on four scenes."""
+    page = tmp_path / "page.md"
+    page.write_text("", "utf-8")
+    run(ROOT / "examples" / "make_simplex_table.py", cache, "--seeds", "2", "--page", page)
+    text = page.read_text("utf-8")
+    assert text.count("| `simplex:") == 5 and text.count(" ± ") == 24 and "nan" not in text
+
+
 def test_filter_table(cache, tmp_path):
     """Six ways to share curves, on four scenes."""
     page = tmp_path / "page.md"

@@ -13,14 +13,14 @@ from helpers import Z_LIMIT, box_scene, z_score
 import dmis
 from dmis.compare import split_rules
 from dmis.cost import RAY, RESAMPLED, SHADING, camera_sample
-from dmis.curves import GRID, Curves
+from dmis.curves import GRID, Curves, Pooled, least
 from dmis.estimator import Record
 from dmis.fit import Fixed, make_rule
 from dmis.light import SphereLight
 from dmis.material import plastic
 from dmis.mis import allocate
 from dmis.settings import Settings
-from dmis.simplex import FLOOR, Seen, Shares, Simplex, allowed, grid, home, spread
+from dmis.simplex import FLOOR, Seen, Shares, Simplex, allowed, cheapest, grid, home, spread
 from dmis.vec import Array
 
 LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
@@ -266,6 +266,22 @@ def test_cost_of_several_techniques() -> None:
     each = np.array([SHADING + 0.75 * RAY, SHADING + 0.1 * RAY, RESAMPLED + RAY])
     found = camera_sample(rays, shares, 6, 2, ("light", "brdf", "resampled"))
     np.testing.assert_allclose(found, 1 + 2 * each @ shares)
+
+
+def test_the_price_is_that_of_the_minimum() -> None:
+    """A technique of twice the cost and a quarter of the variance in all patches is taken, although at the price of
+    where it is not taken that would be worse; one of half the variance is no better.
+    """
+    shares, inside = grid(3)
+    at = home((True, True, False))
+    cost = 1 + shares[2]
+    for alone, taken in ((0.25, True), (0.55, False)):
+        curve = np.broadcast_to((1 - (1 - alone) * shares[2])[:, None, None], (shares.shape[1], 2, 3))
+        curves = Pooled(curve, curve**2, curve * curve[at], np.zeros(()), np.zeros((2, 3)), np.full((2, 3), 1e9), at)
+        may = np.ones(shares.shape[1], bool)
+        found = cheapest(curves, cost, 1.5, may, np.full((2, 3), 16.0))
+        assert (shares[2][found] == taken).all()
+        assert (least(curves, cost, 1.5, may, price=1.0) == at).all()  # that where it is not taken
 
 
 # Texts --------------------------------------------------------------------------------------------------------------
