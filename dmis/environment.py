@@ -80,7 +80,8 @@ class EnvironmentLight:
     @cached_property
     def _data(self) -> tuple[Image, Array | None]:
         """The scaled map as a texture; rotation from the map to the world, None if there is nothing to rotate."""
-        texels = np.asarray(self.texels, np.float32) * rgb("scale", self.scale)[:, 0]
+        texels, factor = np.asarray(self.texels, np.float32), rgb("scale", self.scale)[:, 0]
+        texels = texels if (factor == 1).all() else texels * factor  # maps are large
         rotation = np.eye(3) if self.to_world is None else np.asarray(self.to_world, float)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
             raise ValueError(f"to_world must be a 3x3 rotation (or reflection); got {rotation.tolist()}")
