@@ -123,6 +123,8 @@ class Fixed:
 
     def __post_init__(self) -> None:
         if isinstance(self.w, tuple):
+            if len(self.w) != len(self.techniques):
+                raise ValueError(f"w must have a share for each of {', '.join(self.techniques)}; got {self.w}")
             if not all(0 <= share <= 1 for share in self.w) or abs(sum(self.w) - 1) > 1e-6:
                 raise ValueError(
                     f"shares must be in [0, 1] and add up to 1, because they divide samples; got "

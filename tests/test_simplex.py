@@ -327,6 +327,8 @@ def test_what_needs_two_techniques() -> None:
     for combiner in ("optimal", "optimal-progressive", "controlled", "frozen"):
         with pytest.raises(ValueError, match=f"combiner {combiner} needs two techniques; got 3: light, brdf, uniform"):
             Settings(techniques=three, combiner=combiner)
+    with pytest.raises(ValueError, match="a share for each of light, brdf, uniform; got"):
+        Fixed((0.5, 0.5), techniques=three)
     with pytest.raises(ValueError, match="techniques must be at least two names"):
         Settings(techniques=("light",))
     scene = box_scene(resolution=(8, 8))
