@@ -30,6 +30,8 @@ from dmis.tile import Rendered, Tile, render_tile
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
+PATIENCE = 2.0
+"""Seconds after the death of a process within which its pool knows of it."""
 ATTEMPTS = 3
 """New pools in a row in which not one tile was finished, after which we give up."""
 
@@ -89,6 +91,7 @@ class Workers:
         waiting: dict[Future[Rendered], Tile] = {}
         lost: list[Tile] = []
         reason: Exception | None = None
+        over = threading.Event()
         try:
             for k, tile in enumerate(tiles):
                 try:
@@ -97,6 +100,8 @@ class Workers:
                     reason = error
                     lost.extend(tiles[k:])
                     break
+            if _is_processes(self._executor):
+                threading.Thread(target=_watch, args=(self._executor, over), daemon=True).start()
             for future in as_completed(list(waiting)):
                 tile = waiting.pop(future)
                 try:
@@ -107,6 +112,7 @@ class Workers:
                 else:
                     yield tile, rendered
         finally:
+            over.set()
             for future in waiting:
                 future.cancel()
         return lost, reason
@@ -173,6 +179,25 @@ def _start(file: Path) -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def _watch(pool: Any, over: threading.Event) -> None:
+    """End a pool of processes that does not know that one of them died, unless all tiles are `over`.
+
+    One that is killed while it sends a result leaves half a message, and the pool waits for the rest: the pipe is open
+    as long as the other processes are there, and there is an end of it in this process.
+    """
+    from multiprocessing.connection import wait
+
+    processes = list((pool._processes or {}).values())
+    while not wait([process.sentinel for process in processes], timeout=0.5):
+        if over.is_set():
+            return
+    if over.wait(PATIENCE) or pool._broken:
+        return
+    for process in processes:
+        process.kill()
+    pool._result_queue._writer.close()
 
 
 def _is_processes(executor: Executor | None) -> bool:

@@ -77,6 +77,25 @@ def test_own_processes_survive_a_death(wide, threaded, pickled, monkeypatch):
     assert len(made) == 2 and len(pickled) == 1 and not made[0]._file.exists()
 
 
+def test_half_a_result(wide, threaded, monkeypatch):
+    """A worker is killed while it sends a tile: the pool, which would wait for the rest of it, is given up."""
+    made, pool = [], workers.Workers._pool
+    monkeypatch.setattr(workers.Workers, "_pool", lambda self: made.append(pool(self)) or made[-1])
+
+    def interrupted():
+        """Both stop, half a message is in the pipe, and one of them is dead."""
+        victims = [process.pid for process in made[0]._processes.values()]
+        for pid in victims:
+            os.kill(pid, signal.SIGSTOP)
+        time.sleep(0.2)
+        os.write(made[0]._result_queue._writer.fileno(), b"\x00\x01")
+        time.sleep(0.2)
+        return victims[0]
+
+    check(dmis.render(wide, workers=2, progress=Killer(interrupted), **OPTIONS), threaded)
+    assert len(made) == 2
+
+
 def test_a_given_pool_reads_the_scene_once(wide, threaded, pickled):
     """Two processes, 20 tiles in two passes, one reading each; no file is left; a death ends with a clear error."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
