@@ -30,8 +30,9 @@ from dmis.fit import RULES
 from dmis.image import write_image, write_png
 from dmis.load import SHIPPED, load_scene
 from dmis.oracle import make_oracle
+from dmis.passes import Progress
 from dmis.reference import make_reference
-from dmis.render import Progress, Result, render
+from dmis.render import Result, render
 from dmis.replay import embree_seconds
 from dmis.samplers import KINDS
 from dmis.scene import Scene

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dmis.estimator import Record
+from dmis.batch import Record
 from dmis.vec import Array, take
 
 LEAST = 8

@@ -36,8 +36,8 @@ from functools import partial
 
 import numpy as np
 
+from dmis.batch import Record
 from dmis.curves import GRID, LEAST, spread
-from dmis.estimator import Record
 from dmis.fit import Pilot
 from dmis.sharing import pool
 from dmis.tile import BASE, Statistic

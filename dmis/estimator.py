@@ -15,22 +15,19 @@ would contribute are traced. What is dropped is exactly zero.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dmis import mis, technique
+from dmis.batch import Batch, Record
 from dmis.bounce import Rays, bounce, merge, scatter
 from dmis.brdf import Pair
 from dmis.cost import UNSEEN
-from dmis.intersect import RayCaster
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
-from dmis.samplers import Independent, Sampler
-from dmis.scene import Scene
-from dmis.settings import Settings
+from dmis.samplers import Independent
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
 from dmis.vec import Array, Index, Selection, compose, dot, indices, size, take
@@ -41,81 +38,6 @@ TOGETHER = 2**15
 """Shading samples up to which several turns of a technique are one batch: more are faster apart, in the cache."""
 MORE, CONTINUE = -1, -2
 """In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""
-
-
-@dataclass(eq=False)
-class Batch:
-    """One block of camera samples of one tile, and what is needed to shade it.
-
-    Attributes
-    ----------
-    w
-        Share of the first technique, ``(N,)`` or one number; of K > 2 techniques all shares, ``(K, N)`` or ``(K, 1)``.
-    counts
-        How many shading samples of each camera sample go to each technique; falling for the first, so that those with
-        the same number are a slice, and nothing needs to be gathered.
-    rng
-        For choices that are not two-dimensional draws.
-    rays
-        Rays traced so far, by kind.
-    records
-        Where shading samples are written down for statistics; None: nowhere.
-    control
-        Coefficient of the control variate, ``(3, N)``, see `dmis.control`; None: there is none.
-    later
-        `w` and `counts` of all surfaces but the first, whose counts are in no order; None: the same.
-    """
-
-    scene: Scene
-    caster: RayCaster
-    settings: Settings
-    sampler: Sampler
-    rng: np.random.Generator
-    w: Array
-    counts: Counts
-    rays: Counter[str] = field(default_factory=Counter)
-    records: list[Record] | None = None
-    control: Array | None = None
-    later: tuple[Array, Counts] | None = None
-
-    def division(self, path: tuple[int, ...]) -> tuple[Array, Counts]:
-        """Shares and counts at the surfaces that `path` led to."""
-        return (self.w, self.counts) if self.later is None or not path else self.later
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """Shading samples of one technique whose directions meet a light.
-
-    Attributes
-    ----------
-    side
-        Number of the technique, 0 for the first.
-    key
-        Which light, in the last place; before it, by way of which delta lobes, or in path tracing the number of
-        surfaces before.
-    turn
-        Which of the camera sample's samples of this technique it is, from 0.
-    sample
-        Numbers of their camera samples, ``(N,)``, each at most once; None: all, in order.
-    value
-        What each would estimate alone, ``W f / (share p_own)``, with the throughput of its path, ``(3, N)``; 0 where
-        something is in between.
-    pdf
-        Densities of all techniques in its direction, ``(K, N)``.
-    """
-
-    side: int
-    key: tuple[int, ...]
-    turn: int
-    sample: Selection | None
-    value: Array
-    pdf: Array
-
-    @property
-    def depth(self) -> int:
-        """In path tracing, surfaces that the path had met before."""
-        return self.key[0] if len(self.key) > 1 else 0
 
 
 @dataclass(eq=False)

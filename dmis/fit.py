@@ -141,6 +141,7 @@ class Fixed:
 
     @property
     def several(self) -> bool:
+        """Whether w is the shares of all techniques."""
         return isinstance(self.w, tuple)
 
     @property

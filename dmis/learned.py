@@ -14,11 +14,11 @@ import numpy as np
 
 from dmis.cost import camera_sample, surface_points
 from dmis.curves import GRID, HALF, Curves, Pooled, allowed, least
-from dmis.fit import Fit, Pilot, check_taps
+from dmis.fit import Fit, Pilot
 from dmis.objectives import objective
 from dmis.quadtree import adaptive_patches
 from dmis.settings import MOST
-from dmis.sharing import pool
+from dmis.sharing import check_sharing, pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
 from dmis.variance import patch_mean, patch_spread, patch_sum, row_blocks
@@ -101,11 +101,7 @@ class Learned:
     sampler: str = ""
 
     def __post_init__(self) -> None:
-        if not BASE <= self.patch <= 65536 or self.patch % BASE:
-            raise ValueError(
-                f"patch must be a multiple of {BASE} pixels, in which curves are kept, of at most 65536; "
-                f"got {self.patch}"
-            )
+        check_sharing(self.patch, self.size, self.sigma, self.guard)
         if self.spp < 4 or self.spp % 2:
             raise ValueError(
                 f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
@@ -115,12 +111,9 @@ class Learned:
             raise ValueError(f"filter must be gaussian, none, joint or quadtree; got {self.filter!r}")
         if self.bounces not in ("shared", "separate"):
             raise ValueError(f"bounces must be shared or separate; got {self.bounces!r}")
-        check_taps(self.size)
-        for name, value in (("sigma", self.sigma), ("count_sigma", self.count_sigma), ("gamma", self.gamma)):
+        for name, value in (("count_sigma", self.count_sigma), ("gamma", self.gamma)):
             if not 0 < value < np.inf:
                 raise ValueError(f"{name} must be positive and finite; got {value}")
-        if not self.guard >= 0:
-            raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
         if not 0 < self.floor <= 1:
             raise ValueError(f"floor must be in (0, 1], a share of the mean number of samples; got {self.floor}")
         if self.objective != "second-moment":

@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 
+from dmis.batch import Record
 from dmis.curves import GRID, LEAST, nothing, spread
-from dmis.estimator import Record
 from dmis.tile import Statistic
 from dmis.vec import Array
 

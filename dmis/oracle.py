@@ -20,8 +20,9 @@ from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF, weighed
 from dmis.files import replacing
 from dmis.learned import Learned
+from dmis.passes import Progress
 from dmis.reference import SEED, cache_folder, described
-from dmis.render import Progress, fingerprint, render
+from dmis.render import fingerprint, render
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.variance import patch_mean

@@ -16,7 +16,8 @@ import numpy as np
 
 from dmis import __version__
 from dmis.image import read_exr, write_exr
-from dmis.render import Progress, fingerprint, render
+from dmis.passes import Progress
+from dmis.render import fingerprint, render
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.vec import Array

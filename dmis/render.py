@@ -2,7 +2,7 @@
 
 The budget `spp` includes the pilot. Pilot and final image are both unbiased, and are averaged with weights fixed
 beforehand, their camera samples: so the result is unbiased although the weights were learned. (Weighting by estimated
-variance would not be.) Work is cut into tiles (`dmis.tile`) for any `concurrent.futures.Executor`.
+variance would not be.) Each of them is a pass over the image (`dmis.passes`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ import os
 import pickle
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from typing import Any
@@ -28,21 +27,20 @@ from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
-from dmis.fit import Pilot, Rule, Weight, make_rule
+from dmis.fit import Rule, Weight, make_rule
 from dmis.guides import guides
 from dmis.memory import release
 from dmis.mis import FROZEN
+from dmis.passes import Passes, Progress
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
 from dmis.settings import DEPTH, MOST, Settings
-from dmis.tile import Statistic, Tile, split
+from dmis.tile import Tile
 from dmis.units import suited
 from dmis.variance import Film
 from dmis.vec import Array
 from dmis.workers import Workers
 
-Progress = Callable[[str, int, int], None]
-"""``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
 LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
 MOST_WORKERS = 1024
@@ -197,7 +195,7 @@ def render(
         check_writable(checkpoint, _SAVED * math.prod(scene.camera.resolution) * (len(rule.pilot) + 1))
     store = Store(checkpoint, provenance)
     crew = Workers(scene, executor, threads, workers)
-    work = _Work(scene, seed, crew, progress, store)
+    work = Passes(scene, seed, crew, progress, store)
     try:
         scene.prepare()
         begin = time.perf_counter()
@@ -348,6 +346,12 @@ def _map(values: Array | float, shape: tuple[int, int]) -> Array:
     return np.ascontiguousarray(np.broadcast_to(np.asarray(values, np.float32), shape))
 
 
+def _first(weight: Array | float) -> Array:
+    """Share of the first technique, of what a `dmis.fit.Fit` has."""
+    found = np.asarray(weight, np.float32)
+    return found[0] if found.ndim in (1, 3) else found
+
+
 def fingerprint(scene: Scene) -> str:
     """A short hash of the description: camera, meshes, materials, lights, and an integrator that is not the usual."""
     import hashlib  # imported where used: it brings OpenSSL
@@ -367,82 +371,3 @@ def fingerprint(scene: Scene) -> str:
         if part.tangent is not None:
             digest.update(np.asarray(part.tangent, np.float64).tobytes())
     return digest.hexdigest()[:16]
-
-
-class _Work:
-    """Passes over the image, tile by tile."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        seed: int,
-        workers: Workers,
-        progress: Progress | None,
-        store: Store,
-    ) -> None:
-        self._scene, self._seed = scene, seed
-        self._workers, self._progress, self._store = workers, progress, store
-        self.rays: Counter[str] = Counter()
-        self.tiles: list[Tile] = []
-
-    def render(
-        self,
-        pass_: int,
-        stage: str,
-        spp: Array | int,
-        w: Array | float,
-        settings: Settings,
-        statistic: Callable[[int, int], Statistic] | None = None,
-        control: Array | None = None,
-        later: Array | float | None = None,
-    ) -> Pilot:
-        """One pass: `spp` camera samples at weight `w` (see `dmis.fit.Fit`), `later` behind the first surface, each one
-        number or ``(H, W)``; `control` is ``(H, W, 3)``.
-        """
-        width, height = self._scene.camera.resolution
-        tiles = []
-        uneven = not isinstance(spp, int)
-        for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
-            area = slice(*rows), slice(*columns)
-            local, behind = _local(w, area), None if later is None else _local(later, area)
-            count = spp if isinstance(spp, int) else spp[area].reshape(-1)
-            beta = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
-            tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
-            tiles.append(tile)
-        self.tiles.extend(tiles)
-        release(width * height)
-        stored = self._store.start(pass_, (height, width, 3), len(tiles))
-        tiles.sort(key=_samples, reverse=True)  # so that no large one is waited for at the end
-        missing = [tile for tile in tiles if not stored.done[tile.number]]
-        total = sum(map(_samples, tiles))
-        finished = total - sum(map(_samples, missing))
-        with closing(self._workers.render(missing)) as results:
-            for tile, rendered in results:
-                self._store.put(tile, rendered)
-                finished += _samples(tile)
-                if self._progress:
-                    self._progress(stage, finished, total)
-        release(width * height)
-        self.rays.update(stored.rays)
-        n = spp if isinstance(spp, int) else spp[..., None]
-        return Pilot(Film(n, stored.mean, stored.root), dict(stored.rays), stored.sums, settings.shading_samples)
-
-
-def _first(weight: Array | float) -> Array:
-    """Share of the first technique, of what a `dmis.fit.Fit` has."""
-    found = np.asarray(weight, np.float32)
-    return found[0] if found.ndim in (1, 3) else found
-
-
-def _local(w: Array | float, area: tuple[slice, slice]) -> Array | float:
-    """What a `dmis.tile.Tile` has of it."""
-    found = np.asarray(w)
-    if found.ndim < 2:
-        return found[:, None] if found.ndim else w
-    return found[..., *area].reshape(*found.shape[:-2], -1)
-
-
-def _samples(tile: Tile) -> int:
-    """Camera samples of a tile."""
-    area = (tile.rows[1] - tile.rows[0]) * (tile.columns[1] - tile.columns[0])
-    return area * tile.spp if isinstance(tile.spp, int) else int(tile.spp.sum())

@@ -7,10 +7,24 @@ from collections.abc import Mapping
 import numpy as np
 
 from dmis.filter import effective, gaussian, joint
+from dmis.fit import check_taps
 from dmis.guides import SCALES
 from dmis.tile import BASE
 from dmis.variance import patch_mean, patch_sum, row_blocks
 from dmis.vec import Array
+
+
+def check_sharing(patch: int, size: int, sigma: float, guard: float) -> None:
+    """Raise a ValueError unless these options of a rule that shares statistics are in range."""
+    if not BASE <= patch <= 65536 or patch % BASE:
+        raise ValueError(
+            f"patch must be a multiple of {BASE} pixels, in which curves are kept, of at most 65536; got {patch}"
+        )
+    check_taps(size)
+    if not 0 < sigma < np.inf:
+        raise ValueError(f"sigma must be positive and finite; got {sigma}")
+    if not guard >= 0:
+        raise ValueError(f"guard must not be negative, standard errors; got {guard}")
 
 
 def pool(

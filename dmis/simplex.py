@@ -31,11 +31,11 @@ from typing import Any
 import numpy as np
 
 from dmis import mis, technique
+from dmis.batch import Record
 from dmis.cost import camera_sample
 from dmis.curves import LEAST, ROUNDING, TOGETHER, Pooled, least, of_pixels, power_near, product, variation
-from dmis.estimator import Record
-from dmis.fit import Fit, Pilot, Weight, check_taps
-from dmis.sharing import pool
+from dmis.fit import Fit, Pilot, Weight
+from dmis.sharing import check_sharing, pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
 from dmis.variance import patch_mean, patch_spread, patch_sum, row_blocks
@@ -275,8 +275,7 @@ class Simplex:
             technique.find(name)
         if len(names) < 2 or len(set(names)) < len(names):
             raise ValueError(f"mix must be two or more different techniques joined by +; got {self.mix!r}")
-        if not BASE <= self.patch <= 65536 or self.patch % BASE:
-            raise ValueError(f"patch must be a multiple of {BASE} pixels of at most 65536; got {self.patch}")
+        check_sharing(self.patch, self.size, self.sigma, self.guard)
         if self.spp < 2 * len(names) or self.spp % 2 or self.spp % len(names):
             raise ValueError(
                 f"spp of the pilot must be an even multiple of {len(names)}, the number of techniques, and at least "
@@ -284,14 +283,10 @@ class Simplex:
             )
         if self.filter not in ("gaussian", "none", "joint"):
             raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
-        check_taps(self.size)
-        if not 0 < self.sigma < np.inf:
-            raise ValueError(f"sigma must be positive and finite; got {self.sigma}")
-        if not self.guard >= 0:
-            raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
 
     @property
     def techniques(self) -> tuple[str, ...]:
+        """Their names, in the order of the shares."""
         return tuple(self.mix.split("+"))
 
     @property

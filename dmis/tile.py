@@ -10,8 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
+from dmis.batch import Batch, Record
 from dmis.combine import COLLECTORS, slot
-from dmis.estimator import Batch, Record, radiance
+from dmis.estimator import radiance
 from dmis.fireflies import clamp
 from dmis.intersect import RayCaster
 from dmis.mis import allocate

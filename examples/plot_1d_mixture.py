@@ -12,8 +12,8 @@ import numpy as np
 from thesis import options
 
 from dmis import plot
+from dmis.batch import Record
 from dmis.curves import GRID, Curves
-from dmis.estimator import Record
 from dmis.fit import parabola_minimum
 from dmis.objectives import NAMES, objective
 

@@ -12,7 +12,7 @@ import numpy as np
 from thesis import options
 
 from dmis import plot
-from dmis.estimator import Record
+from dmis.batch import Record
 from dmis.mis import balance
 from dmis.simplex import Shares, grid
 

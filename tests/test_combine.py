@@ -6,8 +6,8 @@ import trimesh
 from helpers import Z_LIMIT, z_score
 
 import dmis
+from dmis.batch import Record
 from dmis.combine import LEAST, STAGES, Optimal, Progressive, slot
-from dmis.estimator import Record
 from dmis.mis import allocate
 from dmis.tile import Tile, render_tile
 from dmis.vec import Array

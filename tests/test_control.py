@@ -7,8 +7,8 @@ import pytest
 from helpers import Z_LIMIT, box_scene, z_score
 
 import dmis
+from dmis.batch import Record
 from dmis.control import NAMES, WEIGHTS, Controls, coefficients
-from dmis.estimator import Record
 from dmis.fit import Pilot
 from dmis.tile import Tile, render_tile
 from dmis.variance import Moments, patch_sum

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 import dmis
-from dmis.estimator import Record
+from dmis.batch import Record
 from dmis.objectives import NAMES, objective
 from dmis.vec import Array
 

@@ -93,11 +93,11 @@ def test_reused_pilot_is_averaged_by_sample_counts(box):
 
 def _one_pass(scene, number, w, spp, seed):
     from dmis.checkpoint import Store
-    from dmis.render import _Work
+    from dmis.passes import Passes
     from dmis.workers import Workers
 
     with closing(Workers(scene, threads=1)) as workers:
-        work = _Work(scene, seed, workers, None, Store(None, {}))
+        work = Passes(scene, seed, workers, None, Store(None, {}))
         return work.render(number, "pilot", spp, w, dmis.Settings()).moments.mean
 
 

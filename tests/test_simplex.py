@@ -11,10 +11,10 @@ import pytest
 from helpers import Z_LIMIT, box_scene, z_score
 
 import dmis
+from dmis.batch import Record
 from dmis.compare import split_rules
 from dmis.cost import RAY, RESAMPLED, SHADING, camera_sample
 from dmis.curves import GRID, Curves, Pooled, least
-from dmis.estimator import Record
 from dmis.fit import Fixed, make_rule
 from dmis.light import SphereLight
 from dmis.material import plastic

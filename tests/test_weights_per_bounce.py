@@ -11,9 +11,9 @@ from test_curves import exact, f, unbiased
 from test_learned import PLAIN, pilot
 
 import dmis
+from dmis.batch import Record
 from dmis.camera import Camera
 from dmis.curves import GRID, HALF, Curves
-from dmis.estimator import Record
 from dmis.fit import Fit, make_rule
 from dmis.geometry import quad, sphere
 from dmis.learned import Learned
