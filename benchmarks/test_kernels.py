@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from dmis import material, models, warp
-from dmis.brdf import Pair
 from dmis.environment import EnvironmentLight
 from dmis.light import DiskLight, QuadLight, SphereLight
+from dmis.pair import Pair
 from dmis.samplers import KINDS, Independent, make_sampler
 from dmis.surface import Surface
 from dmis.technique import SampledLight

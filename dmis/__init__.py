@@ -7,7 +7,6 @@ from dmis.fireflies import find_fireflies as find_fireflies
 from dmis.fireflies import median_of_means as median_of_means
 from dmis.fit import Fit as Fit
 from dmis.fit import Rule as Rule
-from dmis.fit import make_rule as make_rule
 from dmis.geometry import Mesh as Mesh
 from dmis.geometry import load_mesh as load_mesh
 from dmis.geometry import loop_subdivide as loop_subdivide
@@ -47,6 +46,7 @@ from dmis.reference import Reference as Reference
 from dmis.reference import make_reference as make_reference
 from dmis.render import Result as Result
 from dmis.render import render as render
+from dmis.rules import make_rule as make_rule
 from dmis.scene import Part as Part
 from dmis.scene import Scene as Scene
 from dmis.settings import Settings as Settings

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Pair
+from dmis.pair import Pair
 from dmis.surface import Surface
 from dmis.vec import Array, Selection, compose, dot, indices, take
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from dmis.convergence import gains
 from dmis.experiment import Budget, Run, measure
-from dmis.fit import RULES, make_rule
 from dmis.image import read_exr, write_image
 from dmis.oracle import Oracle, cached_oracle
 from dmis.reference import Reference
 from dmis.render import Result
 from dmis.results import COLUMNS as COLUMNS
 from dmis.results import Results, conditions
+from dmis.rules import RULES, make_rule
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.vec import Array

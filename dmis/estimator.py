@@ -23,10 +23,10 @@ import numpy as np
 from dmis import mis, technique
 from dmis.batch import Batch, Record
 from dmis.bounce import Rays, bounce, merge, scatter
-from dmis.brdf import Pair
 from dmis.cost import UNSEEN
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
+from dmis.pair import Pair
 from dmis.samplers import Independent
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.fit import make_rule
 from dmis.metrics import mean_and_error, relmse, squared_error
 from dmis.reference import Reference
 from dmis.render import Result, render
+from dmis.rules import make_rule
 from dmis.scene import Scene
 from dmis.settings import Settings
 

@@ -1,21 +1,19 @@
 """Weight rules: pilot statistics in, share of light samples out.
 
 A rule says which pilot it needs (camera samples at given weights) and turns the moments that the pilot brings into a
-map of weights. `RULES` lists them by the name that the command line knows; `make_rule` reads
-``name:option=value,...``.
+map of weights. Here are weights that are given, and the thesis's; `dmis.learned` and `dmis.simplex` have the others,
+and `dmis.rules` the names of all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from dmis.filter import gaussian
-from dmis.technique import TECHNIQUES
 from dmis.variance import Film, luminance, patch_mean, patch_spread
 from dmis.vec import Array
 
@@ -301,103 +299,3 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
     outside = convex & ((minimum < 0) | (minimum > 1))
     status = np.select([~usable, ~convex, outside], [3, 2, 1], 0).astype(np.int8)
     return weight.reshape(variance.shape[1:]), status.reshape(variance.shape[1:])
-
-
-def _learned(objective: str, **options: Any) -> Rule:
-    from dmis.learned import Learned
-
-    return Learned(objective, **options)
-
-
-def _simplex(**options: Any) -> Rule:
-    from dmis.simplex import Simplex
-
-    shares = {name: options.pop(name) for name in tuple(options) if name in TECHNIQUES}
-    if not shares:
-        return Simplex(**options)
-    if wrong := options.keys() - {"combiner", "sampler"}:
-        raise ValueError(
-            f"rule simplex with shares that are given has the options combiner, sampler; got {', '.join(sorted(wrong))}"
-        )
-    if len(shares) < 2:
-        raise ValueError(f"rule simplex needs shares of at least two techniques; got {', '.join(shares)}")
-    w = tuple(shares.values())
-    rule = Fixed(w, techniques=tuple(shares), **options)
-    return rule if len(w) > 2 else replace(rule, w=w[0])
-
-
-_RELATIVES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis", "linear")
-
-RULES: dict[str, Callable[..., Rule]] = {
-    "balance": Fixed,
-    "fixed": Fixed,
-    "pbrt": lambda **options: Fixed(**{"combiner": "power", **options}),
-    "one-sample": lambda **options: Fixed(**{"allocation": "random", **options}),
-    "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
-    "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
-    "thesis": Thesis,
-    "second-moment": partial(_learned, "second-moment"),
-    **{name: partial(_learned, name, shrink=False) for name in _RELATIVES},
-    "simplex": _simplex,
-    "auto": partial(_learned, "second-moment", counts=True, split=True, reuse=False),
-}
-"""Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
-``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),
-``resampled:W`` (`dmis.resampling` in the place of light sampling), ``thesis``; ``second-moment`` and its relatives in
-the literature, see `dmis.learned`; ``simplex:light+brdf+resampled``, weights of several techniques, see `dmis.simplex`,
-and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``, the best of them all.
-"""
-
-
-def make_rule(text: str) -> Rule:
-    """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
-
-    A bare value is the rule's first option.
-
-    Parameters
-    ----------
-    text
-        A name of `RULES`, a colon, and options ``name=value`` separated by commas.
-
-    Returns
-    -------
-    Rule
-        What `dmis.render.render` takes.
-
-    Raises
-    ------
-    ValueError
-        If there is no such rule or option, or a value does not fit.
-    """
-    name, _, rest = text.strip().partition(":")
-    if name not in RULES:
-        raise ValueError(f"rule must be one of {', '.join(RULES)}; got {name!r}")
-    kind: Any = type(RULES[name]())
-    types = {f.name: type(f.default) for f in fields(kind)}
-    if name in ("balance", "pbrt", "uniform"):
-        types.pop("w")
-    types.pop("techniques", None)
-    types.pop("objective", None)
-    if name == "simplex":
-        types |= dict.fromkeys(TECHNIQUES, float)
-    options: dict[str, Any] = {}
-    convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
-    for item in filter(None, rest.split(",")):
-        key, equals, value = item.partition("=")
-        if not equals:
-            key, value = next(iter(types)), item
-        if key not in types:
-            raise ValueError(f"rule {name} has the options {', '.join(types)}; got {key!r}")
-        try:
-            options[key] = convert[types[key]](value)
-        except ValueError:
-            kind_of = "yes or no" if types[key] is bool else f"of type {types[key].__name__}"
-            raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}") from None
-    return RULES[name](**options)
-
-
-def _yes_or_no(text: str) -> bool:
-    words = {"yes": True, "true": True, "on": True, "1": True, "no": False, "false": False, "off": False, "0": False}
-    if text.lower() not in words:
-        raise ValueError(text)
-    return words[text.lower()]

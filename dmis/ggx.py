@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Frame, Fresnel, Pair, reflect
+from dmis.brdf import Fresnel, reflect
+from dmis.pair import Frame, Pair
 from dmis.roughness import Roughness
 from dmis.vec import Array, dot, normalise
 from dmis.warp import INV_PI, TWO_PI

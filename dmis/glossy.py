@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import SHARP, Blinn, Distribution, Frame, Pair, fifth, half_vector_pdf, half_vector_sample
+from dmis.brdf import Blinn, Distribution, fifth, half_vector_pdf, half_vector_sample
+from dmis.pair import SHARP, Frame, Pair
 from dmis.roughness import Beckmann
 from dmis.vec import TINY, Array, dot, normalise
 from dmis.warp import TWO_PI, power, square_to_power, to_world

@@ -27,11 +27,12 @@ from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
-from dmis.fit import Rule, Weight, make_rule
+from dmis.fit import Rule, Weight
 from dmis.guides import guides
 from dmis.memory import release
 from dmis.mis import FROZEN
 from dmis.passes import Passes, Progress
+from dmis.rules import make_rule
 from dmis.samplers import Kind, stream
 from dmis.scene import Scene
 from dmis.settings import DEPTH, MOST, Settings
@@ -118,7 +119,7 @@ def render(
     Parameters
     ----------
     rule
-        A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.fit.RULES`. None: ``auto``, or
+        A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.rules.RULES`. None: ``auto``, or
         ``balance`` for fewer than `LEARNING` samples, for a number of shading samples that is odd or very large, or
         with the technique ``resampled``.
     spp

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.brdf import Pair
 from dmis.light import AreaLight, EnvironmentLight, Seen
+from dmis.pair import Pair
 from dmis.surface import Surface
 from dmis.vec import Array, dot, take
 

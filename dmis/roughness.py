@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Frame, Pair
+from dmis.pair import Frame, Pair
 from dmis.vec import TINY, Array, dot, frame, normalise
 from dmis.warp import INV_PI, TWO_PI
 

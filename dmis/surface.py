@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Delta, Glossy, Pair
+from dmis.brdf import Delta, Glossy
+from dmis.pair import Pair
 from dmis.vec import Array, Selection, compose, dot, frame, normalise, take
 
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from dmis.brdf import Pair
 from dmis.light import AreaLight as _AreaLight
 from dmis.light import EnvironmentLight, Seen
+from dmis.pair import Pair
 from dmis.resampling import resampled
 from dmis.surface import Surface
 from dmis.vec import Array

@@ -13,7 +13,8 @@ from thesis import options
 
 import dmis
 from dmis import plot
-from dmis.brdf import Dielectric, Pair
+from dmis.brdf import Dielectric
+from dmis.pair import Pair
 from dmis.surface import Surface
 from dmis.technique import BRDF, LIGHT
 

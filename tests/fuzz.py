@@ -36,10 +36,10 @@ import dmis
 from dmis import geometry, intersect, pbrt_reader, subdivision
 from dmis.__main__ import main
 from dmis.compare import load_reference
-from dmis.fit import make_rule
 from dmis.image import read_exr, write_exr
 from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
 from dmis.pbrt_dialect import DIALECTS
+from dmis.rules import make_rule
 from dmis.scene import Scene
 
 SECONDS = 5.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from dmis.fit import RULES
+from dmis.rules import RULES
 
 AMOUNTS = ["", " ", "1" * 5000]
 AMOUNTS += "0 1 2 3 4 5 16 -1 0.5 0.25 1e400 1e-400 1e9 99999999999999999999 nan inf -inf x".split() + [

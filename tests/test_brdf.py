@@ -17,12 +17,12 @@ from dmis.brdf import (
     Lambert,
     Microfacet,
     OrenNayar,
-    Pair,
     SpecularReflection,
     SpecularTransmission,
     dielectric,
 )
 from dmis.material import Material, substrate
+from dmis.pair import Pair
 from dmis.vec import Array, dot, normalise
 
 GOLD = Conductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))

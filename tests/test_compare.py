@@ -8,7 +8,7 @@ import pytest
 import dmis
 from dmis.__main__ import main
 from dmis.compare import COLUMNS, split_rules
-from dmis.fit import RULES
+from dmis.rules import RULES
 
 SIZE = ["--resolution", "24x18", "--reference-spp", "16"]
 

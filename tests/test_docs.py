@@ -18,7 +18,7 @@ CODE = {page: re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S) 
 @pytest.mark.parametrize("page", [page for page, blocks in CODE.items() if blocks], ids=lambda page: page.name)
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Every Python block of a page, one after the other, in an empty folder."""
-    from dmis.fit import RULES
+    from dmis.rules import RULES
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dmis.fit import RULES, STATUS, Fixed, Pilot, Rule, Thesis, make_rule, parabola_minimum
+from dmis.fit import STATUS, Fixed, Pilot, Rule, Thesis, parabola_minimum
+from dmis.rules import RULES, make_rule
 from dmis.variance import Moments, patch_mean
 from dmis.vec import Array
 

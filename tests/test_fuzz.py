@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 import dmis
 from dmis.__main__ import main
 from dmis.compare import load_reference
-from dmis.fit import make_rule
 from dmis.image import read_exr, write_exr
+from dmis.rules import make_rule
 from dmis.scene import Scene
 
 COUNTS = {"parser": 200, "rendering": 20, "mesh": 60, "image": 60, "array": 60, "spectrum": 40, "rule": 60}

@@ -9,11 +9,12 @@ import pytest
 from helpers import LEVEL, Z_LIMIT, box_scene, chi2_directions, columns, polar, sphere_rule, surface, uniforms, z_score
 
 import dmis
-from dmis.brdf import Dielectric, Pair
+from dmis.brdf import Dielectric
 from dmis.geometry import sphere
 from dmis.glossy import Lafortune
 from dmis.light import QuadLight
 from dmis.material import Material
+from dmis.pair import Pair
 from dmis.render import fingerprint
 from dmis.roughness import Beckmann, Elliptic, Isotropic
 from dmis.scene import Part

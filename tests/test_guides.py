@@ -8,8 +8,8 @@ import dmis
 from dmis import geometry
 from dmis.brdf import Lambert
 from dmis.filter import joint
-from dmis.fit import make_rule
 from dmis.guides import SCALES, albedo, guides
+from dmis.rules import make_rule
 from dmis.sharing import pool
 from dmis.tile import BASE
 from dmis.vec import Array

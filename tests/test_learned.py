@@ -11,8 +11,9 @@ import dmis
 from dmis.budget import LEVELS, whole_samples
 from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF, weighed
-from dmis.fit import Pilot, make_rule
+from dmis.fit import Pilot
 from dmis.learned import Learned
+from dmis.rules import make_rule
 from dmis.variance import Moments
 from dmis.vec import Array
 

@@ -17,11 +17,11 @@ from dmis.brdf import (
     Lambert,
     Microfacet,
     OrenNayar,
-    Pair,
     SpecularReflection,
     SpecularTransmission,
 )
 from dmis.material import Material, glass, matte, metal, mirror, plastic, shiny_metal, substrate, uber
+from dmis.pair import Pair
 from dmis.texture import Image
 from dmis.vec import Array
 

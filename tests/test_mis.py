@@ -5,8 +5,8 @@ import pytest
 from helpers import LEVEL, Z_LIMIT, chi2_p, z_score
 
 import dmis
-from dmis.fit import make_rule
 from dmis.mis import Counts, against, allocate, balance, cutoff, find, maximum, power, rounding
+from dmis.rules import make_rule
 from dmis.vec import Array
 
 HEURISTICS = [

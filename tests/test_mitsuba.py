@@ -11,11 +11,11 @@ from helpers import box_scene
 
 import dmis
 from dmis import vec
-from dmis.brdf import Pair
 from dmis.conductor import ExactConductor
 from dmis.light import DiskLight, EnvironmentLight
 from dmis.material import glass, matte, metal, mirror, plastic, substrate
 from dmis.models import ggx
+from dmis.pair import Pair
 from dmis.surface import Surface
 from dmis.texture import Image
 

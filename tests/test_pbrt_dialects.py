@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.brdf import BlendBase, BlendCoat, Conductor, Lambert, OrenNayar, Pair, SpecularReflection
+from dmis.brdf import BlendBase, BlendCoat, Conductor, Lambert, OrenNayar, SpecularReflection
 from dmis.conductor import ExactConductor
 from dmis.geometry import flat_normals
 from dmis.ggx import GGX
 from dmis.image import write_exr
 from dmis.light import DiskLight, DistantLight, EnvironmentLight, PointLight, QuadLight
 from dmis.material import COPPER_ETA, COPPER_K
+from dmis.pair import Pair
 from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
 from dmis.pbrt_materials import _polynomial
 from dmis.spectrum import LUMINANCE

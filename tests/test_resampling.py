@@ -5,9 +5,9 @@ import pytest
 from helpers import Z_LIMIT, box_scene, polar, surface, z_score
 
 import dmis
-from dmis.brdf import Pair
 from dmis.light import SphereLight
 from dmis.material import plastic
+from dmis.pair import Pair
 from dmis.resampling import resampled
 from dmis.settings import Settings
 from dmis.vec import Array

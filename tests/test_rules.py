@@ -13,9 +13,9 @@ import pytest
 from helpers import Z_LIMIT, box_scene
 
 import dmis
-from dmis.fit import RULES
 from dmis.light import SphereLight
 from dmis.material import plastic
+from dmis.rules import RULES
 from dmis.vec import Array
 
 RADII = (1e-3, 0.1, 10.0)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from dmis.curves import GRID, HALF, Pooled
-from dmis.fit import Pilot, make_rule
+from dmis.fit import Pilot
+from dmis.rules import make_rule
 from dmis.shrinkage import shrink
 from dmis.variance import Moments, row_blocks
 from dmis.vec import Array

@@ -15,10 +15,11 @@ from dmis.batch import Record
 from dmis.compare import split_rules
 from dmis.cost import RAY, RESAMPLED, SHADING, camera_sample
 from dmis.curves import GRID, Curves, Pooled, least
-from dmis.fit import Fixed, make_rule
+from dmis.fit import Fixed
 from dmis.light import SphereLight
 from dmis.material import plastic
 from dmis.mis import allocate
+from dmis.rules import make_rule
 from dmis.settings import Settings
 from dmis.simplex import FLOOR, Seen, Shares, Simplex, allowed, cheapest, grid, home, spread
 from dmis.vec import Array

@@ -14,8 +14,9 @@ import stiff
 from helpers import Z_LIMIT, box_scene, columns, polar, surface, unit
 
 import dmis
-from dmis.brdf import Pair
-from dmis.fit import RULES, parabola_minimum
+from dmis.fit import parabola_minimum
+from dmis.pair import Pair
+from dmis.rules import RULES
 from dmis.variance import Moments
 from dmis.vec import Array
 

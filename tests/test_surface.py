@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from helpers import box_scene, polar, surface, uniforms
 
-from dmis.brdf import Lambert, Pair
+from dmis.brdf import Lambert
 from dmis.camera import Camera
 from dmis.geometry import Mesh, quad, sphere
 from dmis.light import QuadLight
 from dmis.material import Material, matte, plastic, substrate
+from dmis.pair import Pair
 from dmis.scene import Part, Scene
 from dmis.surface import Surface
 from dmis.texture import Image

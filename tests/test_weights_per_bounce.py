@@ -14,12 +14,13 @@ import dmis
 from dmis.batch import Record
 from dmis.camera import Camera
 from dmis.curves import GRID, HALF, Curves
-from dmis.fit import Fit, make_rule
+from dmis.fit import Fit
 from dmis.geometry import quad, sphere
 from dmis.learned import Learned
 from dmis.light import MeshLight, QuadLight
 from dmis.material import matte, plastic
 from dmis.oracle import Oracle, make_oracle
+from dmis.rules import make_rule
 from dmis.scene import Part, Scene
 from dmis.settings import Settings
 from dmis.vec import Array

@@ -19,8 +19,9 @@ import dmis
 from dmis import plot
 from dmis.brdf import INV_PI, Lambert
 from dmis.compare import compare, summary
-from dmis.fit import RULES, Fit
+from dmis.fit import Fit
 from dmis.image import read_exr
+from dmis.rules import RULES
 from dmis.variance import luminance, patch_mean, patch_spread
 from dmis.vec import normalise
 from dmis.warp import square_to_sphere
