@@ -159,7 +159,7 @@ def machine() -> str:
 def replace_table(page: Path, kind: str, *lines: str) -> None:
     """Put the lines between the page's two marks of this kind, at the end of the page if it has none; say where."""
     begin, end = f"<!-- {kind}: begin -->", f"<!-- {kind}: end -->"
-    text = page.read_text("utf-8")
+    text = page.read_text("utf-8") if page.exists() else ""
     if begin not in text:
         text += f"\n{begin}\n{end}\n"
     before, _, rest = text.partition(begin)
