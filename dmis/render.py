@@ -235,7 +235,7 @@ def render(
         raise
     crew.close()
     work.rays.pop(UNSEEN, None)
-    image, deviation = _combine([(final, mean), *parts], gain)
+    image, deviation = _combine([(final, spp - pilot_spp), *parts], gain)  # not `mean`, which depends on the pilot
     store.remove()
     shape = image.shape[:2]
     return Result(
@@ -317,7 +317,7 @@ def _check_workers(threads: int | None, workers: int | None, executor: Executor 
 
 
 def _combine(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
-    """Average images with weights fixed beforehand, their mean numbers of samples; and the average's deviation.
+    """Average images with weights fixed beforehand, their numbers of samples; and the average's deviation.
 
     They take the place of the first of them, and are worked out row by row, because images are large. Both are in the
     units of the scene that was given, which has `gain` times the radiance of the one that was rendered.

@@ -91,6 +91,30 @@ def test_reused_pilot_is_averaged_by_sample_counts(box):
     np.testing.assert_allclose(pilot, direct, atol=2e-5)
 
 
+@dataclass(frozen=True)
+class Divided:
+    """A rule whose final camera samples are fewer and have more shading samples, or the other way round."""
+
+    split: float
+    reuse: bool
+    pilot = {0.5: 2}
+
+    @property
+    def settings(self):
+        return {"reuse_pilot": self.reuse}
+
+    def fit(self, pilot):
+        return Fit(0.5, split=self.split)
+
+
+@pytest.mark.parametrize("split", [0.5, 1, 4])
+def test_weight_of_a_reused_pilot_does_not_depend_on_what_it_found(box, split):
+    """The image is (2 pilot + 16 final) / 18 whatever the pilot makes of camera samples: else it would be biased."""
+    both, final = (dmis.render(box, Divided(split, reuse), 18, seed=4) for reuse in (True, False))
+    pilot = (both.image.astype(float) * 18 - final.image.astype(float) * 16) / 2
+    np.testing.assert_allclose(pilot, _one_pass(box, 0, 0.5, 2, seed=4), atol=2e-5)
+
+
 def _one_pass(scene, number, w, spp, seed):
     from dmis.checkpoint import Store
     from dmis.passes import Passes
