@@ -78,7 +78,7 @@ CONTENTS = {
     "Begin": ["quickstart", "generated/tutorials/index", "choosing", "faq"],
     "Know": ["theory", "rules", "brdfs", "paths", "plan", "conventions"],
     "Use": ["cli", "scenes", "report", "cluster"],
-    "Measured": ["generated/figures/index", "reproduction", "performance", "stability"],
+    "Measured": ["generated/figures/index", "reproduction", "performance", "stability", "fireflies"],
     "Look up": ["generated/api/index", "code", "generated/contributing", "generated/changes"],
 }
 ELSEWHERE = {"CONTRIBUTING.md": "contributing", "CHANGELOG.md": "changes"}
