@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,12 @@ from dmis.settings import DEPTH
 
 MAX_TRIANGLES = 2**25
 """Most triangles of a scene: some 8 GB."""
+ALIKE = 0.8
+"""From this likeness on, 0 to 1, a parameter that nobody knows may be a misspelt one."""
 
 
 class PbrtWarning(UserWarning):
-    """Lines of a pbrt file that were not used, because they do not change the expected image."""
+    """Lines of a pbrt file that were not used: they do not change the expected image, or nobody knows them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +193,10 @@ class Reader:
     def note(self, parameters: Parameters) -> None:
         """Remember the parameters that nobody asked for."""
         for name in parameters.unused():
-            what = f"parameter {name!r} of {parameters.directive.text}"
+            known = {asked.lower(): asked for asked in sorted(parameters.asked)}
+            similar = get_close_matches(name.lower(), known, 1, ALIKE)
+            hint = f", did you mean {known[similar[0]]!r}?" if similar else ""
+            what = f"parameter {name!r} of {parameters.directive.text}{hint}"
             self._unused.setdefault(what, []).append(parameters.items[name].token)
 
     def skip(self, token: Token) -> None:
@@ -204,7 +210,8 @@ class Reader:
             file = "" if first.source is self.source else f"{first.source.path}:"
             told.append(f"{what} (line {file}{first.line}{f' and {len(others)} more' if others else ''})")
         if told:
-            text = f"{self.source.path}: not used, because it does not change the expected image: {', '.join(told)}"
+            why = "because it does not change the expected image, or is unknown there"
+            text = f"{self.source.path}: not used, {why}: {', '.join(told)}"
             warnings.warn(PbrtWarning(text), stacklevel=stacklevel + 1)
 
 

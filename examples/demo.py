@@ -56,7 +56,7 @@ squared = {rule: squared_error(r.image, first, second) for rule, r in results.it
 
 print(f"teapot-area-light, {SIZE}x{SIZE}, {spp} spp")
 print(f"reference: {attributes['spp']} spp, mean squared error {attributes['mse']}\n")
-print("| rule    | samples  |     rays | seconds |        MSE (± 1 s.e.) | MSE / balance |")
+print("| rule    | samples  |     rays | seconds |       MSE (± 1 s.e.)  | MSE / balance |")
 print("|---------|----------|----------|---------|-----------------------|---------------|")
 baseline = squared["balance"].mean()
 for rule, result in results.items():

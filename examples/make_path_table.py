@@ -3,10 +3,10 @@ The tables of docs/paths.md
 ===========================
 
 What rules save in path tracing (six surfaces deep) on the thesis's scenes and on the box of colours: mean squared error
-over that of the balance heuristic, with equal camera samples (64, pilot included) and in equal time, with one weight
+over that of the balance heuristic, with equal camera samples (128, pilot included) and in equal time, with one weight
 for all surfaces of a path and with one for the first and one for those behind it; beside it the oracle, which knows
 what weights could save. Times are of the processor, on one thread, rules taking turns, because a shared machine has no
-other clock to trust. Takes some ten minutes; the result is kept with the project.
+other clock to trust. Takes some twenty minutes; the result is kept with the project.
 """
 
 from datetime import date
@@ -27,7 +27,7 @@ opts, given = options(
     page={"type": Path, "default": PAGE, "help": "the page whose tables are replaced"},
 )
 SEEDS = range(given.seeds)
-SPP = opts.pick(16, 64)
+SPP = opts.pick(16, 128)
 PATHS = dmis.Settings(integrator="path", max_depth=6)
 LEARNED = {
     f"{name}, {bounces}": f"{name}:bounces={bounces}"

@@ -697,6 +697,15 @@ def test_endless_includes_are_refused(read, tmp_path):
         read('Include "0.pbrt"')
 
 
+@pytest.mark.parametrize(("written", "meant"), [("rougness", "roughness"), ("kd", "Kd"), ("sheen", None)])
+def test_misspelt_parameters_are_told(read, written, meant):
+    """A parameter that no material has is not used; if one of a similar name is known, the warning says which."""
+    with pytest.warns(PbrtWarning, match=f"{written!r} of Material") as caught:
+        read(f'{AREA} {TRIANGLE} Material "plastic" "float {written}" 0.5 {TRIANGLE}')
+    hint = f", did you mean {meant!r}?"
+    assert (hint in str(caught[0].message)) if meant else ("did you mean" not in str(caught[0].message))
+
+
 def test_one_warning_names_everything_that_is_not_used(read):
     options = """Sampler "random" "integer pixelsamples" 4
     Accelerator "kdtree"

@@ -97,7 +97,7 @@ class Divided:
 
     split: float
     reuse: bool
-    pilot = {0.5: 2}
+    pilot: dict = field(default_factory=lambda: {0.5: 2})
 
     @property
     def settings(self):

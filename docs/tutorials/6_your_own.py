@@ -149,14 +149,18 @@ layers, attributes = read_exr(next((folder / "comparison" / "images").glob("quie
 print(", ".join(layers), "|", attributes["dmis.provenance"][:100], "...")
 
 # %%
-# Two samples decide, so be suspicious of the table: does the new rule win at equal time, too? On your own scenes?
+# Two samples decide, and two seeds make wide intervals, so be suspicious of the table: does the new rule win anywhere?
+# In equal time, too? On your own scenes?
 #
 # Exercises
 # ---------
 # * Give `Velvet` a density that fits it better, and check it again. Which share of light samples does it need then?
 # * Make `Quieter` learn from standard deviations in place of variances. (Neyman's allocation; when is it right?)
-# * Let ``fit`` return ``samples=``, in proportion to the root of the variance: noisy patches get more samples.
-# * Put the classes into a file ``mine.py`` that ends with ``dmis.__main__.main()``: now ``python mine.py compare
-#   ...`` is the command line with your rule.
+# * Let ``fit`` return ``samples=`` too, one positive number for each pixel, in proportion to the root of the variance:
+#   noisy patches get more samples. (Only ratios matter. Every pixel needs some: add a little where the pilot saw no
+#   noise.)
+# * Put the rule into a file ``mine.py``, with ``import dmis.__main__`` above, ``RULES["quieter"] = Quieter`` below, and
+#   at its end ``if __name__ == "__main__": dmis.__main__.main()``: now ``python mine.py compare ...`` is the command
+#   line with your rule.
 for path in plot.show("6_your_own"):
     print(path)
