@@ -56,7 +56,7 @@ html_show_sphinx = False
 sphinx_gallery_conf = {
     "examples_dirs": ["tutorials", "../examples"],
     "gallery_dirs": ["generated/tutorials", "generated/figures"],
-    "filename_pattern": r"/(plot_(?!scale)|\d_)",  # plot_scale.py starts processes: not in Sphinx
+    "filename_pattern": r"/(plot_|\d_)",
     "ignore_pattern": r"^(?!plot_|\d_)",
     "within_subsection_order": "FileNameSortKey",
     "reset_argv": "gallery.arguments",

@@ -5,15 +5,18 @@ from pathlib import Path
 from sphinx_gallery.scrapers import figure_rst
 
 FIGURES = Path(__file__).parent / "_build" / "figures"
+KEPT = {"plot_scale"}
+"""Scripts that draw what was measured once, and is kept with the project, unless they are asked to be quick."""
 
 
 def arguments(conf: dict, script: dict) -> list[str]:
-    """Command line of a script: those of `examples` run at their quick size; tutorials take nothing."""
+    """Command line of a script: `examples` run at their quick size, or draw what is kept; tutorials take nothing."""
     source = Path(script["src_file"])
     script["example_globals"]["__file__"] = str(source)  # as it is when it is run as a script
     if source.parent.name != "examples":
         return []
-    return ["--quick", "-o", f"../docs/_build/figures/{source.stem}.png"]
+    quick = [] if source.stem in KEPT else ["--quick"]
+    return [*quick, "-o", f"../docs/_build/figures/{source.stem}.png"]
 
 
 def written(block: tuple, variables: dict, conf: dict) -> str:
