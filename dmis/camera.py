@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dmis.mesh import FARTHEST
-from dmis.vec import TINY, Array
+from dmis.vec import TINY, Array, dot
 
 
 def check_resolution(width: int, height: int) -> None:
@@ -124,11 +124,9 @@ class Camera:
 
     def rays(self, x: Array, y: Array) -> Array:
         """Unit directions ``(3, N)`` through the raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""
-        a, b, c = (v.astype(np.float32) for v in self._affine)
-        out = np.empty((3, len(x)), np.float32)
-        for row, (ai, bi, ci) in enumerate(zip(a, b, c, strict=True)):
-            np.multiply(x, bi, out=out[row])
-            out[row] += y * ci
-            out[row] += ai
-        out *= 1 / np.sqrt(np.maximum((out * out).sum(axis=0), TINY))
+        a, b, c = (v.astype(np.float32)[:, None] for v in self._affine)
+        out = x * b
+        out += y * c
+        out += a
+        out *= 1 / np.sqrt(np.maximum(dot(out, out), TINY))
         return out

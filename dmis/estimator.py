@@ -27,7 +27,6 @@ from dmis.cost import UNSEEN
 from dmis.light import DeltaLight, Seen
 from dmis.mis import Counts, Heuristic
 from dmis.pair import Pair
-from dmis.samplers import Independent
 from dmis.surface import Surface
 from dmis.technique import SampledLight, Technique
 from dmis.vec import Array, Index, Selection, compose, dot, indices, size, take
@@ -36,6 +35,7 @@ SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
 TOGETHER = 2**15
 """Shading samples up to which several turns of a technique are one batch: more are faster apart, in the cache."""
+EVERY = np.ones(1, bool)
 MORE, CONTINUE = -1, -2
 """In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""
 
@@ -248,10 +248,9 @@ def _draw(
     if numbers > 2:
         parts = [_draw(batch, counts, k, side, turn, points) for k in (key, (*key, MORE))]
         return np.concatenate(parts)[:numbers]
-    reached = counts.reached
-    if reached is None or isinstance(batch.sampler, Independent):
+    if counts.reached is None:
         return batch.sampler.draw((*key, side, turn), points)
-    return batch.sampler.draw((*key, side), points, take(reached[side], points) + turn)
+    return batch.sampler.draw((*key, side), points, take(counts.reached[side], points) + turn)
 
 
 def _shade(
@@ -326,15 +325,18 @@ def _delta(
     """Add what the points `index` reflect of a light that has a single direction."""
     surface = points.surface.take(index)
     seen = light.sample(surface.p)
-    lit = indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
-    if lit is not None and len(lit) == 0:
+    lit: Selection | None = indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
+    clear = EVERY
+    if traced and size(lit, 1):
+        clear = _visible(batch, "delta", take(surface.p, lit), take(seen.wi, lit), take(seen.distance, lit))
+        if 2 * np.count_nonzero(clear) < len(clear):  # few: to gather them takes less time than to shade all
+            lit, clear = compose(lit, np.flatnonzero(clear)), EVERY
+    if not size(lit, 1):
         return
-    surface, wi = surface.take(lit), take(seen.wi, lit)
-    pair = Pair(surface, wi)
+    surface = surface.take(lit)
+    pair = Pair(surface, take(seen.wi, lit))
     value = surface.eval(pair) * (pair.cos_i * scale) * seen.radiance_at(lit)
-    if traced:
-        value = value * _visible(batch, "delta", surface.p, wi, take(seen.distance, lit))
-    _add(points.out, value, compose(index, lit))
+    _add(points.out, value * clear, compose(index, lit))
 
 
 def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:

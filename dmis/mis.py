@@ -149,7 +149,7 @@ class Counts:
         samples.
     reached
         How many of its pixel's shading samples went to each technique before this camera sample, ``(K, N)``; None if
-        the same number goes there every time, or at random.
+        the same number goes there every time, or at random, or if nobody asks.
     """
 
     each: tuple[np.ndarray | int, ...]
@@ -173,6 +173,7 @@ def allocate(
     number: np.ndarray,
     offset: Array,
     rng: np.random.Generator | None,
+    tally: bool = True,
 ) -> Counts:
     """Divide the shading samples of N camera samples.
 
@@ -189,6 +190,8 @@ def allocate(
     rng
         None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
         model of MIS), with numbers from here.
+    tally
+        Whether to count `Counts.reached`, which only samplers with a sequence ask for.
     """
     parts = shares(w)
     if (np.ndim(w) == 0 or np.shape(w)[1:] == (1,)) and (rng is None or any(np.all(share == 1) for share in parts)):
@@ -200,7 +203,8 @@ def allocate(
         bounds = (_of_samples(np.asarray(bound), pixel) for bound in itertools.accumulate(parts[:-1]))
         below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
         return Counts(tuple(np.diff(below, axis=0, prepend=np.int8(0))))
-    each, reached = [], []
+    each: list[np.ndarray] = []
+    reached: list[np.ndarray] = []
     slot, left = number * shading_samples, np.asarray(shading_samples)
     for k, (share, of_pixel) in enumerate(zip(parts[:-1], np.atleast_2d(offset), strict=True)):
         fraction = np.asarray(share, np.float64)  # of what the techniques before it have left
@@ -208,10 +212,11 @@ def allocate(
             rest = np.sum(np.broadcast_arrays(*parts[k:]), axis=0, dtype=np.float64)
             fraction = np.divide(fraction, rest, out=np.zeros_like(rest), where=rest > 0)
         fraction, start = _of_samples(fraction, pixel), of_pixel.take(pixel)
-        reached.append(np.floor(slot * fraction + start).astype(np.int32))
-        each.append(np.floor((slot + left) * fraction + start).astype(np.int32) - reached[-1])
-        slot, left = slot - reached[-1], left - each[-1]
-    return Counts(tuple(n.astype(np.int8) for n in each), np.stack([*reached, slot]))
+        before, after = ((n * fraction + start).astype(np.int32) for n in (slot, slot + left))  # rounded down
+        each.append(after - before)
+        reached.append(before)
+        slot, left = slot - before, left - each[-1]
+    return Counts(tuple(n.astype(np.int8) for n in each), np.stack([*reached, slot]) if tally else None)
 
 
 def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:

@@ -21,7 +21,7 @@ from dmis.settings import Settings
 from dmis.surface import Surface
 from dmis.survey import survey
 from dmis.tables import Tables
-from dmis.vec import Array, Index, dot
+from dmis.vec import Array, Index, columns, dot
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ class Scene:
         else:
             prim, u, v = hits.prim.take(index), hits.u.take(index), hits.v.take(index)
             wo = -direction.take(index, axis=1)
-        rows = np.ascontiguousarray(self.tables.corners.take(prim, axis=0).T)
+        rows = columns(self.tables.corners, prim)
         p = rows[3:6] * u
         p += rows[6:9] * v
         p += rows[:3]
@@ -161,7 +161,7 @@ class Scene:
         p += ng * self.epsilon
         n, cos_o = ng, np.abs(facing)
         if group.smooth:
-            rows = np.ascontiguousarray(self.tables.normals.take(prim, axis=0).T)
+            rows = columns(self.tables.normals, prim)
             n = rows[3:6] * u
             n += rows[6:9] * v
             n += rows[:3]
@@ -173,12 +173,12 @@ class Scene:
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
         uv = dpdu = None
         if group.textured:
-            rows = np.ascontiguousarray(self.tables.uv.take(prim, axis=0).T)
+            rows = columns(self.tables.uv, prim)
             uv = rows[2:4] * u + rows[4:6] * v + rows[:2]
         if group.tangent is not None:
             dpdu = group.tangent
         elif group.anisotropic:
-            dpdu = np.ascontiguousarray(self.tables.dpdu.take(prim, axis=0).T)
+            dpdu = columns(self.tables.dpdu, prim)
         outside = facing > 0
         emission = None
         if group.emission is not None:

@@ -132,6 +132,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     of_rounding = () if len(settings.techniques) == 2 else (len(settings.techniques) - 1,)
     offset = rng.random((*of_rounding, stages * pixels))
     picks = rng if settings.allocation == "random" else None
+    tally = settings.sampler != "independent"
     seeing = None if scene.seeing is None else scene.seeing[top:bottom, left:right].reshape(-1)
     if seeing is not None and seeing.all():
         seeing = None
@@ -145,15 +146,21 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         pixel, number = (np.concatenate(a) for a in zip(*(block.samples() for block in blocks), strict=True))
         place = slot(pixel, number, tile.spp, pixels, stages)
         counts = allocate(
-            w if stages == 1 or w.ndim == 0 else np.tile(w, stages), shading_samples, place, number, offset, picks
+            w if stages == 1 or w.ndim == 0 else np.tile(w, stages),
+            shading_samples,
+            place,
+            number,
+            offset,
+            picks,
+            tally,
         )
-        order = None if isinstance(counts.first, int) else np.argsort(-counts.first, kind="stable")
+        order = None if isinstance(counts.first, int) else _falling(counts.first)
         if order is not None:
             pixel, number, place = pixel.take(order), number.take(order), place.take(order)
             counts = counts.take(order)
         later = None
         if later_w is not None and later_offset is not None:
-            later_counts = allocate(later_w, shading_samples, pixel, number, later_offset, picks)
+            later_counts = allocate(later_w, shading_samples, pixel, number, later_offset, picks, tally)
             later = take(later_w, pixel), later_counts
         sampler.start(pixel, number)
         u = sampler.draw("camera", None)
@@ -221,6 +228,11 @@ def _share(w: Array | float) -> Array:
     if share.ndim == 0 or (share != share[..., :1]).any():
         return share
     return share[0] if share.ndim == 1 else share[:, :1]
+
+
+def _falling(counts: np.ndarray) -> np.ndarray:
+    """The stable order in which whole numbers, of which few differ, fall."""
+    return np.concatenate([np.flatnonzero(counts == n) for n in range(counts.max(), counts.min() - 1, -1)])
 
 
 def _back(order: np.ndarray, values: Array) -> Array:

@@ -21,6 +21,9 @@ Selection = Index | slice
 TINY = np.float32(1e-30)
 """Keeps square roots and divisions finite: a NaN in a ray would make Embree walk its whole tree."""
 
+BLOCK = 4096
+"""Rows of a table that are turned at a time."""
+
 
 def dot(a: Array, b: Array) -> Array:
     """Dot product of ``(3, N)`` batches, shape ``(N,)``."""
@@ -63,6 +66,15 @@ def take(a: Array, index: Selection | None) -> Array:
     if index is None or a.ndim == 0 or a.shape[-1] == 1:
         return a
     return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1)
+
+
+def columns(table: Array, index: Index) -> Array:
+    """The rows `index` ``(N,)`` of a table ``(T, C)``, as columns ``(C, N)``: turned block by block, in the cache."""
+    out = np.empty((table.shape[1], len(index)), table.dtype)
+    for begin in range(0, len(index), BLOCK):
+        block = slice(begin, begin + BLOCK)
+        out[:, block] = table.take(index[block], axis=0).T
+    return out
 
 
 def indices(condition: np.ndarray) -> Index | None:
