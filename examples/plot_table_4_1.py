@@ -148,7 +148,7 @@ axes[0, 1].set_ylim(top=1500)
 for axis in axes[0]:
     axis.set_xticks(places, titles, fontsize=7.5)
     axis.legend(fontsize=8, loc="upper left")
-axes[0, 0].set_ylim(0.5, 3)
+axes[0, 0].set_ylim(top=axes[0, 0].get_ylim()[1] * 2)  # room for the legend
 opts.save(
     figure,
     "Table 4.1: the thesis's rule against the balance heuristic",

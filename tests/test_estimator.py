@@ -236,6 +236,22 @@ def test_headlight_needs_no_shadow_rays() -> None:
     assert np.mean(images[0]) == pytest.approx(np.mean(images[1]), rel=2e-3)
 
 
+@pytest.mark.parametrize("height, least, most", [(0.4, 1, 1), (0.55, 0.6, 0.95), (0.72, 0.05, 0.4), (0.8, 0, 0)])
+@pytest.mark.parametrize("material", [matte(0.5), plastic(0.3, 0.4, 0.02), substrate(0.2, 0.3, 0.1, 0.1)])
+def test_shadow_of_a_point_light_is_sharp(material: Material, height: float, least: float, most: float) -> None:
+    """Behind a wall that hides the light from none, few, most or all of the floor, each camera sample has the light
+    that it has without the wall, or nothing.
+    """
+    light = PointLight((3.0, 0.0, 1.0), (10, 10, 10))
+    wall = Part(quad((2, -9, 0), (0, 18, 0), (0, 0, height)), BLACK)
+    options = {"resolution": (32, 4), "fov": 6, "eye": (0.0, -0.5, 3.0)}
+    free, blocked = (tile_of(box_scene(material, (light,), parts, **options), spp=1)[0] for parts in ((), (wall,)))
+    assert (free > 0).all()
+    lit = blocked[..., 0] > 0
+    np.testing.assert_allclose(blocked[lit], free[lit], rtol=1e-4)  # offsets of rays grow with the scene
+    assert not blocked[~lit].any() and least <= lit.mean() <= most
+
+
 # Rays ---------------------------------------------------------------------------------------------------------------
 
 

@@ -260,6 +260,15 @@ def test_blocks_continue() -> None:
     np.testing.assert_array_equal(np.concatenate([p.reached for p in parts], axis=1), whole.reached)
 
 
+def test_nobody_needs_to_ask_what_was_reached() -> None:
+    """Counts are the same whether or not what came before is counted, too."""
+    offset, w = np.random.default_rng(7).random(20), np.random.default_rng(8).random(20)
+    pixel, number = np.tile(np.arange(20), 5), np.repeat(np.arange(5), 20)
+    told, silent = (allocate(w, 3, pixel, number, offset, None, tally) for tally in (True, False))
+    assert told.reached is not None and silent.reached is None
+    np.testing.assert_array_equal(told.first, silent.first)
+
+
 def test_reached_counts_what_came_before() -> None:
     """`reached` is the running total of each technique, from 0, so that each takes its own sequence in order."""
     offset, w = np.random.default_rng(9).random(20), np.random.default_rng(10).random(20)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import polar
 
-from dmis.vec import dot, frame, normalise, take
+from dmis.vec import BLOCK, columns, dot, frame, normalise, take
 
 
 def random_directions(count: int, dtype: type) -> np.ndarray:
@@ -70,3 +70,14 @@ def test_take_passes_constants_through() -> None:
     assert take(constant, index) is constant
     scalar = np.float32(2)
     assert take(scalar, index) is scalar
+
+
+@pytest.mark.parametrize("number", [0, 1, BLOCK - 1, BLOCK, 2 * BLOCK + 1])
+def test_columns_are_rows_turned(number: int) -> None:
+    """Whatever the number of blocks, column k is the row that was asked for in place k; the columns are contiguous."""
+    rng = np.random.default_rng(3)
+    table = rng.random((50, 9), dtype=np.float32)
+    index = rng.integers(0, 50, number).astype(np.int32)
+    found = columns(table, index)
+    assert found.flags.c_contiguous
+    np.testing.assert_array_equal(found, table[index].T)
