@@ -13,7 +13,7 @@ LARGE = 2**18
 
 
 @cache
-def reuse() -> None:
+def keep() -> None:
     """Let the C library keep freed arrays for the next ones, from now on.
 
     By itself it gives back all but some MB at each turn, and the next batch's arrays are new pages, which the system

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dmis import __version__
-from dmis.memory import reuse
+from dmis.memory import keep
 from dmis.scene import Scene
 from dmis.tile import Rendered, Tile, render_tile
 
@@ -152,7 +152,7 @@ def _render(scene: Scene | Path, tile: Tile, version: str) -> Rendered:
             f"all machines must have the same version of dmis, because the image depends on it; "
             f"{version} asked, and {platform.node()} has {__version__}"
         )
-    reuse()
+    keep()
     return render_tile(_read(scene) if isinstance(scene, Path) else scene, tile)
 
 
