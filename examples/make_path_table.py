@@ -64,7 +64,7 @@ for name in ("cornell", *TABLES):
     timed.append(row)
     for budget in budgets.values():
         share = median_seconds(on_cpu(again[budget])) / median_seconds(on_cpu(again["balance", SPP]))
-        timed[-1] += f" {cell(again[budget], again['balance', SPP])} ({budget[1]} spp, time × {share:.2f}) |"
+        timed[-1] += f" {cell(again[budget], again['balance', SPP], share)} ({budget[1]} spp, time × {share:.2f}) |"
     known.append(f"{row} {oracle.limit():.3f} | {oracle.limit(apart=True):.3f} | {oracle.spread_evenly():.3f} |")
     print(equal[-1], timed[-1], known[-1], sep="\n", flush=True)
 

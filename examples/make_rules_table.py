@@ -32,8 +32,8 @@ BASE = f"balance:sampler={given.sampler}"
 
 # %%
 # Ratios of mean squared errors over the same seeds, with 95 % confidence intervals; bold where the rule wins. Equal
-# samples tell how many samples fit in the time of the balance heuristic; with that number they are measured again, and
-# corrected. Time is the processor's, of one thread.
+# samples tell how many samples fit in the time of the balance heuristic; with that number they are measured again. What
+# is left of a difference in time is taken out of the ratio. Time is the processor's, of one thread.
 lines = [
     "| scene | oracle, weights only | the same, equal time | second-moment, equal samples | saving / oracle's | harm "
     "| second-moment, equal time | auto, equal shading samples | auto, equal time |",
@@ -59,7 +59,7 @@ for name, shrink in TABLES.items():
     fair = []
     for rule, spp in timed.items():
         share = median_seconds(on_cpu(found[rule, spp])) / median_seconds(on_cpu(found[BASE, opts.spp]))
-        fair.append(f"{cell(found[rule, spp], found[BASE, opts.spp])} ({spp} spp, time × {share:.2f})")
+        fair.append(f"{cell(found[rule, spp], found[BASE, opts.spp], share)} ({spp} spp, time × {share:.2f})")
     maps = {
         r: [dmis.render(scene, r, 8, seed=seed, threads=opts.threads).weight for seed in SEEDS]
         for r in (weights, costly)
