@@ -36,6 +36,7 @@ SHADOW_END = np.float32(1 - 1e-4)
 TOGETHER = 2**15
 """Shading samples up to which several turns of a technique are one batch: more are faster apart, in the cache."""
 EVERY = np.ones(1, bool)
+"""In the place of which points see a light: all of them."""
 MORE, CONTINUE = -1, -2
 """In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""
 
