@@ -17,7 +17,7 @@ def keep() -> None:
     """Let the C library keep freed arrays for the next ones, from now on.
 
     By itself it gives back all but some MB at each turn, and the next batch's arrays are new pages, which the system
-    fills with zeros first: up to a tenth of the time of a render. In Linux; elsewhere nothing is done.
+    fills with zeros first. In Linux; elsewhere nothing is done.
     """
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has none
