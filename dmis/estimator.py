@@ -35,8 +35,6 @@ SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
 TOGETHER = 2**15
 """Shading samples up to which several turns of a technique are one batch: more are faster apart, in the cache."""
-EVERY = np.ones(1, bool)
-"""In the place of which points see a light: all of them."""
 MORE, CONTINUE = -1, -2
 """In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""
 
@@ -327,11 +325,11 @@ def _delta(
     surface = points.surface.take(index)
     seen = light.sample(surface.p)
     lit: Selection | None = indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
-    clear = EVERY
+    clear: np.ndarray | bool = True
     if traced and size(lit, 1):
         clear = _visible(batch, "delta", take(surface.p, lit), take(seen.wi, lit), take(seen.distance, lit))
         if 2 * np.count_nonzero(clear) < len(clear):  # few: to gather them takes less time than to shade all
-            lit, clear = compose(lit, np.flatnonzero(clear)), EVERY
+            lit, clear = compose(lit, np.flatnonzero(clear)), True
     if not size(lit, 1):
         return
     surface = surface.take(lit)
