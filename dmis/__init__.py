@@ -40,6 +40,7 @@ from dmis.models import cook_torrance as cook_torrance
 from dmis.models import ggx as ggx
 from dmis.models import lafortune as lafortune
 from dmis.models import phong as phong
+from dmis.models import rough_glass as rough_glass
 from dmis.models import torrance_sparrow as torrance_sparrow
 from dmis.models import ward as ward
 from dmis.reference import Reference as Reference

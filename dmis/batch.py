@@ -64,8 +64,8 @@ class Record:
     side
         Number of the technique, 0 for the first.
     key
-        Which light, in the last place; before it, by way of which delta lobes, or in path tracing the number of
-        surfaces before.
+        Which light, in the last place, counted on for light that comes through a rough surface; before it, by way of
+        which delta lobes, or in path tracing the number of surfaces before.
     turn
         Which of the camera sample's samples of this technique it is, from 0.
     sample

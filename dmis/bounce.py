@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from dmis.pair import Pair
 from dmis.surface import Surface
 from dmis.vec import Array, Selection, compose, dot, indices, take
 
+Way = int | Literal["glossy", "through"]
+"""How light comes to a surface: by one of the delta lobes, or by glossy lobes of one side or the other."""
 ROULETTE = 3
 """Depth from which on paths of little throughput are ended at random."""
 
@@ -85,23 +87,21 @@ def bounce(
         Whether only lights that a delta lobe shows still count.
     """
     n = len(surface.cos_o)
-    ways: list[Any] = [*surface.delta, *([None] if surface.glossy else [])]
+    ways = _ways(surface)
     if not ways:
         return None
     if len(ways) == 1:  # nothing to choose, nothing to put together
         origin, direction, factor = _follow(surface, ways[0], u, epsilon)
-        sees = np.full(n, ways[0] is not None)
+        sees = np.full(n, isinstance(ways[0], int))
     else:
         origin, direction, factor = np.empty((3, 3, n), np.float32)
         sees = np.zeros(n, bool)
-        for lobe, index, chance in _choose(surface, ways, n, rng):
-            part = surface.take(index)
+        for way, index, chance in _choose(surface, ways, n, rng):
             at: Any = slice(None) if index is None else index
-            way = None if lobe is None else part.delta[lobe]
-            found = _follow(part, way, take(u, index), epsilon)
+            found = _follow(surface.take(index), way, take(u, index), epsilon)
             for out, value in zip((origin, direction, factor), (*found[:2], found[2] / chance), strict=True):
                 out[:, at] = value
-            sees[at] = way is not None
+            sees[at] = isinstance(way, int)
     if throughput is not None:
         factor = factor * throughput
     largest = factor.max(axis=0)
@@ -119,10 +119,22 @@ def bounce(
     return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), take(sees, index))
 
 
-def _follow(surface: Surface, way: Any, u: Array, epsilon: np.float32) -> tuple[Array, Array, Array]:
-    """Origins, directions and factors, each ``(3, N)``, of rays along a delta lobe; None: along the glossy ones."""
-    if way is not None:
-        return scatter(surface, way, epsilon)
+def _ways(surface: Surface) -> list[Way]:
+    """How light can come to the surface."""
+    ways: list[Way] = list(range(len(surface.delta)))
+    if surface.glossy:
+        ways.append("glossy")
+    if surface.through:
+        ways.append("through")
+    return ways
+
+
+def _follow(surface: Surface, way: Way, u: Array, epsilon: np.float32) -> tuple[Array, Array, Array]:
+    """Origins, directions and factors, each ``(3, N)``, of rays that go one way."""
+    if isinstance(way, int):
+        return scatter(surface, surface.delta[way], epsilon)
+    if way == "through":
+        surface = surface.beyond(epsilon)
     wi = surface.sample(u)
     return surface.p, wi, _reflected(surface, wi)
 
@@ -154,25 +166,30 @@ def _reflected(surface: Surface, wi: Array) -> Array:
 
 
 def _choose(
-    surface: Surface, ways: list[Any], n: int, rng: np.random.Generator
-) -> list[tuple[int | None, Selection | None, Array | np.float32]]:
-    """Divide the points among the lobes: number of the delta lobe (None: the glossy ones), points, probability.
+    surface: Surface, ways: list[Way], n: int, rng: np.random.Generator
+) -> list[tuple[Way, Selection | None, Array | np.float32]]:
+    """Divide the points among the ways: which, points, probability.
 
     Delta lobes are picked in proportion to what they let through, glossy ones share what is left of 1, and get at
-    least a tenth.
+    least a tenth. Of that, what a smooth surface would let through goes to those of light that comes through.
     """
     wanted = np.zeros((len(ways), n), np.float32)
     for k, lobe in enumerate(surface.delta):
         wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
+    left = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
+    if surface.through:
+        passed = np.clip(surface.through[0].passed(surface), np.float32(0.1), np.float32(0.9))
+        wanted[-1] = left * passed if surface.glossy else left
+        left = left * (1 - passed)
     if surface.glossy:
-        wanted[-1] = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
+        wanted[ways.index("glossy")] = left
     reached = np.cumsum(wanted, axis=0)
     total = np.maximum(reached[-1], np.float32(1e-30))
     chosen = np.minimum((reached <= rng.random(n, dtype=np.float32) * total).sum(axis=0), len(ways) - 1)
-    out: list[tuple[int | None, Selection | None, Array | np.float32]] = []
+    out: list[tuple[Way, Selection | None, Array | np.float32]] = []
     for k, way in enumerate(ways):
         index = indices(chosen == k)
         if index is None or len(index):
             chance = np.maximum(take(wanted[k] / total, index), np.float32(1e-30))
-            out.append((None if way is None else k, index, chance))
+            out.append((way, index, chance))
     return out

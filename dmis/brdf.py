@@ -266,7 +266,7 @@ class SpecularReflection:
         if self.fresnel is None:
             return wi, self.reflectance
         if isinstance(self.fresnel, Dielectric):
-            return wi, self.reflectance * dielectric(surface.cos_o, _index(self.fresnel.eta, surface.outside))
+            return wi, self.reflectance * dielectric(surface.cos_o, index(self.fresnel.eta, surface.outside))
         return wi, self.reflectance * self.fresnel(surface.cos_o)
 
 
@@ -282,15 +282,15 @@ class SpecularTransmission:
 
     def scatter(self, surface: Frame) -> tuple[Array, Array]:
         """Direction ``(3, N)`` and factor ``(3, N)``; total internal reflection gives factor 0."""
-        eta = _index(self.eta, surface.outside)
+        eta = index(self.eta, surface.outside)
         cos_o, ratio = surface.cos_o, 1 / eta
         cos_t = np.sqrt(np.maximum(1 - (1 - cos_o * cos_o) * ratio * ratio, 0))
         wi = surface.n * (ratio * cos_o - cos_t) - surface.wo * ratio
         return wi, self.transmittance * ((1 - dielectric(cos_o, eta)) * ratio * ratio)
 
 
-def _index(eta: float, outside: Array) -> Array:
-    """Index beyond the surface over index on wo's side."""
+def index(eta: float, outside: Array) -> Array:
+    """Index of refraction beyond the surface over index on wo's side."""
     return np.where(outside, np.float32(eta), np.float32(1 / eta))
 
 

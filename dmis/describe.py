@@ -21,7 +21,7 @@ def describe(plan: Plan) -> str:
         triangles = int((plan.face_group == k).sum())
         left -= triangles
         names = ", ".join(sorted({material.name for material in group.materials}))
-        lobes = " + ".join(type(lobe).__name__ for lobe in (*group.glossy, *group.delta)) or "no lobes"
+        lobes = " + ".join(type(lobe).__name__ for lobe in (*group.glossy, *group.through, *group.delta)) or "no lobes"
         needs = ", ".join(name for name, needed in _needs((group,)) if needed) or "nothing else"
         lines.append(
             f"  group {k}: {len(group.materials)} x {names}: {lobes}; {triangles:,} triangles; needs {needs}; "
@@ -52,9 +52,9 @@ def _needs(groups: Iterable[Group]) -> Iterator[tuple[str, bool]]:
 
 def _sampling(plan: Plan, group: Group) -> str:
     """How the light that a group's surfaces reflect is found, kind of light by kind of light."""
-    if not (group.glossy or group.delta):
+    if not (group.glossy or group.through or group.delta):
         return "reflects nothing: no samples, paths end"
-    if not group.glossy:
+    if not (group.glossy or group.through):
         return "mirrored and refracted rays are followed: no light sampling, no MIS"
     mixed = _names(light for light in plan.sampled if plan.mixes(group, light))
     ways = [f"MIS of {mixed}"] if mixed else []

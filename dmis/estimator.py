@@ -53,6 +53,8 @@ class _Points:
         Delta lobes that led here, to tell the random numbers apart.
     out
         Radiance reflected, ``(3, N)``, added to.
+    beyond
+        Whether the light comes from beyond the surface, see `Surface.beyond`.
     """
 
     surface: Surface
@@ -60,6 +62,7 @@ class _Points:
     throughput: Array | None
     path: tuple[int, ...]
     out: Array
+    beyond: bool = False
 
 
 def radiance(batch: Batch, origin: Array, direction: Array, seeing: Selection | None = None) -> Array:
@@ -126,6 +129,9 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
             out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
         if group.glossy and not last:
             _light(batch, _Points(surface, sample, throughput, rays.path, out))
+        if group.through and not last:
+            far = surface.beyond(scene.epsilon)
+            _light(batch, _Points(far, sample, throughput, rays.path, out, beyond=True))
         yield _onward(rays, index, out)
         if not last:
             onward += _continue(batch, rays, surface, sample, throughput)
@@ -140,7 +146,7 @@ def _continue(
     if settings.integrator == "path":
         if ends and not (surface.delta and batch.scene.plan.visible):
             return  # the light that one more surface would send was gathered here
-        if not (surface.glossy or surface.delta):
+        if not (surface.glossy or surface.through or surface.delta):
             return
         u = batch.sampler.draw((*rays.path, CONTINUE), sample)
         following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, epsilon, last=ends)
@@ -173,7 +179,8 @@ def _light(batch: Batch, points: _Points) -> None:
             eye = not points.path and k - len(plan.sampled) in plan.headlights
             _delta(batch, points, light, index, scale, traced=not eye)  # type: ignore[arg-type]
         else:
-            _mixture(batch, points, light, index, scale, (*points.path, k))  # type: ignore[arg-type]
+            key = (*points.path, k + len(lights) * points.beyond)
+            _mixture(batch, points, light, index, scale, key)  # type: ignore[arg-type]
 
 
 def _mixture(

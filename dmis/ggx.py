@@ -83,19 +83,23 @@ class GGX:
         return TrowbridgeReitz(self.roughness).density(pair) * pair.above / np.maximum(2 * (pair.cos_o + o), _LEAST)
 
     def sample(self, surface: Frame, u: Array) -> Array:
-        """Directions ``(3, N)``.
-
-        Stretched by alpha, facets are a hemisphere. Light along the stretched wo is reflected by a hemisphere
-        uniformly into the directions whose cosine is above ``-wo'_z``: so half vectors come from a uniform direction
-        in that cap.
-        """
-        s, t = self.roughness.axes(surface)
-        v = normalise(np.stack([dot(s, surface.wo), dot(t, surface.wo), surface.cos_o]))
-        below = u[0] * (1 + v[2])  # 1 - z of the direction in the cap
-        r = np.sqrt(np.maximum(below * (2 - below), 0))
-        phi = TWO_PI * u[1]
-        x, y, z = r * np.cos(phi) + v[0], r * np.sin(phi) + v[1], (1 - u[0]) * (1 + v[2])
-        return reflect(surface, normalise(s * x + t * y + surface.n * z))
+        """Directions ``(3, N)``: wo mirrored at half vectors that it can see."""
+        return reflect(surface, visible(self.roughness, surface, u))
 
     def _stretched(self, pair: Pair, w: Array, cos: Array) -> Array:
         return self.roughness.stretched(pair.surface, w, cos)
+
+
+def visible(roughness: Roughness, surface: Frame, u: Array) -> Array:
+    """Half vectors that wo can see, ``(3, N)``, on its side of the surface, whichever that is.
+
+    Stretched by alpha, facets are a hemisphere. Light along the stretched wo is reflected by a hemisphere uniformly
+    into the directions whose cosine is above ``-wo'_z``: so half vectors come from a uniform direction in that cap.
+    """
+    s, t = roughness.axes(surface)
+    v = normalise(np.stack([dot(s, surface.wo), dot(t, surface.wo), np.abs(surface.cos_o)]))
+    below = u[0] * (1 + v[2])  # 1 - z of the direction in the cap
+    r = np.sqrt(np.maximum(below * (2 - below), 0))
+    phi = TWO_PI * u[1]
+    x, y, z = r * np.cos(phi) + v[0], r * np.sin(phi) + v[1], (1 - u[0]) * (1 + v[2])
+    return normalise(s * x + t * y + surface.n * np.copysign(z, surface.cos_o))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import BlendBase, BlendCoat, Microfacet, SpecularReflection, SpecularTransmission
+from dmis.brdf import BlendBase, BlendCoat
 from dmis.plan import NOTHING
 from dmis.scene import Scene
 from dmis.tile import BASE
@@ -75,11 +75,10 @@ def _colour(lobe: Any) -> Array:
         return lobe.diffuse * (1 - lobe.specular)
     if isinstance(lobe, BlendCoat):
         return lobe.specular
-    if isinstance(lobe, SpecularTransmission):
-        return lobe.transmittance
-    if isinstance(lobe, Microfacet | SpecularReflection) and lobe.fresnel is not None:
-        return lobe.reflectance * lobe.fresnel(np.ones(1, np.float32))
-    return getattr(lobe, "reflectance", np.zeros(1, np.float32))  # a lobe of one's own may have none of that name
+    fresnel = getattr(lobe, "fresnel", None)
+    bare = getattr(lobe, "transmittance", np.zeros(1, np.float32))  # a lobe of one's own may have neither
+    colour = getattr(lobe, "reflectance", bare)
+    return colour if fresnel is None else colour * fresnel(np.ones(1, np.float32))
 
 
 def _centres(size: int) -> Array:
@@ -101,6 +100,6 @@ def _look(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
         if len(index):
             surface, _ = scene.surface(group, hits, index, direction)
             normal[:, index] = surface.n
-            colour[:, index] = albedo((*surface.glossy, *surface.delta), len(index))
+            colour[:, index] = albedo((*surface.glossy, *surface.through, *surface.delta), len(index))
             material[index] = number + (NOTHING + 1) * plan.face_row.take(hits.prim.take(index))
     return normal, colour, material

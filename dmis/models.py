@@ -11,10 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Anisotropic, BlendBase, Blinn, Distribution, Fresnel, Glossy, Lambert, Lobe, Microfacet
+from dmis.brdf import (
+    Anisotropic,
+    BlendBase,
+    Blinn,
+    Dielectric,
+    Distribution,
+    Fresnel,
+    Glossy,
+    Lambert,
+    Lobe,
+    Microfacet,
+)
 from dmis.ggx import GGX
 from dmis.glossy import AshikhminShirley, BlinnPhong, Lafortune, Ward
 from dmis.material import Material, black
+from dmis.rough_glass import RoughReflection, RoughTransmission
 from dmis.roughness import LEAST_ALPHA, Beckmann, Elliptic, Isotropic, Roughness
 from dmis.texture import Image
 
@@ -167,6 +179,33 @@ def ggx(
         `dmis.brdf.Dielectric`, `dmis.brdf.Conductor`, or None, which reflects everything.
     """
     return _over(kd, ks, GGX(ks, spread(alpha, alpha_v), fresnel), "ggx")
+
+
+def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, eta: float = 1.5) -> Material:
+    """Glass with facets that have the distribution of Trowbridge and Reitz; see `dmis.rough_glass`.
+
+    What comes through it is light that falls upon its far side: behind glass that has two surfaces, that takes path
+    tracing. `dmis.material.glass` is smooth.
+
+    Parameters
+    ----------
+    kr, kt
+        Factors of the reflected and of the refracted part: numbers, RGB triples or `Image`, not negative.
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    eta
+        Index of refraction, inside over outside: positive, and not 1, where there is no surface.
+    """
+    if not (eta > 0 and np.isfinite(eta)) or eta == 1:
+        raise ValueError(f"eta must be positive, finite and not 1, because facets would not refract; got {eta}")
+    facets = spread(alpha, alpha_v)
+    lobes: tuple[Lobe, ...] = ()
+    if not black("kr", kr):
+        lobes += (RoughReflection(kr, facets, Dielectric(eta)),)
+    if not black("kt", kt):
+        lobes += (RoughTransmission(kt, facets, eta),)
+    return Material(lobes, "glass")
 
 
 def _over(kd: Any, ks: Any, lobe: Glossy, name: str) -> Material:

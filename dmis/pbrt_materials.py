@@ -1,7 +1,7 @@
 """Materials of pbrt files by dialect: one table of makers each; those of pbrt-v2 are in `dmis.pbrt_objects`.
 
 All rough materials of pbrt-v3 and v4 are microfacets with the distribution of Trowbridge and Reitz (GGX, `dmis.ggx`).
-What passes a rough surface has no lobe here, so rough glass is refused. Sources: materials/ and core/microfacet.h of
+Sources: materials/ and core/microfacet.h of
 pbrt-v3, pbrt/materials.h and util/scattering.h of pbrt-v4.
 """
 
@@ -21,7 +21,7 @@ from dmis.material import Material
 from dmis.pbrt_objects import V2_MATERIALS, Lookup, Textures
 from dmis.pbrt_parameters import Parameters
 from dmis.pbrt_spectra import SPECTRA
-from dmis.pbrt_tokens import PbrtError, Token, blame
+from dmis.pbrt_tokens import Token, blame
 from dmis.texture import Image, scale
 from dmis.vec import Array
 
@@ -44,14 +44,6 @@ def check_material(name: Token) -> None:
     if name.name not in MATERIALS[dialect]:
         known = ", ".join(MATERIALS[dialect])
         raise name.error(f"a material must be one of {known}; others are not supported in {dialect}")
-
-
-def _transparent(p: Lookup, *names: str) -> PbrtError:
-    """The error of a material that needs a rough transmission, at the parameter that asks for it."""
-    token = next((one.items[n].token for one in p.lists for n in names if n in one.items), p.name)
-    return token.error(
-        f"rough {p.name.name} is not supported, because there is no lobe for what passes a rough surface"
-    )
 
 
 class _PolynomialOf(Image):
@@ -162,9 +154,14 @@ def _uber(p: Lookup) -> Material:
 
 
 def _glass(p: Lookup) -> Material:
-    if not _smooth(p):
-        raise _transparent(p, "uroughness", "vroughness")
-    return material.glass(p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index()))
+    return _refractive(p, p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index()))
+
+
+def _refractive(p: Lookup, kr: Any, kt: Any, index: float) -> Material:
+    """Glass, rough or smooth; what has the index of its surroundings lets all light straight through."""
+    if _smooth(p) or index == 1:
+        return material.glass(kr, kt, index)
+    return models.rough_glass(kr, kt, *_alphas(p, _roughness(p, 0)), index)
 
 
 def _mix3(p: Lookup) -> Material:
@@ -209,9 +206,7 @@ def _fresnel(eta: Any, k: Any) -> ExactConductor:
 
 
 def _dielectric(p: Lookup) -> Material:
-    if not _smooth(p):
-        raise _transparent(p, "roughness", "uroughness", "vroughness")
-    return replace(material.glass(1, 1, p.index("eta", 1.5)), name="dielectric")
+    return replace(_refractive(p, 1, 1, p.index("eta", 1.5)), name="dielectric")
 
 
 def _coated(p: Lookup) -> Material:

@@ -25,6 +25,7 @@ from dmis.light import AreaLight, DeltaLight, EnvironmentLight, Light, PointLigh
 from dmis.material import Material
 from dmis.mesh import direction
 from dmis.reduction import COLOURS, SCALARS, parameters, reduced, shines
+from dmis.rough_glass import RoughTransmission
 from dmis.roughness import Elliptic
 from dmis.settings import DEPTH, Settings
 from dmis.survey import MATTERS, Survey
@@ -70,8 +71,9 @@ class Group:
     ----------
     materials
         The materials; a part's row in the parameter tables is its position here.
-    glossy, delta
-        Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (then M = 1).
+    glossy, through, delta
+        Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (then M = 1): those that
+        reflect, those of light that comes through, and those that are Dirac deltas.
     emission
         ``(3, M)`` radiance of the bright side; None if nothing here emits.
     textured, smooth, anisotropic
@@ -82,6 +84,7 @@ class Group:
 
     materials: tuple[Material, ...]
     glossy: tuple[Glossy, ...]
+    through: tuple[RoughTransmission, ...]
     delta: tuple[Delta, ...]
     emission: Array | None
     textured: bool
@@ -199,7 +202,7 @@ class Plan:
 
     def mixes(self, group: Group, light: Light) -> bool:
         """Whether MIS applies: the light has an extent, and the surface a lobe that is a function."""
-        return bool(group.glossy) and not light.delta
+        return bool(group.glossy or group.through) and not light.delta
 
     @cached_property
     def survey(self) -> Survey:
@@ -272,7 +275,8 @@ def _make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> G
         )
     return Group(
         materials,
-        tuple(lobe for lobe in lobes if not isinstance(lobe, Delta)),
+        tuple(lobe for lobe in lobes if not isinstance(lobe, Delta | RoughTransmission)),
+        tuple(lobe for lobe in lobes if isinstance(lobe, RoughTransmission)),
         tuple(lobe for lobe in lobes if isinstance(lobe, Delta)),
         emission,
         own is not None,

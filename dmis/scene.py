@@ -184,6 +184,7 @@ class Scene:
         if group.emission is not None:
             emission = (group.emission if row is None else group.emission.take(row, axis=1)) * outside
         glossy = tuple(group.bind(lobe, row, uv) for lobe in group.glossy)
+        through = tuple(group.bind(lobe, row, uv) for lobe in group.through)
         delta = tuple(group.bind(lobe, row, uv) for lobe in group.delta)
-        surface = Surface(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, glossy=glossy, delta=delta)
-        return surface, emission
+        lobes = {"glossy": glossy, "through": through, "delta": delta}
+        return Surface(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, **lobes), emission

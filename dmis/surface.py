@@ -11,6 +11,7 @@ import numpy as np
 
 from dmis.brdf import Delta, Glossy
 from dmis.pair import Pair
+from dmis.rough_glass import RoughTransmission
 from dmis.vec import Array, Selection, compose, dot, frame, normalise, take
 
 
@@ -30,8 +31,9 @@ class Surface:
         Unit directions to the viewer, ``(3, N)``.
     cos_o
         ``n . wo``, ``(N,)``.
-    glossy, delta
-        Lobes with their parameters bound to these points.
+    glossy, through, delta
+        Lobes with their parameters bound to these points: those that reflect, those of what comes through (they belong
+        to the points seen from `beyond`), and those that are Dirac deltas.
     outside
         Whether wo is on the side that the mesh's winding calls outside, ``(N,)`` bool; read by delta lobes only.
     dpdu
@@ -46,6 +48,7 @@ class Surface:
     outside: Array
     dpdu: Array | None
     glossy: tuple[Glossy, ...]
+    through: tuple[RoughTransmission, ...]
     delta: tuple[Delta, ...]
 
     def __init__(self, **attributes: Any) -> None:
@@ -71,6 +74,26 @@ class Surface:
             value = _gather(getattr(self._parent, name), self._index)
         self.__dict__[name] = value
         return value
+
+    def beyond(self, epsilon: np.float32) -> Surface:
+        """The same points on the side that wo is not on, where light comes from that passes a rough surface.
+
+        Normals and p are turned to that side, so that ``n . wo`` is negative; the glossy lobes are those of `through`.
+        `epsilon` is the scene's.
+        """
+        n = -self.n
+        return Surface(
+            p=self.p - self.ng * (2 * epsilon),
+            ng=n if self.ng is self.n else -self.ng,
+            n=n,
+            wo=self.wo,
+            cos_o=-self.cos_o,
+            outside=self.outside,
+            dpdu=self.dpdu,
+            glossy=self.through,
+            through=(),
+            delta=(),
+        )
 
     @cached_property
     def tangents(self) -> tuple[Array, Array]:

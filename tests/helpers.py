@@ -173,6 +173,7 @@ def surface(material: Material, wo: Array, count: int = 1, n: Array = (0, 0, 1),
         outside=np.ones(count, bool),
         dpdu=columns(dpdu, count),
         glossy=group.glossy,
+        through=group.through,
         delta=group.delta,
     )
 

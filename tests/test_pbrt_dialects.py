@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.brdf import BlendBase, BlendCoat, Conductor, Lambert, OrenNayar, SpecularReflection
+from dmis.brdf import BlendBase, BlendCoat, Conductor, Lambert, OrenNayar, SpecularReflection, SpecularTransmission
 from dmis.conductor import ExactConductor
 from dmis.geometry import flat_normals
 from dmis.ggx import GGX
@@ -16,6 +16,7 @@ from dmis.material import COPPER_ETA, COPPER_K
 from dmis.pair import Pair
 from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
 from dmis.pbrt_materials import _polynomial
+from dmis.rough_glass import RoughReflection, RoughTransmission
 from dmis.spectrum import LUMINANCE
 from dmis.surface import Surface
 
@@ -406,6 +407,21 @@ def test_rough_conductor_of_v4(read):
     assert lobe.roughness.alpha == pytest.approx(0.04)
 
 
+def test_rough_glass(read):
+    mirrored, through = lobes(
+        read("v3", 'Material "glass" "float uroughness" .1 "rgb Kt" [.5 .6 .7] "float eta" 1.3 "float vroughness" .01')
+    )
+    assert isinstance(mirrored, RoughReflection) and isinstance(through, RoughTransmission)
+    assert mirrored.fresnel.eta == through.eta == 1.3 and through.transmittance == pytest.approx((0.5, 0.6, 0.7))
+    spread = through.roughness
+    assert (spread.alpha_u, spread.alpha_v) == pytest.approx((REMAPPED[0.1], REMAPPED[0.01]), abs=1e-4)
+    mirrored, through = lobes(read("v4", 'Material "dielectric" "float roughness" .04 "float eta" 1.4'))
+    assert mirrored.fresnel.eta == through.eta == 1.4
+    assert mirrored.roughness.alpha == through.roughness.alpha == pytest.approx(0.2)
+    _, through = lobes(read("v4", 'Material "dielectric" "float roughness" .1 "float eta" 1'))  # there is no surface
+    assert isinstance(through, SpecularTransmission)
+
+
 def test_images_of_roughness_are_remapped_after_they_are_looked_up(read, tmp_path):
     texels = np.array([0.01, 0.25], np.float32).reshape(1, 2, 1)
     write_exr(tmp_path / "a.exr", {"RGB": texels.repeat(3, axis=2)})
@@ -501,13 +517,6 @@ BAD = {
     "space": ("v4", 'ColorSpace "rec2020"', "", "the colour space must be srgb"),
     "bdpt": ("v4", 'Integrator "bdpt"', "", "the integrator must be path or volpath; others make other images"),
     "filter": ("v4", 'PixelFilter "gaussian"', "", '"float xradius" [0.5]'),
-    "rough glass": ("v3", "", 'Material "glass" "float uroughness" .1', "rough glass is not supported, because"),
-    "dielectric": (
-        "v4",
-        "",
-        'Material "dielectric" "float roughness" .1',
-        "rough dielectric is not supported",
-    ),
     "coated": (
         "v4",
         "",
