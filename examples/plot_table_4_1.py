@@ -13,10 +13,10 @@ baseline too, and with more seeds.
 from datetime import date
 
 import numpy as np
-from thesis import ROOT, SCENES, machine, options, replace_table, show
+from thesis import ROOT, SCENES, machine, options, over_pixels, replace_table, show
 
 from dmis import plot
-from dmis.experiment import Run, measure, median_seconds, spp_in_time
+from dmis.experiment import measure, median_seconds, spp_in_time
 
 opts, given = options(
     __file__,
@@ -26,17 +26,6 @@ opts, given = options(
 )
 SEEDS = range(given.seeds or opts.pick(2, 2, 1))
 OURS = f"thesis:patch={given.patch}"
-
-
-# %%
-# Pixels have independent samples, so the spread of their squared errors tells how well a mean squared error is known.
-def compare(runs: list[Run], baseline: list[Run]) -> tuple[float, float]:
-    """MSE over that of the baseline, and half of its 95 % interval."""
-    ours, theirs = (np.mean([run.mse for run in side]) for side in (runs, baseline))
-    relative = [
-        np.linalg.norm([run.mse_error for run in side]) / sum(run.mse for run in side) for side in (runs, baseline)
-    ]
-    return ours / theirs, 1.96 * float(np.hypot(*relative)) * ours / theirs
 
 
 # %%
@@ -57,13 +46,13 @@ for name, about in SCENES.items():
         share = median_seconds(timed[OURS, spp]) / median_seconds(timed[base])
         if abs(share - 1) < 0.05:
             break
-    value, half = compare(timed[OURS, spp], timed[base])
+    value, half = over_pixels(timed[OURS, spp], timed[base])
     row = {
         "about": about,
         "scene": f"{scene.name} {scene.camera.resolution[0]}x{scene.camera.resolution[1]}",
         "seconds": median_seconds(runs[base]),
         "mse": np.mean([run.mse for run in runs[base]]),
-        "equal samples": compare(runs[same], runs[base]),
+        "equal samples": over_pixels(runs[same], runs[base]),
         "overhead": median_seconds(runs[same]) / median_seconds(runs[base]) - 1,
         "spp": spp,
         "equal time": (value * share, half * share),

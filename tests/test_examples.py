@@ -95,34 +95,27 @@ def test_reproduction_table(cache, tmp_path):
     assert text.count("| thesis, patch 8 |") == 4 and "stale" not in text
 
 
-def test_budget_table(cache, tmp_path):
-    """Two rules on four scenes at two budgets, with a sampler."""
+@pytest.mark.parametrize(
+    "script, arguments, counts",
+    [
+        (
+            "make_budget_table",
+            ("--seeds", "2", "--sampler", "sobol"),
+            {"| auto |": 4, "| second-moment |": 4, "<!-- budgets sobol: begin -->": 1, "| 16 spp | 32 spp |": 1},
+        ),
+        ("make_filter_table", ("--seeds", "1"), {"%, harm ": 24, "| quadtree |": 1}),
+        ("make_full_table", (), {" ± ": 12, " = ": 12}),
+        pytest.param(
+            "make_simplex_table", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24, "nan": 0}, marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_tables_of_rules(cache, tmp_path, script, arguments, counts):
+    """Cells of the tables that compare rules on the four scenes, at the end of a page that has none."""
     page = tmp_path / "page.md"
-    page.write_text("", "utf-8")
-    script = ROOT / "examples" / "make_budget_table.py"
-    run(script, cache, "--seeds", "2", "--sampler", "sobol", "--page", page)
+    run(ROOT / "examples" / f"{script}.py", cache, *arguments, "--page", page)
     text = page.read_text("utf-8")
-    assert text.count("| auto |") == text.count("| second-moment |") == 4
-    assert "<!-- budgets sobol: begin -->" in text and "| 16 spp | 32 spp |" in text
-
-
-@pytest.mark.slow
-def test_simplex_table(cache, tmp_path):
-    """Six rules on four scenes."""
-    page = tmp_path / "page.md"
-    page.write_text("", "utf-8")
-    run(ROOT / "examples" / "make_simplex_table.py", cache, "--seeds", "2", "--page", page)
-    text = page.read_text("utf-8")
-    assert text.count("| `simplex:") == 5 and text.count(" ± ") == 24 and "nan" not in text
-
-
-def test_filter_table(cache, tmp_path):
-    """Six ways to share curves, on four scenes."""
-    page = tmp_path / "page.md"
-    page.write_text("", "utf-8")
-    run(ROOT / "examples" / "make_filter_table.py", cache, "--seeds", "1", "--page", page)
-    text = page.read_text("utf-8")
-    assert text.count("%, harm ") == 24 and "| quadtree |" in text
+    assert {part: text.count(part) for part in counts} == counts
 
 
 def test_cluster_tables(cache, tmp_path):
