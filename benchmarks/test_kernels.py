@@ -34,6 +34,7 @@ MATERIALS = {
     "ward": models.ward(),
     "cook-torrance": models.cook_torrance(),
     "ggx": models.ggx(),
+    "rough coat": models.coated_diffuse(alpha=0.3),
 }
 LIGHTS: dict[str, SampledLight] = {
     "disk": DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1)),

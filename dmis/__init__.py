@@ -36,6 +36,7 @@ from dmis.metrics import mse as mse
 from dmis.metrics import relmse as relmse
 from dmis.models import ashikhmin_shirley as ashikhmin_shirley
 from dmis.models import blinn_phong as blinn_phong
+from dmis.models import coated_diffuse as coated_diffuse
 from dmis.models import cook_torrance as cook_torrance
 from dmis.models import ggx as ggx
 from dmis.models import lafortune as lafortune

@@ -48,6 +48,16 @@ class Dielectric:
 
 
 @dataclass(frozen=True)
+class Coat:
+    """Fresnel reflectance of a coat of index `eta`: from outside, whichever side of the mesh that is."""
+
+    eta: float = 1.5
+
+    def __call__(self, cos: Array) -> Array:
+        return dielectric(cos, np.float32(self.eta))
+
+
+@dataclass(frozen=True)
 class Conductor:
     """Fresnel reflectance of a metal, the approximate form of PBR 8.2.1; `eta` and `k` are RGB triples."""
 
@@ -63,7 +73,7 @@ class Conductor:
         return ((parallel_base - twice) / (parallel_base + twice) + (perp_base - twice) / (perp_base + twice)) / 2
 
 
-Fresnel = Dielectric | Conductor
+Fresnel = Dielectric | Coat | Conductor
 
 
 # Distributions of half vectors --------------------------------------------------------------------------------------
@@ -128,11 +138,12 @@ class Anisotropic:
 # Lobes --------------------------------------------------------------------------------------------------------------
 
 
-def _cosine_pdf(pair: Pair) -> Array:
+def cosine_pdf(pair: Pair) -> Array:
+    """Density of `cosine_sample`, ``(N,)``."""
     return np.maximum(pair.cos_i_signed, 0) * INV_PI
 
 
-def _cosine_sample(surface: Frame, u: Array) -> Array:
+def cosine_sample(surface: Frame, u: Array) -> Array:
     """A point on the unit sphere that touches the surface: no tangent frame is needed."""
     return normalise(surface.n + square_to_sphere(u))
 
@@ -162,10 +173,10 @@ class Lambert:
         return self.reflectance * INV_PI
 
     def pdf(self, pair: Pair) -> Array:
-        return _cosine_pdf(pair)
+        return cosine_pdf(pair)
 
     def sample(self, surface: Frame, u: Array) -> Array:
-        return _cosine_sample(surface, u)
+        return cosine_sample(surface, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +194,10 @@ class OrenNayar:
         return self.reflectance * (INV_PI * (a + b * across / np.maximum(np.maximum(pair.cos_i, pair.cos_o), TINY)))
 
     def pdf(self, pair: Pair) -> Array:
-        return _cosine_pdf(pair)
+        return cosine_pdf(pair)
 
     def sample(self, surface: Frame, u: Array) -> Array:
-        return _cosine_sample(surface, u)
+        return cosine_sample(surface, u)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,10 +239,10 @@ class BlendBase:
         return self.diffuse * (1 - self.specular) * (np.float32(28 / 23) * INV_PI * through)
 
     def pdf(self, pair: Pair) -> Array:
-        return _cosine_pdf(pair)
+        return cosine_pdf(pair)
 
     def sample(self, surface: Frame, u: Array) -> Array:
-        return _cosine_sample(surface, u)
+        return cosine_sample(surface, u)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 A glossy lobe of reflectance `ks`, over Lambert's of `kd` if that is not black. Parameters are numbers, RGB triples or
 `dmis.texture.Image`; one out of its range is a ValueError that names it. What the models are, and where they come from:
-`dmis.glossy`, `dmis.brdf`, `dmis.ggx`.
+`dmis.glossy`, `dmis.brdf`, `dmis.ggx`, `dmis.coat`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dmis.brdf import (
     Anisotropic,
     BlendBase,
     Blinn,
+    Coat,
     Dielectric,
     Distribution,
     Fresnel,
@@ -22,7 +23,9 @@ from dmis.brdf import (
     Lambert,
     Lobe,
     Microfacet,
+    SpecularReflection,
 )
+from dmis.coat import CoatedBase
 from dmis.ggx import GGX
 from dmis.glossy import AshikhminShirley, BlinnPhong, Lafortune, Ward
 from dmis.material import Material, black
@@ -206,6 +209,41 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     if not black("kt", kt):
         lobes += (RoughTransmission(kt, facets, eta),)
     return Material(lobes, "glass")
+
+
+def coated_diffuse(
+    kd: Any = 0.5, alpha: float = 0.0, eta: float = 1.5, thickness: float = 0.0, bounces: int | None = None
+) -> Material:
+    """A Lambertian base under a dielectric coat, with all reflections between the two; see `dmis.coat`.
+
+    Parameters
+    ----------
+    kd
+        Reflectance of the base: a number, an RGB triple or an `Image`, from 0 to 1; black leaves the lobe out.
+    alpha
+        Roughness of the coat, a number up to 10; 0 is smooth, and then its outer side is a mirror.
+    eta
+        Index of refraction of the coat, inside over outside, 1 to 100; 1 reflects nothing.
+    thickness
+        Optical thickness of the coat, which absorbs, up to 1000; 0 is clear.
+    bounces
+        How many reflections by the base count; None: all.
+    """
+    for name, value, least, most in (("alpha", alpha, 0, 10), ("eta", eta, 1, 100), ("thickness", thickness, 0, 1000)):
+        if isinstance(value, Image) or not least <= value <= most:
+            raise ValueError(f"{name} of a coat must be a number from {least} to {most}, for its table; got {value}")
+    if 0 < alpha < LEAST_ALPHA:
+        raise ValueError(f"alpha must be 0 or at least {LEAST_ALPHA:g}, what float32 directions resolve; got {alpha}")
+    if bounces is not None and bounces < 1:
+        raise ValueError(f"bounces must be at least 1, because the first one is what is seen; got {bounces}")
+    lobes: tuple[Lobe, ...] = ()
+    if not black("kd", kd):
+        if np.max(kd.texels if isinstance(kd, Image) else kd) > 1:
+            raise ValueError("kd under a coat must not be above 1, because it is reflected again and again")
+        lobes = (CoatedBase(kd, float(eta), float(alpha) if eta > 1 else 0.0, float(thickness), bounces),)
+    if eta > 1:
+        lobes += (GGX(1.0, spread(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
+    return Material(lobes, "coateddiffuse")
 
 
 def _over(kd: Any, ks: Any, lobe: Glossy, name: str) -> Material:

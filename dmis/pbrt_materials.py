@@ -15,6 +15,7 @@ import numpy as np
 
 from dmis import material, models
 from dmis.brdf import BlendBase, BlendCoat, Dielectric, SpecularReflection
+from dmis.coat import CoatedBase
 from dmis.conductor import ExactConductor
 from dmis.ggx import TrowbridgeReitz
 from dmis.material import Material
@@ -210,9 +211,32 @@ def _dielectric(p: Lookup) -> Material:
 
 
 def _coated(p: Lookup) -> Material:
-    raise p.name.error(
-        "coateddiffuse is not supported, because v4 follows light at random through its layers, and there is no formula"
+    if any(p.constant_colour("albedo", (0.0, 0.0, 0.0))):
+        raise p.error("albedo", "must be black, because light that is scattered inside of a coat has no formula")
+    p.constant("g", 0), p.integer("nsamples", 1)  # of that medium; of random walks, whose mean is computed here
+    depth, thickness = p.integer("maxdepth", 10), max(p.constant("thickness", 0.01), 0)
+    if depth < 1:
+        raise p.error("maxdepth", f"must be at least 1, because the base is the first that light meets; got {depth}")
+    both = p.constant("roughness", 0)
+    u, v = (p.constant(name, both) for name in ("uroughness", "vroughness"))
+    if u != v:
+        name = next(name for name in ("uroughness", "vroughness") if p.has(name))
+        raise p.error(name, "must be the same along both tangents of a coat, because what passes it is tabulated")
+    alpha, _ = _alphas(p, (u, v))
+    return models.coated_diffuse(
+        _at_most_1(p.reflectance("reflectance", 0.5)),
+        alpha if alpha >= LEAST_ALPHA else 0,
+        p.index("eta", 1.5),
+        thickness,
+        (depth + 1) // 2,  # every other interface is the base
     )
+
+
+def _at_most_1(value: Any) -> Any:
+    """A reflectance that v4 clamps."""
+    if isinstance(value, Image):
+        return replace(value, texels=np.minimum(value.texels, 1))
+    return tuple(np.minimum(value, 1).tolist())
 
 
 def _mix4(p: Lookup) -> Material:
@@ -230,7 +254,7 @@ def _mixed(p: Lookup, first: Material, second: Material, a: Any, b: Any) -> Mate
         every: tuple[Any, ...] = made.lobes if np.any(share) else ()
         for lobe in every:
             name = next((n for n in ("reflectance", "transmittance") if hasattr(lobe, n)), None)
-            if name is None:
+            if name is None or isinstance(lobe, CoatedBase):  # whose colour is not in proportion to its reflectance
                 raise p.name.error(f"a material of the kind {made.name} cannot be mixed")
             changes: dict[str, Any] = {name: scale(getattr(lobe, name), tuple(np.broadcast_to(share, 3).tolist()))}
             lobes.append(replace(lobe, **changes))

@@ -64,6 +64,10 @@ class Lookup:
         """A bool."""
         return next((one.boolean(name, default) for one in self.lists if name in one.items), default)
 
+    def integer(self, name: str, default: int) -> int:
+        """An integer."""
+        return next((one.integer(name, default) for one in self.lists if name in one.items), default)
+
     def _find(self, name: str, *kinds: str) -> Parameter | None:
         found = [p for p in (one.get(name, "texture", *kinds) for one in self.lists) if p is not None]
         return next((p for p in found if p.kind == "texture"), found[0] if found else None)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Conductor, Dielectric
+from dmis.brdf import Fresnel
 from dmis.light import AreaLight, DistantLight, EnvironmentLight, Light
 from dmis.material import Material
 from dmis.texture import Image
@@ -24,7 +24,7 @@ def parameters(lobe: Any) -> Iterator[tuple[str, Any]]:
     """The parameters that differ from point to point, and the nested data that may hold some."""
     for field in fields(lobe):
         value = getattr(lobe, field.name)
-        if field.name in COLOURS | SCALARS or (is_dataclass(value) and not isinstance(value, Dielectric | Conductor)):
+        if field.name in COLOURS | SCALARS or (is_dataclass(value) and not isinstance(value, Fresnel)):
             yield field.name, value
 
 

@@ -21,6 +21,7 @@ from dmis.brdf import (
     SpecularTransmission,
     dielectric,
 )
+from dmis.coat import CoatedBase
 from dmis.material import Material, substrate
 from dmis.pair import Pair
 from dmis.vec import Array, dot, normalise
@@ -41,6 +42,8 @@ LOBES = {
     "blend base": BlendBase(1.0, 0.2),
     "blend coat blinn": BlendCoat(0.5, Blinn(50.0)),
     "blend coat anisotropic": BlendCoat(0.5, Anisotropic(300.0, 8.0)),
+    "coated base": CoatedBase(1.0),
+    "coated base rough": CoatedBase(0.9, 1.7, 0.3, 0.1, 5),
 }
 ANGLES = (0.0, 35.0, 70.0, 85.0)
 each_lobe = pytest.mark.parametrize("name", LOBES)

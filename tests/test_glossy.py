@@ -45,6 +45,7 @@ MODELS = {
     "ggx 1": dmis.ggx(0, 1, 1.0),
     "ggx 0.05 0.5": dmis.ggx(0, 1, 0.05, 0.5),
     "ggx over lambert": dmis.ggx(0.4, 0.5, 0.2),
+    "coated diffuse 0.3": dmis.coated_diffuse(0.9, 0.3),
 }
 each_model = pytest.mark.parametrize("name", MODELS)
 
@@ -345,6 +346,7 @@ EXTREME = {
     "torrance-sparrow": (dmis.torrance_sparrow(0, 1, 0.01), dmis.torrance_sparrow(0, 1, 1e6)),
     "cook-torrance": (dmis.cook_torrance(0, 1, 1e-4), dmis.cook_torrance(0, 1, 10.0, 1e-4, Dielectric())),
     "ggx": (dmis.ggx(0, 1, 1e-4), dmis.ggx(0, 1, 10.0), dmis.ggx(0, 1, 1e-4, 10.0, Dielectric())),
+    "coated diffuse": (dmis.coated_diffuse(1), dmis.coated_diffuse(1, 1e-4), dmis.coated_diffuse(1, 10.0, 4.0, 9.0)),
 }
 
 
@@ -387,10 +389,19 @@ RENDERED = {
     "cook-torrance": dmis.cook_torrance(0, 0.8, 0.2),
     "ggx": dmis.ggx(0.1, 0.8, 0.2),
     "anisotropic ggx": dmis.ggx(0, 0.8, 0.1, 0.4),
+    "smooth coat": dmis.coated_diffuse(0.8, thickness=0.01),
+    "rough coat": dmis.coated_diffuse((0.8, 0.5, 0.2), 0.3),
 }
 
 
-OFTEN = ("lafortune", "ashikhmin-shirley", "cook-torrance", "anisotropic ggx")  # one of each kind of sampling
+OFTEN = (
+    "lafortune",
+    "ashikhmin-shirley",
+    "cook-torrance",
+    "anisotropic ggx",
+    "smooth coat",
+    "rough coat",
+)  # one of each kind of sampling
 
 
 @pytest.mark.parametrize("name", or_slow(OFTEN, [name for name in RENDERED if name not in OFTEN]))

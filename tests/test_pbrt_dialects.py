@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.brdf import BlendBase, BlendCoat, Conductor, Lambert, OrenNayar, SpecularReflection, SpecularTransmission
+from dmis.brdf import (
+    BlendBase,
+    BlendCoat,
+    Coat,
+    Conductor,
+    Lambert,
+    OrenNayar,
+    SpecularReflection,
+    SpecularTransmission,
+)
+from dmis.coat import CoatedBase
 from dmis.conductor import ExactConductor
 from dmis.geometry import flat_normals
 from dmis.ggx import GGX
@@ -422,6 +432,36 @@ def test_rough_glass(read):
     assert isinstance(through, SpecularTransmission)
 
 
+def test_coated_diffuse(read):
+    base, mirror = lobes(read("v4", 'Material "coateddiffuse"'))
+    assert isinstance(base, CoatedBase) and isinstance(mirror, SpecularReflection)
+    close(base.reflectance, [0.5] * 3)
+    assert mirror.fresnel == Coat(1.5)
+    assert (base.eta, base.roughness, base.thickness, base.bounces) == (1.5, 0, 0.01, 5)  # of 10 interfaces
+    text = '"rgb reflectance" [.2 .4 1.6] "float roughness" .04 "float eta" 1.3 "float thickness" .2'
+    base, rough = lobes(read("v4", f'Material "coateddiffuse" {text} "integer maxdepth" 101 "integer nsamples" 4'))
+    close(base.reflectance, [0.2, 0.4, 1])
+    assert isinstance(rough, GGX) and rough.roughness.alpha == base.roughness == pytest.approx(0.2)
+    assert (base.eta, base.thickness, base.bounces, rough.fresnel.eta) == (1.3, 0.2, 51, 1.3)
+    text = '"float uroughness" .3 "float vroughness" .3 "bool remaproughness" false "float thickness" -1 "float g" .5'
+    base, rough = lobes(read("v4", f'Material "coateddiffuse" {text} "rgb albedo" [0 0 0]'))
+    assert (base.roughness, base.thickness) == (0.3, 0)
+    base, mirror = lobes(read("v4", 'Material "coateddiffuse" "float roughness" 9e-7'))  # alpha is below 1e-3
+    assert base.roughness == 0 and isinstance(mirror, SpecularReflection)
+
+
+def test_images_under_a_coat_and_of_its_roughness(read, tmp_path):
+    write_exr(tmp_path / "a.exr", {"RGB": np.array([0.5, 2, 0.1], np.float32).reshape(1, 1, 3)})
+    texture = 'Texture "a" "{}" "imagemap" "string filename" "a.exr"\nMaterial "coateddiffuse" "texture {}" "a"'
+    base, _ = lobes(read("v4", texture.format("spectrum", "reflectance")))
+    close(base.reflectance.texels.ravel(), [0.5, 1, 0.1])
+    for name in ("roughness", "uroughness", "vroughness", "eta", "thickness", "g"):
+        with pytest.raises(PbrtError, match=rf"scene\.pbrt:\d+: .*parameter '{name}' must be constant here"):
+            read("v4", texture.format("float", name))
+    with pytest.raises(PbrtError, match="parameter 'albedo' must be constant here"):
+        read("v4", texture.format("spectrum", "albedo"))
+
+
 def test_images_of_roughness_are_remapped_after_they_are_looked_up(read, tmp_path):
     texels = np.array([0.01, 0.25], np.float32).reshape(1, 2, 1)
     write_exr(tmp_path / "a.exr", {"RGB": texels.repeat(3, axis=2)})
@@ -517,11 +557,15 @@ BAD = {
     "space": ("v4", 'ColorSpace "rec2020"', "", "the colour space must be srgb"),
     "bdpt": ("v4", 'Integrator "bdpt"', "", "the integrator must be path or volpath; others make other images"),
     "filter": ("v4", 'PixelFilter "gaussian"', "", '"float xradius" [0.5]'),
-    "coated": (
+    "coat medium": ("v4", "", 'Material "coateddiffuse" "rgb albedo" [0 .1 0]', "'albedo' must be black, because"),
+    "coat grain": ("v4", "", 'Material "coateddiffuse" "float vroughness" .1', "'vroughness' must be the same along"),
+    "coat depth": ("v4", "", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
+    "thin coat": ("v4", "", 'Material "coateddiffuse" "float eta" .9', "eta of a coat must be a number from 1"),
+    "mixed coat": (
         "v4",
         "",
-        'Material "coateddiffuse"',
-        "not supported, because v4 follows light at random",
+        'MakeNamedMaterial "a" "string type" "coateddiffuse" Material "mix" "string materials" ["a" "a"]',
+        "a material of the kind coateddiffuse cannot be mixed",
     ),
     "half rough": ("v4", "", 'Material "conductor" "float uroughness" .1', "must be rough along both tangents"),
     "negative": ("v3", "", 'Material "metal" "float roughness" -.1', "must not be negative, because it is a spread"),
