@@ -3,15 +3,15 @@ The rules at the thesis's resolution
 ====================================
 
 The thesis's rule, the second-moment rule and auto against the balance heuristic with one light and one BRDF sample, at
-the size that the thesis rendered: at equal camera samples (128, pilot included; auto: equal shading samples), and by
-efficiency, mean squared error times seconds, which is what the error would be in equal time. A quarter of an hour for
-the references, which are kept, and half an hour for the rest; the result is kept with the project.
+the size that the thesis rendered (``--full``): at equal camera samples (128, pilot included; auto: equal shading
+samples), and by efficiency, mean squared error times seconds, which is what the error would be in equal time. A
+quarter of an hour, and some minutes for the references, which are kept; the result is kept with the project.
 """
 
 from datetime import date
 from pathlib import Path
 
-from thesis import ROOT, SCENES, machine, options, over_pixels, replace_table, show
+from thesis import ROOT, SCENES, bold, machine, options, over_pixels, replace_table, show
 
 from dmis.experiment import measure, median_seconds, on_cpu
 
@@ -30,25 +30,31 @@ lines = [
     "| scene | balance: s | " + " | ".join(f"{rule} | time, equal time" for rule in RULES) + " |",
     "|---|---|" + "---|---|" * len(RULES),
 ]
+short = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
 for name in SCENES:
-    scene = opts.scene(name, opts.pick(16, 1))
-    reference = opts.reference(scene, opts.pick(16, 128))
+    scene = opts.scene(name, opts.pick(16, 8, 1))
+    reference = opts.reference(scene, opts.pick(16, 128, 128))
     budgets = [(rule, opts.spp) for rule in (BASE, *RULES)]
     runs = measure(scene, budgets, range(given.seeds), reference, threads=opts.threads, progress=show(name))
     base = runs[BASE, opts.spp]
     width, height = scene.camera.resolution
-    cells = [f"{scene.name} {width}×{height}", f"{median_seconds(base):.1f}"]
+    size = f"{scene.name} {width}×{height}"
+    cells, fair = [size, f"{median_seconds(base):.1f}"], [size]
     for rule in RULES:
         own = runs[rule, opts.spp]
         value, half = over_pixels(own, base)
         time = median_seconds(on_cpu(own)) / median_seconds(on_cpu(base))
-        text = f"{value:.3f} ± {half:.3f}"
-        cells += [f"**{text}**" if value + half < 1 else text, f"× {time:.2f} = {value * time:.3f}"]
+        cells += [bold(value, half), f"× {time:.2f} = {value * time:.3f}"]
+        fair.append(bold(value * time, half * time))
     lines.append("| " + " | ".join(cells) + " |")
+    short.append("| " + " | ".join(fair) + " |")
     print(lines[-1], flush=True)
 
 # %%
-# The table goes between two marks in the page.
+# The table goes between two marks in the page; the ratios in equal time into the README, too.
 kind = "thesis's resolution" if opts.scene_dir is None else "thesis's resolution, original"
 seeds = f"{given.seeds} seed{'s' * (given.seeds > 1)}"
-replace_table(given.page, kind, f"Made on {date.today()} with {seeds} at {opts.spp} spp, on {machine()}.", "", *lines)
+about = f"Made on {date.today()} with {seeds} at {opts.spp} spp, on {machine()}."
+replace_table(given.page, kind, about, "", *lines)
+if opts.size == "full" and opts.scene_dir is None:
+    replace_table(ROOT / "README.md", "equal time", *short, "", about)

@@ -148,6 +148,11 @@ def cell(runs: Sequence[Run], baseline: Sequence[Run], time: float = 1.0) -> str
     value, half = (
         time * x for x in ratio(np.array([run.mse for run in runs]), np.array([run.mse for run in baseline]))
     )
+    return bold(value, half)
+
+
+def bold(value: float, half: float) -> str:
+    """A ratio and half of its interval, bold if the interval is below 1."""
     text = f"{value:.3f} ± {half:.3f}"
     return f"**{text}**" if value + half < 1 else text
 
