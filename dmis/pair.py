@@ -19,8 +19,8 @@ _LEAST = np.float32(1e-12)
 class Frame(Protocol):
     """What a lobe needs of N surface points.
 
-    Unit ``n`` and ``wo`` ``(3, N)``, ``cos_o`` ``(N,)``; ``outside`` ``(N,)`` bool (delta lobes only); ``tangents``,
-    two ``(3, N)`` (anisotropic lobes only).
+    Unit ``n`` and ``wo`` ``(3, N)``, ``cos_o`` ``(N,)``; ``outside`` ``(N,)`` bool (where light is refracted);
+    ``tangents``, two ``(3, N)`` (anisotropic lobes only).
     """
 
     n: Array

@@ -35,7 +35,7 @@ class Surface:
         Lobes with their parameters bound to these points: those that reflect, those of what comes through (they belong
         to the points seen from `beyond`), and those that are Dirac deltas.
     outside
-        Whether wo is on the side that the mesh's winding calls outside, ``(N,)`` bool; read by delta lobes only.
+        Whether wo is on the side that the mesh's winding calls outside, ``(N,)`` bool; read where light is refracted.
     dpdu
         ``(3, N)`` or ``(3, 1)``; read by anisotropic lobes only, None where there are none.
     """

@@ -209,6 +209,34 @@ def test_light_and_brdf_sampling_agree_in_renders(lights: tuple, integrator: str
     assert abs(z_score(light, both)) < Z_LIMIT and abs(z_score(brdf, both)) < Z_LIMIT
 
 
+@pytest.fixture(scope="module")
+def balanced() -> tuple[Scene, Array]:
+    """A pane between two lamps, and means of images by the balance heuristic."""
+    scene = box_scene(dmis.rough_glass(alpha=0.2), (ABOVE, BELOW), resolution=(8, 8))
+    return scene, np.array([dmis.render(scene, "balance", 16, seed=900 + k, threads=1).image.mean() for k in range(40)])
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "auto",
+        "second-moment",
+        "thesis:patch=4",
+        "neyman",
+        "second-moment:combiner=optimal",
+        "second-moment:combiner=controlled",
+        "fixed:0.3,combiner=power",
+        "fixed:0.3,sampler=sobol",
+        "simplex:mix=light+brdf+resampled",
+    ],
+)
+def test_rules_are_unbiased(rule: str, balanced: tuple[Scene, Array]) -> None:
+    """Learned weights, counts and combiners with light from both sides of a surface."""
+    scene, others = balanced
+    combined = [dmis.render(scene, rule, 16, seed=k, threads=1).image.mean() for k in range(40)]
+    assert abs(z_score(combined, others)) < Z_LIMIT
+
+
 def test_light_from_both_sides_adds_up() -> None:
     """What two lights send is the sum of what each sends alone, with all lights or with one picked."""
     make = [box_scene(dmis.rough_glass(alpha=0.3), lights, resolution=(8, 8)) for lights in ((ABOVE,), (BELOW,))]
