@@ -7,7 +7,8 @@ continued ray meets counts as emission only if a delta lobe sent it: other direc
 
 A path's throughput is ``f_r cos / pdf`` multiplied along it. From depth `ROULETTE` on it survives with the probability
 q of its largest throughput, at most 1, and counts 1 / q times (Russian roulette, Arvo and Kirk 1990): unbiased, because
-its contribution is right in the mean whatever q is.
+its contribution is right in the mean whatever q is. Inside of glass throughput is divided by eta^2, which it gets back
+where it leaves; so q takes it times eta^2 there.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dmis.brdf import SpecularReflection, SpecularTransmission
+from dmis.brdf import index as index_beyond
 from dmis.pair import Pair
 from dmis.surface import Surface
 from dmis.vec import Array, Selection, compose, dot, indices, take
@@ -107,7 +110,7 @@ def bounce(
     largest = factor.max(axis=0)
     alive = largest > 0
     if depth + 1 >= ROULETTE:
-        survival = np.minimum(largest, np.float32(1))
+        survival = np.minimum(largest * _scaled(surface, direction), np.float32(1))
         alive &= rng.random(n, dtype=np.float32) < survival
         factor = factor / np.maximum(survival, np.float32(1e-30))
     if last:
@@ -117,6 +120,16 @@ def bounce(
         return None
     origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
     return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), take(sees, index))
+
+
+def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
+    """By what the throughput of rays that go on in `direction` has been divided because they are inside of glass."""
+    lobes = (*surface.through, *surface.delta)
+    eta = next((lobe.eta for lobe in lobes if not isinstance(lobe, SpecularReflection) and lobe.eta != 1), None)
+    if eta is None:
+        return np.float32(1)
+    inside = surface.outside == (dot(surface.ng, direction) < 0)
+    return np.where(inside, np.float32(eta * eta), np.float32(1))
 
 
 def _ways(surface: Surface) -> list[Way]:
@@ -170,12 +183,15 @@ def _choose(
 ) -> list[tuple[Way, Selection | None, Array | np.float32]]:
     """Divide the points among the ways: which, points, probability.
 
-    Delta lobes are picked in proportion to what they let through, glossy ones share what is left of 1, and get at
-    least a tenth. Of that, what a smooth surface would let through goes to those of light that comes through.
+    Delta lobes are picked in proportion to the power that they reflect or let through, glossy ones share what is left
+    of 1, and get at least a tenth. Of that, what a smooth surface would let through goes to those of light that comes
+    through.
     """
     wanted = np.zeros((len(ways), n), np.float32)
     for k, lobe in enumerate(surface.delta):
         wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
+        if isinstance(lobe, SpecularTransmission):  # radiance is divided by eta^2, power is not
+            wanted[k] *= index_beyond(lobe.eta, surface.outside) ** 2
     left = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
     if surface.through:
         passed = np.clip(surface.through[0].passed(surface), np.float32(0.1), np.float32(0.9))

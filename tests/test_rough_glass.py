@@ -258,6 +258,17 @@ def test_a_ball_in_an_even_sky_is_the_sky(roughness: float, least: float) -> Non
     assert least < values.mean() < 1 + 4 * values.std() / np.sqrt(len(values))
 
 
+def test_smooth_glass_in_an_even_sky_has_no_noise() -> None:
+    """Whichever way a path goes, its throughput is 1 where it leaves, and roulette never ends it."""
+    camera = box_scene(glass(), eye=(0, -6, 0), resolution=(8, 8)).camera
+    ball = replace(sphere(0.9, segments=48), normals=None)  # at edges, light refracted about others may not get in
+    scene = Scene(camera, (Part(ball, glass()),), (EnvironmentLight(np.ones((2, 4, 3), np.float32)),))
+    tile = Tile(0, 0, 0, (0, 8), (0, 8), 64, 0.5, Settings(integrator="path", max_depth=None))
+    moments = render_tile(scene, tile).moments
+    np.testing.assert_allclose(moments.mean, 1, atol=2e-4)
+    np.testing.assert_allclose(moments.variance(), 0, atol=1e-6)
+
+
 def test_a_pane_shows_what_is_behind_it_as_smooth_glass_does() -> None:
     """Path tracing through a slab of two surfaces, alpha = 1e-3, beside smooth glass: a red floor, lit from aside."""
     pane = quad((-2, -2, 0.5), (4, 0, 0), (0, 4, 0)), quad((-2, -2, 0.4), (0, 4, 0), (4, 0, 0))
