@@ -43,6 +43,8 @@ def translate(scene: Scene, *, exact: bool) -> Any:
 
 def sensor(camera: Camera) -> Any:
     """The Mitsuba camera: x is left in its images, and a box filter of one pixel."""
+    if camera.filter is not None:
+        raise ValueError(f"the pixel filter must be a box of one pixel, to be the same in both; got {camera.filter}")
     width, height = camera.resolution
     return mi.load_dict(
         {

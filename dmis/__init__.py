@@ -44,6 +44,7 @@ from dmis.models import phong as phong
 from dmis.models import rough_glass as rough_glass
 from dmis.models import torrance_sparrow as torrance_sparrow
 from dmis.models import ward as ward
+from dmis.pixel_filter import PixelFilter as PixelFilter
 from dmis.reference import Reference as Reference
 from dmis.reference import make_reference as make_reference
 from dmis.render import Result as Result

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dmis.mesh import FARTHEST
+from dmis.pixel_filter import PixelFilter
 from dmis.vec import TINY, Array, dot
 
 
@@ -19,7 +20,7 @@ def check_resolution(width: int, height: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with a box filter of one pixel.
+    """A pinhole camera.
 
     Parameters
     ----------
@@ -33,6 +34,8 @@ class Camera:
     corner, frame
         For a part of a larger image (`crop` makes one): column and row of its top left pixel there, and the larger
         image's ``(width, height)``, across whose shorter side `fov` is meant. None: this is the whole.
+    filter
+        What pixels are means of, see `dmis.pixel_filter`; None: of themselves, a box of one pixel.
     """
 
     to_world: Array
@@ -40,6 +43,7 @@ class Camera:
     resolution: tuple[int, int]
     corner: tuple[int, int] = (0, 0)
     frame: tuple[int, int] | None = None
+    filter: PixelFilter | None = None
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.to_world, float)

@@ -29,7 +29,8 @@ What pbrt-v2 does and a textbook would not. The rest of the library knows nothin
   sides are no powers of 2.
 * ``maxdepth`` m of path tracing lets m + 1 surfaces scatter light. (One thing is not followed: a light that is seen by
   way of exactly m + 1 mirrors is black in pbrt-v2.)
-* Without a PixelFilter line the filter is a box of one pixel, the only one that is rendered here.
+* Without a PixelFilter line the filter is a box of one pixel. Other filters are smooth here, and taken from a table of
+  16 x 16 values in pbrt-v2 and v3.
 
 What v3 and v4 do otherwise is told where it is done: sides of lights and glass in `dmis.pbrt_shapes`, colours in
 `dmis.pbrt_spectra`, materials and lights in `dmis.pbrt_materials` and `dmis.pbrt_lights`.

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from dmis.pixel_filter import PixelFilter
+
 _NUMERIC = {"integer": 1, "float": 1, "point": 3, "vector": 3, "normal": 3, "rgb": 3, "blackbody": 2}
 _SPECTRAL = {"color": 3, "xyz": 3}
 _LATER = {"point2": 2, "vector2": 2, "point3": 3, "vector3": 3, "normal3": 3}
@@ -36,10 +38,10 @@ class Dialect:
         Width and height where the Film line has none.
     fixed
         Parameters that change the image, by directive, with the only value that is rendered here.
-    box
-        Names of the box filter's half widths.
-    default_box
-        Whether the filter is a box of one pixel where no PixelFilter line stands.
+    radius
+        Names of a pixel filter's half widths.
+    filter
+        The filter where no PixelFilter line stands; None: a box of one pixel.
     levels
         Names of the number of subdivisions, the first that is there counts.
     t_up
@@ -62,8 +64,8 @@ class Dialect:
     film: tuple[str, ...] = ("image",)
     film_size: tuple[int, int] = (1280, 720)
     fixed: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    box: tuple[str, str] = ("xwidth", "ywidth")
-    default_box: bool = True
+    radius: tuple[str, str] = ("xwidth", "ywidth")
+    filter: PixelFilter | None = None
     levels: tuple[str, ...] = ("levels",)
     t_up: bool = True
     global_names: bool = False
@@ -100,8 +102,8 @@ V4 = Dialect(
         "Integrator": {"regularize": False},
         "Option": {"disablepixeljitter": False, "forcediffuse": False, "disabletexturefiltering": False},
     },
-    box=("xradius", "yradius"),
-    default_box=False,
+    radius=("xradius", "yradius"),
+    filter=PixelFilter("gaussian", (1.5, 1.5), 0.5),
     global_names=True,
     overrides=False,
     bare_words=True,

@@ -16,6 +16,7 @@ from dmis.pbrt_reader import Directive, Reader, State, inverse
 from dmis.pbrt_tokens import MAX_TEXT, Source, Token, blame
 from dmis.pbrt_transforms import TRANSFORMS, set_transform
 from dmis.pbrt_world import WORLD
+from dmis.pixel_filter import PixelFilter
 from dmis.settings import DEEPEST
 
 MAX_INCLUDES = 32
@@ -163,11 +164,20 @@ def _film(reader: Reader, token: Token, cursor: Cursor) -> None:
 def _pixel_filter(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of filter")
     p = cursor.parameters(token)
-    if name.name != "box" or any(p.number(half, 0.5) != 0.5 for half in reader.dialect.box):
-        line = 'PixelFilter "box" ' + " ".join(f'"float {half}" [0.5]' for half in reader.dialect.box)
-        raise name.error(f"the filter must be a box of one pixel, no other is rendered; make the line {line}")
+    usual = {"box": 0.5, "gaussian": 1.5 if reader.dialect.name == "v4" else 2.0}.get(name.name, 2.0)
+    x, y = (p.number(half, usual) for half in reader.dialect.radius)
+    sigma = 0.5
+    if name.name == "gaussian" and reader.dialect.name == "v4":
+        sigma = p.number("sigma", 0.5)
+    elif name.name == "gaussian":  # exp(-alpha x^2)
+        alpha = p.number("alpha", 2)
+        if not alpha > 0:
+            raise p.items["alpha"].token.error(f"alpha must be positive, or the filter has no width; got {alpha:g}")
+        sigma = (2 * alpha) ** -0.5
+    with blame(name):
+        made = PixelFilter(name.name, (x, y), sigma)
+    reader.filter = None if made == PixelFilter("box", (0.5, 0.5)) else made
     reader.note(p)
-    reader.filter = True
 
 
 def _integrator(reader: Reader, token: Token, cursor: Cursor) -> None:

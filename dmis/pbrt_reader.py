@@ -85,7 +85,7 @@ class Reader:
         self.including: list[Path] = []
         self.files, self.characters = 0, 0
         self.asks = "direct" if self.dialect.name == "v2" else "path", DEPTH
-        self.filter = False
+        self.filter = self.dialect.filter
         self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing
@@ -142,12 +142,6 @@ class Reader:
 
     def scene(self) -> Scene:
         """The scene, once all is read."""
-        if not self.dialect.default_box and not self.filter:
-            box = " ".join(f'"float {name}" [0.5]' for name in self.dialect.box)
-            raise self.token.error(
-                f"without a PixelFilter line the filter of {self.dialect.name} is a gaussian, not rendered here; "
-                f'write PixelFilter "box" {box}'
-            )
         parts = self.bright + merge(self.shapes)
         camera = self._camera()
         with blame(self.token):
@@ -180,7 +174,7 @@ class Reader:
         self.note(film)
         self.note(p)
         with blame(p.directive):
-            camera = Camera(inverse(self.to_camera), 2 * half if half > 0 else fov, (width, height))
+            camera = Camera(inverse(self.to_camera), 2 * half if half > 0 else fov, (width, height), filter=self.filter)
         if crop is None:
             return camera
         token = film.items["cropwindow"].token

@@ -354,7 +354,7 @@ def _first(weight: Array | float) -> Array:
 
 
 def fingerprint(scene: Scene) -> str:
-    """A short hash of the description: camera, meshes, materials, lights, and an integrator that is not the usual."""
+    """A short hash of the description: camera, meshes, materials, lights; an integrator or filter if not the usual."""
     import hashlib  # imported where used: it brings OpenSSL
 
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
@@ -364,6 +364,8 @@ def fingerprint(scene: Scene) -> str:
         pickle.dumps((camera.fov, camera.resolution, camera.corner, camera.frame, lights, materials))
     )
     digest.update(np.asarray(camera.to_world, np.float64).tobytes())
+    if camera.filter is not None:
+        digest.update(repr(camera.filter).encode())
     if (scene.integrator or "direct", scene.max_depth or DEPTH) != ("direct", DEPTH):
         digest.update(repr((scene.integrator, scene.max_depth)).encode())
     for part in scene.parts:

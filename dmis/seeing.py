@@ -1,7 +1,8 @@
 """Which pixels may see something: the union of the bounds of all triangles in the image.
 
 Only what is provable counts. A pixel is left out if it lies outside the rectangle of every triangle, with room for the
-rounding of float32 positions and directions; a triangle that reaches behind the camera covers everything.
+pixel filter and for the rounding of float32 positions and directions; a triangle that reaches behind the camera covers
+everything.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ def _count(begins: np.ndarray, camera: Camera, mesh: Mesh) -> bool:
     faces = mesh.faces[(depth[mesh.faces] > -near).any(axis=1)]
     if (depth[faces] <= near).any():
         return False
-    margin = 1 + near / (depth * camera.pixel)
+    reach = 0.0 if camera.filter is None else max(camera.filter.radius)
+    margin = 1 + reach + near / (depth * camera.pixel)
     low_x, low_y = ((a - margin)[faces].min(axis=1) for a in (x, y))
     high_x, high_y = ((a + margin)[faces].max(axis=1) for a in (x, y))
     inside = (high_x >= 0) & (low_x <= width) & (high_y >= 0) & (low_y <= height)

@@ -164,6 +164,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
             later = take(later_w, pixel), later_counts
         sampler.start(pixel, number)
         u = sampler.draw("camera", None)
+        if scene.camera.filter is not None:
+            u = scene.camera.filter.offsets(u)
         direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
         origin = np.repeat(scene.camera.origin, direction.shape[1], axis=1)
         records: list[Record] | None = None if statistic is None and collector is None else []

@@ -36,6 +36,7 @@ from dmis.light import (
 )
 from dmis.material import COPPER_ETA, COPPER_K
 from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
+from dmis.pixel_filter import PixelFilter
 from dmis.settings import Settings
 from dmis.texture import Image
 
@@ -858,8 +859,8 @@ BAD = {
         1,
         "at most 2**25 pixels",
     ),
-    "filter": ('PixelFilter "gaussian"', "", 1, 'make the line PixelFilter "box" "float xwidth" [0.5]'),
-    "wide box": ('PixelFilter "box" "float xwidth" 1', "", 1, "the filter must be a box of one pixel"),
+    "filter": ('PixelFilter "mitchell"', "", 1, "a pixel filter must be box, triangle, gaussian"),
+    "no box": ('PixelFilter "box" "float xwidth" 0', "", 1, "radius of a pixel filter must be above 0"),
     "no surface": ('SurfaceIntegrator "path" "integer maxdepth" -1', "", 1, "maxdepth must let 1 to 10000 surfaces"),
     "volpath": ('SurfaceIntegrator "volpath"', "", 1, "the integrator must be directlighting or path"),
     "integrator": ('SurfaceIntegrator "whitted"', "", 1, "the integrator must be directlighting"),
@@ -1088,6 +1089,7 @@ def test_original_grid_is_one_image(original):
     np.testing.assert_allclose(np.unique(image.texels), [0.0392, 0.4607], atol=1e-3)
 
 
-def test_original_filter_is_refused_with_the_line_to_write(pbrt_scenes):
-    with pytest.raises(PbrtError, match=r"teapot-area-light\.pbrt:10: token \"gaussian\": the filter must be a box"):
-        read_pbrt(pbrt_scenes / "original/teapot-area-light.pbrt")
+def test_original_filter(pbrt_scenes):
+    with pytest.warns(PbrtWarning):
+        camera = read_pbrt(pbrt_scenes / "original/teapot-area-light.pbrt").camera
+    assert camera.filter == PixelFilter("gaussian", (2, 2), 0.5)

@@ -26,6 +26,7 @@ from dmis.material import COPPER_ETA, COPPER_K
 from dmis.pair import Pair
 from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
 from dmis.pbrt_materials import _polynomial
+from dmis.pixel_filter import PixelFilter
 from dmis.rough_glass import RoughReflection, RoughTransmission
 from dmis.spectrum import LUMINANCE
 from dmis.surface import Surface
@@ -556,7 +557,9 @@ BAD = {
     "option": ("v4", 'Option "bool nonsense" true', "", "there is no option 'nonsense'"),
     "space": ("v4", 'ColorSpace "rec2020"', "", "the colour space must be srgb"),
     "bdpt": ("v4", 'Integrator "bdpt"', "", "the integrator must be path or volpath; others make other images"),
-    "filter": ("v4", 'PixelFilter "gaussian"', "", '"float xradius" [0.5]'),
+    "filter": ("v4", 'PixelFilter "mitchell"', "", "a pixel filter must be box, triangle, gaussian, because"),
+    "no width": ("v3", 'PixelFilter "gaussian" "float alpha" 0', "", "alpha must be positive"),
+    "wide": ("v4", 'PixelFilter "box" "float xradius" 65', "", "radius of a pixel filter must be above 0, at most 64"),
     "coat medium": ("v4", "", 'Material "coateddiffuse" "rgb albedo" [0 .1 0]', "'albedo' must be black, because"),
     "coat grain": ("v4", "", 'Material "coateddiffuse" "float vroughness" .1', "'vroughness' must be the same along"),
     "coat depth": ("v4", "", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
@@ -614,9 +617,22 @@ def test_refused(read, tmp_path, name):
     assert message in str(caught.value)
 
 
-def test_defaults_that_make_another_image_are_refused(read):
-    with pytest.raises(PbrtError, match='gaussian, not rendered here; write PixelFilter "box" "float xradius"'):
-        read("v4", head='Film "rgb"\nIntegrator "path" "integer maxdepth" 1\n')
+@pytest.mark.parametrize(
+    "dialect, line, expected",
+    [
+        ("v4", "", PixelFilter("gaussian", (1.5, 1.5), 0.5)),
+        ("v4", 'PixelFilter "gaussian" "float yradius" 2 "float sigma" 1', PixelFilter("gaussian", (1.5, 2), 1)),
+        ("v4", 'PixelFilter "box"', None),
+        ("v4", 'PixelFilter "triangle" "float xradius" 1', PixelFilter("triangle", (1, 2))),
+        ("v3", "", None),
+        ("v3", 'PixelFilter "gaussian" "float xwidth" 3', PixelFilter("gaussian", (3, 2), 0.5)),
+        ("v3", 'PixelFilter "gaussian" "float alpha" 8', PixelFilter("gaussian", (2, 2), 0.25)),
+        ("v3", 'PixelFilter "box" "float xwidth" 1', PixelFilter("box", (1, 0.5))),
+    ],
+)
+def test_pixel_filters(read, dialect, line, expected):
+    film = {"v3": "image", "v4": "rgb"}[dialect]
+    assert read(dialect, head=f'Film "{film}"\nIntegrator "path"\n{line}\n').camera.filter == expected
 
 
 @pytest.mark.parametrize(
