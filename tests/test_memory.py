@@ -40,6 +40,13 @@ def test_kept_memory_is_not_filled_with_zeros_again() -> None:
 
 
 @GLIBC
+def test_memory_is_kept_where_the_environment_says_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dask starts its workers with this setting."""
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    assert page_faults("keep(); rounds(1); print(rounds(20))") < 0.1 * page_faults("rounds(1); print(rounds(20))")
+
+
+@GLIBC
 def test_what_was_kept_can_be_given_back() -> None:
     """After `release`, a round begins with new pages."""
     kept = page_faults("keep(); rounds(1); print(rounds(1))")
