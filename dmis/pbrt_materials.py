@@ -1,8 +1,7 @@
 """Materials of pbrt files by dialect: one table of makers each; those of pbrt-v2 are in `dmis.pbrt_objects`.
 
 All rough materials of pbrt-v3 and v4 are microfacets with the distribution of Trowbridge and Reitz (GGX, `dmis.ggx`).
-Sources: materials/ and core/microfacet.h of
-pbrt-v3, pbrt/materials.h and util/scattering.h of pbrt-v4.
+Sources: materials/ and core/microfacet.h of pbrt-v3, pbrt/materials.h, bxdfs.h and util/scattering.h of pbrt-v4.
 """
 
 from __future__ import annotations
