@@ -38,7 +38,7 @@ class Rays:
     Attributes
     ----------
     sample
-        Camera sample numbers, ``(N,)``, rising; None: all, in order.
+        Camera sample numbers, ``(N,)``; None: all, in order.
     throughput
         What they will be multiplied by, ``(3, N)``; None: nothing.
     depth
@@ -153,16 +153,15 @@ def _follow(surface: Surface, way: Way, u: Array, epsilon: np.float32) -> tuple[
 
 
 def merge(parts: Sequence[Rays], samples: int) -> Rays:
-    """Rays of one depth as one batch, in the order of their camera samples, of which there are `samples`."""
+    """Rays of one depth as one batch, part after part; there are `samples` camera samples."""
     if len(parts) == 1:
         return parts[0]
-    numbers = [np.arange(samples) if p.sample is None else np.arange(samples)[p.sample] for p in parts]
-    sample = np.concatenate(numbers)
-    order = np.argsort(sample, kind="stable")
+    every = np.arange(samples)
+    sample = np.concatenate([take(every, p.sample) for p in parts])
     fields = zip(*((p.origin, p.direction, _throughput(p)) for p in parts), strict=True)
-    origin, direction, throughput = (np.concatenate(f, axis=1).take(order, axis=1) for f in fields)
-    sees = np.concatenate([np.broadcast_to(p.sees, p.origin.shape[1]) for p in parts])[order]
-    return Rays(origin, direction, sample[order], throughput, parts[0].depth, parts[0].path, sees)
+    origin, direction, throughput = (np.concatenate(f, axis=1) for f in fields)
+    sees = np.concatenate([np.broadcast_to(p.sees, p.origin.shape[1]) for p in parts])
+    return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, sees)
 
 
 def _throughput(rays: Rays) -> Array:

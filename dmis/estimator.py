@@ -197,7 +197,7 @@ def _mixture(
     w, control = take(w, sample), _take(batch.control, sample)
     n = size(index, points.out.shape[1])
     for side, (own, count) in enumerate(zip(techniques, each, strict=True)):
-        ordered = counts is batch.counts and (side == 0 or len(each) == 2)
+        ordered = not points.path and (side == 0 or len(each) == 2)  # as camera samples are
         for turns in _turns(batch, count, n, ordered):
             u = [_draw(batch, counts, key, side, turn, compose(sample, those), own.numbers) for turn, those in turns]
             chosen = turns[0][1] if len(turns) == 1 else _joined(n, *(those for _, those in turns))

