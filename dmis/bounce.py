@@ -95,7 +95,7 @@ def bounce(
         return None
     if len(ways) == 1:  # nothing to choose, nothing to put together
         origin, direction, factor = _follow(surface, ways[0], u, epsilon)
-        sees = np.full(n, isinstance(ways[0], int))
+        sees: np.ndarray | bool = isinstance(ways[0], int)
     else:
         origin, direction, factor = np.empty((3, 3, n), np.float32)
         sees = np.zeros(n, bool)
@@ -119,7 +119,8 @@ def bounce(
     if index is not None and len(index) == 0:
         return None
     origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
-    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), take(sees, index))
+    sees = sees if isinstance(sees, bool) else take(sees, index)
+    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), sees)
 
 
 def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
@@ -160,7 +161,9 @@ def merge(parts: Sequence[Rays], samples: int) -> Rays:
     sample = np.concatenate([take(every, p.sample) for p in parts])
     fields = zip(*((p.origin, p.direction, _throughput(p)) for p in parts), strict=True)
     origin, direction, throughput = (np.concatenate(f, axis=1) for f in fields)
-    sees = np.concatenate([np.broadcast_to(p.sees, p.origin.shape[1]) for p in parts])
+    sees = parts[0].sees
+    if not isinstance(sees, bool) or any(p.sees is not sees for p in parts):
+        sees = np.concatenate([np.broadcast_to(p.sees, p.origin.shape[1]) for p in parts])
     return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, sees)
 
 

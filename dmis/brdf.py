@@ -61,12 +61,12 @@ class Coat:
 class Conductor:
     """Fresnel reflectance of a metal, the approximate form of PBR 8.2.1; `eta` and `k` are RGB triples."""
 
-    eta: tuple[float, float, float]
-    k: tuple[float, float, float]
+    eta: Any
+    k: Any
 
     def __call__(self, cos: Array) -> Array:
-        eta = np.array(self.eta, np.float32)[:, None]
-        a = eta * eta + np.array(self.k, np.float32)[:, None] ** 2
+        eta, k = per_point(self.eta), per_point(self.k)
+        a = eta * eta + k * k
         cos2, twice = cos * cos, 2 * eta * cos
         parallel_base = a * cos2 + 1
         perp_base = a + cos2
@@ -74,6 +74,12 @@ class Conductor:
 
 
 Fresnel = Dielectric | Coat | Conductor
+
+
+def per_point(colour: Any) -> Array:
+    """A triple as ``(3, 1)``; what is bound to points as it is, ``(1 or 3, N)``."""
+    values = np.asarray(colour, np.float32)
+    return values[:, None] if values.ndim == 1 else values
 
 
 # Distributions of half vectors --------------------------------------------------------------------------------------

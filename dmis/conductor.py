@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmis.brdf import Conductor
+from dmis.brdf import Conductor, per_point
 from dmis.vec import TINY, Array
 
 
@@ -18,7 +18,7 @@ class ExactConductor(Conductor):
     """Unpolarised Fresnel reflectance of a metal in air, index ``eta + i k`` as RGB triples."""
 
     def __call__(self, cos: Array) -> Array:
-        index = np.array(self.eta, np.float64)[:, None] + 1j * np.array(self.k, np.float64)[:, None]
+        index = per_point(self.eta) + np.complex128(1j) * per_point(self.k)
         cos = np.asarray(cos, np.float64)
         cos_t = np.sqrt(1 - (1 - cos * cos) / (index * index))
         parallel = (index * cos - cos_t) / (index * cos + cos_t + TINY)

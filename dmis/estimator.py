@@ -110,14 +110,15 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
         kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
         batch.rays[kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
-    if plan.environment:
-        missed = indices(hits.prim < 0 if rays.sees is True else (hits.prim < 0) & rays.sees)
+    if plan.environment and rays.sees is not False:
+        missed = indices((hits.prim < 0) & rays.sees)
         if missed is None or len(missed):
             for light in plan.environment:
                 yield _onward(rays, missed, light.radiance(take(rays.direction, missed)))
     last = rays.depth >= settings.deepest
     for number, group in enumerate(plan.groups):
-        if last and group.emission is None:
+        shines = group.emission is not None and rays.sees is not False
+        if not shines and (last or not group.reflects):
             continue
         index = indices(group_of == number)
         if index is not None and len(index) == 0:
@@ -125,7 +126,7 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
         surface, emission = scene.surface(group, hits, index, rays.direction)
         sample, throughput = compose(rays.sample, index), _take(rays.throughput, index)
         out = np.zeros(surface.wo.shape, np.float32)
-        if emission is not None:
+        if shines and emission is not None:
             out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
         if group.glossy and not last:
             _light(batch, _Points(surface, sample, throughput, rays.path, out))

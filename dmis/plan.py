@@ -92,6 +92,11 @@ class Group:
     anisotropic: bool
     tangent: Array | None = None
 
+    @property
+    def reflects(self) -> bool:
+        """Whether there is any lobe, and not just emission."""
+        return bool(self.glossy or self.through or self.delta)
+
     def bind(self, lobe: Any, row: Index | None, uv: Array | None) -> Any:
         """`lobe` with the parameters of each point: rows of the tables, or texture values at `uv` ``(2, N)``."""
         if len(self.materials) == 1 and not self.textured:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.brdf import Fresnel
+from dmis.brdf import Coat, Conductor, Dielectric
 from dmis.light import AreaLight, DistantLight, EnvironmentLight, Light
 from dmis.material import Material
 from dmis.texture import Image
@@ -22,9 +22,11 @@ SCALARS = {"exponent", "u", "v", "alpha", "alpha_u", "alpha_v"}
 
 def parameters(lobe: Any) -> Iterator[tuple[str, Any]]:
     """The parameters that differ from point to point, and the nested data that may hold some."""
+    metal = isinstance(lobe, Conductor)
     for field in fields(lobe):
         value = getattr(lobe, field.name)
-        if field.name in COLOURS | SCALARS or (is_dataclass(value) and not isinstance(value, Fresnel)):
+        holds = is_dataclass(value) and not isinstance(value, Dielectric | Coat)
+        if metal or holds or field.name in COLOURS | SCALARS:
             yield field.name, value
 
 

@@ -137,10 +137,17 @@ class Surface:
         for k in range(count):
             index = np.flatnonzero(chosen == k)
             part = self.take(index)
-            directions = part.glossy[k].sample(part, stretched.take(index, axis=1))
+            directions = part._lobe(k).sample(part, stretched.take(index, axis=1))
             for row, values in zip(wi, directions, strict=True):
                 row[index] = values
         return wi
+
+    def _lobe(self, k: int) -> Glossy:
+        """One of the glossy lobes, without gathering the parameters of the others."""
+        if self._parent is None or "glossy" in self.__dict__:
+            return self.glossy[k]
+        lobe: Glossy = _gather(self._parent.glossy[k], self._index)
+        return lobe
 
 
 def _gather(value: Any, index: Selection | None) -> Any:

@@ -91,8 +91,8 @@ class Rendered:
 
 
 def batch_size(settings: Settings) -> int:
-    """Camera samples per batch: `CHUNK`; twice as many where paths go on, because they thin out, and calls of NumPy with
-    few samples take longer than their work.
+    """Camera samples per batch: `CHUNK`; twice as many where paths go on, because these become fewer, and calls of
+    NumPy take longer than their work if they have little.
     """
     return 2 * CHUNK if settings.integrator == "path" and settings.deepest > 1 else CHUNK
 

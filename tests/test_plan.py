@@ -152,6 +152,24 @@ def test_last_rays_are_followed_only_where_they_may_meet_a_light() -> None:
     assert image.any()
 
 
+def test_lamps_that_paths_may_not_see_are_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind surfaces that all scatter, a lamp is what a ray ends at, and no more: its surface is for the camera."""
+    shape = Part(quad(LAMP.corner, LAMP.edge_u, LAMP.edge_v), Material(()), LAMP)
+    looked: list[int] = []
+    surface = Scene.surface
+
+    def counted(scene: Scene, group: Any, hits: Hits, *rest: Any) -> Any:
+        looked.append(group.emission is not None)
+        return surface(scene, group, hits, *rest)
+
+    monkeypatch.setattr(Scene, "surface", counted)
+    for material, times in ((matte(0.5), 0), (Material((Lambert(0.3), mirror(0.5).lobes[0])), 1)):
+        looked.clear()
+        scene = box_scene(material, (LAMP,), (shape,), eye=(0, -1, 1))  # which sees the floor alone
+        tile_of(scene, integrator="path", max_depth=2)
+        assert sum(looked) == times
+
+
 # What is left out changes nothing -------------------------------------------------------------------------------------
 
 

@@ -1,15 +1,21 @@
 """Surface points: subsets, tangents, sampling of mixtures, and points made from hits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import box_scene, polar, surface, uniforms
 
-from dmis.brdf import Lambert
+from dmis import surface as surfaces
+from dmis.brdf import Conductor, Lambert, SpecularReflection
 from dmis.camera import Camera
+from dmis.conductor import ExactConductor
 from dmis.geometry import Mesh, quad, sphere
+from dmis.ggx import GGX
 from dmis.light import QuadLight
 from dmis.material import Material, matte, plastic, substrate
 from dmis.pair import Pair
+from dmis.roughness import Isotropic
 from dmis.scene import Part, Scene
 from dmis.surface import Surface
 from dmis.texture import Image
@@ -176,3 +182,37 @@ def test_materials_of_one_kind_share_a_group() -> None:
     assert len(scene.plan.groups) == 1
     points, _ = shoot(scene, [[0.5, 0.4, 1], [2.5, 0.4, 1]], [[0, 0, -1]] * 2)
     np.testing.assert_array_equal(points.glossy[0].reflectance, [[1, 0], [0, 0], [0, 1]])
+
+
+@pytest.mark.parametrize("kind", [Conductor, ExactConductor])
+def test_metals_share_a_group(kind: type[Conductor]) -> None:
+    """Mirrors and rough surfaces of several metals: each point has its own metal's reflectance."""
+    gold, grey = kind((0.1, 0.4, 1.4), (4.0, 2.4, 1.6)), kind((2.0, 2.0, 2.0), (3.0, 3.0, 3.0))
+    fields = [quad((2 * k, 0, 0), (1, 0, 0), (0, 1, 0)) for k in range(2)]
+    for lobe in (GGX(0.5, Isotropic(0.3), gold), SpecularReflection(0.5, gold)):
+        lobes = [replace(lobe, fresnel=metal) for metal in (gold, grey)]
+        parts = [Part(mesh, Material((lobe,))) for mesh, lobe in zip(fields, lobes, strict=True)]
+        scene = looking_down(*parts)
+        assert len(scene.plan.groups) == 1
+        rays = [[0.5, 0.4, 1], [2.5, 0.4, 1]], [[0.3, 0, -1]] * 2
+        together, _ = shoot(scene, *rays)
+        for k, part in enumerate(parts):
+            alone, _ = shoot(looking_down(part), *([ray[k]] for ray in rays))
+            mixed = together.take(np.array([k]))
+            if isinstance(lobe, GGX):
+                wi = normalise(np.array([[0.2], [0.1], [0.9]], np.float32))
+                found, expected = (points.eval(Pair(points, wi)) for points in (mixed, alone))
+            else:
+                found, expected = (points.delta[0].scatter(points)[1] for points in (mixed, alone))
+            assert expected.any()
+            np.testing.assert_allclose(*np.broadcast_arrays(found, expected), rtol=1e-6)
+
+
+def test_sampling_gathers_one_lobe_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where one lobe picks directions, parameters of the others are left where they are."""
+    points = random_surface(40)
+    kd, gathered = points.glossy[0].reflectance, []
+    gather = surfaces._gather
+    monkeypatch.setattr(surfaces, "_gather", lambda value, index: gathered.append(value) or gather(value, index))
+    points.sample(uniforms(40))
+    assert sum(value is kd for value in gathered) == 1
