@@ -59,6 +59,13 @@ def floors(speeds: list[Speed]) -> Iterator[Target]:
             yield Target(f"total / floor, {speed.scene}", statistics.median(speed.ratios), 1.6)
 
 
+def paths(names: list[str], spp: int, repeats: int) -> Iterator[Target]:
+    """The same for path tracing, six surfaces deep, and in the box of colours."""
+    settings = dmis.Settings(integrator="path", max_depth=6)
+    for speed in bench(["cornell", *names], ["balance"], (342, 256), spp, repeats=repeats, settings=settings):
+        yield Target(f"total / floor, paths, {speed.scene}", statistics.median(speed.ratios), 1.8)
+
+
 def threads(names: list[str], spp: int, repeats: int) -> Iterator[Target]:
     """What a second thread brings."""
     for name in names:
@@ -111,8 +118,13 @@ def main() -> int:
     print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     targets = []
     for group in (
-        floors(speeds), threads(names, given.spp, given.repeats), learning(names), memory(), starting(given.repeats)
-    ):  # fmt: skip
+        floors(speeds),
+        paths(names, given.spp, given.repeats),
+        threads(names, given.spp, given.repeats),
+        learning(names),
+        memory(),
+        starting(given.repeats),
+    ):
         for target in group:
             print(target.row(), flush=True)
             targets.append(target)

@@ -23,7 +23,7 @@ PAGE = ROOT / "docs" / "paths.md"
 opts, given = options(
     __file__,
     "rules in path tracing against the balance heuristic and the oracle",
-    seeds={"type": int, "default": 4, "help": "number of seeds (default 4)"},
+    seeds={"type": int, "default": 8, "help": "number of seeds (default 8)"},
     page={"type": Path, "default": PAGE, "help": "the page whose tables are replaced"},
 )
 SEEDS = range(given.seeds)
