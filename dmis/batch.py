@@ -25,7 +25,7 @@ class Batch:
         Share of the first technique, ``(N,)`` or one number; of K > 2 techniques all shares, ``(K, N)`` or ``(K, 1)``.
     counts
         How many shading samples of each camera sample go to each technique; falling for the first, so that those with
-        the same number are a slice, and nothing needs to be gathered.
+        the same number are a slice at the first surface, and nothing needs to be gathered.
     rng
         For choices that are not two-dimensional draws.
     rays

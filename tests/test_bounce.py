@@ -1,6 +1,8 @@
 """Path tracing: furnaces with closed forms, a sum over bounces by brute force, all rules, with and without roulette."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import dmis
 from dmis import bounce
 from dmis.bounce import Rays, merge
 from dmis.camera import Camera
+from dmis.fit import Fit, Rule
 from dmis.geometry import quad, sphere
 from dmis.light import EnvironmentLight, PointLight, QuadLight
 from dmis.material import Material, glass, matte, mirror, plastic
@@ -25,7 +28,7 @@ WALLS = (
 ROOM = box_scene(plastic(0.5, 0.3, 0.1), (LAMP,), WALLS, resolution=(12, 12))
 
 
-def means(scene: Scene, rule: str, seeds: range, spp: int = 16, **settings: object) -> Array:
+def means(scene: Scene, rule: Rule | str, seeds: range, spp: int = 16, **settings: object) -> Array:
     """Mean over the image for each seed."""
     chosen = Settings(integrator="path", **settings)
     return np.array([dmis.render(scene, rule, spp, seed=s, settings=chosen, threads=1).image.mean() for s in seeds])
@@ -195,6 +198,25 @@ def test_lamp_in_a_mirror_counts_and_elsewhere_does_not() -> None:
     floor = box_scene(matte(0.5), (lamp,), (shape,))
     a, b = (means(floor, "balance", range(k, k + 40), max_depth=depth) for k, depth in ((0, 1), (100, 8)))
     assert abs(z_score(a, b)) < Z_LIMIT  # the lamp reflects nothing
+
+
+@dataclass(frozen=True)
+class Checkered:
+    """Every other pixel has nearly all light samples, the rest nearly none."""
+
+    pilot: Mapping[float, int] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def fit(self, pilot: Mapping[float, Any]) -> Fit:
+        height, width = ROOM.camera.resolution
+        return Fit((0.1 + 0.8 * (np.indices((height, width)).sum(axis=0) % 2)).astype(np.float32))
+
+
+def test_shares_stay_with_their_paths() -> None:
+    """Where rays of several groups have become one batch, each still divides its shading samples as its pixel does."""
+    a = means(ROOM, Checkered(), range(24), 32, max_depth=3)
+    b = means(ROOM, "balance", range(100, 148), 32, max_depth=3)
+    assert abs(z_score(a, b)) < Z_LIMIT
 
 
 def test_one_batch_per_bounce() -> None:
