@@ -59,7 +59,10 @@ class Coat:
 
 @dataclass(frozen=True)
 class Conductor:
-    """Fresnel reflectance of a metal, the approximate form of PBR 8.2.1; `eta` and `k` are RGB triples."""
+    """Fresnel reflectance of a metal, the approximate form of PBR 8.2.1.
+
+    Index `eta` and absorption `k` are RGB triples; bound to points, ``(1 or 3, N)``.
+    """
 
     eta: Any
     k: Any
