@@ -11,7 +11,6 @@ import math
 import os
 import platform
 import re
-import resource
 import shlex
 import sys
 import time
@@ -22,7 +21,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-from dmis import __version__
+from dmis import __version__, memory
 from dmis.arguments import make_parser
 from dmis.bench import HEADER, bench
 from dmis.compare import compare, load_reference, split_rules, summary
@@ -153,9 +152,10 @@ def _render(options: argparse.Namespace) -> int:
     if options.png:
         write_png(options.png, result.image)
     if options.stats:
+        most = memory.peak()  # before the replay, which keeps the rays of some tiles
         floor = embree_seconds(scene, result.tiles, threads)
         with replacing(options.stats) as partial:
-            partial.write_text(json.dumps(_stats(result, floor, threads), indent=2) + "\n")
+            partial.write_text(json.dumps(_stats(result, floor, most, threads), indent=2) + "\n")
     if not options.quiet:
         seconds = result.seconds["total"]
         rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
@@ -214,10 +214,9 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
         yield client.get_executor(pure=False)
 
 
-def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:
+def _stats(result: Result, floor: float, most: int, threads: int) -> dict[str, object]:
     samples = int(result.image.shape[0] * result.image.shape[1] * result.provenance["spp"])
     seconds = result.seconds["total"]
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
         "seconds": seconds,
         "seconds_by_stage": dict(result.seconds),
@@ -226,7 +225,7 @@ def _stats(result: Result, floor: float, threads: int) -> dict[str, object]:
         "rays": dict(result.rays),
         "fireflies": int(result.fireflies.sum()),
         "embree_seconds": floor,
-        "peak_rss_bytes": peak if sys.platform == "darwin" else peak * 1024,
+        "peak_rss_bytes": most,
         "threads": threads,
         "provenance": dict(result.provenance),
     }

@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import PurePath
 
 import numpy as np
 
@@ -164,26 +164,11 @@ def parts(scene: Scene, tiles: Sequence[Tile], limit: float = 2.0) -> dict[str, 
 def peak_memory(source: str, rule: str, resolution: tuple[int, int], spp: int, threads: int = 2) -> int:
     """Peak resident memory of a process that loads a scene and renders it, in bytes (POSIX)."""
     code = (
-        "import dmis, dmis.bench; "
+        "import dmis, dmis.memory; "
         f"dmis.render(dmis.load_scene({source!r}, resolution={resolution!r}), {rule!r}, {spp}, threads={threads}); "
-        "print(dmis.bench.own_peak())"
+        "print(dmis.memory.peak())"
     )
     return int(fresh_python(code))
-
-
-def own_peak() -> int:
-    """Peak resident memory of this process, in bytes.
-
-    Linux is asked directly: what `resource.getrusage` says begins with the memory of the process that started this one.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-        return 1024 * int(line.split()[1])
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def fresh_python(code: str) -> str:

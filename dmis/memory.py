@@ -1,10 +1,11 @@
-"""Memory that was freed: kept for the arrays to come, or given back to the system."""
+"""Memory: what was freed is kept for the arrays to come, or given back to the system; and how much it was at most."""
 
 from __future__ import annotations
 
 import ctypes
 import sys
 from functools import cache
+from pathlib import Path
 
 KEPT = 2**26
 """Bytes of freed arrays that the C library keeps, per arena: more than the arrays of a batch together."""
@@ -35,3 +36,18 @@ def release(pixels: int) -> None:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none
         if trim is not None:
             trim(0)
+
+
+def peak() -> int:
+    """Peak resident memory of this process, in bytes (POSIX).
+
+    Linux is asked directly: what `resource.getrusage` says begins with the memory of the process that started this one.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return 1024 * int(line.split()[1])
+    import resource
+
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else 1024 * most

@@ -14,8 +14,6 @@ numbers are kept in ``data/scale.json``, and drawn from there. ``--quick`` measu
 import json
 import multiprocessing
 import platform
-import resource
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from datetime import date
@@ -25,7 +23,7 @@ import numpy as np
 from thesis import options
 
 import dmis
-from dmis import geometry
+from dmis import geometry, memory
 
 KEPT = Path(__file__).resolve().parent / "data" / "scale.json"
 TARGET = (4096, 4096)
@@ -57,7 +55,6 @@ def measure(case):
     before, wall = time.process_time(), time.perf_counter()
     dmis.render(scene, "balance", spp, seed=1, threads=1)
     seconds, wall = time.process_time() - before, time.perf_counter() - wall
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     return {
         "side": side,
         "spp": spp,
@@ -65,7 +62,7 @@ def measure(case):
         "build_seconds": built - begin,
         "seconds": seconds,
         "wall_seconds": wall,
-        "peak_bytes": peak,
+        "peak_bytes": memory.peak(),
     }
 
 

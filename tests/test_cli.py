@@ -65,6 +65,18 @@ def test_render_writes_layers_stats_and_preview(scene, tmp_path, capsys):
     assert "Msamples/s" in capsys.readouterr().out
 
 
+def test_peak_memory_is_that_of_the_render(scene, tmp_path):
+    """The replay, which keeps rays, does not count."""
+    arguments = ["render", scene, "-o", str(tmp_path / "a.exr"), "--spp", "1", "--quiet", "--resolution", "8x8"]
+    arguments += ["--stats", str(tmp_path / "stats.json")]
+    fresh_python(
+        "import numpy as np, dmis.__main__ as cli\n"
+        "cli.embree_seconds = lambda *_: float(np.ones(50_000_000).sum())\n"  # 400 MB
+        f"assert cli.main({arguments!r}) == 0"
+    )
+    assert 2e7 < json.loads((tmp_path / "stats.json").read_text())["peak_rss_bytes"] < 4e8
+
+
 def test_threads_do_not_change_the_file(scene, tmp_path):
     """The same pixels with one thread and with two."""
     files = [str(tmp_path / f"{n}.exr") for n in (1, 2)]
