@@ -61,10 +61,13 @@ def frame(n: Array) -> tuple[Array, Array]:
 def take(a: Array, index: Selection | None) -> Array:
     """The entries `index` of the last axis; constants (last axis 1 or none) and ``index=None`` pass through.
 
-    Slices are views: nothing is copied.
+    Slices are views: nothing is copied. Of an axis of 1, which may be a constant or a batch of one, nothing is left if
+    nothing is selected.
     """
-    if index is None or a.ndim == 0 or a.shape[-1] == 1:
+    if index is None or a.ndim == 0:
         return a
+    if a.shape[-1] == 1:
+        return a if size(index, 1) else a[..., :0]
     return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1)
 
 

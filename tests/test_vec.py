@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import polar
 
-from dmis.vec import BLOCK, columns, dot, frame, normalise, take
+from dmis.vec import BLOCK, Selection, columns, compose, dot, frame, normalise, size, take
 
 
 def random_directions(count: int, dtype: type) -> np.ndarray:
@@ -70,6 +70,13 @@ def test_take_passes_constants_through() -> None:
     assert take(constant, index) is constant
     scalar = np.float32(2)
     assert take(scalar, index) is scalar
+
+
+@pytest.mark.parametrize("nothing", [np.array([], int), slice(0, 0)], ids=["array", "slice"])
+def test_nothing_is_left_of_a_batch_of_one(nothing: Selection) -> None:
+    """A batch of one looks like a constant, but not if nothing is selected from it; nor do two selections in a row."""
+    assert take(np.ones((3, 1)), nothing).shape == (3, 0)
+    assert size(compose(np.array([5]), nothing), 9) == 0
 
 
 @pytest.mark.parametrize("number", [0, 1, BLOCK - 1, BLOCK, 2 * BLOCK + 1])
