@@ -15,6 +15,7 @@ would contribute are traced. What is dropped is exactly zero.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,8 @@ from dmis.vec import Array, Index, Selection, compose, dot, indices, size, take
 
 SHADOW_END = np.float32(1 - 1e-4)
 """Occlusion rays end a little before the light, whose own surface must not shadow it."""
+POINTS = 2**17
+"""Surface points of a group that are shaded at a time: many more take memory, and are not faster."""
 TOGETHER = 2**15
 """Shading samples up to which several turns of a technique are one batch: more are faster apart, in the cache."""
 MORE, CONTINUE = -1, -2
@@ -120,22 +123,32 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
         shines = group.emission is not None and rays.sees is not False
         if not shines and (last or not group.reflects):
             continue
-        index = indices(group_of == number)
-        if index is not None and len(index) == 0:
-            continue
-        surface, emission = scene.surface(group, hits, index, rays.direction)
-        sample, throughput = compose(rays.sample, index), _take(rays.throughput, index)
-        out = np.zeros(surface.wo.shape, np.float32)
-        if shines and emission is not None:
-            out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
-        if group.glossy and not last:
-            _light(batch, _Points(surface, sample, throughput, rays.path, out))
-        if group.through and not last:
-            far = surface.beyond(scene.epsilon)
-            _light(batch, _Points(far, sample, throughput, rays.path, out, beyond=True))
-        yield _onward(rays, index, out)
-        if not last:
-            onward += _continue(batch, rays, surface, sample, throughput)
+        for index in _parts(indices(group_of == number), len(group_of)):
+            surface, emission = scene.surface(group, hits, index, rays.direction)
+            sample, throughput = compose(rays.sample, index), _take(rays.throughput, index)
+            out = np.zeros(surface.wo.shape, np.float32)
+            if shines and emission is not None:
+                out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
+            if group.glossy and not last:
+                _light(batch, _Points(surface, sample, throughput, rays.path, out))
+            if group.through and not last:
+                far = surface.beyond(scene.epsilon)
+                _light(batch, _Points(far, sample, throughput, rays.path, out, beyond=True))
+            yield _onward(rays, index, out)
+            if not last:
+                onward += _continue(batch, rays, surface, sample, throughput)
+
+
+def _parts(index: Index | None, n: int) -> Iterator[Selection | None]:
+    """The selection `index` of n points (None: all), at most `POINTS` at a time."""
+    number = size(index, n)
+    if number <= POINTS:
+        if number:
+            yield index
+        return
+    edges = np.linspace(0, number, -(-number // POINTS) + 1).astype(int).tolist()
+    for begin, end in itertools.pairwise(edges):
+        yield slice(begin, end) if index is None else index[begin:end]
 
 
 def _continue(

@@ -21,7 +21,7 @@ from dmis.settings import Settings
 from dmis.surface import Surface
 from dmis.survey import survey
 from dmis.tables import Tables
-from dmis.vec import Array, Index, columns, dot
+from dmis.vec import Array, Selection, columns, dot, take
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,9 @@ class Scene:
         """What hits are read from, see `dmis.tables.Tables`."""
         return Tables(self.parts)
 
-    def surface(self, group: Group, hits: Hits, index: Index | None, direction: Array) -> tuple[Surface, Array | None]:
+    def surface(
+        self, group: Group, hits: Hits, index: Selection | None, direction: Array
+    ) -> tuple[Surface, Array | None]:
         """The surface points of the hits `index` (None: all), which must belong to `group`, and what they emit.
 
         Parameters
@@ -145,11 +147,8 @@ class Scene:
         emission
             ``(3, N)`` radiance emitted towards the viewer; None if the group does not emit.
         """
-        if index is None:
-            prim, u, v, wo = hits.prim, hits.u, hits.v, -direction
-        else:
-            prim, u, v = hits.prim.take(index), hits.u.take(index), hits.v.take(index)
-            wo = -direction.take(index, axis=1)
+        prim, u, v = take(hits.prim, index), take(hits.u, index), take(hits.v, index)
+        wo = -take(direction, index)
         rows = columns(self.tables.corners, prim)
         p = rows[3:6] * u
         p += rows[6:9] * v

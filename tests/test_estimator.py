@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -286,6 +287,20 @@ def test_threads_do_not_matter(rule: str, sampler: str) -> None:
     np.testing.assert_array_equal(one.image, two.image)
     np.testing.assert_array_equal(one.weight, two.weight)
     assert one.rays == two.rays
+
+
+@pytest.mark.parametrize("points", [1, 7, 300])
+def test_points_shaded_apart_or_together(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The image does not depend on how many points of a group are shaded at a time: Sobol numbers belong to samples.
+
+    Seven at a time, some batches have one direction that meets a light, and it may be in the ball's shadow.
+    """
+    lights = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3)), PointLight((1, -1, 2), (3, 3, 3))
+    scene = box_scene(plastic((0.4, 0.3, 0.2), 0.3, 0.1), lights, (Part(sphere(0.5), matte(0.5)),))
+    options: dict[str, Any] = {"spp": 8, "w": 0.3, "sampler": "sobol"}
+    together = tile_of(scene, **options)[0]
+    monkeypatch.setattr("dmis.estimator.POINTS", points)
+    np.testing.assert_allclose(tile_of(scene, **options)[0], together, rtol=1e-5)
 
 
 def test_floor_is_seen() -> None:
