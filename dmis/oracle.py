@@ -127,6 +127,14 @@ class Oracle:
         half = np.maximum(self.variance[HALF], 0)
         return float(np.sqrt(half).mean() ** 2 / half.mean())
 
+    def limit_with_counts(self) -> float:
+        """Variance of the image times its cost with the best weights and numbers of samples together, over those with
+        w = 1/2 and the same number everywhere, without a pilot: ``mean(sqrt(V C))^2 / (mean(V) C)``, see
+        `dmis.curves.weighed`.
+        """
+        least = weighed(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
+        return float(np.sqrt(least).mean() ** 2 / (self.variance[HALF].mean() * self.cost[HALF]))
+
     def regret(self, weight: Array) -> Array:
         """Variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
         excess = self.at(weight) - self.variance.min(axis=0)

@@ -207,3 +207,12 @@ def test_numbers_of_samples() -> None:
     assert Oracle(variance, GRID, 4, 1).spread_evenly() == pytest.approx(1)
     variance[:, 0] = 0
     assert Oracle(variance, GRID, 4, 1).spread_evenly() == pytest.approx(0.5)
+
+
+def test_numbers_of_samples_and_weights() -> None:
+    """The same, with a weight that has a quarter of the variance and costs twice as much: of the half, half is left."""
+    variance, cost = np.ones((len(GRID), 2, 2)), np.ones(len(GRID))
+    assert Oracle(variance, cost, 4, 1).limit_with_counts() == pytest.approx(1)
+    variance[:, 0] = 0
+    variance[2], cost[2] = variance[2] / 4, 2
+    assert Oracle(variance, cost, 4, 1).limit_with_counts() == pytest.approx(0.25)
