@@ -87,7 +87,7 @@ replace_table(
     *head,
     *timed,
     "",
-    "What the oracle could save, at equal samples; in the last column in equal time, by the cost model and without a pilot:",
+    "What the oracle could save at equal samples; in the last column in equal time, by the cost model, no pilot:",
     "",
     "| scene | weights, shared | weights, separate | numbers of samples, at w = ½ | weights and numbers, equal time |",
     "|---|---|---|---|---|",
