@@ -22,6 +22,11 @@ depends on the other's, whose rounding has its own offset. Squares come from
 products of independent estimates, those at y of two halves of the same camera sample's shading samples, so all of it
 is unbiased. (Taking y for one more dimension of a shading sample would let the shading samples of a camera sample look
 independent, which flatters the weights that use one technique alone.)
+
+All this is of the balance heuristic. Another one (`dmis.mis`) makes ``c_i = f h_i`` of a sample of technique i, and the
+same pilot tells its curve: with ``r_l = p_l / q = 1 + d``, ``r_b = p_b / q = 1 - d`` and shares w_i,
+
+    M2(y, w) = E_q[X^2 sum w_i r_i h_i^2],  D(y, w) = E_q[X (r_l h_l - r_b h_b)].
 """
 
 from __future__ import annotations
@@ -31,6 +36,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dmis import mis
 from dmis.batch import Record
 from dmis.vec import TINY, Array
 
@@ -57,13 +63,16 @@ class Curves:
         Of each camera sample of the pilot, a multiple of 4; final camera samples have S, half as many.
     classes
         How many curves: of the first surfaces of paths one by one, and in the last of all others together.
+    combiner
+        Of the final samples, a heuristic, see `dmis.mis.find`; the pilot's is balance.
     """
 
-    def __init__(self, pixels: int, shading_samples: int, classes: int = 1) -> None:
+    def __init__(self, pixels: int, shading_samples: int, classes: int = 1, combiner: str = "balance") -> None:
         self._s = shading_samples // 2
         self._n = 0
+        self._heuristic = mis.find(combiner)
         self._curve, self._pattern, self._second = np.zeros((3, classes, len(GRID), pixels), np.float64)
-        self._total = np.zeros(pixels, np.float64)
+        self._total, self._own = np.zeros((2, pixels), np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """Add one block: `count` camera samples of every pixel, sample-major, and their radiance ``(3, N)``."""
@@ -83,7 +92,9 @@ class Curves:
                 part = slice(begin, begin + pixels)
                 difference: Array | None = None
                 for x, d in lights:
-                    at_y, found, moment = _curve(of_pixels(x, part, count) / unit, of_pixels(d, part, count), count)
+                    x_part, d_part = of_pixels(x, part, count) / unit, of_pixels(d, part, count)
+                    at_y, found, moment, own = _curve(x_part, d_part, count, self._heuristic)
+                    self._own[part] += scale / self._s * own
                     curve[:, part] += scale / self._s * at_y
                     second[:, part] += scale / self._s * moment
                     difference = found if difference is None else difference + found
@@ -108,8 +119,8 @@ class Curves:
         sums = {"curve": curve, "square": square, "cross": cross, "pattern": pattern}
         if len(curve) == 1:
             sums = {name: a[0] for name, a in sums.items()}
-        # the pilot's own variance is V(1/2) with 2 S shading samples in place of S
-        return {**sums, "position": seen - half.sum(axis=(0, 1)) / 2}
+        # the pilot's own variance is V(1/2) of balance with 2 S shading samples in place of S
+        return {**sums, "position": seen - self._own / n / 2}
 
 
 def spread(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:
@@ -155,27 +166,44 @@ def power_near(x: Array) -> np.float32:
     return np.float32(2.0 ** np.floor(np.log2(max(float(x.max()), float(-x.min()), 1e-37))))
 
 
-def _curve(x: Array, d: Array, count: int) -> tuple[Array, Array, Array]:
+def _curve(x: Array, d: Array, count: int, heuristic: mis.Heuristic) -> tuple[Array, Array, Array, Array]:
     """Variance of a shading sample at y, per pixel ``(G, P)``; D of pairs, the grid's ends left out,
-    ``(G - 2, S / 2, N)``; second moment ``(G, P)``.
+    ``(G - 2, S / 2, N)``; second moment ``(G, P)``; the first at w = 1/2 with the balance heuristic ``(P,)``.
     """
     out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     samples = x.shape[0] * x.shape[1] * count
     radiance_2 = _over_y(product(x.mean(axis=1)), count)
     square, first = x * x, x * d
+
+    def variance(w: float, moment: Array, difference: Array) -> Array:
+        return moment - radiance_2 - w * (1 - w) * _over_y(product(difference), count)
+
     for g, w in enumerate(GRID.astype(float)):
-        m = d * np.float32(2 * w - 1)
-        m += 1
-        if w in (0, 1):
-            np.maximum(m, LEAST, out=m)
-        np.reciprocal(m, out=m)
-        second[g] = (square * m).reshape(-1, out.shape[1]).sum(axis=0) / samples
-        out[g] = second[g] - radiance_2
-        if 0 < w < 1:
-            difference = differences[g - 1] = (first * m).sum(axis=1)
-            out[g] -= w * (1 - w) * _over_y(product(difference), count)
-    return out, differences, second
+        if heuristic is mis.balance or w in (0, 1):  # of one technique alone, all heuristics are this
+            m = d * np.float32(2 * w - 1)
+            m += 1
+            if w in (0, 1):
+                np.maximum(m, LEAST, out=m)
+            np.reciprocal(m, out=m)
+            second[g] = (square * m).reshape(-1, out.shape[1]).sum(axis=0) / samples
+            difference = (first * m).sum(axis=1) if 0 < w < 1 else None
+        else:
+            light, brdf = (1 + d) * np.float32(w), (1 - d) * np.float32(1 - w)
+            h_l, h_b = (heuristic([light, brdf], own) for own in (0, 1))
+            light *= h_l
+            brdf *= h_b
+            second[g] = (square * (light * h_l + brdf * h_b)).reshape(-1, out.shape[1]).sum(axis=0) / samples
+            difference = (x * (light * np.float32(1 / w) - brdf * np.float32(1 / (1 - w)))).mean(axis=1)
+        if difference is None:
+            out[g] = second[g] - radiance_2
+        else:
+            differences[g - 1] = difference
+            out[g] = variance(w, second[g], difference)
+    if heuristic is mis.balance:
+        return out, differences, second, out[HALF]
+    moment = square.reshape(-1, out.shape[1]).sum(axis=0) / samples
+    return out, differences, second, variance(0.5, moment, first.sum(axis=1))
 
 
 def variation(differences: Array, count: int) -> Array:

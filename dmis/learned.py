@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from dmis import mis
 from dmis.cost import camera_sample, surface_points
 from dmis.curves import GRID, HALF, Curves, Pooled, allowed, least
 from dmis.fit import Fit, Pilot
@@ -78,7 +80,8 @@ class Learned:
     reuse
         Whether the pilot's samples are part of the image.
     combiner, sampler
-        Of the final samples.
+        Of the final samples. Curves are those of the combiner if it is a heuristic (second-moment); of balance if not,
+        and with ``frozen``.
     """
 
     objective: str = "second-moment"
@@ -150,7 +153,9 @@ class Learned:
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:
         """What is gathered in the pilot."""
-        return Curves if self.objective == "second-moment" else objective(self.objective, self.gamma).statistic
+        if self.objective != "second-moment":
+            return objective(self.objective, self.gamma).statistic
+        return Curves if mis.find(self.combiner) is mis.balance else partial(Curves, combiner=self.combiner)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         found = pilot[0.5]

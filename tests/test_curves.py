@@ -7,6 +7,7 @@ import pytest
 from helpers import Z_LIMIT
 
 import dmis
+from dmis import mis
 from dmis.batch import Record
 from dmis.curves import GRID, HALF, Curves, Pooled
 from dmis.vec import Array
@@ -18,15 +19,16 @@ def f(x: Array, y: Array) -> Array:
     return A + (1 + 2 * y) * x
 
 
-def exact(w: float, s: int) -> tuple[float, float]:
+def exact(w: float, s: int, combiner: str = "balance") -> tuple[float, float]:
     """By quadrature: the variance of a camera sample with s shading samples, and that of I(y)."""
     x = ((np.arange(20_000) + 0.5) / 20_000)[:, None]
     y = (np.arange(50) + 0.5) / 50
-    p_l, p_b = 2 * x, 2 * (1 - x)
-    p_w = w * p_l + (1 - w) * p_b
-    second, light, brdf = (np.mean(g, axis=0) for g in (f(x, y) ** 2 / p_w, p_l * f(x, y) / p_w, p_b * f(x, y) / p_w))
-    second_l, second_b = (np.mean(p * (f(x, y) / p_w) ** 2, axis=0) for p in (p_l, p_b))
-    np.testing.assert_allclose(w * second_l + (1 - w) * second_b, second)
+    densities, shares = (2 * x, 2 * (1 - x)), (w, 1 - w)
+    effective = [share * p for share, p in zip(shares, densities, strict=True)]
+    estimates = [f(x, y) * mis.find(combiner)(effective, own) for own in (0, 1)]
+    light, brdf = (np.mean(p * c, axis=0) for p, c in zip(densities, estimates, strict=True))
+    second_l, second_b = (np.mean(p * c**2, axis=0) for p, c in zip(densities, estimates, strict=True))
+    np.testing.assert_allclose(w * light + (1 - w) * brdf, np.mean(f(x, y), axis=0))  # whatever the combiner
     total = 0.0
     for n, share in ((int(w * s), 1 - w * s % 1), (int(w * s) + 1, w * s % 1)):  # light samples of a camera sample
         if share:
@@ -36,10 +38,10 @@ def exact(w: float, s: int) -> tuple[float, float]:
     return total, float((w * light + (1 - w) * brdf).var())
 
 
-def pilot(pixels: int, count: int, seed: int, keys: int = 1, s: int = 2) -> Curves:
+def pilot(pixels: int, count: int, seed: int, keys: int = 1, s: int = 2, combiner: str = "balance") -> Curves:
     """A 1-D pilot: s samples of each technique for each camera sample, at w = 1/2, from `keys` equal lights."""
     rng = np.random.default_rng(seed)
-    curves = Curves(pixels, 2 * s)
+    curves = Curves(pixels, 2 * s, combiner=combiner)
     n = pixels * count
     records, radiance, y = [], np.zeros(n), rng.random(n)
     for key in range(keys):
@@ -68,6 +70,16 @@ def test_curve_is_unbiased(count: int, s: int) -> None:
         values = sums["curve"][g]
         assert unbiased(values, total - position)
         assert values.std() / np.sqrt(len(values)) < 0.05 * exact(0.5, s)[0]
+
+
+@pytest.mark.parametrize("combiner", ["power", "power-3", "maximum", "cutoff-0.5"])
+def test_curves_of_other_heuristics(combiner: str) -> None:
+    """From the same samples as those of the balance heuristic, as little biased."""
+    sums = pilot(40_000, 6, seed=7, combiner=combiner).sums()
+    assert unbiased(sums["position"], exact(0.5, 2)[1])
+    for g in range(1, len(GRID) - 1):
+        total, position = exact(float(GRID[g]), 2, combiner)
+        assert unbiased(sums["curve"][g], total - position)
 
 
 def test_split_curves() -> None:
@@ -121,8 +133,8 @@ def test_odd_shading_samples_have_no_pairs(box: dmis.Scene) -> None:
         dmis.render(box, "second-moment", 16, settings=dmis.Settings(shading_samples=3))
 
 
-@pytest.mark.parametrize("w", [0.08, 0.27, 0.5, 0.84])
-def test_curve_predicts_renders(box: dmis.Scene, w: float) -> None:
+@pytest.mark.parametrize("w, combiner", [*((w, "balance") for w in (0.08, 0.27, 0.5, 0.84)), (0.27, "power")])
+def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> None:
     """The variance of rendered images at w, over many seeds, is what pilots at 1/2 say.
 
     In the mean over a part of the floor, where nothing but the shading samples brings variance.
@@ -131,9 +143,11 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float) -> None:
     from dmis.render import render
 
     floor = box.crop((18, 24), (0, 10))
-    rule = Learned(patch=32, spp=256, filter="none", shrink=False)
+    rule = Learned(patch=32, spp=256, filter="none", shrink=False, combiner=combiner)
     fits = [render(floor, rule, 257, seed=s).maps["variances"].mean(axis=(1, 2)) for s in range(6)]
     predicted = np.mean(fits, axis=0)[list(GRID).index(np.float32(w))]
-    images = np.array([render(floor, f"fixed:{w}", 64, seed=s).image.mean(axis=2) for s in range(96)])
+    images = np.array(
+        [render(floor, f"fixed:{w},combiner={combiner}", 64, seed=s).image.mean(axis=2) for s in range(96)]
+    )
     measured = images.var(axis=0, ddof=1).mean() * 64
     assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both
