@@ -26,7 +26,9 @@ independent, which flatters the weights that use one technique alone.)
 All this is of the balance heuristic. Another one (`dmis.mis`) makes ``c_i = f h_i`` of a sample of technique i, and the
 same pilot tells its curve: with ``r_l = p_l / q = 1 + d``, ``r_b = p_b / q = 1 - d`` and shares w_i,
 
-    M2(y, w) = E_q[X^2 sum w_i r_i h_i^2],  D(y, w) = E_q[X (r_l h_l - r_b h_b)].
+    M2(y, w) = E_q[X^2 sum w_i r_i (q h_i)^2],  D(y, w) = E_q[X q (r_l h_l - r_b h_b)],
+
+where ``q h_i`` is what the heuristic makes of the effective densities ``w_l r_l`` and ``w_b r_b``.
 """
 
 from __future__ import annotations
