@@ -174,13 +174,8 @@ def _curve(x: Array, d: Array, count: int, heuristic: mis.Heuristic) -> tuple[Ar
     """
     out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
-    samples = x.shape[0] * x.shape[1] * count
     radiance_2 = _over_y(product(x.mean(axis=1)), count)
     square, first = x * x, x * d
-
-    def variance(w: float, moment: Array, difference: Array) -> Array:
-        return moment - radiance_2 - w * (1 - w) * _over_y(product(difference), count)
-
     for g, w in enumerate(GRID.astype(float)):
         if heuristic is mis.balance or w in (0, 1):  # of one technique alone, all heuristics are this
             m = d * np.float32(2 * w - 1)
@@ -188,24 +183,28 @@ def _curve(x: Array, d: Array, count: int, heuristic: mis.Heuristic) -> tuple[Ar
             if w in (0, 1):
                 np.maximum(m, LEAST, out=m)
             np.reciprocal(m, out=m)
-            second[g] = (square * m).reshape(-1, out.shape[1]).sum(axis=0) / samples
-            difference = (first * m).sum(axis=1) if 0 < w < 1 else None
+            moment, difference = square * m, first * m
         else:
             light, brdf = (1 + d) * np.float32(w), (1 - d) * np.float32(1 - w)
             h_l, h_b = (heuristic([light, brdf], own) for own in (0, 1))
             light *= h_l
             brdf *= h_b
-            second[g] = (square * (light * h_l + brdf * h_b)).reshape(-1, out.shape[1]).sum(axis=0) / samples
-            difference = (x * (light * np.float32(1 / w) - brdf * np.float32(1 / (1 - w)))).mean(axis=1)
-        if difference is None:
-            out[g] = second[g] - radiance_2
-        else:
-            differences[g - 1] = difference
-            out[g] = variance(w, second[g], difference)
+            moment = square * (light * h_l + brdf * h_b)
+            difference = x * (light * np.float32(0.5 / w) - brdf * np.float32(0.5 / (1 - w)))
+        second[g] = _mean(moment, count)
+        out[g] = second[g] - radiance_2
+        if 0 < w < 1:
+            differences[g - 1] = difference.sum(axis=1)
+            out[g] -= w * (1 - w) * _over_y(product(differences[g - 1]), count)
     if heuristic is mis.balance:
         return out, differences, second, out[HALF]
-    moment = square.reshape(-1, out.shape[1]).sum(axis=0) / samples
-    return out, differences, second, variance(0.5, moment, first.sum(axis=1))
+    return out, differences, second, _mean(square, count) - radiance_2 - _over_y(product(first.sum(axis=1)), count) / 4
+
+
+def _mean(values: Array, count: int) -> Array:
+    """Mean over the shading samples of each pixel, of values ``(S / 2, 2, N)``."""
+    pixels = values.shape[2] // count
+    return np.asarray(values.reshape(-1, pixels).sum(axis=0) / (values.size // pixels))
 
 
 def variation(differences: Array, count: int) -> Array:
