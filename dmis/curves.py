@@ -65,15 +65,17 @@ class Curves:
         Of each camera sample of the pilot, a multiple of 4; final camera samples have S, half as many.
     classes
         How many curves: of the first surfaces of paths one by one, and in the last of all others together.
-    combiner
-        Of the final samples, a heuristic, see `dmis.mis.find`; the pilot's is balance.
+    combiners
+        Heuristics of the final samples that there should be curves of, see `dmis.mis.find`; the pilot's is balance.
     """
 
-    def __init__(self, pixels: int, shading_samples: int, classes: int = 1, combiner: str = "balance") -> None:
+    def __init__(
+        self, pixels: int, shading_samples: int, classes: int = 1, combiners: Sequence[str] = ("balance",)
+    ) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._heuristic = mis.find(combiner)
-        self._curve, self._pattern, self._second = np.zeros((3, classes, len(GRID), pixels), np.float64)
+        self._heuristics = [mis.find(name) for name in combiners]
+        self._curve, self._pattern, self._second = np.zeros((3, len(combiners), classes, len(GRID), pixels), np.float64)
         self._total, self._own = np.zeros((2, pixels), np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -83,44 +85,50 @@ class Curves:
         self._n += count
         grey = radiance.mean(axis=0).reshape(count, -1)
         self._total += count * grey.var(axis=0, ddof=1)
-        last = len(self._curve) - 1
-        for k, (curve, pattern, second) in enumerate(zip(self._curve, self._pattern, self._second, strict=True)):
+        last = self._curve.shape[1] - 1
+        for k in range(last + 1):
             mine = [record for record in records if min(record.depth, last) == k]
             lights = list(spread(mine, 2 * self._s, radiance.shape[1]))
             unit = max((power_near(x) for x, _ in lights), default=np.float32(1))
-            scale = count * float(unit) ** 2
             pixels = max(1, TOGETHER // (2 * self._s * count))
             for begin in range(0, len(self._total) if lights else 0, pixels):
                 part = slice(begin, begin + pixels)
-                difference: Array | None = None
-                for x, d in lights:
-                    x_part, d_part = of_pixels(x, part, count) / unit, of_pixels(d, part, count)
-                    at_y, found, moment, own = _curve(x_part, d_part, count, self._heuristic)
+                some = [(of_pixels(x, part, count) / unit, of_pixels(d, part, count)) for x, d in lights]
+                self._add(some, k, part, count, float(unit) ** 2)
+
+    def _add(self, lights: Sequence[tuple[Array, Array]], k: int, part: slice, count: int, unit_2: float) -> None:
+        """Add what some pixels have seen at surfaces of class k, in units whose square is `unit_2`."""
+        scale = count * unit_2
+        for h, heuristic in enumerate(self._heuristics):
+            difference: Array | None = None
+            for x, d in lights:
+                at_y, found, moment, own = _curve(x, d, count, heuristic)
+                if h == 0:
                     self._own[part] += scale / self._s * own
-                    curve[:, part] += scale / self._s * at_y
-                    second[:, part] += scale / self._s * moment
-                    difference = found if difference is None else difference + found
-                assert difference is not None
-                pattern[1:-1, part] += scale * variation(difference, count)
+                self._curve[h, k, :, part] += scale / self._s * at_y
+                self._second[h, k, :, part] += scale / self._s * moment
+                difference = found if difference is None else difference + found
+            assert difference is not None
+            self._pattern[h, k, 1:-1, part] += scale * variation(difference, count)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
 
         ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, Var_y(D) as ``pattern`` ``(G, P)``,
-        and Var_y(I) as ``position`` ``(P,)``. If there are several classes, all but ``position`` have one more axis in
-        front.
+        and Var_y(I) as ``position`` ``(P,)``. If there are several combiners, all but ``position`` have one more axis
+        in front, and behind that another if there are several classes.
         """
         n = max(self._n, 1)
         pattern, seen = self._pattern / n, self._total / n
         curve = self._curve / n + _rounding(self._s)[:, None] * pattern
-        half = curve[:, HALF : HALF + 1]
+        half = curve[..., HALF : HALF + 1, :]
         # where all samples are alike curves are rounding, which must not pass for a gain
         rounding = ROUNDING * self._second / n
         square, cross = curve * curve + rounding * rounding, curve * half
-        cross[:, HALF] = square[:, HALF]
-        sums = {"curve": curve, "square": square, "cross": cross, "pattern": pattern}
-        if len(curve) == 1:
-            sums = {name: a[0] for name, a in sums.items()}
+        cross[..., HALF, :] = square[..., HALF, :]
+        one = tuple(axis for axis in (0, 1) if curve.shape[axis] == 1)
+        found = {"curve": curve, "square": square, "cross": cross, "pattern": pattern}
+        sums = {name: a.squeeze(one) for name, a in found.items()}
         # the pilot's own variance is V(1/2) of balance with 2 S shading samples in place of S
         return {**sums, "position": seen - self._own / n / 2}
 

@@ -39,6 +39,8 @@ class Fit:
         of shading samples.
     later
         `weight` at the surfaces that a path meets after the first, for the pixel that it comes from; None: the same.
+    combiner
+        Heuristic of the final samples; None: that of the rule's `settings`.
     """
 
     weight: Array | float
@@ -46,6 +48,7 @@ class Fit:
     samples: Array | None = None
     split: float = 1
     later: Array | float | None = None
+    combiner: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

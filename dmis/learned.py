@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis import mis
+from dmis.choice import check_choice, choose
 from dmis.cost import camera_sample, surface_points
 from dmis.curves import GRID, HALF, Curves, Pooled, allowed, least
 from dmis.fit import Fit, Pilot
@@ -81,7 +81,8 @@ class Learned:
         Whether the pilot's samples are part of the image.
     combiner, sampler
         Of the final samples. Curves are those of the combiner if it is a heuristic (second-moment); of balance if not,
-        and with ``frozen``.
+        and with ``frozen``. Of several heuristics, joined by ``+``, the pilot chooses the one that is best for the
+        image, see `dmis.choice`.
     """
 
     objective: str = "second-moment"
@@ -100,7 +101,7 @@ class Learned:
     count_sigma: float = 0.4
     gamma: float = 2.0
     reuse: bool = True
-    combiner: str = "balance"
+    combiner: str = "balance+power"
     sampler: str = ""
 
     def __post_init__(self) -> None:
@@ -125,9 +126,12 @@ class Learned:
                 ("shrink", self.shrink),
                 ("split", self.split),
                 ("counts", self.counts),
+                (f"combiner {self.combiner}", "+" in self.combiner),
             ):
                 if chosen:
                     raise ValueError(f"{name} needs variances, which the objective {self.objective} does not estimate")
+        if "+" in self.combiner:
+            check_choice(self.combiners)
         if self.filter == "gaussian" or (self.counts and not self.guided):
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
@@ -137,8 +141,13 @@ class Learned:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        own = {"combiner": self.combiner, "reuse_pilot": self.reuse}
+        own = {"combiner": self.combiners[0], "reuse_pilot": self.reuse}
         return own | ({"sampler": self.sampler} if self.sampler else {})
+
+    @property
+    def combiners(self) -> tuple[str, ...]:
+        """Those that the pilot chooses from."""
+        return tuple(self.combiner.split("+"))
 
     @property
     def guided(self) -> bool:
@@ -155,11 +164,13 @@ class Learned:
         """What is gathered in the pilot."""
         if self.objective != "second-moment":
             return objective(self.objective, self.gamma).statistic
-        return Curves if mis.find(self.combiner) is mis.balance else partial(Curves, combiner=self.combiner)
+        return partial(Curves, combiners=self.combiners)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
-        found = pilot[0.5]
+        found, combiner = pilot[0.5], None
         shape = found.moments.mean.shape[:2]
+        if len(self.combiners) > 1:
+            found, combiner = self._choose(found, shape)
         means, pixels = self._pool(found, shape, self.sigma)
         if self.objective != "second-moment":
             pair = (1.0, 1.0) if not self.cost else camera_sample(found.rays, np.array([0, 1]), found.shading_samples)
@@ -196,7 +207,14 @@ class Learned:
         later = None
         if len(weights) > 1:
             maps["later"], later = weights[1], patch_spread(weights[1], self.patch, shape)
-        return Fit(patch_spread(weights[0], self.patch, shape), maps, samples, times, later)
+        return Fit(patch_spread(weights[0], self.patch, shape), maps, samples, times, later, combiner)
+
+    def _choose(self, pilot: Pilot, shape: tuple[int, int]) -> tuple[Pilot, str]:
+        """The best combiner for the image, and what the pilot says of it."""
+        cost = camera_sample(pilot.rays, GRID, pilot.shading_samples) if self.cost else np.ones(len(GRID))
+        k = choose(pilot.sums, shape, cost, self.guard, self.counts)
+        sums = {name: a if name == "position" else a[k] for name, a in pilot.sums.items()}
+        return replace(pilot, sums=sums), self.combiners[k]
 
     def _prepare(self, times: float, pilot: Pilot) -> Callable[[Pooled], Pooled]:
         """What is done with curves before weights are chosen."""

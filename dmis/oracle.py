@@ -171,7 +171,7 @@ def make_oracle(
     path = _path(scene, spp, patch, settings, folder)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False, bounces="separate")
+        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False, bounces="separate", combiner="balance")
         kept = path.with_suffix(".checkpoint")
         result = render(
             scene, rule, spp + 1, seed=SEED + 2, settings=settings,

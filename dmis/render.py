@@ -219,7 +219,8 @@ def render(
         counts: Array | int = mean
         if fit.samples is not None:
             counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))
-        shading = replace(settings, shading_samples=round(settings.shading_samples * fit.split))
+        combiner, shading_samples = fit.combiner or settings.combiner, round(settings.shading_samples * fit.split)
+        shading = replace(settings, combiner=combiner, shading_samples=shading_samples)
         beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
         pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
         parts = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if settings.reuse_pilot else []
@@ -251,7 +252,7 @@ def render(
         },
         rays=dict(work.rays),
         maps=fit.maps,
-        provenance={**provenance, "rays": dict(work.rays), "pilot_rays": dict(pilot_rays)},
+        provenance={**provenance, "combiner": combiner, "rays": dict(work.rays), "pilot_rays": dict(pilot_rays)},
         tiles=tuple(work.tiles),
     )
 

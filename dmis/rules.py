@@ -39,7 +39,7 @@ RULES: dict[str, Callable[..., Rule]] = {
     "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
     "thesis": Thesis,
     "second-moment": partial(Learned, "second-moment"),
-    **{name: partial(Learned, name, shrink=False) for name in _RELATIVES},
+    **{name: partial(Learned, name, shrink=False, combiner="balance") for name in _RELATIVES},
     "simplex": _simplex,
     "auto": partial(Learned, "second-moment", counts=True, split=True, reuse=False),
 }

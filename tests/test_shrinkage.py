@@ -155,7 +155,7 @@ def test_every_filter(filter_: str) -> None:
     side = 4 * SHAPE[0]
     moments = Moments(6, np.ones((side, side, 3)), np.ones((side, side, 3)))
     pilot = {0.5: Pilot(moments, {"camera": 100}, sums, guides={"normal": np.zeros((3, *SHAPE))})}
-    weight = make_rule(f"second-moment:cost=no,guard=0,shrink=yes,filter={filter_}").fit(pilot).weight
+    weight = make_rule(f"second-moment:combiner=balance,cost=no,guard=0,shrink=yes,filter={filter_}").fit(pilot).weight
     assert np.mean(weight == np.float32(0.27)) > 0.95
 
 
