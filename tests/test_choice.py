@@ -70,7 +70,7 @@ def test_several_combiners_in_one_statistic() -> None:
         np.testing.assert_allclose(both["position"], alone["position"], rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("k, name", enumerate(("balance", "power")))
+@pytest.mark.parametrize("k, name", [(0, "balance"), (1, "power")])
 def test_the_chosen_one_is_used(k: int, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the final pass alone, and told; the image is that of the rule with this combiner alone."""
     monkeypatch.setattr("dmis.learned.choose", lambda *_: k)
