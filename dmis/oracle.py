@@ -34,7 +34,7 @@ HARM = 1.02
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """True curves of an image.
+    """True curves of an image, with one combiner.
 
     Attributes
     ----------
@@ -102,10 +102,14 @@ class Oracle:
         low, high = (np.take_along_axis(curves, i[None], axis=0)[0] for i in (k, k + 1))
         return low + t * (high - low)
 
-    def saving(self, weight: Array) -> float:
-        """Share of the best weights' saving over w = 1/2 that a weight map reaches: 1 is the oracle, 0 is 1/2."""
+    def saving(self, weight: Array, combined: Oracle | None = None) -> float:
+        """Share of the best weights' saving over w = 1/2 that a weight map reaches: 1 is the oracle, 0 is 1/2.
+
+        `combined` is the oracle of the combiner that the weights are used with; None: this one. With another than this
+        one's combiner the share may be more than 1.
+        """
         half = self.variance[HALF].sum()
-        return float((half - self.at(weight).sum()) / (half - self.variance.min(axis=0).sum()))
+        return float((half - (combined or self).at(weight).sum()) / (half - self.variance.min(axis=0).sum()))
 
     def limit(self, apart: bool = False, costly: bool = False) -> float:
         """Variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in equal
@@ -140,10 +144,13 @@ class Oracle:
         excess = self.at(weight) - self.variance.min(axis=0)
         return np.divide(excess, self.variance[HALF], out=np.zeros_like(excess), where=self.variance[HALF] > 0)
 
-    def harm(self, weight: Array) -> tuple[float, float]:
-        """Share of lit patches whose variance is more than `HARM` times that of w = 1/2, and its standard error."""
+    def harm(self, weight: Array, combined: Oracle | None = None) -> tuple[float, float]:
+        """Share of lit patches whose variance is more than `HARM` times that of w = 1/2, and its standard error.
+
+        `combined` as in `saving`.
+        """
         lit = self.variance[HALF] > 0
-        harmed = (self.at(weight) > HARM * self.variance[HALF])[lit]
+        harmed = ((combined or self).at(weight) > HARM * self.variance[HALF])[lit]
         return float(harmed.mean()), float(harmed.std() / np.sqrt(max(harmed.size, 1)))
 
 
@@ -152,6 +159,7 @@ def make_oracle(
     spp: int = 2048,
     patch: int = 4,
     *,
+    combiner: str = "balance",
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     threads: int | None = None,
@@ -165,13 +173,15 @@ def make_oracle(
         Samples per pixel, an even number.
     patch
         Side of a patch in pixels, a multiple of 4.
+    combiner
+        Heuristic of the curves; the random numbers are the same for all.
     settings, folder, threads, progress
         See `dmis.reference.make_reference`.
     """
-    path = _path(scene, spp, patch, settings, folder)
+    path = _path(scene, spp, patch, settings, folder, combiner)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False, bounces="separate", combiner="balance")
+        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False, bounces="separate", combiner=combiner)
         kept = path.with_suffix(".checkpoint")
         result = render(
             scene, rule, spp + 1, seed=SEED + 2, settings=settings,
@@ -205,8 +215,16 @@ def cached_oracle(
     return None
 
 
-def _path(scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None) -> Path:
+def _path(
+    scene: Scene,
+    spp: int,
+    patch: int,
+    settings: Settings | None,
+    folder: str | os.PathLike[str] | None,
+    combiner: str = "balance",
+) -> Path:
     width, height = scene.camera.resolution
-    key = json.dumps([__version__, fingerprint(scene), spp, patch, *described(settings)])
+    other = [] if combiner == "balance" else [combiner]
+    key = json.dumps([__version__, fingerprint(scene), spp, patch, *described(settings), *other])
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"

@@ -42,7 +42,8 @@ lines = [
 for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 1024))
-    oracle = make_oracle(scene, opts.pick(64, 1024), threads=opts.threads, progress=show("oracle"))
+    known = {"threads": opts.threads, "progress": show("oracle")}
+    oracle = make_oracle(scene, opts.pick(64, 1024), **known)
     weights, costly, auto = (
         f"{rule},sampler={given.sampler}"
         for rule in ("second-moment:cost=no", "second-moment:cost=yes", "auto:cost=yes")
@@ -60,12 +61,15 @@ for name, shrink in TABLES.items():
     for rule, spp in timed.items():
         share = median_seconds(on_cpu(found[rule, spp])) / median_seconds(on_cpu(found[BASE, opts.spp]))
         fair.append(f"{cell(found[rule, spp], found[BASE, opts.spp], share)} ({spp} spp, time × {share:.2f})")
-    maps = {
-        r: [dmis.render(scene, r, 8, seed=seed, threads=opts.threads).weight for seed in SEEDS]
-        for r in (weights, costly)
-    }
-    saving = np.mean([oracle.saving(w) for w in maps[weights]])
-    harm = " / ".join(f"{np.mean([oracle.harm(w)[0] for w in maps[rule]]):.1%}" for rule in (weights, costly))
+    saved, harmed = [], []
+    for rule in (weights, costly):
+        for seed in SEEDS:
+            result = dmis.render(scene, rule, 8, seed=seed, threads=opts.threads)
+            combined = make_oracle(scene, opts.pick(64, 1024), combiner=result.provenance["combiner"], **known)
+            saved.append(oracle.saving(result.weight, combined))
+            harmed.append(oracle.harm(result.weight, combined)[0])
+    saving = np.mean(saved[: len(SEEDS)])
+    harm = " / ".join(f"{each:.1%}" for each in np.reshape(harmed, (2, -1)).mean(axis=1))
     width, height = scene.camera.resolution
     lines.append(
         f"| {scene.name} {width}×{height} | {oracle.limit():.3f} | {oracle.limit(costly=True):.3f} "

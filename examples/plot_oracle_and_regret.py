@@ -15,7 +15,11 @@ from dmis.curves import HALF
 from dmis.oracle import make_oracle
 
 opts, _ = options(__file__, __doc__)
-RULES = {"thesis": "thesis", "second-moment": "second-moment:cost=no", "unguarded": "second-moment:cost=no,guard=0"}
+RULES = {
+    "thesis": "thesis",
+    "second-moment": "second-moment:combiner=balance,cost=no",
+    "unguarded": "second-moment:combiner=balance,cost=no,guard=0",
+}
 
 # %%
 # The oracle of each scene, at half of the usual size; and the weights of the rules, which need their pilots only.

@@ -48,7 +48,7 @@ figure, axes = plot.canvas(len(scenes), 6, 25, 4 * len(scenes))
 for line, scene in zip(axes, scenes, strict=True):
     about = {"settings": PATHS, "threads": opts.threads, "progress": show(scene.name)}
     oracle = make_oracle(scene, SPP, **about)
-    rule = "second-moment:bounces=separate,cost=no"
+    rule = "second-moment:combiner=balance,bounces=separate,cost=no"
     learned = dmis.render(scene, rule, opts.pick(8, 64), seed=1, **about)
     bounces = dmis.render(scene, PerBounce(), SPP + 1, seed=2, **about)
     one, two = oracle.limit(), oracle.limit(apart=True)

@@ -114,3 +114,18 @@ def test_a_damaged_file_is_named(tmp_path, box) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(ValueError, match=r"oracle .*\.npz cannot be read: .*; remove it to render it again"):
         make_oracle(box, 16, folder=tmp_path)
+
+
+def test_oracle_of_another_combiner(box: dmis.Scene, tmp_path) -> None:
+    """Heuristics agree where one technique is alone; weights are judged with the one that they are used with."""
+    balance = make_oracle(box, 64, folder=tmp_path)
+    power = make_oracle(box, 64, combiner="power", folder=tmp_path)
+    np.testing.assert_allclose(power.variance[[0, -1]], balance.variance[[0, -1]], rtol=1e-4, atol=1e-9)
+    assert not np.allclose(power.variance[HALF], balance.variance[HALF], rtol=0.01)
+    half = np.full((box.camera.resolution[1], box.camera.resolution[0]), 0.5)
+    assert balance.saving(half) == 0 and balance.harm(half)[0] == 0
+    gained = balance.variance[HALF].sum() - power.variance[HALF].sum()
+    possible = balance.variance[HALF].sum() - balance.variance.min(axis=0).sum()
+    assert balance.saving(half, power) == pytest.approx(gained / possible)
+    worse = power.variance[HALF] > 1.02 * balance.variance[HALF]
+    assert balance.harm(half, power)[0] == pytest.approx(worse[balance.variance[HALF] > 0].mean())

@@ -70,8 +70,12 @@ axes[0].legend()
 # all weights. And if the BRDF samples miss the lamp, the light samples that hit it know what that would have cost,
 # since they know p_b there. The rule ``second-moment`` does that, for `dmis.curves.GRID`. What a pilot of 6 samples
 # learns (``cost=no`` is for samples that all count the same; as it is, the rule weighs variance against the rays that
-# a light sample costs):
-learned = {rule: dmis.render(scene, rule, 16, seed=1).weight for rule in ("thesis:patch=4", "second-moment:cost=no")}
+# a light sample costs; ``combiner=balance`` is what the oracle has curves of, the rule would choose between balance and
+# power by the curves of both):
+learned = {
+    rule: dmis.render(scene, rule, 16, seed=1).weight
+    for rule in ("thesis:patch=4", "second-moment:combiner=balance,cost=no")
+}
 figure, axes = plt.subplots(1, 3, figsize=(14, 2.6), layout="constrained")
 width, height = scene.camera.resolution
 for axis, (rule, weight) in zip(axes, learned.items()):
