@@ -183,7 +183,9 @@ def _curve(x: Array, d: Array, count: int, heuristic: mis.Heuristic) -> tuple[Ar
     out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     radiance_2 = _over_y(product(x.mean(axis=1)), count)
-    square, first = x * x, x * d
+    square, first, r_l, r_b = x * x, x * d, 1 + d, 1 - d
+    moment: Array
+    difference: Array
     for g, w in enumerate(GRID.astype(float)):
         if heuristic is mis.balance or w in (0, 1):  # of one technique alone, all heuristics are this
             m = d * np.float32(2 * w - 1)
@@ -193,12 +195,12 @@ def _curve(x: Array, d: Array, count: int, heuristic: mis.Heuristic) -> tuple[Ar
             np.reciprocal(m, out=m)
             moment, difference = square * m, first * m
         else:
-            light, brdf = (1 + d) * np.float32(w), (1 - d) * np.float32(1 - w)
-            h_l, h_b = (heuristic([light, brdf], own) for own in (0, 1))
-            light *= h_l
-            brdf *= h_b
-            moment = square * (light * h_l + brdf * h_b)
-            difference = x * (light * np.float32(0.5 / w) - brdf * np.float32(0.5 / (1 - w)))
+            light, brdf = r_l * np.float32(w), np.maximum(r_b * np.float32(1 - w), LEAST)
+            h = heuristic([light, brdf], 0)
+            of_light = light * h  # the MIS weight of light samples; BRDF samples have the rest
+            of_brdf = 1 - of_light
+            difference = x * (of_light * np.float32(0.5 / w) - of_brdf * np.float32(0.5 / (1 - w)))
+            moment = square * (of_light * h + of_brdf * of_brdf / brdf)
         second[g] = _mean(moment, count)
         out[g] = second[g] - radiance_2
         if 0 < w < 1:
