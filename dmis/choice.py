@@ -4,20 +4,17 @@ Each heuristic has weights that are best for it (`dmis.curves`), so what counts 
 reaches with its own. It is estimated from patches of `SIDE` pixels: large enough that noise in their curves, of which
 the least is taken, flatters none; and one choice for the whole image, because within an image the same one won almost
 everywhere in all scenes that were measured. The balance heuristic is never much worse than another (Veach and Guibas
-1995), the power heuristic is better where one technique has nearly all of the integrand to itself: then weights need
+1995); the power heuristic is better where one technique has nearly all of the integrand to itself: then weights need
 not go as far from w = 1/2, which saves rays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from dmis import mis
-from dmis.curves import HALF, allowed, weighed
-from dmis.sharing import pool
-from dmis.variance import patch_sum
 from dmis.vec import Array
 
 SIDE = 16
@@ -35,7 +32,7 @@ def check_choice(names: Sequence[str]) -> None:
         raise ValueError(f"combiners to choose from must differ; got {', '.join(names)}")
 
 
-def choose(sums: Mapping[str, Array], shape: tuple[int, int], cost: Array, guard: float, counts: bool) -> int:
+def choose(variance: Array, cost: Array, area: Array, guard: float, counts: bool) -> int:
     """The heuristic with the least error times time: its index.
 
     The first is left only for a gain of more than `guard` standard errors. These are taken from the squares of the
@@ -44,31 +41,18 @@ def choose(sums: Mapping[str, Array], shape: tuple[int, int], cost: Array, guard
 
     Parameters
     ----------
-    sums
-        See `dmis.curves.Curves.sums`, over patches of `dmis.tile.BASE` pixels, of several combiners.
-    shape
-        ``(H, W)`` of the image in pixels.
-    cost
-        Of a camera sample at the weights of `dmis.curves.GRID`.
+    variance, cost
+        Of a camera sample at the best weights of each heuristic, ``(H, rows, columns)``.
+    area
+        Of patches, in pixels, ``(rows, columns)``.
     counts
-        Whether patches have different numbers of samples, see `dmis.curves.weighed`.
+        Whether patches have numbers of samples in proportion to ``sqrt(V / C)``: error times time is ``(sum sqrt(V
+        C))^2``. Else it is ``sum V sum C``.
     """
-    means, _ = pool({name: sums[name] for name in ("curve", "position")}, shape, SIDE)
-    curves, area = means["curve"], patch_sum(np.ones(shape), SIDE)
-    if curves.ndim == 5:  # of several classes, which have the same weight here
-        curves = curves.sum(axis=1)
-    variance = np.maximum(curves + np.maximum(means["position"], 0), 0)
-    price = None if counts else float((variance[0, HALF] * area).sum() / area.sum() / cost[HALF])
-    least = np.stack([_least(own, v, area, cost, price) for own, v in zip(curves, variance, strict=True)])
-    gains = (least - least[0]) * area
+    v, c = variance * (area / area.sum()), cost * (area / area.sum())
+    of_patches = np.sqrt(v * c) if counts else v * c.sum(axis=(1, 2), keepdims=True)
+    gains = of_patches - of_patches[0]
     total, error = gains.sum(axis=(1, 2)), np.sqrt((gains * gains).sum(axis=(1, 2)))
     sure = total < -guard * error
     sure[0] = True
     return int(np.where(sure, total, np.inf).argmin())
-
-
-def _least(curve: Array, variance: Array, area: Array, cost: Array, price: float | None) -> Array:
-    """What patches add to the image's error times time at their best weights, ``(rows, columns)``."""
-    may = allowed((curve * area).sum(axis=(1, 2)))
-    least = weighed(variance[may], cost[may], price).min(axis=0)
-    return np.asarray(least if price is not None else np.sqrt(least))

@@ -40,7 +40,7 @@ import numpy as np
 
 from dmis import mis
 from dmis.batch import Record
-from dmis.vec import TINY, Array
+from dmis.vec import TINY, Array, Index, Selection, compose, indices, size, take
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)
 """Weights at which curves are known: dense at the ends, where they are steep."""
@@ -48,6 +48,8 @@ HALF = int(np.flatnonzero(GRID == 0.5)[0])
 LEAST = np.float32(1e-9)
 TOGETHER = 2**16
 """Shading samples, about, whose values at all weights are worked out together: they stay in the cache."""
+GATHERED = 0.75
+"""Share of lit pixels from which on no time is saved by leaving out the others."""
 ROUNDING = 3e-5
 """Of a pixel's curve, as a share of its second moment. A curve is the difference of float32 sums, each of which is off
 by 1e-6 or less; that may be the same in all pixels, so it is taken to be more, and something is left of it in means.
@@ -89,27 +91,31 @@ class Curves:
         for k in range(last + 1):
             mine = [record for record in records if min(record.depth, last) == k]
             lights = list(spread(mine, 2 * self._s, radiance.shape[1]))
-            unit = max((power_near(x) for x, _ in lights), default=np.float32(1))
-            pixels = max(1, TOGETHER // (2 * self._s * count))
-            for begin in range(0, len(self._total) if lights else 0, pixels):
-                part = slice(begin, begin + pixels)
+            if not lights:
+                continue
+            unit = max(power_near(x) for x, _ in lights)
+            lit, together = _lit([x for x, _ in lights], count), max(1, TOGETHER // (2 * self._s * count))
+            for begin in range(0, size(lit, len(self._total)), together):
+                part = compose(lit, slice(begin, min(begin + together, size(lit, len(self._total)))))
+                assert part is not None
                 some = [(of_pixels(x, part, count) / unit, of_pixels(d, part, count)) for x, d in lights]
                 self._add(some, k, part, count, float(unit) ** 2)
 
-    def _add(self, lights: Sequence[tuple[Array, Array]], k: int, part: slice, count: int, unit_2: float) -> None:
+    def _add(self, lights: Sequence[tuple[Array, Array]], k: int, part: Selection, count: int, unit_2: float) -> None:
         """Add what some pixels have seen at surfaces of class k, in units whose square is `unit_2`."""
         scale = count * unit_2
         for h, heuristic in enumerate(self._heuristics):
+            curve, second, pattern = (a[h, k] for a in (self._curve, self._second, self._pattern))
             difference: Array | None = None
             for x, d in lights:
                 at_y, found, moment, own = _curve(x, d, count, heuristic)
                 if h == 0:
                     self._own[part] += scale / self._s * own
-                self._curve[h, k, :, part] += scale / self._s * at_y
-                self._second[h, k, :, part] += scale / self._s * moment
+                curve[:, part] += scale / self._s * at_y
+                second[:, part] += scale / self._s * moment
                 difference = found if difference is None else difference + found
             assert difference is not None
-            self._pattern[h, k, 1:-1, part] += scale * variation(difference, count)
+            pattern[1:-1, part] += scale * variation(difference, count)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
@@ -160,9 +166,17 @@ def nothing(shading_samples: int, n: int) -> tuple[Array, Array]:
     return x, d
 
 
-def of_pixels(a: Array, pixels: slice, count: int) -> Array:
+def _lit(values: Sequence[Array], count: int) -> Index | None:
+    """Pixels of which some sample ``(S / 2, 2, count * P)`` is not 0; the curves of all others are 0. None: not worth
+    to be gathered.
+    """
+    some = np.any([x.any(axis=(0, 1)).reshape(count, -1).any(axis=0) for x in values], axis=0)
+    return indices(some) if np.count_nonzero(some) < GATHERED * len(some) else None
+
+
+def of_pixels(a: Array, pixels: Selection, count: int) -> Array:
     """What is of some pixels, of samples ``(..., count * P)``."""
-    return a.reshape(*a.shape[:-1], count, -1)[..., pixels].reshape(*a.shape[:-1], -1)
+    return take(a.reshape(*a.shape[:-1], count, -1), pixels).reshape(*a.shape[:-1], -1)
 
 
 def _rounding(s: float) -> Array:

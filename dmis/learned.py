@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.choice import check_choice, choose
+from dmis.choice import SIDE, check_choice, choose
 from dmis.cost import camera_sample, surface_points
 from dmis.curves import GRID, HALF, Curves, Pooled, allowed, least
 from dmis.fit import Fit, Pilot
@@ -211,10 +211,18 @@ class Learned:
 
     def _choose(self, pilot: Pilot, shape: tuple[int, int]) -> tuple[Pilot, str]:
         """The best combiner for the image, and what the pilot says of it."""
-        cost = camera_sample(pilot.rays, GRID, pilot.shading_samples) if self.cost else np.ones(len(GRID))
-        k = choose(pilot.sums, shape, cost, self.guard, self.counts)
-        sums = {name: a if name == "position" else a[k] for name, a in pilot.sums.items()}
-        return replace(pilot, sums=sums), self.combiners[k]
+        each = [
+            {name: a if name == "position" else a[k] for name, a in pilot.sums.items()}
+            for k in range(len(self.combiners))
+        ]
+        area, found = patch_sum(np.ones(shape), SIDE), []
+        for sums in each:
+            parts = _by_class(*pool(sums, shape, SIDE))
+            times, costs = self._split(parts, area, pilot)
+            found.append(_at(parts, costs, times, pilot.shading_samples // 2))
+        variance, cost = (np.stack(a) for a in zip(*found, strict=True))
+        k = choose(variance, cost, area, self.guard, self.counts)
+        return replace(pilot, sums=each[k]), self.combiners[k]
 
     def _prepare(self, times: float, pilot: Pilot) -> Callable[[Pooled], Pooled]:
         """What is done with curves before weights are chosen."""

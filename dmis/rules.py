@@ -41,7 +41,7 @@ RULES: dict[str, Callable[..., Rule]] = {
     "second-moment": partial(Learned, "second-moment"),
     **{name: partial(Learned, name, shrink=False, combiner="balance") for name in _RELATIVES},
     "simplex": _simplex,
-    "auto": partial(Learned, "second-moment", counts=True, split=True, reuse=False),
+    "auto": partial(Learned, "second-moment", counts=True, split=True, reuse=False, combiner="balance"),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),

@@ -20,7 +20,17 @@ def rule_text(rng: random.Random) -> str:
     keys = ["patch", "spp", "strategies", "filter", "size", "sigma", "reuse", "combiner", "sampler", "split", "counts"]
     keys += ["floor", "guard", "count_sigma", "gamma", "shrink", "cost", "w", "techniques", "objective", "channels"]
     words = ["gaussian", "none", "joint", "quadtree", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
-    words += ["cutoff", "maximum", "frozen", "controlled", "optimal-progressive", "stratified", "random"]
+    words += [
+        "balance+power",
+        "power+cutoff",
+        "cutoff",
+        "maximum",
+        "frozen",
+        "controlled",
+        "optimal-progressive",
+        "stratified",
+        "random",
+    ]
     options = []
     for _ in range(rng.randint(0, 3)):
         value = rng.choice(AMOUNTS) if rng.random() < 0.6 else rng.choice(words)

@@ -8,56 +8,88 @@ from helpers import box_scene
 from test_curves import pilot
 
 import dmis
-from dmis.choice import SIDE, choose
+from dmis.choice import choose
 from dmis.curves import GRID
+from dmis.fit import Pilot
 from dmis.rules import make_rule
 from dmis.tile import BASE
+from dmis.variance import Moments
 from dmis.vec import Array
 
-SHAPE = 128, 192
-COST = 1 + 0.2 * GRID.astype(float)
+AREA = np.full((8, 12), 256.0)
 
 
-def planted(gain: Array | float, noise: float = 0.0) -> dict[str, Array]:
-    """Sums of two heuristics, of which the second has less variance by `gain` of that at w = 1/2, in base patches."""
+def planted(gain: Array | float, noise: float = 0.0) -> tuple[Array, Array]:
+    """Variance and cost with two heuristics, of which the second has less variance by the share `gain`."""
     rng = np.random.default_rng(3)
-    rows, columns = (n // BASE for n in SHAPE)
-    first = np.broadcast_to((GRID[:, None, None] - 0.3) ** 2 + 1.0, (len(GRID), rows, columns))
-    curve = np.stack([first, first - gain]) * (1 + noise * rng.normal(size=(2, 1, rows, columns)))
-    return {"curve": BASE**2 * curve, "position": np.full((rows, columns), 0.1 * BASE**2)}
+    first = np.linspace(1, 3, AREA.size).reshape(AREA.shape)
+    variance = np.stack([first, first * (1 - gain)]) * (1 + noise * rng.normal(size=(2, *AREA.shape)))
+    return variance, np.full(variance.shape, 2.0)
 
 
 @pytest.mark.parametrize("counts", [False, True])
 @pytest.mark.parametrize("gain, chosen", [(0.1, 1), (0.0, 0), (-0.1, 0)])
 def test_planted_gain(gain: float, chosen: int, counts: bool) -> None:
-    """The better one, under noise of several times the gain in each patch; the first if both are the same."""
-    assert choose(planted(gain), SHAPE, COST, 1.5, counts) == chosen
+    """The better one, under noise as large as the gain in each patch; the first if both are the same."""
+    assert choose(*planted(gain), AREA, 1.5, counts) == chosen
     if gain:
-        assert choose(planted(gain, noise=0.3), SHAPE, COST, 1.5, counts) == chosen
+        assert choose(*planted(gain, noise=0.1), AREA, 1.5, counts) == chosen
 
 
-def test_gain_of_few_patches_is_not_sure() -> None:
+@pytest.mark.parametrize("counts", [False, True])
+def test_gain_of_few_patches_is_not_sure(counts: bool) -> None:
     """However large: it may be a few rare samples."""
-    gain = np.zeros(tuple(n // BASE for n in SHAPE))
-    gain[: SIDE // BASE, : 2 * SIDE // BASE] = 0.5
-    assert choose(planted(gain), SHAPE, COST, 1.5, False) == 0
-    assert choose(planted(gain), SHAPE, COST, 0.5, False) == 1
+    gain = np.zeros(AREA.shape)
+    gain[0, :2] = 0.8
+    assert choose(*planted(gain), AREA, 1.5, counts) == 0
+    assert choose(*planted(gain), AREA, 0.5, counts) == 1
 
 
-def test_cost_of_the_weights_counts() -> None:
-    """Of two with the same least variance, the one that has it at the cheaper weight."""
-    sums = planted(0.0)
-    sums["curve"][1] = sums["curve"][0, ::-1]  # least at w = 0.73, the first one at 0.27
-    assert choose(sums, SHAPE, np.ones(len(GRID)), 1.5, False) == 0
-    assert choose(sums, SHAPE, 1 + GRID.astype(float), 1.5, False) == 0
-    assert choose(sums, SHAPE, 2 - GRID.astype(float), 1.5, False) == 1
+@pytest.mark.parametrize("counts", [False, True])
+def test_cost_counts_as_much_as_variance(counts: bool) -> None:
+    """A tenth more variance for a fifth less cost is a gain, for a twentieth less is none; so in any units of cost."""
+    variance, cost = planted(-0.1)
+    for less, chosen in ((0.2, 1), (0.05, 0)):
+        cheaper = cost * np.array([1, 1 - less])[:, None, None]
+        for unit in (1e-3, 1.0, 1e3):
+            assert choose(variance, cheaper * unit, AREA, 1.5, counts) == chosen
 
 
-def test_curves_of_classes_add_up() -> None:
-    """Of paths with weights of their own for later surfaces."""
-    sums = planted(0.1)
-    apart = {**sums, "curve": np.stack([sums["curve"], 0 * sums["curve"]], axis=1)}
-    assert choose(apart, SHAPE, COST, 1.5, False) == 1
+def test_camera_samples_need_not_be_alike() -> None:
+    """Half the variance for twice the cost is the same."""
+    variance, cost = planted(0.0)
+    scale = np.array([1, 0.5])[:, None, None]
+    assert choose(variance * scale, cost / scale, AREA, 0.0, False) == 0
+    variance[1] *= 0.95
+    assert choose(variance * scale, cost / scale, AREA, 1.5, False) == 1
+
+
+def test_patches_at_the_border_count_less() -> None:
+    """By their area."""
+    variance, cost = planted(0.1)
+    area = AREA.copy()
+    variance[1, :, -1] = 4 * variance[0, :, -1]
+    assert choose(variance, cost, area, 0.0, False) == 0
+    area[:, -1] /= 256
+    assert choose(variance, cost, area, 0.0, False) == 1
+
+
+@pytest.mark.parametrize("rule", ["second-moment", "second-moment:bounces=separate", "auto:combiner=balance+power"])
+def test_a_rule_takes_the_curves_of_its_choice(rule: str) -> None:
+    """Planted: the second combiner's curves have their minimum elsewhere, and half the variance."""
+    learned, classes = make_rule(f"{rule},shrink=no" if ":" in rule else f"{rule}:shrink=no"), 2 if "sep" in rule else 1
+    size, wide = 128, len(GRID)
+    curve = np.stack([(GRID - 0.27) ** 2 + 0.2, 0.5 * (GRID - 0.73) ** 2 + 0.1])
+    curve = np.stack([curve] * classes, axis=1)[..., None, None] * np.ones((size // BASE, size // BASE))
+    curve = curve if classes > 1 else curve[:, 0]
+    half = curve[..., wide // 2 : wide // 2 + 1, :, :]
+    sums = {"curve": curve, "square": curve**2, "cross": curve * half, "pattern": np.zeros(curve.shape)}
+    sums["position"] = np.zeros(curve.shape[-2:])
+    moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
+    guides = {"normal": np.zeros((3, size // BASE, size // BASE))}
+    found = Pilot(moments, {"camera": 100}, {name: a * BASE**2 for name, a in sums.items()}, guides=guides)
+    fit = learned.fit({0.5: found})
+    assert fit.combiner == "power" and np.all(fit.weight == np.float32(0.73))
 
 
 def test_several_combiners_in_one_statistic() -> None:

@@ -151,3 +151,27 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
     )
     measured = images.var(axis=0, ddof=1).mean() * 64
     assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both
+
+
+@pytest.mark.parametrize("lights", [1, 2])
+def test_dark_pixels_are_left_out(lights: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing is lit nothing is worked out, and the sums of all pixels are the same, to the last bit."""
+    rng = np.random.default_rng(4)
+    pixels, count = 300, 3
+    sample = np.flatnonzero(np.tile(rng.random(pixels) < 0.3, count))
+    records = []
+    for key, side, turn in itertools.product(range(lights), (0, 1), (0, 1)):
+        value = rng.random((3, len(sample))).astype(np.float32) * (rng.random(len(sample)) < 0.5)
+        pdf = rng.random((2, len(sample))).astype(np.float32)
+        records.append(Record(side, (key,), turn, sample, value.astype(np.float32), pdf))
+    found = []
+    for least, together in ((0, 2**16), (1, 2**16), (1, 200)):
+        monkeypatch.setattr("dmis.curves.GATHERED", least)
+        monkeypatch.setattr("dmis.curves.TOGETHER", together)
+        curves = Curves(pixels, 4, combiners=("balance", "power"))
+        curves.add(records, np.ones((3, pixels * count), np.float32), count)
+        found.append(curves.sums())
+    assert 0 < np.count_nonzero(found[0]["curve"][0, 1]) < 0.4 * pixels
+    for other in found[1:]:
+        for name, values in found[0].items():
+            np.testing.assert_array_equal(other[name], values)

@@ -40,7 +40,7 @@ def test_memory_of_a_fit() -> None:
     size = sum(a.nbytes for a in found[0.5].sums.values())
     both = {name: a if name == "position" else np.stack([a, a]) for name, a in found[0.5].sums.items()}
     found = {0.5: replace(found[0.5], sums=both, guides=guide)}
-    rule = make_rule("auto:split=no")
+    rule = make_rule("auto:split=no,combiner=balance+power")
     rule.fit(found)
     tracemalloc.start()
     rule.fit(found)
