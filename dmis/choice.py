@@ -19,6 +19,10 @@ from dmis.vec import Array
 
 SIDE = 16
 """Of patches, in pixels."""
+SURE = 3.0
+"""Standard errors of a gain for which the first heuristic is left: more than for a patch's weight, because a mistake
+is made in the whole image.
+"""
 
 
 def check_choice(names: Sequence[str]) -> None:
@@ -32,10 +36,10 @@ def check_choice(names: Sequence[str]) -> None:
         raise ValueError(f"combiners to choose from must differ; got {', '.join(names)}")
 
 
-def choose(variance: Array, cost: Array, area: Array, guard: float, counts: bool) -> int:
+def choose(variance: Array, cost: Array, area: Array, counts: bool) -> int:
     """The heuristic with the least error times time: its index.
 
-    The first is left only for a gain of more than `guard` standard errors. These are taken from the squares of the
+    The first is left only for a gain of more than `SURE` standard errors. These are taken from the squares of the
     patches' gains, as if their mean were 0: too large, so that a gain in a few patches alone, which may be a few rare
     samples, is not sure.
 
@@ -53,6 +57,6 @@ def choose(variance: Array, cost: Array, area: Array, guard: float, counts: bool
     of_patches = np.sqrt(v * c) if counts else v * c.sum(axis=(1, 2), keepdims=True)
     gains = of_patches - of_patches[0]
     total, error = gains.sum(axis=(1, 2)), np.sqrt((gains * gains).sum(axis=(1, 2)))
-    sure = total < -guard * error
+    sure = total < -SURE * error
     sure[0] = True
     return int(np.where(sure, total, np.inf).argmin())

@@ -101,7 +101,7 @@ class Learned:
     count_sigma: float = 0.4
     gamma: float = 2.0
     reuse: bool = True
-    combiner: str = "balance+power"
+    combiner: str = "balance"
     sampler: str = ""
 
     def __post_init__(self) -> None:
@@ -221,7 +221,7 @@ class Learned:
             times, costs = self._split(parts, area, pilot)
             found.append(_at(parts, costs, times, pilot.shading_samples // 2))
         variance, cost = (np.stack(a) for a in zip(*found, strict=True))
-        k = choose(variance, cost, area, self.guard, self.counts)
+        k = choose(variance, cost, area, self.counts)
         return replace(pilot, sums=each[k]), self.combiners[k]
 
     def _prepare(self, times: float, pilot: Pilot) -> Callable[[Pooled], Pooled]:

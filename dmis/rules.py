@@ -38,10 +38,10 @@ RULES: dict[str, Callable[..., Rule]] = {
     "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
     "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
     "thesis": Thesis,
-    "second-moment": partial(Learned, "second-moment"),
-    **{name: partial(Learned, name, shrink=False, combiner="balance") for name in _RELATIVES},
+    "second-moment": partial(Learned, "second-moment", combiner="balance+power"),
+    **{name: partial(Learned, name, shrink=False) for name in _RELATIVES},
     "simplex": _simplex,
-    "auto": partial(Learned, "second-moment", counts=True, split=True, reuse=False, combiner="balance"),
+    "auto": partial(Learned, "second-moment", counts=True, split=True, reuse=False),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),

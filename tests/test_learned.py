@@ -17,7 +17,7 @@ from dmis.rules import make_rule
 from dmis.variance import Moments
 from dmis.vec import Array
 
-PLAIN = {"combiner": "balance", "filter": "none", "shrink": False, "cost": False, "guard": 0.0, "count_sigma": 0.1}
+PLAIN = {"filter": "none", "shrink": False, "cost": False, "guard": 0.0, "count_sigma": 0.1}
 
 
 def pilot(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot]:
@@ -85,8 +85,7 @@ def test_filtering_makes_surer() -> None:
     curve = np.where(GRID == 1, 0.9, 1.0)[:, None, None]
     noise = 0.1 * np.sqrt(15)  # one standard error in one patch
     alone, shared = (
-        Learned(combiner="balance", filter=f, shrink=False, cost=False, guard=2.0).fit(pilot(curve, noise))
-        for f in ("none", "gaussian")
+        Learned(filter=f, shrink=False, cost=False, guard=2.0).fit(pilot(curve, noise)) for f in ("none", "gaussian")
     )
     assert np.all(alone.weight == 0.5) and np.all(shared.weight == 1)
 
@@ -111,7 +110,7 @@ def test_cheap_is_not_sure() -> None:
     found = pilot(np.ones((len(GRID), 1, 1)))
     found[0.5] = Pilot(found[0.5].moments, {"camera": 100, "shadow": 100, "brdf": 0}, found[0.5].sums)
     for counts in (False, True):
-        assert np.all(Learned(combiner="balance", guard=0.0, counts=counts).fit(found).weight == 0.5)
+        assert np.all(Learned(guard=0.0, counts=counts).fit(found).weight == 0.5)
 
 
 @pytest.mark.parametrize("uniform", [True, False])
@@ -144,15 +143,15 @@ def test_split(shared: float, times: float) -> None:
     found = pilot(np.ones((len(GRID), 8, 8)))[0.5]
     found = replace(found, sums={**found.sums, "position": np.full((8, 8), shared * 16)})
     for counts in (False, True):
-        assert Learned(combiner="balance", split=True, counts=counts).fit({0.5: found}).split == times
-        assert Learned(combiner="balance", split=False, counts=counts).fit({0.5: found}).split == 1
-    variance = Learned(combiner="balance", split=True, filter="none", shrink=False).fit({0.5: found}).maps["variance"]
+        assert Learned(split=True, counts=counts).fit({0.5: found}).split == times
+        assert Learned(split=False, counts=counts).fit({0.5: found}).split == 1
+    variance = Learned(split=True, filter="none", shrink=False).fit({0.5: found}).maps["variance"]
     np.testing.assert_allclose(variance, shared + 1 / times)
 
 
 def test_black_patches_stay_at_one_half() -> None:
     """Where nothing was seen there is no reason to leave."""
-    fit = Learned(combiner="balance", counts=True).fit(pilot(np.zeros((len(GRID), 1, 1))))
+    fit = Learned(counts=True).fit(pilot(np.zeros((len(GRID), 1, 1))))
     np.testing.assert_array_equal(fit.weight, 0.5)
     assert fit.samples is not None and np.ptp(fit.samples) == 0
 
