@@ -33,7 +33,7 @@ where ``q h_i`` is what the heuristic makes of the effective densities ``w_l r_l
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,7 +76,7 @@ class Curves:
     ) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._heuristics = [mis.find(name) for name in combiners]
+        self._combiners = tuple(combiners)
         self._curve, self._pattern, self._second = np.zeros((3, len(combiners), classes, len(GRID), pixels), np.float64)
         self._total, self._own = np.zeros((2, pixels), np.float64)
 
@@ -104,11 +104,11 @@ class Curves:
     def _add(self, lights: Sequence[tuple[Array, Array]], k: int, part: Selection, count: int, unit_2: float) -> None:
         """Add what some pixels have seen at surfaces of class k, in units whose square is `unit_2`."""
         scale = count * unit_2
-        for h, heuristic in enumerate(self._heuristics):
+        for h, combiner in enumerate(self._combiners):
             curve, second, pattern = (a[h, k] for a in (self._curve, self._second, self._pattern))
             difference: Array | None = None
             for x, d in lights:
-                at_y, found, moment, own = _curve(x, d, count, heuristic)
+                at_y, found, moment, own = _curve(x, d, count, combiner)
                 if h == 0:
                     self._own[part] += scale / self._s * own
                 curve[:, part] += scale / self._s * at_y
@@ -190,39 +190,58 @@ def power_near(x: Array) -> np.float32:
     return np.float32(2.0 ** np.floor(np.log2(max(float(x.max()), float(-x.min()), 1e-37))))
 
 
-def _curve(x: Array, d: Array, count: int, heuristic: mis.Heuristic) -> tuple[Array, Array, Array, Array]:
+def _curve(x: Array, d: Array, count: int, combiner: str) -> tuple[Array, Array, Array, Array]:
     """Variance of a shading sample at y, per pixel ``(G, P)``; D of pairs, the grid's ends left out,
     ``(G - 2, S / 2, N)``; second moment ``(G, P)``; the first at w = 1/2 with the balance heuristic ``(P,)``.
     """
     out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
     differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
     radiance_2 = _over_y(product(x.mean(axis=1)), count)
-    square, first, r_l, r_b = x * x, x * d, 1 + d, 1 - d
-    moment: Array
-    difference: Array
+    square, first = x * x, x * d
+    balance = mis.find(combiner) is mis.balance
+    light_weight = None if balance else _light_weight(d, combiner)
+    over_l, over_b = (square, square) if balance else (square / np.maximum(r, LEAST) for r in (1 + d, 1 - d))
+    pairs = x.sum(axis=1)
     for g, w in enumerate(GRID.astype(float)):
-        if heuristic is mis.balance or w in (0, 1):  # of one technique alone, all heuristics are this
+        if light_weight is None or w in (0, 1):  # of one technique alone, all heuristics are this
             m = d * np.float32(2 * w - 1)
             m += 1
             if w in (0, 1):
                 np.maximum(m, LEAST, out=m)
             np.reciprocal(m, out=m)
-            moment, difference = square * m, first * m
+            second[g] = _mean(square * m, count)
+            if 0 < w < 1:
+                differences[g - 1] = (first * m).sum(axis=1)
         else:
-            light, brdf = r_l * np.float32(w), np.maximum(r_b * np.float32(1 - w), LEAST)
-            h = heuristic([light, brdf], 0)
-            of_light = light * h  # the MIS weight of light samples; BRDF samples have the rest
-            of_brdf = 1 - of_light
-            difference = x * (of_light * np.float32(0.5 / w) - of_brdf * np.float32(0.5 / (1 - w)))
-            moment = square * (of_light * h + of_brdf * of_brdf / brdf)
-        second[g] = _mean(moment, count)
+            light = light_weight(w)
+            brdf = 1 - light  # the weight of BRDF samples
+            # D of a pair is the sum of X (light / w - brdf / (1 - w)) / 2
+            differences[g - 1] = ((x * light).sum(axis=1) / np.float32(w) - pairs) * np.float32(0.5 / (1 - w))
+            light *= light
+            light *= over_l
+            brdf *= brdf
+            brdf *= over_b
+            brdf *= np.float32(w / (1 - w))
+            light += brdf
+            second[g] = _mean(light, count) / w
         out[g] = second[g] - radiance_2
         if 0 < w < 1:
-            differences[g - 1] = difference.sum(axis=1)
             out[g] -= w * (1 - w) * _over_y(product(differences[g - 1]), count)
-    if heuristic is mis.balance:
+    if balance:
         return out, differences, second, out[HALF]
     return out, differences, second, _mean(square, count) - radiance_2 - _over_y(product(first.sum(axis=1)), count) / 4
+
+
+def _light_weight(d: Array, combiner: str) -> Callable[[float], Array]:
+    """The MIS weight of light samples in the directions of which d is known, at any w: it depends on nothing but the
+    ratio of the effective densities. BRDF samples have the rest.
+    """
+    ratio = (1 - d) / np.maximum(1 + d, LEAST)
+    heuristic, beta = mis.find(combiner), mis.exponent(combiner)
+    if beta is None or beta > 3:  # whose powers of ratios may be beyond float32
+        return lambda w: heuristic([np.ones_like(ratio), ratio * np.float32((1 - w) / w)], 0)
+    raised = ratio * ratio if beta == 2 else ratio ** np.float32(beta)
+    return lambda w: 1 / (1 + raised * np.float32(((1 - w) / w) ** beta))
 
 
 def _mean(values: Array, count: int) -> Array:

@@ -138,6 +138,14 @@ def find(name: str) -> Heuristic:
     )
 
 
+def exponent(name: str) -> float | None:
+    """Of the densities in the weights of a heuristic by name, 1 for balance; None if it is no power of them."""
+    heuristic, (kind, _, number) = find(name), name.partition("-")
+    if heuristic is balance:
+        return 1.0
+    return float(number or 2) if kind == "power" else None
+
+
 @dataclass(frozen=True, eq=False)
 class Counts:
     """How each camera sample's shading samples are divided.

@@ -72,7 +72,7 @@ def test_curve_is_unbiased(count: int, s: int) -> None:
         assert values.std() / np.sqrt(len(values)) < 0.05 * exact(0.5, s)[0]
 
 
-@pytest.mark.parametrize("combiner", ["power", "power-3", "maximum", "cutoff-0.5"])
+@pytest.mark.parametrize("combiner", ["power", "power-3", "power-9", "maximum", "cutoff-0.5"])
 def test_curves_of_other_heuristics(combiner: str) -> None:
     """From the same samples as those of the balance heuristic, as little biased."""
     sums = pilot(40_000, 6, seed=7, combiner=combiner).sums()

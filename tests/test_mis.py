@@ -5,6 +5,7 @@ import pytest
 from helpers import LEVEL, Z_LIMIT, chi2_p, z_score
 
 import dmis
+from dmis import mis
 from dmis.mis import Counts, against, allocate, balance, cutoff, find, maximum, power, rounding
 from dmis.rules import make_rule
 from dmis.vec import Array
@@ -379,3 +380,24 @@ def test_rounding_of_two() -> None:
     """With the fractional part p of ``w S``: p (1 - p) / S^2."""
     np.testing.assert_allclose(rounding((0.4, 0.6), 2), 0.8 * 0.2 / 4 * np.array([[1, -1], [-1, 1]]), atol=1e-12)
     np.testing.assert_allclose(rounding((0.5, 0.5), 2), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name, exponent",
+    [
+        ("balance", 1),
+        ("frozen", 1),
+        ("power", 2),
+        ("power-3", 3),
+        ("power-0.5", 0.5),
+        ("maximum", None),
+        ("cutoff", None),
+    ],
+)
+def test_exponent(name: str, exponent: float | None) -> None:
+    """The heuristic with that exponent is the one of that name."""
+    assert mis.exponent(name) == exponent
+    if exponent is not None:
+        a = [np.array([1.0, 0.2, 5.0]), np.array([1.0, 3.0, 0.5])]
+        weight = a[0] * mis.find(name)(a, 0)
+        np.testing.assert_allclose(weight, a[0] ** exponent / (a[0] ** exponent + a[1] ** exponent), rtol=1e-6)
