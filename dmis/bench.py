@@ -136,7 +136,7 @@ def _speed(
     )
 
 
-def parts(scene: Scene, tiles: Sequence[Tile], limit: float = 2.0) -> dict[str, float]:
+def parts(scene: Scene, tiles: Sequence[Tile], limit: float = 10.0) -> dict[str, float]:
     """Where the time of `tiles` goes: shares of `PARTS` and of shading, which add up to 1.
 
     Tiles from all over the image, and of all passes, are rendered under Python's profiler, in a random order, for

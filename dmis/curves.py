@@ -33,6 +33,7 @@ where ``q h_i`` is what the heuristic makes of the effective densities ``w_l r_l
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -44,6 +45,8 @@ from dmis.vec import TINY, Array, Index, Selection, compose, indices, size, take
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)
 """Weights at which curves are known: dense at the ends, where they are steep."""
+APART = (GRID * (1 - GRID))[:, None].astype(np.float64)
+"""w (1 - w) at these weights."""
 HALF = int(np.flatnonzero(GRID == 0.5)[0])
 LEAST = np.float32(1e-9)
 TOGETHER = 2**16
@@ -94,28 +97,36 @@ class Curves:
             if not lights:
                 continue
             unit = max(power_near(x) for x, _ in lights)
-            lit, together = _lit([x for x, _ in lights], count), max(1, TOGETHER // (2 * self._s * count))
-            for begin in range(0, size(lit, len(self._total)), together):
-                part = compose(lit, slice(begin, min(begin + together, size(lit, len(self._total)))))
+            lit = _lit([x for x, _ in lights], count)
+            pixels = size(lit, len(self._total))
+            blocks = max(1, round(pixels * 2 * self._s * count / TOGETHER))
+            for begin, end in itertools.pairwise(np.linspace(0, pixels, blocks + 1, dtype=int)):
+                part = compose(lit, slice(begin, end))
                 assert part is not None
                 some = [(of_pixels(x, part, count) / unit, of_pixels(d, part, count)) for x, d in lights]
                 self._add(some, k, part, count, float(unit) ** 2)
 
     def _add(self, lights: Sequence[tuple[Array, Array]], k: int, part: Selection, count: int, unit_2: float) -> None:
         """Add what some pixels have seen at surfaces of class k, in units whose square is `unit_2`."""
-        scale = count * unit_2
+        scale, seen = count * unit_2, [_Seen(x, d, count) for x, d in lights]
+        radiance_2 = sum(light.radiance_2 for light in seen)
+        second, squared, pattern = np.zeros((3, len(GRID), size(part, len(self._total))))
+        for end in (0, -1):  # of one technique alone, all heuristics are this
+            second[end] = sum(light.alone(GRID[end]) for light in seen)
         for h, combiner in enumerate(self._combiners):
-            curve, second, pattern = (a[h, k] for a in (self._curve, self._second, self._pattern))
-            difference: Array | None = None
-            for x, d in lights:
-                at_y, found, moment, own = _curve(x, d, count, combiner)
-                if h == 0:
-                    self._own[part] += scale / self._s * own
-                curve[:, part] += scale / self._s * at_y
-                second[:, part] += scale / self._s * moment
-                difference = found if difference is None else difference + found
-            assert difference is not None
-            pattern[1:-1, part] += scale * variation(difference, count)
+            moments = [light.moments(combiner) for light in seen]
+            for g, w in enumerate(GRID[1:-1].astype(float), 1):
+                found, differences = zip(*(at(w) for at in moments), strict=True)
+                second[g] = sum(found)
+                squared[g] = sum(_squared(d, count) for d in differences)
+                whole = sum(differences[1:], differences[0])  # all lights together
+                pattern[g] = squared[g] if len(seen) == 1 else _squared(whole, count)
+                pattern[g] -= _across(whole, count)
+            self._second[h, k][:, part] += scale / self._s * second
+            self._curve[h, k][:, part] += scale / self._s * (second - radiance_2 - APART * squared)
+            self._pattern[h, k][:, part] += scale * pattern
+        # of the pilot itself: the balance heuristic at w = 1/2
+        self._own[part] += scale / self._s * sum(light.of_pilot() for light in seen)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: what `Pooled` is made of.
@@ -190,46 +201,59 @@ def power_near(x: Array) -> np.float32:
     return np.float32(2.0 ** np.floor(np.log2(max(float(x.max()), float(-x.min()), 1e-37))))
 
 
-def _curve(x: Array, d: Array, count: int, combiner: str) -> tuple[Array, Array, Array, Array]:
-    """Variance of a shading sample at y, per pixel ``(G, P)``; D of pairs, the grid's ends left out,
-    ``(G - 2, S / 2, N)``; second moment ``(G, P)``; the first at w = 1/2 with the balance heuristic ``(P,)``.
+class _Seen:
+    """Shading samples towards one light, as `spread` yields them: what they say of any weight.
+
+    Second moments M2 are ``(P,)``, of P pixels; differences D are those of pairs, ``(S / 2, N)``.
     """
-    out, second = np.zeros((2, len(GRID), x.shape[2] // count), np.float64)
-    differences = np.empty((len(GRID) - 2, x.shape[0], x.shape[2]), np.float32)
-    radiance_2 = _over_y(product(x.mean(axis=1)), count)
-    square, first = x * x, x * d
-    balance = mis.find(combiner) is mis.balance
-    light_weight = None if balance else _light_weight(d, combiner)
-    over_l, over_b = (square, square) if balance else (square / np.maximum(r, LEAST) for r in (1 + d, 1 - d))
-    pairs = x.sum(axis=1)
-    for g, w in enumerate(GRID.astype(float)):
-        if light_weight is None or w in (0, 1):  # of one technique alone, all heuristics are this
-            m = d * np.float32(2 * w - 1)
-            m += 1
-            if w in (0, 1):
-                np.maximum(m, LEAST, out=m)
-            np.reciprocal(m, out=m)
-            second[g] = _mean(square * m, count)
-            if 0 < w < 1:
-                differences[g - 1] = (first * m).sum(axis=1)
-        else:
+
+    def __init__(self, x: Array, d: Array, count: int) -> None:
+        self._x, self._d, self._count = x, d, count
+        self._square, self._first = x * x, x * d
+        self.radiance_2 = _squared(x.mean(axis=1), count)
+
+    def moments(self, combiner: str) -> Callable[[float], tuple[Array, Array]]:
+        """M2 and D of a heuristic, at any w between 0 and 1."""
+        return self._balance if mis.find(combiner) is mis.balance else self._heuristic(combiner)
+
+    def alone(self, w: float) -> Array:
+        """M2 of one technique alone: at w = 0 or 1."""
+        m = np.maximum(1 + self._d * np.float32(2 * w - 1), LEAST)
+        return _mean(self._square / m, self._count)
+
+    def of_pilot(self) -> Array:
+        """Variance of a shading sample of the pilot, balance at w = 1/2, at y: ``(P,)``."""
+        second, difference = self._balance(0.5)
+        return np.asarray(second - self.radiance_2 - _squared(difference, self._count) / 4, np.float64)
+
+    def _balance(self, w: float) -> tuple[Array, Array]:
+        m = self._d * np.float32(2 * w - 1)
+        m += 1
+        over_m = np.reciprocal(m, out=m)
+        second = _mean(self._square * over_m, self._count)
+        over_m *= self._first
+        return second, over_m[:, 0] + over_m[:, 1]
+
+    def _heuristic(self, combiner: str) -> Callable[[float], tuple[Array, Array]]:
+        light_weight = _light_weight(self._d, combiner)
+        over_l, over_b = (self._x / np.sqrt(np.maximum(r, LEAST)) for r in (1 + self._d, 1 - self._d))
+        pairs = self._x[:, 0] + self._x[:, 1]
+
+        def at(w: float) -> tuple[Array, Array]:
             light = light_weight(w)
-            brdf = 1 - light  # the weight of BRDF samples
+            counted = self._x * light
             # D of a pair is the sum of X (light / w - brdf / (1 - w)) / 2
-            differences[g - 1] = ((x * light).sum(axis=1) / np.float32(w) - pairs) * np.float32(0.5 / (1 - w))
-            light *= light
-            light *= over_l
-            brdf *= brdf
-            brdf *= over_b
-            brdf *= np.float32(w / (1 - w))
-            light += brdf
-            second[g] = _mean(light, count) / w
-        out[g] = second[g] - radiance_2
-        if 0 < w < 1:
-            out[g] -= w * (1 - w) * _over_y(product(differences[g - 1]), count)
-    if balance:
-        return out, differences, second, out[HALF]
-    return out, differences, second, _mean(square, count) - radiance_2 - _over_y(product(first.sum(axis=1)), count) / 4
+            difference = counted[:, 0] + counted[:, 1]
+            difference *= np.float32(1 / w)
+            difference -= pairs
+            difference *= np.float32(0.5 / (1 - w))
+            brdf = np.subtract(1, light, out=counted)  # the weight of BRDF samples
+            for weight, over in ((light, over_l), (brdf, over_b)):
+                weight *= over
+                weight *= weight
+            return _mean(light, self._count) / np.float32(w) + _mean(brdf, self._count) / np.float32(1 - w), difference
+
+        return at
 
 
 def _light_weight(d: Array, combiner: str) -> Callable[[float], Array]:
@@ -246,23 +270,28 @@ def _light_weight(d: Array, combiner: str) -> Callable[[float], Array]:
 
 def _mean(values: Array, count: int) -> Array:
     """Mean over the shading samples of each pixel, of values ``(S / 2, 2, N)``."""
-    pixels = values.shape[2] // count
-    return np.asarray(values.reshape(-1, pixels).sum(axis=0) / (values.size // pixels))
+    rows = values.reshape(-1, values.shape[2] // count)
+    return np.asarray(np.add.reduce(rows, axis=0) / np.float32(len(rows)))
 
 
-def variation(differences: Array, count: int) -> Array:
-    """Variance of D over y, per pixel, from that of pairs ``(K, S / 2, N)``, ``(K, P)``."""
-    out = np.empty((len(differences), differences.shape[2] // count))
-    for row, difference in zip(out, differences, strict=True):
-        pixel = difference.sum(axis=0).reshape(count, -1) * np.float32(1 / len(difference))
-        everywhere = pixel.sum(axis=0) ** 2 - (pixel * pixel).sum(axis=0)
-        row[:] = _over_y(product(difference), count) - everywhere / (count * (count - 1))
-    return out
+def variation(difference: Array, count: int) -> Array:
+    """Variance of D over y, ``(P,)``, from that of pairs ``(S / 2, N)``."""
+    return _squared(difference, count) - _across(difference, count)
 
 
-def _over_y(values: Array, count: int) -> Array:
-    """Mean over the camera samples of each pixel, of values ``(N,)``."""
-    return np.asarray(values.reshape(count, -1).sum(axis=0) / np.float32(count))
+def _squared(pairs: Array, count: int) -> Array:
+    """Mean square over the camera samples of each pixel, of what independent pairs ``(S / 2, N)`` estimate at y."""
+    return np.asarray(np.add.reduce(product(pairs).reshape(count, -1), axis=0) / np.float32(count))
+
+
+def _across(pairs: Array, count: int) -> Array:
+    """Square of its mean, from products of different camera samples."""
+    at_y = np.add.reduce(pairs, axis=0).reshape(count, -1)
+    everywhere = np.add.reduce(at_y, axis=0)
+    everywhere *= everywhere
+    at_y *= at_y
+    everywhere -= np.add.reduce(at_y, axis=0)
+    return np.asarray(everywhere / np.float32(len(pairs) ** 2 * count * (count - 1)))
 
 
 def product(pairs: Array) -> Array:

@@ -146,10 +146,8 @@ class Shares:
                 self._second[g, part] += scale / self._s * second.reshape(count, -1).sum(axis=0)
                 self._curve[g, part] += scale / self._s * (second - at_y).reshape(count, -1).sum(axis=0)
                 means = mean + means
-            if len(uneven):
-                self._pattern[g, part] += (
-                    scale * count * variation(np.einsum("ek,ktn->etn", uneven, means), count).sum(axis=0)
-                )
+            for difference in np.einsum("ek,ktn->etn", uneven, means):
+                self._pattern[g, part] += scale * count * variation(difference, count)
 
     def sums(self) -> dict[str, Array]:
         """Per pixel, to be added up over patches: ``curve`` ``(G, P)``, its square and its product with itself at
