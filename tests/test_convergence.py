@@ -42,8 +42,11 @@ def test_slope_error_is_that_of_many_experiments():
 
 
 def test_slopes_that_cannot_be_told():
-    """One budget, an error below zero, as two halves of a reference may give, one seed."""
+    """One budget, two that took the same time but for rounding, an error below zero, as two halves of a reference may
+    give, one seed.
+    """
     assert np.isnan(slope(np.array([4.0]), np.array([[1.0], [2.0]]))[0])
+    assert np.isnan(slope(np.array([0.1 + 0.2, 0.3]), np.array([[1.0, 2.0], [2.0, 3.0]]))).all()
     assert np.isnan(slope(np.array([4.0, 8.0]), np.array([[1.0, -1.0]]))[0])
     value, error = slope(np.array([4.0, 16.0]), np.array([[1.0, 0.25]]))
     assert value == pytest.approx(-0.5) and np.isnan(error)
