@@ -32,17 +32,18 @@ CHECKS = Image(np.indices((8, 8)).sum(axis=0)[..., None] % 2 * np.float32(0.8))
 
 
 def plain(size: tuple[int, int]) -> Scene:
-    """A floor and a ball under a lamp, and a light of a single direction."""
+    """A floor and a ball under a lamp, and a light of a single direction; behind the camera a square like the ball."""
     camera = Camera.look_at((0, -3, 2), (0, 0, 0.3), fov=40, resolution=size)
     ball = sphere(0.5, segments=48).transformed(translate((0, 0, 0.5)))
-    parts = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), plastic(KD)), Part(ball, metal(roughness=0.05))
+    gold = metal(roughness=0.05)
+    square = quad((-0.2, -3.9, 0.7), (0.4, 0, 0), (0, 0, 0.3))
+    parts = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), plastic(KD)), Part(ball, gold), Part(square, gold)
     return Scene(camera, parts, (LAMP, PointLight((2, -2, 2), (1, 1, 1))), "plain", "direct", 5)
 
 
 def behind(material: Material) -> Callable[[Scene], Scene]:
-    """Adds a small square of `material` behind the camera."""
-    part = Part(quad((-0.2, -3.9, 0.7), (0.4, 0, 0), (0, 0, 0.3)), material)
-    return lambda scene: replace(scene, parts=(*scene.parts, part))
+    """Changes the material of the square behind the camera, which itself takes Embree a hundredth of the time."""
+    return lambda scene: replace(scene, parts=(*scene.parts[:-1], replace(scene.parts[-1], material=material)))
 
 
 def light(more: Light) -> Callable[[Scene], Scene]:
