@@ -86,7 +86,7 @@ class Image:
 
     def _gather(self, row: np.ndarray, weight: Array, channels: int) -> Array:
         """Texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
-        return np.multiply(self._rows.take(row, axis=0, mode="wrap").T[:channels], weight, order="C")
+        return np.multiply(self._rows.take(row, axis=0).T[:channels], weight, order="C")
 
 
 Parameter = float | tuple[float, ...] | Array | Image
