@@ -15,9 +15,10 @@ import numpy as np
 
 from dmis.choice import SIDE, check_choice, choose
 from dmis.cost import camera_sample, surface_points
-from dmis.curves import GRID, HALF, Curves, Pooled, allowed, least
+from dmis.curves import GRID, HALF, Curves
 from dmis.fit import Fit, Pilot
 from dmis.objectives import objective
+from dmis.pooled import Pooled, allowed, least
 from dmis.quadtree import adaptive_patches
 from dmis.settings import MOST
 from dmis.sharing import check_sharing, pool
@@ -35,7 +36,7 @@ class Learned:
     """Weights that minimise an objective per patch.
 
     The objective ``second-moment`` is variance and cost, V(w) and C(w), weighed such that the image's error times its
-    time is least (`dmis.curves.weighed`): the pilot gives unbiased curves V(w) (`dmis.curves`), which are averaged over
+    time is least (`dmis.pooled.weighed`): the pilot gives unbiased curves V(w) (`dmis.curves`), which are averaged over
     patches, filtered, weighed with the cost of a camera sample at w (`dmis.cost`) and minimised on a grid of weights.
     The others, ``taylor``, ``inverse-variance``, ``neyman``, ``representativity``, ``kl``, ``tsallis`` and ``linear``,
     are those of the literature (`dmis.objectives`).

@@ -17,10 +17,11 @@ import numpy as np
 
 from dmis import __version__
 from dmis.cost import camera_sample
-from dmis.curves import GRID, HALF, weighed
+from dmis.curves import GRID, HALF
 from dmis.files import replacing
 from dmis.learned import Learned
 from dmis.passes import Progress
+from dmis.pooled import weighed
 from dmis.reference import SEED, cache_folder, described
 from dmis.render import fingerprint, render
 from dmis.scene import Scene
@@ -134,7 +135,7 @@ class Oracle:
     def limit_with_counts(self) -> float:
         """Variance of the image times its cost with the best weights and numbers of samples together, over those with
         w = 1/2 and the same number everywhere, without a pilot: ``mean(sqrt(V C))^2 / (mean(V) C)``, see
-        `dmis.curves.weighed`.
+        `dmis.pooled.weighed`.
         """
         least = weighed(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
         return float(np.sqrt(least).mean() ** 2 / (self.variance[HALF].mean() * self.cost[HALF]))

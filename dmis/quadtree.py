@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from dmis.curves import HALF, Pooled, allowed, least, weighed
+from dmis.curves import HALF
+from dmis.pooled import Pooled, allowed, least, weighed
 from dmis.variance import patch_spread, patch_sum
 from dmis.vec import Array
 
@@ -44,7 +45,7 @@ def adaptive_patches(
     prepare
         What is done with the curves of patches of every size, such as `dmis.shrinkage.shrink`; None: nothing.
     price
-        Of cost in variance, see `dmis.curves.weighed`.
+        Of cost in variance, see `dmis.pooled.weighed`.
 
     Returns
     -------

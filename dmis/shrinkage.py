@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.curves import Pooled
+from dmis.pooled import Pooled
 from dmis.variance import row_blocks
 from dmis.vec import Array
 
@@ -54,7 +54,7 @@ def shrink(
         Which share of each patch is of which kind, ``(K, rows, columns)``, of sum 1; patches of several have the mean
         of their shapes. None: all are of one kind.
     change
-        What is done with the curves of each patch beforehand, see `dmis.curves.Pooled.split`.
+        What is done with the curves of each patch beforehand, see `dmis.pooled.Pooled.split`.
     in_place
         Whether the arrays of `curves` may be written to.
     """

@@ -33,8 +33,9 @@ import numpy as np
 from dmis import mis, technique
 from dmis.batch import Record
 from dmis.cost import camera_sample
-from dmis.curves import LEAST, ROUNDING, TOGETHER, Pooled, least, of_pixels, power_near, product, variation
+from dmis.curves import LEAST, ROUNDING, TOGETHER, of_pixels, power_near, product, variation
 from dmis.fit import Fit, Pilot, Weight
+from dmis.pooled import Pooled, least
 from dmis.sharing import check_sharing, pool
 from dmis.shrinkage import shrink
 from dmis.tile import BASE, Statistic
@@ -77,7 +78,7 @@ def home(exact: Sequence[bool]) -> int:
 
 def allowed(curve: Array, inside: np.ndarray) -> np.ndarray:
     """Which points of the grid may be used, ``(G,)`` bool, by the curve of the whole image ``(G,)``: those that leave
-    techniques out only if they are as good for the image as those that just do not, see `dmis.curves.allowed`.
+    techniques out only if they are as good for the image as those that just do not, see `dmis.pooled.allowed`.
     """
     return curve <= curve[inside]
 
@@ -86,7 +87,7 @@ def cheapest(curves: Pooled, cost: Array, guard: float, may: np.ndarray, area: A
     """Points of the grid, ``(rows, columns)``, for which the image's error times its time is least, ``sum V sum C``
     over patches of the `area` ``(rows, columns)`` in pixels.
 
-    Patches minimise ``V + price C`` (`dmis.curves.weighed`). At the minimum the price is ``sum V / sum C`` there, which
+    Patches minimise ``V + price C`` (`dmis.pooled.weighed`). At the minimum the price is ``sum V / sum C`` there, which
     may be far from that at `home`: a technique that costs twice as much may have a quarter of the variance.
     So prices from that at home downwards are tried.
     """

@@ -9,7 +9,8 @@ from helpers import Z_LIMIT
 import dmis
 from dmis import mis
 from dmis.batch import Record
-from dmis.curves import GRID, HALF, Curves, Pooled
+from dmis.curves import GRID, HALF, Curves
+from dmis.pooled import Pooled
 from dmis.vec import Array
 
 A = 0.25  # p_l = 2 x, p_b = 2 (1 - x) on [0, 1], f = A + (1 + 2 y) x at the point y, uniform in [0, 1]

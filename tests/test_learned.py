@@ -10,9 +10,10 @@ import pytest
 import dmis
 from dmis.budget import LEVELS, whole_samples
 from dmis.cost import camera_sample
-from dmis.curves import GRID, HALF, weighed
+from dmis.curves import GRID, HALF
 from dmis.fit import Pilot
 from dmis.learned import Learned
+from dmis.pooled import weighed
 from dmis.rules import make_rule
 from dmis.variance import Moments
 from dmis.vec import Array

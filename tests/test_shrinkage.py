@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmis.curves import GRID, HALF, Pooled
+from dmis.curves import GRID, HALF
 from dmis.fit import Pilot
+from dmis.pooled import Pooled
 from dmis.rules import make_rule
 from dmis.shrinkage import shrink
 from dmis.variance import Moments, row_blocks

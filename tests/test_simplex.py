@@ -14,11 +14,12 @@ import dmis
 from dmis.batch import Record
 from dmis.compare import split_rules
 from dmis.cost import RAY, RESAMPLED, SHADING, camera_sample
-from dmis.curves import GRID, Curves, Pooled, least
+from dmis.curves import GRID, Curves
 from dmis.fit import Fixed
 from dmis.light import SphereLight
 from dmis.material import plastic
 from dmis.mis import allocate
+from dmis.pooled import Pooled, least
 from dmis.rules import make_rule
 from dmis.settings import Settings
 from dmis.simplex import FLOOR, Seen, Shares, Simplex, allowed, cheapest, grid, home, spread
