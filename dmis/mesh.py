@@ -33,7 +33,7 @@ class Mesh:
     normals
         Shading normals, (V, 3) float64, brought to unit length here; None for flat shading.
     uv
-        Texture coordinates, (V, 2) float64, or None.
+        Texture coordinates, (V, 2) float64, within `FARTHEST` of 0; or None.
 
     Raises
     ------
@@ -49,12 +49,7 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = table("vertices", self.vertices, 3)
         rows = len(vertices)
-        if rows and np.abs(vertices).max() > FARTHEST:
-            row = int(np.argmax(np.abs(vertices).max(axis=1)))
-            raise ValueError(
-                f"vertices must be within {FARTHEST:g} of the origin, because Embree computes in float32; "
-                f"got {vertices[row].tolist()} in row {row}"
-            )
+        _near("vertices", vertices, "Embree computes")
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
             raise ValueError(
@@ -73,10 +68,13 @@ class Mesh:
                 row = int(np.argmin(length))
                 raise ValueError(f"normals must not be zero, because they give directions; got a zero in row {row}")
             normals = normals / length
+        uv = None if self.uv is None else table("uv", self.uv, 2, rows)
+        if uv is not None:
+            _near("uv", uv, "lookups are")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", np.ascontiguousarray(faces, np.int32))
         object.__setattr__(self, "normals", normals)
-        object.__setattr__(self, "uv", None if self.uv is None else table("uv", self.uv, 2, rows))
+        object.__setattr__(self, "uv", uv)
 
     @property
     def triangles(self) -> int:
@@ -177,6 +175,16 @@ def table(name: str, value: npt.ArrayLike, columns: int, rows: int | None = None
             f"{name} must be finite, because Embree does not check; got {table[row].tolist()} in row {row}"
         )
     return table
+
+
+def _near(name: str, table: Floats, what: str) -> None:
+    """Raise a ValueError unless all rows are within `FARTHEST` of the origin."""
+    if len(table) and np.abs(table).max() > FARTHEST:
+        row = int(np.argmax(np.abs(table).max(axis=1)))
+        raise ValueError(
+            f"{name} must be within {FARTHEST:g} of the origin, because {what} in float32; "
+            f"got {table[row].tolist()} in row {row}"
+        )
 
 
 def vector(name: str, value: npt.ArrayLike) -> Floats:

@@ -599,6 +599,7 @@ V, F = TRIANGLE
         (lambda: Mesh(V, F, normals=V[:2]), r"normals must have shape \(3, 3\), a row for each vertex; got \(2, 3\)"),
         (lambda: Mesh(V, F, normals=V), r"normals must not be zero, .* in row 0"),
         (lambda: Mesh(V, F, uv=V), r"uv must have shape \(3, 2\)"),
+        (lambda: Mesh(V, F, uv=np.full((3, 2), 1e19)), r"uv must be within 1e\+18 of the origin, .* in row 0"),
         (lambda: Mesh(V, F).transformed(np.eye(3)), r"matrix must be finite, 4x4"),
         (lambda: Mesh(V, F).transformed(np.diag([1, 1, 0, 1])), r"matrix must be invertible, because normals"),
         (lambda: concatenate([]), r"meshes must hold at least one mesh"),

@@ -1,6 +1,7 @@
 """Textures: bilinear lookup, wrap modes, products."""
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,12 +107,22 @@ def test_products() -> None:
         (np.ones((0, 2, 3)), {}, "texels must have shape"),
         (np.full((1, 1, 1), np.nan), {}, "texels must be finite"),
         (np.ones((1, 1, 1)), {"wrap": "mirror"}, "wrap must be"),
+        (np.ones((1, 1, 1)), {"scale": (1e39, 1)}, r"scale must be within 1e\+15"),
+        (np.ones((1, 1, 1)), {"offset": (0, np.nan)}, r"offset must be within 1e\+15"),
     ],
 )
-def test_bad_images(texels: Array, options: dict[str, str], message: str) -> None:
+def test_bad_images(texels: Array, options: dict[str, Any], message: str) -> None:
     """Errors name the argument and the constraint."""
     with pytest.raises(ValueError, match=message):
         Image(texels, **options)
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "black", "clamp"])
+def test_farthest_coordinates(wrap: Any) -> None:
+    """The farthest coordinates that a mesh may have, scaled as far as may be, are texels as well."""
+    uv = np.array([[1e18, -1e18, 0.3], [0.2, 1e18, -1e18]], np.float32)
+    far = Image(np.ones((4, 2**12, 1)), scale=(1e15, -1e15), offset=(-1e15, 1e15), wrap=wrap)
+    assert np.isin(far(uv), (0, 1)).all()
 
 
 def test_pickles_leave_out_what_can_be_made_again() -> None:
