@@ -98,6 +98,8 @@ class Curves:
             unit = max(power_near(x) for x, _ in lights)
             lit = _lit([x for x, _ in lights], count)
             pixels = size(lit, len(self._total))
+            if not pixels:
+                continue
             blocks = max(1, round(pixels * 2 * self._s * count / TOGETHER))
             for begin, end in itertools.pairwise(np.linspace(0, pixels, blocks + 1, dtype=int)):
                 part = compose(lit, slice(begin, end))

@@ -154,6 +154,14 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
     assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both
 
 
+def test_all_in_shadow() -> None:
+    """Where all that was seen of a light is in shadow, in a whole tile, there is nothing to be worked out."""
+    record = Record(0, (0,), 0, np.arange(6), np.zeros((3, 6), np.float32), np.ones((2, 6), np.float32))
+    curves = Curves(2, 4, combiners=("balance", "power"))
+    curves.add([record], np.zeros((3, 6), np.float32), 3)
+    assert all(not values.any() for values in curves.sums().values())
+
+
 @pytest.mark.parametrize("lights", [1, 2])
 def test_dark_pixels_are_left_out(lights: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where nothing is lit nothing is worked out, and the sums of all pixels are the same, to the last bit."""

@@ -112,6 +112,17 @@ def test_images_without_noise(rule: str, radiance: float, lit: bool, seen: float
     assert np.isfinite(result.weight).all()
 
 
+@pytest.mark.parametrize("rule", sorted(RULES))
+def test_images_in_shadow(rule: str) -> None:
+    """All that is seen faces a lamp behind a screen: samples meet it, and none arrives."""
+    lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (7.0,) * 3)
+    screen = dmis.scene.Part(dmis.geometry.quad((-9, -9, 1.5), (18, 0, 0), (0, 18, 0)), dmis.matte(0.5))
+    scene = box_scene(lights=(lamp,), extra=(screen,), resolution=(5, 4), eye=(0, -1, 0.7), target=(0, 0, 0), fov=5.0)
+    result = dmis.render(scene, rule, 16, threads=1)
+    np.testing.assert_array_equal(result.image, 0)
+    assert np.isfinite(result.weight).all() and sum(result.rays.values()) > result.rays["camera"]
+
+
 def test_one_sample_has_no_variance() -> None:
     """1 spp is an image; its variance is said to be unknown; a rule with a pilot says how many it needs."""
     result = dmis.render(one_point(), "balance", 1)
