@@ -19,9 +19,10 @@ from dmis.compare import Comparison
 from dmis.convergence import Axis, Gain, gains, line, slope
 from dmis.curves import HALF
 from dmis.report_plots import (
-    COLOURS,
+    MARKS,
     error_svg,
     linear_png,
+    look,
     map_png,
     palette_colours,
     variance_ratio,
@@ -128,7 +129,8 @@ def _slopes(c: Comparison) -> str:
     rows = []
     for k, rule in enumerate(c.rules):
         told = [_plus_minus(*slope(*line(c.runs, rule, over))) for over in overs]
-        swatch = f'<i class="swatch" style="background:{COLOURS[k % len(COLOURS)]}"></i>'
+        colour, mark = look(k)
+        swatch = f'<i class="swatch" style="color:{colour}" data-mark="{MARKS[mark]}"></i>'
         rows.append([f"{swatch}{_text(rule)}", *told])
     note = LINES.format(seeds=_count(c.seeds, "seed"), oracle=BEST_WEIGHTS if c.oracle else "")
     head = ["rule", "slope over samples", "over rays", "over seconds"]

@@ -25,9 +25,16 @@ if TYPE_CHECKING:
 
 COLOURS = ("#808080", "#d55e00", "#2b8cd6", "#00a17a", "#c565b0", "#d9a200", "#8a6fd1", "#b0413e", "#4fb3bf", "#7d8f1f")
 """Of rules in their order, the balance heuristic first; they can be told apart on white and on black."""
+MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆"}
+"""Of rules: the first for as many as there are colours, then the next. In plots, and as characters."""
 INK = "#010203"
 """Stands for the colour of the page's text in drawings of `svg`."""
 LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "seconds"}
+
+
+def look(number: int) -> tuple[str, str]:
+    """Colour and mark of a rule, by its place in the order of rules."""
+    return COLOURS[number % len(COLOURS)], list(MARKS)[number // len(COLOURS) % len(MARKS)]
 
 
 def error_lines(
@@ -41,10 +48,11 @@ def error_lines(
     feet = []
     for k, rule in enumerate(dict.fromkeys(rule for rule, _ in runs)):
         x, mse = line(runs, rule, over)
-        mean, colour = mse.mean(axis=0), COLOURS[k % len(COLOURS)]
-        mean, low, high = (np.sqrt(np.where(v > 0, v, np.nan)) for v in (mean, mse.min(axis=0), mse.max(axis=0)))
+        colour, mark = look(k)
+        each = mse.mean(axis=0), mse.min(axis=0), mse.max(axis=0)
+        mean, low, high = (np.sqrt(np.where(v > 0, v, np.nan)) for v in each)
         axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-        axis.plot(x, mean, color=colour, marker="o", markersize=4, linewidth=1.6, label=rule)
+        axis.plot(x, mean, color=colour, marker=mark, markersize=4, linewidth=1.6, label=rule)
         feet += [(at, least * np.sqrt(at)) for at, least in zip(x, low, strict=True)]
         if rule == "balance" and oracle is not None:
             axis.plot(x, mean * np.sqrt(oracle.limit()), color=ink, linestyle="--", linewidth=1.1, label="best weights")
@@ -63,14 +71,15 @@ def error_lines(
 
 
 def _few_ticks(axis: Axes) -> None:
-    """Plain numbers at 1, 2 and 5 times powers of ten."""
+    """Plain numbers at 1, 2 and 5 times powers of ten; at more of them where all is within one."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     def number(value: float, _: int) -> str:
-        return f"{value:.0e}".replace("e+0", "e") if value >= 1e4 else f"{value:g}"
+        return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
 
-    for side in (axis.xaxis, axis.yaxis):
-        side.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=12))
+    for side, (low, high) in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
+        times = (1, 2, 5) if high > 10 * low else (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+        side.set_major_locator(LogLocator(subs=times, numticks=12))
         side.set_major_formatter(FuncFormatter(number))
         side.set_minor_formatter(NullFormatter())
 
@@ -81,7 +90,7 @@ def convergence(comparison: Comparison, path: Path) -> None:
     overs: tuple[Axis, ...] = ("seconds", "rays")
     for axis, over in zip(axes[0], overs, strict=True):
         error_lines(axis, comparison.runs, over, comparison.oracle)
-        axis.legend(fontsize=8)
+    axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of both
     plot.save(
         figure,
         path,

@@ -18,11 +18,12 @@ pytest.importorskip("matplotlib")
 from PIL import Image
 
 import dmis
+from dmis import plot
 from dmis.compare import Comparison, compare
 from dmis.convergence import gains
 from dmis.oracle import make_oracle
 from dmis.report import write_report
-from dmis.report_plots import INK, convergence, linear_png, map_png, palette_colours, variance_ratio
+from dmis.report_plots import INK, convergence, error_lines, linear_png, look, map_png, palette_colours, variance_ratio
 
 RULES, SPP, SEEDS = ["pbrt", "thesis:patch=4", "second-moment"], [8, 16], [0, 1]
 
@@ -336,3 +337,25 @@ def test_browser_zooms_and_moves(opened):
     opened.get_by_role("button", name="fit").click()
     pixels(opened)
     assert opened.evaluate(state) == [1, 0, 0]
+
+
+def test_rules_can_be_told_apart():
+    """Four times as many as there are colours have looks of their own."""
+    assert len({look(k) for k in range(40)}) == 40
+
+
+@pytest.mark.parametrize("seconds, rays", [((0.4, 0.9), (3.1e8, 5.9e8)), ((0.1, 60), (1e5, 2e9))])
+def test_ticks_say_different_things(made, seconds, rays):
+    """No two places of an axis have the same number, in a range of less than twice or of many powers of ten."""
+    (run,) = made[0].runs["balance", SPP[0]][:1]
+    runs = {
+        ("balance", n): [dataclasses.replace(run, spp=n, render_seconds=t, rays=int(r), mse=1 / n)]
+        for n, t, r in zip((8, 16), seconds, rays, strict=True)
+    }
+    figure, axes = plot.canvas(1, 2, 12, 5)
+    for axis, over in zip(axes[0], ("seconds", "rays"), strict=True):
+        error_lines(axis, runs, over)
+    figure.canvas.draw()
+    for axis in axes[0]:
+        told = [label.get_text() for label in axis.get_xticklabels()]
+        assert len(told) == len(set(told)) > 2
