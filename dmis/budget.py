@@ -26,8 +26,8 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
     least, most = min(2, spp), LEVELS[-1]
     values, pixels = np.unique(share, return_counts=True)
     low_scale, high_scale = 0.0, most / values[0]
-    # what the limits take or give is shared by the others: bisection, until there is no number in between
-    while low_scale < (scale := (low_scale + high_scale) / 2) < high_scale:
+    # what the limits take or give is shared by the others: bisection, until all are at the least or nothing is between
+    while high_scale * values[-1] > least and low_scale < (scale := (low_scale + high_scale) / 2) < high_scale:
         enough = np.clip(values * scale, least, most) @ pixels >= spp * share.size
         low_scale, high_scale = (low_scale, scale) if enough else (scale, high_scale)
     out = np.empty(share.shape, np.int32)
