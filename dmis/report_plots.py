@@ -55,7 +55,9 @@ def error_lines(
         axis.plot(x, mean, color=colour, marker=mark, markersize=4, linewidth=1.6, label=rule)
         feet += [(at, least * np.sqrt(at)) for at, least in zip(x, low, strict=True)]
         if rule == "balance" and oracle is not None:
-            axis.plot(x, mean * np.sqrt(oracle.limit()), color=ink, linestyle="--", linewidth=1.1, label="best weights")
+            mark = "" if len(x) > 1 else "x"  # a single point has no line
+            best = mean * np.sqrt(oracle.limit())
+            axis.plot(x, best, color=ink, linestyle="--", linewidth=1.1, marker=mark, label="best weights")
     ends = np.array([min(x for x, _ in feet), max(x for x, _ in feet)])
     axis.set_xlabel(LABELS[over])
     axis.set_ylabel("RMSE (linear RGB)")
