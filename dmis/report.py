@@ -33,7 +33,7 @@ from dmis.vec import Array
 LINES = """Lines: root of the mean squared error over {seeds}; bands: lowest to highest seed. Dotted: the slope −½ of
 N<sup>−1/2</sup>.{oracle} Slopes are fitted by least squares, ± one standard error (jackknife over seeds). A rule that
 pays for a pilot first can be steeper than −½ until the pilot is paid."""
-BEST_WEIGHTS = " Dashed: the best weights there are, in the time and rays of the balance heuristic."
+BEST_WEIGHTS = " Dashed, or ×: the best weights there are, in the time and rays of the balance heuristic."
 GAINS = """Means over seeds; seconds are medians, from the pilot to the last sample. ± is half of the 95 % confidence
 interval. Speed-up at equal error: seconds in which the balance heuristic reaches this MSE, over the rule's. Error ratio
 in equal time: MSE of the balance heuristic in the rule's seconds, over the rule's. Both are read off the line of the

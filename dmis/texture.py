@@ -16,7 +16,7 @@ from dmis.vec import Array
 
 Wrap = Literal["repeat", "black", "clamp"]
 
-FARTHEST = 1e15
+LARGEST = 1e15
 """Of scale and offset: times coordinates of a mesh (`dmis.mesh.FARTHEST`) and texels they are below 3e38 still."""
 
 
@@ -29,7 +29,7 @@ class Image:
     texels
         ``(H, W, C)`` linear values, C = 1 or 3, row 0 at t = 0. Three equal channels are stored as one.
     scale, offset
-        ``(s, t) = uv * scale + offset``; within `FARTHEST`.
+        ``(s, t) = uv * scale + offset``; within `LARGEST`.
     wrap
         What lies outside [0, 1): ``repeat``, ``black`` or ``clamp``.
     """
@@ -46,8 +46,8 @@ class Image:
         if not np.isfinite(texels).all():
             raise ValueError("texels must be finite, because one bad texel spoils every pixel that sees it")
         for name, values in (("scale", self.scale), ("offset", self.offset)):
-            if not (np.abs(values) <= FARTHEST).all():
-                raise ValueError(f"{name} must be within {FARTHEST:g}, because lookups are in float32; got {values}")
+            if not (np.abs(values) <= LARGEST).all():
+                raise ValueError(f"{name} must be within {LARGEST:g}, because lookups are in float32; got {values}")
         if self.wrap not in ("repeat", "black", "clamp"):
             raise ValueError(f"wrap must be 'repeat', 'black' or 'clamp'; got {self.wrap!r}")
         if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
