@@ -15,6 +15,8 @@ from dmis.warp import INV_PI, TWO_PI, atan2
 
 INV_TWO_PI = INV_PI / 2
 TWO_PI_SQUARED = np.float32(2 * np.pi**2)
+SEARCH = 8
+"""Texels that are tried one after the other, from where a guide table points, before a binary search."""
 POLE = np.float32(1e-9)
 """The least sin(theta) that a density is divided by."""
 
@@ -24,7 +26,7 @@ class _SeenSky(Seen):
 
     def __init__(self, light: EnvironmentLight, wi: Array, s: Array, t: Array, pdf: Array) -> None:
         self.wi, self.pdf, self.emits = wi, pdf, pdf > 0
-        self.distance = np.full(wi.shape[1], FAR)
+        self.distance = np.full(1, FAR)
         self._light, self._s, self._t = light, s, t
 
     def radiance_at(self, index: Selection | None) -> Array:
@@ -89,7 +91,9 @@ class EnvironmentLight:
 
     @cached_property
     def _distribution(self) -> tuple[Array, Array]:
-        """Cumulative probability over texels in row order ``(H * W,)`` float64; texel densities over (u, v)."""
+        """Cumulative probability at the edges of texels in row order, ``(H * W + 1,)`` float64 from 0 on; texel
+        densities over (u, v).
+        """
         height, width, _ = self.texels.shape
         texels = np.broadcast_to(self._data[0].texels.astype(float), (height, width, 3))
         luminance = texels @ np.array([0.212671, 0.715160, 0.072169])
@@ -106,17 +110,18 @@ class EnvironmentLight:
         elif self.compensation and excess.sum() > 0:
             weight = (1 - self.compensation) * weight / total + self.compensation * excess / excess.sum()
             total = weight.sum()
-        return np.cumsum(weight.reshape(-1) / total), (weight / total * weight.size).astype(np.float32).reshape(-1)
+        edges = np.concatenate([[0.0], np.cumsum(weight.reshape(-1) / total)])
+        return edges, (weight / total * weight.size).astype(np.float32).reshape(-1)
 
     def sample(self, p: Array, u: Array) -> Seen:
         """Directions towards bright texels, `u` ``(2, N)``; `p` only matters for its shape."""
         height, width, _ = self.texels.shape
-        cdf = self._distribution[0]
+        edges = self._distribution[0]
         # float32 numbers are 2^-24 apart, wider than a dark texel's share: u1 fills the gaps
         u0 = u[0].astype(np.float64) + u[1].astype(np.float64) * 2.0**-24
         texel = self._texel(u0)
-        low = np.where(texel > 0, cdf.take(texel - 1), 0)
-        share = cdf.take(texel) - low
+        low = edges.take(texel)
+        share = edges.take(texel + 1) - low
         within = np.clip((u0 - low) / np.maximum(share, 1e-300), 0, 1).astype(np.float32)
         row = texel // width
         s = ((texel - row * width).astype(np.float32) + within) * np.float32(1 / width)
@@ -124,7 +129,7 @@ class EnvironmentLight:
         phi, theta = TWO_PI * s, np.float32(np.pi) * t
         sin = np.sin(theta)
         local = np.stack([sin * np.cos(phi), sin * np.sin(phi), np.cos(theta)])
-        density = (share * len(cdf)).astype(np.float32)
+        density = (share * (height * width)).astype(np.float32)
         return _SeenSky(self, self._rotate(local), s, t, density / (TWO_PI_SQUARED * np.maximum(sin, POLE)))
 
     def _rotate(self, w: Array, back: bool = False) -> Array:
@@ -137,7 +142,7 @@ class EnvironmentLight:
     @cached_property
     def _guide(self) -> np.ndarray:
         """Where the search for u may begin: the texel of ``k / n`` for k = 0 ... n - 1, with n texels."""
-        cdf = self._distribution[0]
+        cdf = self._distribution[0][1:]
         first = np.searchsorted(cdf, np.arange(len(cdf)) / len(cdf), side="right")
         return np.minimum(first, len(cdf) - 1).astype(np.int32)
 
@@ -146,11 +151,11 @@ class EnvironmentLight:
 
         A guide table (Chen and Asau 1974) is within a texel or two of it most of the time, at a fraction of the cost.
         """
-        cdf = self._distribution[0]
+        cdf = self._distribution[0][1:]
         last = len(cdf) - 1
         texel = self._guide.take((u * len(cdf)).astype(np.int32))
         behind = np.flatnonzero(cdf.take(texel) <= u)
-        for _ in range(3):
+        for _ in range(SEARCH):
             texel[behind] = np.minimum(texel[behind] + 1, last)
             behind = behind[cdf.take(texel.take(behind)) <= u.take(behind)]
         texel[behind] = np.searchsorted(cdf, u.take(behind), side="right")
@@ -172,7 +177,7 @@ class EnvironmentLight:
 
     def _lookup(self, s: Array, t: Array) -> Array:
         """Radiance ``(3, N)`` at map coordinates."""
-        return np.broadcast_to(self._data[0](np.stack([s, t])), (3, len(s)))
+        return np.broadcast_to(self._data[0].at(s, t), (3, len(s)))
 
     def _coordinates(self, wi: Array) -> tuple[Array, Array, Array]:
         """Map coordinates s, t in [0, 1) and sin(theta)."""

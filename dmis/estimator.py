@@ -300,7 +300,7 @@ def _shade(
     if lit is not None and len(lit) == 0:
         return lit, [np.zeros(0, np.float32)] * len(techniques)
     surface, wi, w = surface.take(lit), take(seen.wi, lit), take(w, lit)
-    light_pdf = take(seen.pdf, lit)
+    light_pdf, distance = take(seen.pdf, lit), take(seen.distance, lit)
     pair = Pair(surface, wi)
     pdf = [each.pdf(surface, pair, light_pdf) for each in techniques]
     shares = mis.against(batch.settings.combiner, mis.shares(w), side)
@@ -311,8 +311,8 @@ def _shade(
     alive: Selection | None = indices((f if len(f) == 1 else f.max(axis=0, keepdims=True))[0] > 0)
     value = np.zeros((3, 0), np.float32)
     if size(alive, 1):
-        distance = take(seen.distance, compose(lit, alive))
-        clear = indices(_visible(batch, techniques[side].rays, take(surface.p, alive), take(wi, alive), distance))
+        way = take(surface.p, alive), take(wi, alive), take(distance, alive)
+        clear = indices(_visible(batch, techniques[side].rays, *way))
         alive = compose(alive, clear)  # the sky is looked up only where it is seen
         both = compose(lit, alive)
         value = take(f, alive) * seen.radiance_at(both)
@@ -374,8 +374,8 @@ def _delta(
 
 def _visible(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:
     """Whether nothing stands between the points and the light, ``(N,)`` bool."""
-    batch.rays[kind] += len(distance)
-    return ~batch.caster.occluded(origin, wi, distance * SHADOW_END)
+    batch.rays[kind] += wi.shape[1]
+    return ~batch.caster.occluded(origin, wi, np.broadcast_to(distance * SHADOW_END, wi.shape[1:]))
 
 
 def _run(condition: np.ndarray) -> slice | None:

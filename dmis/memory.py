@@ -8,21 +8,23 @@ from functools import cache
 from pathlib import Path
 
 KEPT = 2**26
-"""Bytes of freed arrays that the C library keeps, per arena: more than the arrays of a batch together."""
+"""Bytes of freed arrays that the C library keeps: more than the arrays of a batch together."""
 LARGE = 2**18
 """Pixels of images that are worth the hundredth of a second that it takes, and to fill the caches of malloc again."""
 
 
 @cache
 def keep() -> None:
-    """Let the C library keep freed arrays for the next ones, from now on.
+    """Let the C library keep freed arrays for the next ones, from now on, and all threads share what is kept.
 
     By itself it gives back all but some MB at each turn, and the next batch's arrays are new pages, which the system
-    fills with zeros first. In Linux; elsewhere nothing is done.
+    fills with zeros first. And each thread that is started gets an arena of its own, of which `release` leaves the end.
+    In Linux; elsewhere nothing is done.
     """
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has none
         if mallopt is not None:
+            mallopt(-8, 1)  # M_ARENA_MAX
             mallopt(-1, KEPT)  # M_TRIM_THRESHOLD
             mallopt(-3, KEPT // 2)  # M_MMAP_THRESHOLD, at its largest
 

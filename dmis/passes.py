@@ -71,8 +71,8 @@ class Passes:
             tile = Tile(self._seed, pass_, number, rows, columns, count, local, settings, statistic, beta, behind)
             tiles.append(tile)
         self.tiles.extend(tiles)
-        release(width * height)
         stored = self._store.start(pass_, (height, width, 3), len(tiles))
+        release(width * height)
         tiles.sort(key=_samples, reverse=True)  # so that no large one is waited for at the end
         missing = [tile for tile in tiles if not stored.done[tile.number]]
         total = sum(map(_samples, tiles))

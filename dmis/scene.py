@@ -156,7 +156,7 @@ class Scene:
         ng = rows[9:]
         facing = dot(ng, wo)
         side = np.copysign(np.float32(1), facing)
-        ng *= side
+        ng = ng * side
         p += ng * self.epsilon
         n, cos_o = ng, np.abs(facing)
         if group.smooth:

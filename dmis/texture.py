@@ -71,11 +71,13 @@ class Image:
 
     def __call__(self, uv: Array) -> Array:
         """Values ``(C, N)`` at texture coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
-        height, width, channels = self.texels.shape
         s = uv[0] * np.float32(self.scale[0]) + np.float32(self.offset[0])
         t = uv[1] * np.float32(self.scale[1]) + np.float32(self.offset[1])
-        if self.wrap == "repeat":
-            s, t = s - np.floor(s), t - np.floor(t)
+        return self.at(s - np.floor(s), t - np.floor(t)) if self.wrap == "repeat" else self.at(s, t)
+
+    def at(self, s: Array, t: Array) -> Array:
+        """Values ``(C, N)`` at coordinates in the image, `s` and `t` ``(N,)``; in [0, 1] if it repeats."""
+        height, width, channels = self.texels.shape
         x, y = s * width - np.float32(0.5), t * height - np.float32(0.5)
         if self.wrap != "repeat":
             x, y = np.clip(x, -1, width), np.clip(y, -1, height)

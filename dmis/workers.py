@@ -49,6 +49,7 @@ class Workers:
     def __init__(
         self, scene: Scene, executor: Executor | None = None, threads: int | None = None, processes: int | None = None
     ) -> None:
+        keep()  # threads that are there already have their arenas
         self._processes, self._fruitless = processes, 0
         self._file: Path | None = None
         self._own = executor is None
