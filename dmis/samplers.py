@@ -5,8 +5,14 @@ which order.
 
 All draws are two-dimensional. `Independent` numbers are just random. The others spread the numbers of one pixel
 evenly: `Stratified` over a jittered grid, `Sobol` over a (0, 2)-sequence with a random digit shift per pixel and
-draw, as pbrt's low-discrepancy sampler does. Draws with different keys are independent of each other: the camera's
-points are shuffled once per tile, so that their order matches nothing.
+draw, as pbrt's low-discrepancy sampler does.
+
+Draws with different keys are independent of each other, because each key has its own order of the points. If sample i
+had point i of the sequence in all of them, two draws would differ by their digit shifts alone: what depends on both,
+such as a path's second surface, would be known on one plane of its four dimensions only, however many samples there
+are. Orders of `Sobol` are nested (Owen 1995 scrambles digits so; Burley 2020 orders): halves change places at random,
+and the halves of these, so that the first 2^k points are still 2^k neighbours in the sequence, and as even as they.
+The camera's points are shuffled altogether, so that their order does not match in which samples techniques take turns.
 """
 
 from __future__ import annotations
@@ -73,23 +79,20 @@ class _Sequence:
         self._rng, self._pixels, self._spp = rng, pixels, stops[-1]
         self._length = self._spp * shading_samples
         # shuffled between stops only: a pixel that stops early has the beginning of the sequence
-        self._order = np.concatenate([a + rng.permutation(b - a) for a, b in itertools.pairwise((0, *stops))])
+        self._camera = np.concatenate([a + rng.permutation(b - a) for a, b in itertools.pairwise((0, *stops))])
         self._pixel = self._number = np.empty(0, np.int64)
-        self._state: dict[Hashable, np.ndarray] = {}
+        self._orders: dict[Hashable, np.ndarray] = {}
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """See `Sampler.start`."""
         self._pixel, self._number = pixel, number
 
-    def _points(
-        self, key: Hashable, index: Selection | None, number: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Position in the sequence and pixel of each point, ``(N,)``."""
-        pixel = take(self._pixel, index)
+    def _place(self, key: Hashable, index: Selection | None, number: np.ndarray | None) -> np.ndarray:
+        """Which point of its pixel's sequence each one takes, ``(N,)``."""
         if number is not None:
-            return np.minimum(number, self._length - 1), pixel
+            return np.minimum(number, self._length - 1)
         own = take(self._number, index)
-        return (self._order.take(own) if key == "camera" else own), pixel
+        return self._camera.take(own) if key == "camera" else own
 
 
 class Stratified(_Sequence):
@@ -97,15 +100,13 @@ class Stratified(_Sequence):
 
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
-        point, _ = self._points(key, index, number)
         n = self._spp if number is None else self._length
-        order = self._state.get(key)
-        if order is None:  # which cell comes first differs from draw to draw, and is the same for the tile
-            order = self._state[key] = self._rng.permutation(n)
+        if key not in self._orders:
+            self._orders[key] = self._rng.permutation(n)
         rows = int(np.sqrt(n))
         columns = n // rows
-        cell = order.take(point)
-        out = self._rng.random((2, len(point)), dtype=np.float32)
+        cell = self._orders[key].take(self._place(key, index, number))
+        out = self._rng.random((2, len(cell)), dtype=np.float32)
         inside = cell < rows * columns
         y, x = np.divmod(cell, columns)
         out[0] = np.where(inside, (out[0] + x) / np.float32(columns), out[0])
@@ -116,23 +117,39 @@ class Stratified(_Sequence):
 class Sobol(_Sequence):
     """The first two Sobol dimensions, a (0, 2)-sequence, with random digits per pixel and draw."""
 
+    def __init__(self, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int) -> None:
+        super().__init__(rng, pixels, stops, shading_samples)
+        self._begins: dict[Hashable, np.ndarray] = {}
+        self._shifts: dict[Hashable, np.ndarray] = {}
+
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
-        point, pixel = self._points(key, index, number)
-        shift = self._state.get(key)
-        if shift is None:
-            shift = self._state[key] = self._rng.integers(2**32, size=(2, self._pixels), dtype=np.uint32)
-        digits = _sobol(self._length).take(point, axis=1) ^ shift.take(pixel, axis=1)
+        bits = (self._length - 1).bit_length()
+        if key not in self._orders:
+            self._orders[key] = _nested(self._rng, bits)
+            self._begins[key] = self._rng.integers(2**bits, size=self._pixels, dtype=np.int32)
+            self._shifts[key] = self._rng.integers(2**32, size=(2, self._pixels), dtype=np.uint32)
+        pixel = take(self._pixel, index)
+        point = self._orders[key].take(self._place(key, index, number) ^ self._begins[key].take(pixel))
+        digits = _sobol(bits).take(point, axis=1) ^ self._shifts[key].take(pixel, axis=1)
         return (digits >> np.uint32(8)).astype(np.float32) * np.float32(2**-24)
 
 
+def _nested(rng: np.random.Generator, bits: int) -> np.ndarray:
+    """A random order of the first ``2^bits`` numbers in which every aligned block of 2^k of them stays together."""
+    order = np.zeros(1, np.int32)
+    for _ in range(bits):
+        flip = rng.integers(2, size=len(order), dtype=np.int32)
+        order = np.stack([2 * order + flip, 2 * order + (1 - flip)], axis=1).reshape(-1)
+    return order
+
+
 @lru_cache(maxsize=8)
-def _sobol(length: int) -> np.ndarray:
-    """The first points of the two-dimensional Sobol sequence as 32-bit fractions, ``(2, length)``."""
+def _sobol(bits: int) -> np.ndarray:
+    """The first points of the two-dimensional Sobol sequence as 32-bit fractions, ``(2, 2^bits)``."""
     from scipy.stats import qmc  # imported here because scipy.stats takes most of a second
 
-    bits = max(int(length - 1).bit_length(), 1)
-    points = qmc.Sobol(2, scramble=False, bits=32).random_base2(bits)[:length]
+    points = qmc.Sobol(2, scramble=False, bits=32).random_base2(bits)
     return np.ascontiguousarray((points.T * 2**32).astype(np.uint32))
 
 

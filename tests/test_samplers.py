@@ -1,17 +1,21 @@
 """Uniform numbers: reproducible, in range, uniform, stratified."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, z_score
 from scipy.stats import kstest
 
-from dmis.geometry import quad
-from dmis.light import DiskLight
+from dmis import render
+from dmis.camera import Camera
+from dmis.geometry import quad, sphere, translate
+from dmis.light import DiskLight, QuadLight
 from dmis.material import matte
+from dmis.models import rough_glass
 from dmis.samplers import KINDS, Sampler, make_sampler, stream
-from dmis.scene import Part
+from dmis.scene import Part, Scene
 from dmis.settings import Settings
 from dmis.tile import Tile, render_tile
 from dmis.vec import Array
@@ -67,10 +71,10 @@ def test_marginals_are_uniform(kind: str, spp: int) -> None:
 def test_coordinates_and_keys_are_independent(kind: str) -> None:
     """Sample by sample, the two coordinates and two keys of a pixel are uncorrelated: chi-square over a 4x4 grid.
 
-    So are two pixels, but for `Stratified`, whose order of cells is the tile's. Structured samplers are more
-    even than chance; only unevenness is a fault, and that is the upper tail.
+    So are the first samples of two pixels, but for `Stratified`, whose order of cells is the tile's. Structured
+    samplers are more even than chance; only unevenness is a fault, and that is the upper tail.
     """
-    spp, many = 16, 200
+    spp, many = 16, 400
     draws = []
     for seed in range(many):
         sampler = make_sampler(kind, stream(seed, 0, 0), 2, [spp], 2)
@@ -79,8 +83,30 @@ def test_coordinates_and_keys_are_independent(kind: str) -> None:
         draws.append((camera[0, :, 0], camera[1, :, 0], light[0, :, 0], light[1, :, 0], light[0, :, 1]))
     columns = np.concatenate(draws, axis=1)
     for a, b in [(0, 1), (0, 2), (1, 3), (0, 3), (2, 3)] + [(2, 4)] * (kind != "stratified"):
-        observed = np.histogram2d(columns[a], columns[b], 4, [[0, 1], [0, 1]])[0]
-        assert chi2_p(observed, np.full((4, 4), many * spp / 16)) > LEVEL
+        step = spp if b == 4 else 1
+        observed = np.histogram2d(columns[a, ::step], columns[b, ::step], 4, [[0, 1], [0, 1]])[0]
+        assert chi2_p(observed, np.full((4, 4), many * spp / step / 16)) > LEVEL
+
+
+@each_kind
+@pytest.mark.parametrize("keys", [("camera", (0, 0, 0)), ((0, 0, 0), (0, 1, 0)), ((0, -2), (0, 0, 0, 0))])
+def test_two_draws_fill_four_dimensions(kind: str, keys: tuple[object, object]) -> None:
+    """Within one pixel, two draws together reach each of 4^4 cells as often as chance would have them; and what
+    depends on both is known the better the more samples there are. Points in the same order for all keys would lie on
+    a plane, and 4,096 of them reach 16 cells.
+    """
+    spp, pixels = 4096, 40
+    sampler = make_sampler(kind, stream(1, 0, 0), pixels, [spp], 2)
+    start(sampler, 0, spp, pixels)
+    u = np.concatenate([sampler.draw(key, None).reshape(2, spp, pixels) for key in keys])
+    digits = (u * 4).astype(int)
+    for pixel in range(0, pixels, 8):
+        observed = np.bincount(np.ravel_multi_index(tuple(digits[:, :, pixel]), (4,) * 4), minlength=256)
+        assert chi2_p(observed, np.full(256, spp / 256)) > LEVEL
+    product = np.prod(2 * u[[0, 2]] - 1, axis=0)  # mean 0, variance 1/9
+    for n in (64, 512, 4096):
+        error = np.sqrt(np.mean(product[:n].mean(axis=0) ** 2))
+        assert error < 1.6 / (3 * np.sqrt(n))  # of 40 pixels: 1 +- 0.11
 
 
 @pytest.mark.parametrize("spp", [2, 4, 8, 16, 64])
@@ -137,6 +163,16 @@ def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
         np.testing.assert_array_equal((parts_ * 4).astype(int), (whole * 4).astype(int))
 
 
+@pytest.mark.parametrize("n", [4, 16, 32])
+def test_pixels_that_stop_early(n: int) -> None:
+    """The first 2^k of many more points are as even as all: one in each cell, whatever the order of the key."""
+    u = numbers("sobol", spp=100, pixels=5, key=(0, 0, 0))[:, :n]
+    for a in range(n.bit_length()):
+        cell = (u[0] * 2**a).astype(int) * (n >> a) + (u[1] * (n >> a)).astype(int)
+        for pixel in range(5):
+            np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(n))
+
+
 def test_index_and_number_pick_points() -> None:
     """`index` picks samples of the block; `number` picks the place in their pixel's sequence."""
     sampler = make_sampler("sobol", stream(0, 0, 0), 7, [16], 2)
@@ -176,15 +212,15 @@ class _Watch:
 def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
     """The division between techniques does not alias with the camera's sequence.
 
-    One pixel, with light samples at w of the slots; over 64 seeds the points they start from are evenly in the left and
-    the right half of the pixel, and in the upper and the lower: a two-sided binomial test. With systematic division and
-    structured samples few pixels have all their light samples on one side; at random an eighth would at w = 1/4.
+    One pixel, with light samples at w of the slots; over 400 seeds the points they start from are evenly in the left
+    and the right half of the pixel, and in the upper and the lower: a two-sided binomial test. With systematic division
+    and structured samples few pixels have all their light samples on one side; at random an eighth would at w = 1/4.
     """
     light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
     scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
     settings = Settings(shading_samples=1, sampler=kind)
     sides = []
-    for seed in range(64):
+    for seed in range(400):
         watch = _Watch(scene.intersector)
         tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, np.full(1, w), settings)
         render_tile(scene, tile, watch)
@@ -193,7 +229,7 @@ def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
         sides.append([(origin[axis] > 0).sum() for axis in (0, 1)] + [origin.shape[1]])
     sides_ = np.array(sides)
     total = sides_[:, 2].sum()
-    assert abs(total - 64 * 16 * w) <= 64
+    assert abs(total - 400 * 16 * w) <= 400
     for axis in (0, 1):
         assert abs(sides_[:, axis].sum() - total / 2) < Z_LIMIT * np.sqrt(total) / 2
         if kind != "independent":
@@ -227,3 +263,19 @@ def _disk_irradiance(r: Array, height: float, radius: float) -> Array:
     h, k = height / np.maximum(r, 1e-9), radius / np.maximum(r, 1e-9)
     z = 1 + h * h + k * k
     return np.pi / 2 * (1 - (1 + h * h - k * k) / np.sqrt(z * z - 4 * k * k))
+
+
+@pytest.mark.parametrize("rule, integrator", [("balance", "path"), ("resampled:0.5", "direct")])
+@each_kind
+def test_what_takes_several_draws_converges(kind: str, rule: str, integrator: Any) -> None:
+    """A path's light depends on the draws of all its surfaces, a resampled direction on two: with every sampler the
+    mean of 1,024 samples scatters over seeds no more than independent samples say that it does.
+    """
+    light = QuadLight((-1, -1, 4), (0, 2, 0), (2, 0, 0), (6, 5, 4))
+    glass = Part(sphere(1.0).transformed(translate((0, 0, 1.1))), rough_glass(alpha=0.3))
+    floor = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), matte(0.6))
+    camera = Camera.look_at((5, -5, 4), (0, 0, 0.6), (0, 0, 1), fov=35, resolution=(12, 9))
+    scene, settings = Scene(camera, (floor, glass), (light,)), Settings(integrator=integrator, max_depth=4)
+    results = [render(scene, rule, 1024, seed=k, sampler=kind, settings=settings) for k in range(6)]
+    found = np.var([result.image for result in results], axis=0, ddof=1).mean()
+    assert found < 1.4 * np.mean([result.variance for result in results])
