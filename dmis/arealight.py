@@ -237,6 +237,14 @@ class MeshLight:
         return rows, cdf / max(cdf[-1], 1e-300), area, rgb("radiance", self.radiance)
 
     @cached_property
+    def flat(self) -> bool:
+        """Whether all triangles are in one plane, up to rounding, so that none can be in front of another."""
+        rows, _, area, _ = self._data
+        normal, corner = rows[9:, 0], rows[:3]
+        away = normal @ (corner - corner[:, :1]), normal @ rows[3:6], normal @ rows[6:9]
+        return bool(np.abs(away).max() <= 1e-5 * np.sqrt(area))
+
+    @cached_property
     def _intersector(self) -> Intersector:
         return Intersector(self.vertices, self.faces)
 

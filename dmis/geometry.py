@@ -39,8 +39,9 @@ MAX_FACES = 2**25
 def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
     """Take the arrays out of a trimesh object; the parts of a scene are placed by its graph and joined.
 
-    Normals are taken only where the file gave them, since trimesh makes up missing ones on demand. Parts that the graph
-    mirrors keep their outside, as glTF wants it. ValueError if there are no triangles.
+    Normals are taken if the object has some: from its file, or because they were asked for, since trimesh makes up
+    missing ones on demand and keeps them. `load_mesh` has those of the file only. Parts that the graph mirrors keep
+    their outside, as glTF wants it. ValueError if there are no triangles.
     """
     import trimesh
 

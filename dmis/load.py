@@ -163,8 +163,7 @@ _DEFAULT = matte()
 
 def _look_at_all(meshes: list[Mesh]) -> Camera:
     """A camera that sees the sphere about the bounding box."""
-    low = np.min([mesh.vertices.min(axis=0) for mesh in meshes], axis=0)
-    high = np.max([mesh.vertices.max(axis=0) for mesh in meshes], axis=0)
+    low, high = np.min([m.bounds[0] for m in meshes], axis=0), np.max([m.bounds[1] for m in meshes], axis=0)
     centre, radius, fov = (low + high) / 2, np.linalg.norm(high - low) / 2, 40.0
     towards = np.array([0.45, -0.75, 0.48]) / np.linalg.norm([0.45, -0.75, 0.48])
     eye = centre + towards * radius / np.sin(np.radians(fov / 2))

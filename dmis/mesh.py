@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,14 @@ class Mesh:
     def triangles(self) -> int:
         """Number of triangles F."""
         return len(self.faces)
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest coordinates of the triangles, (3,) each; vertices that no triangle has do not count."""
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        corners = self.vertices[used]
+        return corners.min(axis=0), corners.max(axis=0)
 
     def transformed(self, matrix: npt.ArrayLike) -> Mesh:
         """Move the mesh by an affine 4x4 `matrix`: points by the matrix, normals by its inverse transpose.

@@ -27,6 +27,7 @@ from dmis.mesh import direction
 from dmis.reduction import COLOURS, SCALARS, parameters, reduced, shines
 from dmis.rough_glass import RoughTransmission
 from dmis.roughness import Elliptic
+from dmis.seen import rgb
 from dmis.settings import DEPTH, Settings
 from dmis.survey import MATTERS, Survey
 from dmis.texture import Image
@@ -275,8 +276,8 @@ def _make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> G
     lobes = tuple(_tabulate(same) for same in zip(*(material.lobes for material in materials), strict=True))
     emission = None
     if emits:
-        emission = np.stack(
-            [np.asarray(light.radiance, np.float32) for _, light in members if light is not None], axis=1
+        emission = np.concatenate(
+            [rgb("radiance", light.radiance) for _, light in members if light is not None], axis=1
         )
     return Group(
         materials,

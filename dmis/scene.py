@@ -13,7 +13,7 @@ import numpy as np
 
 from dmis.camera import Camera
 from dmis.intersect import Hits, Intersector, RayCaster
-from dmis.light import Light
+from dmis.light import Light, MeshLight
 from dmis.plan import NOTHING, Group, Plan
 from dmis.plan import Part as Part
 from dmis.seeing import pixels_that_see
@@ -44,7 +44,8 @@ class Scene:
     Raises
     ------
     ValueError
-        If there is no part, a part's light is not among the lights, or there is no such integrator or depth.
+        If there is no part, a part's light is not among the lights, a mesh light that is not flat is no part's, or
+        there is no such integrator or depth.
     """
 
     camera: Camera
@@ -64,6 +65,12 @@ class Scene:
             if part.light is not None and not any(part.light is light for light in self.lights):
                 raise ValueError(
                     "a part's light must be among the scene's lights, because it would be seen but not sampled"
+                )
+        for light in self.lights:
+            if isinstance(light, MeshLight) and not light.flat and not any(part.light is light for part in self.parts):
+                raise ValueError(
+                    "a MeshLight that is not flat must be a part of the scene too, because its triangles may hide one "
+                    "another; dmis.load.light_part makes one of it"
                 )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -87,8 +94,8 @@ class Scene:
     def epsilon(self) -> np.float32:
         """Offset of ray origins along the geometric normal, 1e-6 of the scene's extent (the larger of its
         diagonal and its largest coordinate, which sets the rounding of float32 positions)."""
-        low = np.min([part.mesh.vertices.min(axis=0) for part in self.parts], axis=0)
-        high = np.max([part.mesh.vertices.max(axis=0) for part in self.parts], axis=0)
+        low = np.min([part.mesh.bounds[0] for part in self.parts], axis=0)
+        high = np.max([part.mesh.bounds[1] for part in self.parts], axis=0)
         extent = max(np.linalg.norm(high - low), np.abs(low).max(), np.abs(high).max())
         return np.float32(1e-6 * extent)
 

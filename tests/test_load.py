@@ -1,18 +1,22 @@
 """Scenes by name, from mesh files, and from meshes in memory."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+from helpers import Z_LIMIT, z_score
 
 from dmis import load
 from dmis.camera import Camera
-from dmis.geometry import Mesh, flat_normals
+from dmis.geometry import Mesh, flat_normals, quad
 from dmis.light import DiskLight, EnvironmentLight, MeshLight, PointLight, QuadLight, SphereLight
 from dmis.load import SHIPPED, light_part, load_scene
 from dmis.material import matte, mirror, plastic
 from dmis.pbrt import PbrtError, PbrtWarning
+from dmis.render import render
+from dmis.scene import Part, Scene
 
 BOX = trimesh.creation.box()
 
@@ -165,3 +169,33 @@ def test_errors_of_the_reader_come_through(tmp_path):
     path.write_text("Foo")
     with pytest.raises(PbrtError, match=r"bad\.pbrt:1: token Foo"):
         load_scene(path)
+
+
+def test_a_mesh_light_that_is_not_flat_is_seen() -> None:
+    """Or one of its triangles would shine through another when the light is sampled, and not when it is met."""
+    floor = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), matte(0.5))
+    camera = Camera.look_at((5, -5, 4), (0, 0, 0), fov=35, resolution=(12, 9))
+    corners = [[-1, -1, 3], [-1, 1, 3], [1, 1, 3], [1, -1, 3]]
+    flat = MeshLight(corners, [[0, 1, 2], [0, 2, 3]], (5, 5, 5))
+    two = [*corners, *([x, y, z + 0.5] for x, y, z in corners)]
+    lamp = MeshLight(two, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], (5, 5, 5))
+    assert flat.flat and not lamp.flat
+    Scene(camera, (floor,), (flat,))
+    with pytest.raises(ValueError, match="a MeshLight that is not flat must be a part of the scene too"):
+        Scene(camera, (floor,), (lamp,))
+    scene = Scene(camera, (floor, light_part(lamp)), (lamp,))
+    means = [[render(scene, rule, 512, seed=k).image.mean() for k in range(5)] for rule in ("fixed:1", "fixed:0")]
+    assert abs(z_score(np.array(means[1]), float(np.mean(means[0])))) < Z_LIMIT
+
+
+@pytest.mark.parametrize(
+    "light", [QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), 5.0), DiskLight((0, 0, 3), (0, 0, -1), 1, 5)]
+)
+def test_a_grey_light_is_one_number(light: QuadLight | DiskLight) -> None:
+    """As it is of points, and of materials."""
+    floor = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
+    images = [
+        render(load_scene(floor, resolution=(8, 6), lights=(lamp,)), "balance", 8).image
+        for lamp in (light, replace(light, radiance=(5, 5, 5)))
+    ]
+    np.testing.assert_array_equal(*images)

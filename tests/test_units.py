@@ -113,3 +113,14 @@ def test_lights_whose_area_float32_does_not_hold(light: dmis.light.AreaLight) ->
     """Refused: they would come out with another area."""
     with pytest.raises(ValueError, match="a light must have 1e-12 to 1e\\+12 times the size of the scene"):
         dmis.render(box_scene(lights=(light,)), "balance", 1)
+
+
+@pytest.mark.parametrize("far", [1e3, 1e8])
+def test_vertices_of_no_triangle_do_not_count(far: float) -> None:
+    """Nothing is there: the scene is as large as without them, and rays begin where they began."""
+    scene = box_scene(dmis.matte(0.5), (dmis.PointLight((0, 0, 2), (3, 3, 3)),))
+    (floor,) = scene.parts
+    mesh = dmis.Mesh(np.vstack([floor.mesh.vertices, [[far, 0, 0]]]), floor.mesh.faces)
+    other = replace(scene, parts=(replace(floor, mesh=mesh),))
+    assert other.epsilon == scene.epsilon and suited(other)[0] is other
+    np.testing.assert_array_equal(*(dmis.render(s, "balance", 4).image for s in (scene, other)))
