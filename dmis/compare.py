@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -118,7 +119,7 @@ def compare(
     spp: Sequence[int],
     seeds: Sequence[int],
     reference: Reference,
-    folder: Path,
+    folder: str | os.PathLike[str],
     *,
     settings: Settings | None = None,
     oracle: Oracle | None = None,
@@ -151,10 +152,10 @@ def compare(
         raise ValueError(
             f"oracle must cover {width}x{height} pixels; got {columns}x{rows} patches of {oracle.patch} pixels"
         )
-    results = Results(folder, conditions(scene, reference, threads, settings))
-    budgets = [
-        (rule, n) for n in spp for rule in dict.fromkeys(("balance", *rules)) if sum(make_rule(rule).pilot.values()) < n
-    ]
+    rules = tuple(dict.fromkeys(("balance", *rules)))
+    folder = Path(folder)
+    results = Results(folder, conditions(scene, reference, threads, settings), rules)
+    budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).pilot.values()) < n]
     seen = {(run.rule, run.spp) for run in results.runs}
 
     def keep(budget: Budget, result: Result) -> None:

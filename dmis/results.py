@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import inspect
 import io
 import json
 import os
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from dmis.experiment import Budget, Run
 from dmis.image import read_exr
 from dmis.reference import Reference
 from dmis.render import fingerprint
+from dmis.rules import make_rule
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.vec import Array
@@ -44,9 +47,18 @@ def conditions(
         "resolution": list(scene.camera.resolution),
         "reference": halves.hexdigest()[:16],
         "threads": threads or os.cpu_count() or 1,
-        "integrator": settings.integrator,
-        "max_depth": settings.max_depth,
+        **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()},
     }
+
+
+def definition(rule: str) -> str:
+    """A short hash of what the rule called so is: its options and the source of its class."""
+    made = make_rule(rule)
+    try:
+        source = inspect.getsource(type(made))
+    except (OSError, TypeError):  # typed in, not in a file
+        source = ""
+    return hashlib.sha256(f"{made!r} {source}".encode()).hexdigest()[:16]
 
 
 def cells(scene: str, run: Run, balance: Run) -> list[str]:
@@ -64,18 +76,26 @@ def cells(scene: str, run: Run, balance: Run) -> list[str]:
 class Results:
     """The rows of ``results.csv`` in `folder`, which is made if it is not there.
 
+    Parameters
+    ----------
+    about
+        See `conditions`.
+    rules
+        Those that are to be measured.
+
     Raises
     ------
     ValueError
-        If there are rows already that were measured under other conditions, or that cannot be read.
+        If there are rows already that were measured under other conditions, or of a rule that was another then, or
+        that cannot be read.
     """
 
-    def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
-        self.folder, self.about = folder, about
+    def __init__(self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = ()) -> None:
+        self.folder, self.about = folder, {**about, "rules": {rule: definition(rule) for rule in rules}}
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / "results.csv"
         self.runs = self._read()
-        self._beside("comparison.json", json.dumps(about, indent=2) + "\n")
+        self._beside("comparison.json", json.dumps(self.about, indent=2) + "\n")
         text = io.StringIO()
         csv.writer(text).writerow(COLUMNS)
         self._beside("results.csv", text.getvalue() + "".join(self._row(run) for run in self.runs))
@@ -126,7 +146,12 @@ class Results:
             before = json.loads((self.folder / "comparison.json").read_text("utf-8"))
         except (OSError, ValueError) as error:
             raise self._refuse("has no readable comparison.json beside it that says what it was measured on") from error
-        differences = [f"{k} was {before.get(k)}, now is {v}" for k, v in self.about.items() if before.get(k) != v]
+        rules = before.get("rules", {})
+        if changed := [name for name, now in self.about["rules"].items() if rules.get(name, now) != now]:
+            raise self._refuse(f"was measured with another rule {', '.join(changed)}: its options or its class changed")
+        self.about["rules"] = rules | self.about["rules"]
+        now = {name: value for name, value in self.about.items() if name != "rules"}
+        differences = [f"{k} was {before.get(k)}, now is {v}" for k, v in now.items() if before.get(k) != v]
         if differences:
             raise self._refuse(f"was measured under other conditions: {'; '.join(differences)}")
 

@@ -10,7 +10,9 @@ import pytest
 import dmis
 import dmis.experiment
 from dmis.compare import compare
+from dmis.fit import Fixed
 from dmis.results import COLUMNS, Results, conditions
+from dmis.rules import RULES as RULES_BY_NAME
 
 RULES, SPP = ["balance", "thesis:patch=4"], [4, 8]
 
@@ -100,7 +102,7 @@ def test_written_is_what_is_read(box, reference, tmp_path):
     assert rows(tmp_path)[0]["mse_over_balance"] == "1.00000" and tuple(rows(tmp_path)[0]) == COLUMNS
 
 
-@pytest.mark.parametrize("change", ["resolution", "reference", "threads", "camera"])
+@pytest.mark.parametrize("change", ["resolution", "reference", "threads", "camera", "settings"])
 def test_other_conditions_are_refused(box, reference, tmp_path, change):
     """With the name of what differs; the table is left as it is."""
     about = conditions(box, reference, 1)
@@ -112,11 +114,28 @@ def test_other_conditions_are_refused(box, reference, tmp_path, change):
         "reference": (conditions(box, other, 1), "reference was"),
         "threads": (conditions(box, reference, 2), "threads was 1, now is 2"),
         "camera": (conditions(_moved(box), reference, 1), "scene_hash was"),
+        "settings": (
+            conditions(box, reference, 1, dmis.Settings(sampler="sobol")),
+            "sampler was independent, now is sobol",
+        ),
     }[change]
     with pytest.raises(ValueError, match="measured under other conditions") as error:
         Results(tmp_path, found)
     assert told in str(error.value) and "choose another directory" in str(error.value)
     assert (tmp_path / "results.csv").read_bytes() == before
+
+
+def test_another_rule_of_the_same_name_is_refused(box, reference, tmp_path, monkeypatch):
+    """A rule of one's own that was changed since; others may be added."""
+    monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.5))
+    compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
+    compare(box, ["mine", "thesis:patch=4"], [8], [0], reference, tmp_path, threads=1)
+    monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.25))
+    with pytest.raises(ValueError, match="was measured with another rule mine: its options or its class changed"):
+        compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
+    compare(box, ["balance"], [8], [0], reference, str(tmp_path), threads=1)
+    with pytest.raises(ValueError, match="another rule mine"):
+        compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
 
 
 def _moved(scene: dmis.Scene) -> dmis.Scene:
