@@ -17,6 +17,7 @@ from dmis.filter import gaussian
 from dmis.variance import Film, luminance, patch_mean, patch_spread
 from dmis.vec import Array
 
+_ROUNDING = 1e-6
 Weight = float | tuple[float, ...]
 """Share of the first of two techniques, or shares of all of them."""
 
@@ -96,6 +97,45 @@ class Rule(Protocol):
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Weights from what the pilot brought at each of its weights."""
         ...
+
+
+def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
+    """Refuse what a rule found if it is not shares of that many `techniques` for an image of `shape`: a NaN, which a
+    ratio of two variances that are 0 is, or a share outside [0, 1] would not stop the image, but spoil it.
+
+    Raises
+    ------
+    ValueError
+        If a weight is not in [0, 1], or is not finite, or shares do not add up to 1; if numbers of samples are
+        negative, not finite or all 0; or if either has another shape.
+    """
+    if not isinstance(fit, Fit):
+        raise ValueError(f"what a rule fits must be a dmis.fit.Fit; got {type(fit).__name__}")
+    of_all = (techniques,) if techniques > 2 else ()
+    for name, value in (("weight", fit.weight), ("later", fit.later)):
+        if value is None:
+            continue
+        found = np.asarray(value, np.float64)
+        if found.shape not in (of_all, (*of_all, *shape)):
+            raise ValueError(
+                f"a rule's {name} must be of shape {of_all} or {(*of_all, *shape)}, for the image or for each pixel; "
+                f"got {found.shape}"
+            )
+        inside = (found >= -_ROUNDING) & (found <= 1 + _ROUNDING)
+        if not inside.all():
+            raise ValueError(
+                f"a rule's {name} must be in [0, 1], a share of the samples; got {found[~inside][0]} in "
+                f"{np.mean(~inside):.3g} of {'the image' if found.ndim > len(of_all) else 'all pixels'}"
+            )
+        if of_all and np.abs(found.sum(axis=0) - 1).max() > 1e-3:
+            raise ValueError(f"a rule's {name}s must add up to 1, because they divide samples")
+    if fit.samples is not None:
+        samples = np.asarray(fit.samples)
+        if samples.shape != shape or not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
+            raise ValueError(
+                f"a rule's samples must be finite, not negative, not all 0, and of shape {shape}; got shape "
+                f"{samples.shape} from {samples.min():g} to {samples.max():g}"
+            )
 
 
 def check_taps(size: int) -> None:

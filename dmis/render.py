@@ -27,7 +27,7 @@ from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
-from dmis.fit import Rule, Weight
+from dmis.fit import Fixed, Rule, Weight, check_fit
 from dmis.guides import guides
 from dmis.memory import release
 from dmis.mis import FROZEN
@@ -120,8 +120,8 @@ def render(
     ----------
     rule
         A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.rules.RULES`. None: ``auto``, or
-        ``balance`` for fewer than `LEARNING` samples, for a number of shading samples that is odd or very large, or
-        with the technique ``resampled``.
+        ``balance``, with the techniques and the combiner of `settings`, for fewer than `LEARNING` samples, for a number
+        of shading samples that is odd or very large, or with the technique ``resampled``.
     spp
         Camera samples per pixel, the rule's pilot included.
     seed
@@ -129,7 +129,7 @@ def render(
     sampler
         Shorthand for ``settings.sampler``. The pilot is always independent, because a sample variance assumes it.
     settings
-        Estimator settings; a rule's own settings (its combiner, its sampler) replace those.
+        Estimator settings. A rule has some of its own, such as its combiner; it is an error to ask for others here.
     threads
         Number of threads if neither workers nor an executor are given; default: one per processor.
     workers
@@ -147,19 +147,24 @@ def render(
     Raises
     ------
     ValueError
-        If an argument is out of range, or the checkpoint is damaged, in use, or belongs to a different image; or if a
-        pixel comes out as infinite or NaN, which never is in an image.
+        If an argument is out of range, settings and rule disagree, a rule's weights are none, or the checkpoint is
+        damaged, in use, or belongs to a different image; or if a pixel comes out as infinite or NaN, which never is in
+        an image.
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
     described, (scene, gain) = scene, suited(scene)
+    asked = settings or Settings()
     if rule is None:
-        s, exact = (settings or Settings()).shading_samples, _exact(settings or Settings())
-        rule = "auto" if spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST and exact else "balance"
+        s = asked.shading_samples
+        half: Rule = Fixed(0.5, asked.combiner, asked.techniques, asked.allocation)
+        learns = spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST and _exact(asked)
+        rule = "auto" if learns else "balance" if half == Fixed() else half
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule) if isinstance(rule, str) else rule
     given = {} if sampler is None else {"sampler": sampler}
-    settings = scene.plan.settle(replace(settings or Settings(), **{**given, **rule.settings}))
+    _check_rule(rule, rule_text, asked)
+    settings = scene.plan.settle(replace(asked, **{**given, **rule.settings}))
     gather = getattr(rule, "statistic", None)
     several = getattr(rule, "several", False)
     if len(settings.techniques) > 2 and not several:
@@ -177,7 +182,6 @@ def render(
         gather = control.statistic(rule.pilot, gather)
     elif gather is not None and _separate(rule, settings):
         gather = partial(gather, classes=2)
-    learning = pilot_settings(settings, rule.pilot, gather is not None)
     pilot_spp = sum(rule.pilot.values())
     _check(spp, pilot_spp, seed, rule_text)
     _check_workers(threads, workers, executor)
@@ -192,6 +196,9 @@ def render(
         "settings": asdict(settings),
         **({} if settings.clamp is None else {"bias": [f"camera samples clamped at {settings.clamp:g}"]}),
     }
+    if settings.clamp is not None:
+        settings = replace(settings, clamp=settings.clamp / gain)
+    learning = pilot_settings(settings, rule.pilot, gather is not None)
     if checkpoint is not None:
         check_writable(checkpoint, _SAVED * math.prod(scene.camera.resolution) * (len(rule.pilot) + 1))
     store = Store(checkpoint, provenance)
@@ -212,6 +219,7 @@ def render(
             release(math.prod(scene.camera.resolution))
         fitted = time.perf_counter()
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
+        check_fit(fit, scene.camera.resolution[::-1], len(settings.techniques) if several else 2)
         if settings.combiner == "frozen" and pilot:
             fit = replace(fit, weight=np.clip(fit.weight, *FROZEN))
             fit = fit if fit.later is None else replace(fit, later=np.clip(fit.later, *FROZEN))
@@ -280,6 +288,25 @@ def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool
         if name != "shading_samples" and n % techniques:
             raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
     return replace(settings, shading_samples=techniques * settings.shading_samples)
+
+
+def _check_rule(rule: Rule, text: str, asked: Settings) -> None:
+    """Refuse a rule of one's own that has no such settings or pilot, and settings that it would replace unasked."""
+    usual = Settings()
+    for name, own in rule.settings.items():
+        if not hasattr(usual, name):
+            raise ValueError(f"rule {text} must have settings that dmis.Settings has; got {name!r}")
+        if getattr(asked, name) not in (getattr(usual, name), own):
+            raise ValueError(
+                f"settings ask for {name} {getattr(asked, name)}, but rule {text} has {own}; a rule takes its own by "
+                f"option, such as balance:combiner=power or second-moment:reuse=no"
+            )
+    for w, n in rule.pilot.items():
+        shares = w if isinstance(w, tuple) else (w,)
+        if not all(0 <= share <= 1 for share in shares) or n < 1 or n != int(n):
+            raise ValueError(
+                f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n} at {w}"
+            )
 
 
 def _separate(rule: Rule, settings: Settings) -> bool:
@@ -355,7 +382,9 @@ def _first(weight: Array | float) -> Array:
 
 
 def fingerprint(scene: Scene) -> str:
-    """A short hash of the description: camera, meshes, materials, lights; an integrator or filter if not the usual."""
+    """A short hash of the description: camera, meshes and which of them are lights, materials, lights; an integrator or
+    filter if not the usual.
+    """
     import hashlib  # imported where used: it brings OpenSSL
 
     lights = [(type(light).__name__, [getattr(light, f.name) for f in fields(light)]) for light in scene.lights]
@@ -372,6 +401,11 @@ def fingerprint(scene: Scene) -> str:
     for part in scene.parts:
         digest.update(np.asarray(part.mesh.vertices, np.float32).tobytes())
         digest.update(np.asarray(part.mesh.faces, np.int32).tobytes())
+        for name, table in (("normals", part.mesh.normals), ("uv", part.mesh.uv)):
+            if table is not None:
+                digest.update(name.encode() + np.asarray(table, np.float32).tobytes())
+        if part.light is not None:
+            digest.update(b"light %d" % next(k for k, light in enumerate(scene.lights) if light is part.light))
         if part.tangent is not None:
             digest.update(np.asarray(part.tangent, np.float64).tobytes())
     return digest.hexdigest()[:16]

@@ -20,6 +20,8 @@ from pathlib import Path
 import numpy as np
 
 import dmis
+from dmis.fit import Fixed
+from dmis.rules import make_rule
 
 RESOLUTION = (8, 8)
 KD, KS = 0.5, 0.4
@@ -409,9 +411,12 @@ class Found:
 
 
 def measure(case: Case, rule: str, spp: int, seed: int = 1) -> Found:
-    """Render; refused if that is an error with a message."""
+    """Render; refused if that is an error with a message. Rules of given weights take the case's techniques."""
+    made = make_rule(rule)
+    if isinstance(made, Fixed) and case.settings.techniques != dmis.Settings().techniques:
+        made = replace(made, techniques=case.settings.techniques)
     try:
-        image = dmis.render(case.make(), rule, spp, seed=seed, settings=case.settings, threads=1).image
+        image = dmis.render(case.make(), made, spp, seed=seed, settings=case.settings, threads=1).image
     except ValueError as error:
         return Found(np.nan, np.nan, 0, str(error))
     means = image.astype(float).mean(axis=2)

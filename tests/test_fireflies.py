@@ -175,3 +175,13 @@ def test_command_line(tmp_path, capsys):
     assert json.loads(about["dmis.provenance"])["bias"] == ["camera samples clamped at 0.5"]
     assert main([*words, "--clamp", "-1"]) == 2
     assert "clamp must be positive" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("gain", [1e-12, 1.0, 1e12])
+def test_clamp_is_in_units_of_the_scene(gain):
+    """However bright the lamp is, and in whatever units its light is computed for that."""
+    lamp = dmis.DiskLight((0, 0, 3), (0, 0, -1), 1.0, (gain, gain, gain))
+    floor = dmis.Part(dmis.geometry.quad((-2, -2, 0), (4, 0, 0), (0, 4, 0)), dmis.matte(0.5))
+    scene = dmis.Scene(dmis.Camera.look_at((0, 0, 4), (0, 1e-4, 0), fov=30, resolution=(8, 8)), (floor,), (lamp,))
+    image = dmis.render(scene, "balance", 64, settings=dmis.Settings(clamp=0.02 * gain)).image
+    assert image.mean() == pytest.approx(0.02 * gain, rel=1e-3) and image.max() <= 0.02 * gain * (1 + 1e-6)

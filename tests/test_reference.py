@@ -17,10 +17,16 @@ def test_reference_is_made_once_and_kept(box, tmp_path, monkeypatch):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_error_is_that_of_the_average(box, tmp_path):
-    """`mse` is the error of the mean of the halves: against a far better reference it is the same within 30 %."""
-    rough, fine = dmis.make_reference(box, 32, folder=tmp_path), dmis.make_reference(box, 2048, folder=tmp_path)
-    assert 0.7 < dmis.mse(rough.mean, fine.first, fine.second) / rough.mse < 1.3
+def test_error_is_that_of_the_average(box, tmp_path, monkeypatch):
+    """`mse` is the error of the mean of the halves: against a far better reference it is the same, on the average of
+    ten, which scatter by 0.15.
+    """
+    fine, ratios = dmis.make_reference(box, 2048, folder=tmp_path), []
+    for seed in range(0, 20, 2):
+        monkeypatch.setattr("dmis.reference.SEED", seed)
+        rough = dmis.make_reference(box, 32, folder=tmp_path / str(seed))
+        ratios.append(dmis.mse(rough.mean, fine.first, fine.second) / rough.mse)
+    assert 0.85 < np.mean(ratios) < 1.2
 
 
 def test_cache_folder_comes_from_the_environment(box, tmp_path, monkeypatch):

@@ -10,7 +10,8 @@ import pytest
 from helpers import Z_LIMIT
 
 import dmis
-from dmis.fit import Fit, Thesis
+from dmis.fit import Fit, Fixed, Thesis
+from dmis.render import fingerprint
 from dmis.tile import split
 
 RULES = ["balance", "pbrt", "fixed:0.3", "one-sample", "thesis:patch=4"]
@@ -292,3 +293,77 @@ def test_a_rule_may_carry_its_sampler_and_combiner(box):
     settings = dmis.Settings(sampler="sobol", combiner="power")
     assert same(carried, dmis.render(box, "pbrt", 8, seed=1, settings=settings))
     assert not same(carried, dmis.render(box, "pbrt", 8, seed=1))
+
+
+class _Own:
+    """A rule of one's own, with what is given."""
+
+    def __init__(self, fit, pilot=None, settings=None):
+        self._fit, self.pilot, self.settings = fit, pilot or {}, settings or {}
+
+    def fit(self, pilot):
+        return self._fit
+
+
+@pytest.mark.parametrize(
+    "fit, message",
+    [
+        (Fit(1.5), "weight must be in .0, 1., a share of the samples; got 1.5 in 1 of all pixels"),
+        (Fit(np.nan), "got nan"),
+        (Fit(np.where(np.arange(32) < 8, np.nan, 0.5) * np.ones((24, 1))), "got nan in 0.25 of the image"),
+        (Fit(np.full((23, 32), 0.5)), r"weight must be of shape \(\) or \(24, 32\)"),
+        (Fit(np.full((24, 32, 3), 0.5)), "got .24, 32, 3."),
+        (Fit(0.5, later=-0.1), "later must be in"),
+        (Fit(0.5, samples=np.zeros((24, 32))), "samples must be finite, not negative, not all 0"),
+        (Fit(0.5, samples=np.full((24, 32), np.inf)), "from inf to inf"),
+        (None, "must be a dmis.fit.Fit; got NoneType"),
+    ],
+)
+def test_what_is_no_weight_is_refused(box, fit, message):
+    """It would not stop the image, but spoil it."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, _Own(fit), 8)
+
+
+@pytest.mark.parametrize(
+    "rule, message",
+    [
+        (_Own(Fit(0.5), {2.0: 2}), "whole numbers of samples at shares in .0, 1.; got 2 at 2.0"),
+        (_Own(Fit(0.5), {0.5: 1.5}), "got 1.5 at 0.5"),
+        (_Own(Fit(0.5), None, {"sampling": "sobol"}), "settings that dmis.Settings has; got 'sampling'"),
+    ],
+)
+def test_rules_that_ask_for_what_there_is_not(box, rule, message):
+    """Before anything is rendered."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, rule, 8)
+
+
+@pytest.mark.parametrize("rule", ["balance", "auto", "thesis", "second-moment", "kl"])
+def test_settings_that_a_rule_would_replace(box, rule):
+    """They would be ignored without a word."""
+    with pytest.raises(ValueError, match=f"settings ask for combiner maximum, but rule {rule} has balance"):
+        dmis.render(box, rule, 32, settings=dmis.Settings(combiner="maximum"))
+
+
+def test_settings_without_a_rule(box):
+    """Too few samples to learn from: half and half, with the combiner and the techniques that are asked for."""
+    settings = dmis.Settings(combiner="maximum", techniques=("uniform", "brdf"))
+    found = dmis.render(box, None, 8, settings=settings)
+    assert found.provenance["combiner"] == "maximum"
+    assert same(found, dmis.render(box, Fixed(0.5, "maximum", ("uniform", "brdf")), 8))
+
+
+def test_everything_that_is_seen_is_in_the_hash(box):
+    """Normals, texture coordinates, and which part is which lamp."""
+    floor, ball = box.parts
+    quad = dmis.geometry.quad((-1, -1, 3), (0, 2, 0), (2, 0, 0))
+    lamps = tuple(dmis.QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), (8, 8, 8)) for _ in range(2))
+    mesh = ball.mesh
+    uv = np.zeros((len(mesh.vertices), 2))
+    scenes = [
+        dmis.Scene(box.camera, (floor, dmis.Part(m, ball.material), dmis.Part(quad, dmis.matte(0), light)), lamps)
+        for m in (mesh, dmis.Mesh(mesh.vertices, mesh.faces), dmis.Mesh(mesh.vertices, mesh.faces, mesh.normals, uv))
+        for light in (None, *lamps)
+    ]
+    assert len({fingerprint(scene) for scene in scenes}) == 9
