@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from dmis.intersect import Intersector
-from dmis.mesh import positive
+from dmis.mesh import Mesh, positive
 from dmis.seen import Rgb, Seen, direction, point, rgb
 from dmis.vec import TINY, Array, dot, frame
 from dmis.warp import cone_pdf, square_to_cone, square_to_disk, square_to_triangle, to_world
@@ -210,7 +210,8 @@ class MeshLight:
     Raises
     ------
     ValueError
-        If no triangle has an area, or the radiance is negative or not finite.
+        If vertices or faces are none of a `dmis.mesh.Mesh`, no triangle has an area, or the radiance is negative or
+        not finite.
     """
 
     vertices: Array
@@ -225,7 +226,8 @@ class MeshLight:
     @cached_property
     def _data(self) -> tuple[Array, Array, float, Array]:
         """Corner, two edges and unit normal of each triangle ``(12, F)``; cumulative shares of area; area; radiance."""
-        triangles = np.asarray(self.vertices, float)[np.asarray(self.faces)]
+        mesh = Mesh(self.vertices, self.faces)
+        triangles = mesh.vertices[mesh.faces]
         corner, edge_u = triangles[:, 0], triangles[:, 1] - triangles[:, 0]
         edge_v = triangles[:, 2] - triangles[:, 0]
         cross = np.cross(edge_u, edge_v)

@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from dmis.mesh import FARTHEST
+from dmis.checks import pair, whole
+from dmis.mesh import FARTHEST, direction, vector
 from dmis.pixel_filter import PixelFilter
 from dmis.vec import TINY, Array, dot
 
@@ -55,6 +56,8 @@ class Camera:
             raise ValueError(
                 f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}"
             )
+        for name in ("resolution", "corner") if self.frame is None else ("resolution", "corner", "frame"):
+            object.__setattr__(self, name, pair(name, getattr(self, name), whole))
         width, height = self.resolution
         check_resolution(width, height)
         (left, top), (wide, high) = self.corner, self.frame or self.resolution
@@ -65,7 +68,7 @@ class Camera:
 
     def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Camera:
         """A camera that sees the pixels ``rows[0]`` to ``rows[1] - 1``, and columns alike, of this one's image."""
-        (top, bottom), (left, right) = rows, columns
+        (top, bottom), (left, right) = pair("rows", rows, whole), pair("columns", columns, whole)
         width, height = self.resolution
         if not (0 <= top < bottom <= height and 0 <= left < right <= width):
             raise ValueError(
@@ -86,13 +89,16 @@ class Camera:
         resolution: tuple[int, int] = (640, 480),
     ) -> Camera:
         """A right-handed camera at `eye` that looks at `target` (what a photograph would show)."""
-        forward = np.asarray(target, float) - np.asarray(eye, float)
-        right = np.cross(forward, np.asarray(up, float))
+        origin = vector("eye", eye)
+        forward = vector("target", target) - origin
+        if not np.linalg.norm(forward) > 0:
+            raise ValueError(f"eye and target must differ, because they give the line of sight; got {eye} for both")
+        right = np.cross(forward, direction("up", up))
         if not np.linalg.norm(right) > 1e-12 * np.linalg.norm(forward):
             raise ValueError(f"up must not be parallel to the line of sight; got up {up}, eye {eye}, target {target}")
         forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
         matrix = np.eye(4)
-        matrix[:3] = np.stack([right, np.cross(right, forward), forward, np.asarray(eye, float)], axis=1)
+        matrix[:3] = np.stack([right, np.cross(right, forward), forward, origin], axis=1)
         return cls(matrix, fov, resolution)
 
     @cached_property

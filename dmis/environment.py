@@ -83,7 +83,13 @@ class EnvironmentLight:
     def _data(self) -> tuple[Image, Array | None]:
         """The scaled map as a texture; rotation from the map to the world, None if there is nothing to rotate."""
         texels, factor = np.asarray(self.texels, np.float32), rgb("scale", self.scale)[:, 0]
-        texels = texels if (factor == 1).all() else texels * factor  # maps are large
+        if (factor != 1).any():  # maps are large
+            brightest = texels.max(axis=(0, 1)).astype(float) * factor
+            if not (brightest <= np.finfo(np.float32).max).all():
+                raise ValueError(
+                    f"texels times scale must be below 3.4e38, the largest float32; got {brightest.tolist()}"
+                )
+            texels = texels * factor
         rotation = np.eye(3) if self.to_world is None else np.asarray(self.to_world, float)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
             raise ValueError(f"to_world must be a 3x3 rotation (or reflection); got {rotation.tolist()}")

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from dmis.mesh import Floats, at_least, direction, positive, vector, weld
+from dmis.checks import whole
+from dmis.mesh import Floats, direction, positive, vector, weld
 from dmis.mesh import Mesh as Mesh
 from dmis.mesh import concatenate as concatenate
 from dmis.mesh import flat_normals as flat_normals
@@ -199,7 +200,7 @@ def bezier_patches(control: npt.ArrayLike, divisions: int = 16) -> Mesh:
     net = np.asarray(control, np.float64)
     if net.ndim != 4 or net.shape[1:] != (4, 4, 3) or not len(net) or not np.isfinite(net).all():
         raise ValueError(f"control must be finite, of shape (P, 4, 4, 3), P >= 1, 16 points a patch; got {net.shape}")
-    t = np.linspace(0, 1, at_least("divisions", divisions, 1) + 1)
+    t = np.linspace(0, 1, whole("divisions", divisions, 1) + 1)
     cubic = np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])  # Bernstein, row i for t^i
     power = np.vander(t, 4, increasing=True)
     basis = power @ cubic, power[:, :3] @ (cubic[1:] * [[1], [2], [3]]), power[:, :2] @ (cubic[2:] * [[2], [6]])
@@ -236,7 +237,7 @@ def sphere(
     bottom, top = (np.arccos(np.clip(z / radius, -1, 1)) for z in (low, high))
     if not bottom > top:
         raise ValueError(f"zmin must be below zmax on a sphere of radius {radius}, else it is empty; got {low}, {high}")
-    phi, uv = _sweep(phimax, segments, max(1, segments // 2))
+    phi, uv = _sweep(phimax, segments, max(1, whole("segments", segments, 3) // 2))
     theta = bottom + uv[..., 1] * (top - bottom)
     normal = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=2)
     return _grid(radius * normal, normal, uv)
@@ -275,7 +276,7 @@ def _sweep(phimax: float, segments: int, rows: int) -> tuple[Floats, Floats]:
     """Azimuth (A, B) in radians and uv (A, B, 2) of a grid turned about the z axis."""
     if not 0 < phimax <= 360:
         raise ValueError(f"phimax must be above 0 and at most 360 degrees; got {phimax}")
-    columns = int(np.ceil(at_least("segments", segments, 3) * phimax / 360))
+    columns = int(np.ceil(whole("segments", segments, 3) * phimax / 360))
     uv = np.stack(np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1), indexing="ij"), axis=2)
     return np.radians(phimax) * uv[..., 0], uv
 

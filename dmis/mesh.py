@@ -217,10 +217,3 @@ def positive(name: str, value: float) -> float:
     if not 0 < value < np.inf:
         raise ValueError(f"{name} must be positive and finite; got {value}")
     return value
-
-
-def at_least(name: str, value: int, least: int) -> int:
-    """A whole number that is at least `least`."""
-    if not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} must be an integer, at least {least}; got {value!r}")
-    return int(value)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from dmis import __version__
+from dmis.checks import whole
 from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF
 from dmis.files import replacing
@@ -179,6 +180,7 @@ def make_oracle(
     settings, folder, threads, progress
         See `dmis.reference.make_reference`.
     """
+    spp, patch = whole("spp", spp, 1), whole("patch", patch, 1)
     path = _path(scene, spp, patch, settings, folder, combiner)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -108,7 +108,7 @@ def read_pbrt(
     if not path.is_file():
         raise FileNotFoundError(f"there is no scene file {path}")
     if resolution is not None:
-        Camera(np.eye(4), 90.0, resolution)
+        resolution = Camera(np.eye(4), 90.0, resolution).resolution
     if dialect is not None and dialect not in DIALECTS:
         raise ValueError(f"dialect must be one of {', '.join(DIALECTS)}; got {dialect!r}")
     source = Source.read(path, outside)

@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from dmis.checks import number, pair
 from dmis.vec import Array
 
 KINDS = ("box", "triangle", "gaussian")
@@ -48,10 +49,10 @@ class PixelFilter:
                 f"a pixel filter must be {', '.join(KINDS)}, because samples are drawn from it, which those with "
                 f"negative parts cannot be; got {self.kind!r}"
             )
+        object.__setattr__(self, "radius", pair("radius of a pixel filter", self.radius, number))
         if not all(0 < radius <= WIDEST for radius in self.radius):
             raise ValueError(f"the radius of a pixel filter must be above 0, at most {WIDEST:g}; got {self.radius}")
-        if not 1e-3 <= self.sigma <= 1e3:
-            raise ValueError(f"sigma of a pixel filter must be from 0.001 to 1000 pixels; got {self.sigma}")
+        object.__setattr__(self, "sigma", number("sigma of a pixel filter", self.sigma, 1e-3, 1e3, "in pixels"))
 
     def offsets(self, u: Array) -> Array:
         """Positions from the pixel's corner, ``(2, N)`` float32, in proportion to the filter; `u` is ``(2, N)``."""

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from dmis import __version__
+from dmis.checks import whole
 from dmis.image import read_exr, write_exr
 from dmis.passes import Progress
-from dmis.render import fingerprint, render
+from dmis.render import MOST_SPP, fingerprint, render
 from dmis.scene import Scene
 from dmis.settings import Settings
 from dmis.vec import Array
@@ -85,6 +86,7 @@ def make_reference(
     OSError
         If it cannot be written.
     """
+    spp = whole("spp", spp, 1, MOST_SPP)
     width, height = scene.camera.resolution
     key = json.dumps([__version__, fingerprint(scene), width, height, spp, rule, *described(settings)])
     import hashlib  # imported where used: it brings OpenSSL

@@ -23,6 +23,7 @@ import numpy as np
 from dmis import __version__, control, technique
 from dmis.budget import whole_samples
 from dmis.checkpoint import Store
+from dmis.checks import whole
 from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
@@ -44,6 +45,8 @@ from dmis.workers import Workers
 
 LEARNING = 16
 """Samples per pixel from which on a pilot pays."""
+MOST_SPP = 2**20
+"""Camera samples per pixel."""
 MOST_WORKERS = 1024
 """Threads or processes."""
 _SAVED = 24  # bytes that a checkpoint has for a pixel and pass, sums aside
@@ -153,6 +156,8 @@ def render(
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
+    spp, seed = whole("spp", spp, 1, MOST_SPP), whole("seed", seed, 0)
+    threads, workers = _crew(threads, workers, executor)
     described, (scene, gain) = scene, suited(scene)
     asked = settings or Settings()
     if rule is None:
@@ -161,7 +166,7 @@ def render(
         learns = spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST and _exact(asked)
         rule = "auto" if learns else "balance" if half == Fixed() else half
     rule_text = rule if isinstance(rule, str) else repr(rule)
-    rule = make_rule(rule) if isinstance(rule, str) else rule
+    rule = make_rule(rule)
     given = {} if sampler is None else {"sampler": sampler}
     _check_rule(rule, rule_text, asked)
     settings = scene.plan.settle(replace(asked, **{**given, **rule.settings}))
@@ -183,8 +188,11 @@ def render(
     elif gather is not None and _separate(rule, settings):
         gather = partial(gather, classes=2)
     pilot_spp = sum(rule.pilot.values())
-    _check(spp, pilot_spp, seed, rule_text)
-    _check_workers(threads, workers, executor)
+    if spp <= pilot_spp:
+        raise ValueError(
+            f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
+            f"of rule {rule_text}; got {spp}"
+        )
     provenance = {
         "dmis": __version__,
         "scene": scene.name,
@@ -319,29 +327,17 @@ def _exact(settings: Settings) -> bool:
     return all(technique.find(name).exact for name in settings.techniques)
 
 
-def _check(spp: int, pilot_spp: int, seed: int, rule: str) -> None:
-    if spp < 1 or spp != int(spp):
-        raise ValueError(f"spp must be a whole number of at least 1; got {spp}")
-    if spp <= pilot_spp:
-        raise ValueError(
-            f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
-            f"of rule {rule}; got {spp}"
-        )
-    if spp > 2**20:
-        raise ValueError(f"spp must be at most 2**20; got {spp}")
-    if seed < 0 or seed != int(seed):
-        raise ValueError(f"seed must be a whole number that is not negative; got {seed}")
-
-
-def _check_workers(threads: int | None, workers: int | None, executor: Executor | None) -> None:
-    for name, number in (("threads", threads), ("workers", workers)):
-        if number is not None and not 1 <= number <= MOST_WORKERS:
-            raise ValueError(f"{name} must be at least 1 and at most {MOST_WORKERS}; got {number}")
+def _crew(threads: int | None, workers: int | None, executor: Executor | None) -> tuple[int | None, int | None]:
+    """Numbers of threads and workers; only one of the three may be given."""
     given = {"threads": threads, "workers": workers, "executor": executor}
     if len(names := [name for name, value in given.items() if value is not None]) > 1:
         raise ValueError(
             f"tiles are rendered by threads, workers or an executor, not by more; got {' and '.join(names)}"
         )
+    return (
+        None if threads is None else whole("threads", threads, 1, MOST_WORKERS),
+        None if workers is None else whole("workers", workers, 1, MOST_WORKERS),
+    )
 
 
 def _combine(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:

@@ -51,8 +51,8 @@ and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``, the best
 """
 
 
-def make_rule(text: str) -> Rule:
-    """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
+def make_rule(text: Rule | str) -> Rule:
+    """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``. What is a rule already stays as it is.
 
     A bare value is the rule's first option.
 
@@ -69,8 +69,12 @@ def make_rule(text: str) -> Rule:
     Raises
     ------
     ValueError
-        If there is no such rule or option, or a value does not fit.
+        If it is neither, there is no such rule or option, or a value does not fit.
     """
+    if not isinstance(text, str):
+        if isinstance(text, type) or not isinstance(text, Rule):
+            raise ValueError(f"rule must be a rule, or text such as thesis:patch=16; got {text!r}")
+        return text
     name, _, rest = text.strip().partition(":")
     if name not in RULES:
         raise ValueError(f"rule must be one of {', '.join(RULES)}; got {name!r}")

@@ -5,6 +5,7 @@ What the scene needs is worked out once by `dmis.plan`; hits become surface poin
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -12,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from dmis.camera import Camera
+from dmis.checks import whole
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light import Light, MeshLight
 from dmis.plan import NOTHING, Group, Plan
 from dmis.plan import Part as Part
 from dmis.seeing import pixels_that_see
-from dmis.settings import Settings
+from dmis.settings import DEEPEST
 from dmis.surface import Surface
 from dmis.survey import survey
 from dmis.tables import Tables
@@ -44,8 +46,8 @@ class Scene:
     Raises
     ------
     ValueError
-        If there is no part, a part's light is not among the lights, a mesh light that is not flat is no part's, or
-        there is no such integrator or depth.
+        If an argument is something else, there is no part, a part's light is not among the lights, a mesh light that is
+        not flat is no part's, or there is no such integrator or depth.
     """
 
     camera: Camera
@@ -56,11 +58,19 @@ class Scene:
     max_depth: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parts", tuple(self.parts))
-        object.__setattr__(self, "lights", tuple(self.lights))
+        if not isinstance(self.camera, Camera):
+            raise ValueError(f"camera must be a Camera; got {self.camera!r}")
+        for name, values, kind in (("parts", self.parts, Part), ("lights", self.lights, Light)):
+            found = tuple(values) if isinstance(values, Iterable) else None
+            if found is None or not all(isinstance(value, kind) for value in found):
+                raise ValueError(f"{name} must be a sequence of {name} of dmis; got {values!r}")
+            object.__setattr__(self, name, found)
         if not self.parts:
             raise ValueError("a scene needs at least one part, because there is nothing to see otherwise; got none")
-        Settings(integrator=self.integrator or "auto", max_depth="auto" if self.max_depth is None else self.max_depth)
+        if self.integrator not in (None, "direct", "path"):
+            raise ValueError(f"integrator must be direct or path, or None; got {self.integrator!r}")
+        if self.max_depth is not None:
+            object.__setattr__(self, "max_depth", whole("max_depth", self.max_depth, 1, DEEPEST, "or None"))
         for part in self.parts:
             if part.light is not None and not any(part.light is light for light in self.lights):
                 raise ValueError(

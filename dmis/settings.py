@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from dmis import mis, technique
+from dmis.checks import number, whole
 from dmis.samplers import KINDS, Kind
 
 MOST = 100
@@ -14,6 +17,7 @@ DEEPEST = 10_000
 """Surfaces that a camera sample visits."""
 DEPTH = 5
 """The same where nobody says."""
+_FLOAT32 = np.finfo(np.float32)
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,7 @@ class Settings:
     clamp: float | None = None
 
     def __post_init__(self) -> None:
-        if not 1 <= self.shading_samples <= MOST:
-            raise ValueError(f"shading_samples must be between 1 and {MOST}; got {self.shading_samples}")
+        object.__setattr__(self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MOST))
         if len(self.techniques) < 2:
             raise ValueError(f"techniques must be at least two names, which share the samples; got {self.techniques}")
         techniques = [technique.find(name) for name in self.techniques]
@@ -91,18 +94,21 @@ class Settings:
                 f"combiner optimal-progressive needs sampler independent, because structured samples depend on earlier "
                 f"ones, and so on the fit to these; got {self.sampler!r}"
             )
-        if self.clamp is not None and not 0 < self.clamp < float("inf"):
-            raise ValueError(f"clamp must be positive and finite, a radiance, or None; got {self.clamp}")
+        if self.reuse_pilot not in (True, False):
+            raise ValueError(f"reuse_pilot must be True or False; got {self.reuse_pilot!r}")
+        object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
+        if self.clamp is not None:
+            least, most = float(_FLOAT32.tiny), float(_FLOAT32.max)
+            clamp = number("clamp", self.clamp, least, most, "a radiance that float32 holds in full, or None")
+            object.__setattr__(self, "clamp", clamp)
         if self.clamp is not None and self.combiner.startswith("optimal"):
             raise ValueError(f"clamp needs a combiner that adds up camera samples; {self.combiner} fits them together")
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
             )
-        if isinstance(self.max_depth, str) and self.max_depth != "auto":
-            raise ValueError(f"max_depth must be a number, auto or None; got {self.max_depth!r}")
-        if isinstance(self.max_depth, int) and not 1 <= self.max_depth <= DEEPEST:
-            raise ValueError(f"max_depth must be between 1 and {DEEPEST}; got {self.max_depth}")
+        if self.max_depth not in (None, "auto"):
+            object.__setattr__(self, "max_depth", whole("max_depth", self.max_depth, 1, DEEPEST, "auto or None"))
 
     @property
     def deepest(self) -> float:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dmis.mesh import Floats, Mesh, at_least, unit, vertex_normals
+from dmis.checks import whole
+from dmis.mesh import Floats, Mesh, unit, vertex_normals
 
 MAX_TRIANGLES = 2**24
 """Most triangles that :func:`loop_subdivide` makes: some 8 GB while it works."""
@@ -42,7 +43,8 @@ def loop_subdivide(vertices: npt.ArrayLike, faces: npt.ArrayLike, levels: int) -
         If `levels` is out of range, or the faces are not such manifolds; the message names the edge or the vertex.
     """
     cage = Mesh(np.asarray(vertices, np.float64), np.asarray(faces))
-    if at_least("levels", levels, 0) > 12 or cage.triangles * 4**levels > MAX_TRIANGLES:  # 4**12 is the limit
+    levels = whole("levels", levels, 0)
+    if levels > 12 or cage.triangles * 4**levels > MAX_TRIANGLES:  # 4**12 is the limit
         raise ValueError(
             f"levels must leave at most {MAX_TRIANGLES} triangles, because each makes four of one; "
             f"got {levels} for {cage.triangles} triangles"

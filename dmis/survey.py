@@ -45,7 +45,13 @@ class Survey:
 
 
 def survey(scene: Scene) -> Survey:
-    """Render `scene` small, by both integrators. The same scene always gives the same survey."""
+    """Render `scene` small, by both integrators. The same scene always gives the same survey.
+
+    Raises
+    ------
+    ValueError
+        If a pixel of the thumbnail is not finite.
+    """
     from dmis.tile import Tile, render_tile  # which renders scenes, and so comes after them
 
     width, height = scene.camera.frame or scene.camera.resolution
@@ -55,7 +61,12 @@ def survey(scene: Scene) -> Survey:
     images, rays, cost = {}, {}, {}
     for integrator in ("direct", "path"):
         settings = Settings(integrator=integrator, max_depth=DEPTH)
-        found = render_tile(small, Tile(0, 0, 0, (0, size[1]), (0, size[0]), SPP, 0.5, settings))
+        try:
+            found = render_tile(small, Tile(0, 0, 0, (0, size[1]), (0, size[0]), SPP, 0.5, settings))
+        except ValueError as error:
+            raise ValueError(
+                f"in the thumbnail of {size[0]}x{size[1]} pixels by which the integrator is chosen: {error}"
+            ) from error
         images[integrator] = found.moments.mean.astype(float).mean(axis=2)
         samples = size[0] * size[1] * SPP
         rays[integrator] = (sum(found.rays.values()) - found.rays[UNSEEN]) / samples

@@ -90,6 +90,10 @@ def test_mirrored_matrix_mirrors_the_image() -> None:
         (IDENTITY, 45, (4, -1), "resolution must be 1 to 65535"),
         (IDENTITY, 45, (70000, 1), "resolution must be 1 to 65535"),
         (IDENTITY, 45, (65535, 65535), "resolution must be"),
+        (IDENTITY, 45, (6.5, 5), "resolution must be a whole number; got 6.5"),
+        (IDENTITY, 45, ("6", 5), "resolution must be a whole number; got '6'"),
+        (IDENTITY, 45, 5, "resolution must be two numbers; got 5"),
+        (IDENTITY, 45, (5, 5, 3), "resolution must be two numbers"),
     ],
 )
 def test_bad_cameras(to_world: Array, fov: float, resolution: tuple[int, int], message: str) -> None:
@@ -98,11 +102,28 @@ def test_bad_cameras(to_world: Array, fov: float, resolution: tuple[int, int], m
         Camera(to_world, fov, resolution)
 
 
-@pytest.mark.parametrize("eye, target, up", [((0, 0, 0), (0, 0, 1), (0, 0, 2)), ((1, 1, 1), (1, 1, 1), (0, 0, 1))])
-def test_look_at_without_a_direction(eye: Any, target: Any, up: Any) -> None:
-    """`up` along the line of sight, or no line of sight at all."""
-    with pytest.raises(ValueError, match="up must not be parallel"):
+@pytest.mark.parametrize(
+    "eye, target, up, message",
+    [
+        ((0, 0, 0), (0, 0, 1), (0, 0, 2), "up must not be parallel"),
+        ((1, 1, 1), (1, 1, 1), (0, 0, 1), r"eye and target must differ, .*; got \(1, 1, 1\)"),
+        ((0, np.nan, 0), (0, 0, 1), (0, 1, 0), "eye must be three finite numbers"),
+        ((0, 0, 0), (0, 0, np.nan), (0, 1, 0), "target must be three finite numbers"),
+        ((0, 0, 0), (0, 0, 1), (0, np.inf, 0), "up must be three finite numbers"),
+        ((0, 0, 0), (0, 0, 1), (0, 0, 0), "up must not be zero"),
+    ],
+)
+def test_look_at_without_a_direction(eye: Any, target: Any, up: Any, message: str) -> None:
+    """`up` along the line of sight, no line of sight at all, or numbers that are none."""
+    with pytest.raises(ValueError, match=message):
         Camera.look_at(eye, target, up)
+
+
+def test_numbers_of_numpy_become_pythons() -> None:
+    """So that a resolution can be written as JSON, and the same camera has the same hash."""
+    camera = Camera(IDENTITY, 50.0, np.array([8, 6])).crop(np.array([1, 5]), (np.int64(2), 4.0))  # type: ignore[arg-type]
+    assert (camera.resolution, camera.corner, camera.frame) == ((2, 4), (2, 1), (8, 6))
+    assert {type(n) for n in (*camera.resolution, *camera.corner, *(camera.frame or ()))} == {int}
 
 
 def test_crop_sees_the_same_rays() -> None:
@@ -121,6 +142,19 @@ def test_crop_sees_the_same_rays() -> None:
 def test_bad_crops(rows: tuple[int, int], columns: tuple[int, int]) -> None:
     """A crop has pixels and lies inside."""
     with pytest.raises(ValueError, match="a crop must have pixels and lie inside the image of 100x60"):
+        Camera(IDENTITY, 50.0, (100, 60)).crop(rows, columns)
+
+
+@pytest.mark.parametrize(
+    "rows, columns, message",
+    [
+        ((0, 2.5), (0, 2), "rows must be a whole number; got 2.5"),
+        ((0, 2), (0, np.nan), "columns must be a whole number; got nan"),
+        (2, (0, 2), "rows must be two numbers; got 2"),
+    ],
+)
+def test_crops_that_are_none(rows: Any, columns: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         Camera(IDENTITY, 50.0, (100, 60)).crop(rows, columns)
 
 

@@ -171,7 +171,7 @@ def test_bench_prints_a_table(scene, capsys):
         (["compare", "SCENE", "-o", "a", "--resolution", "65535x65535"], "at most 2**25 pixels"),
         (["bench", "SCENE", "--resolution", "1x65536"], "1 to 65535 on a side"),
         (["render", "SCENE", "-o", "a.exr", "--cluster", "-1"], "the address of a Dask scheduler, HOST:PORT"),
-        (["render", "SCENE", "-o", "a.exr", "--workers", "0"], "workers must be at least 1"),
+        (["render", "SCENE", "-o", "a.exr", "--workers", "0"], "workers must be a whole number from 1"),
         (["render", "SCENE", "-o", "a.exr", "--workers", "2", "--threads", "2"], "not allowed with"),
         (["render", "SCENE", "-o", "a.exr", "--threads", "-2"], "threads"),
         (["render", "SCENE", "-o", "a.exr", "--shading-samples", "0"], "shading_samples"),

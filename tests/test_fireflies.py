@@ -147,9 +147,12 @@ def test_medians_of_what_does_not_belong_together(renders, change, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"clamp": 0}, "clamp must be positive"),
-        ({"clamp": float("nan")}, "clamp must be positive"),
+        ({"clamp": 0}, "clamp must be a number from 1.17549e-38 to"),
+        ({"clamp": float("nan")}, "clamp must be a number from 1.17549e-38 to"),
         ({"clamp": float("inf")}, "or None; got inf"),
+        ({"clamp": 1e-300}, "clamp must be a number from 1.17549e-38 to"),
+        ({"clamp": 1e39}, r"to 3.40282e\+38, a radiance that float32 holds in full, or None; got 1e\+39"),
+        ({"clamp": "1"}, "clamp must be a number from .*; got '1'"),
         ({"clamp": 1.0, "combiner": "optimal"}, "clamp needs a combiner that adds up"),
     ],
 )
@@ -174,7 +177,7 @@ def test_command_line(tmp_path, capsys):
     assert layers["RGB"].max() <= 0.5
     assert json.loads(about["dmis.provenance"])["bias"] == ["camera samples clamped at 0.5"]
     assert main([*words, "--clamp", "-1"]) == 2
-    assert "clamp must be positive" in capsys.readouterr().err
+    assert "clamp must be a number from 1.17549e-38 to" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("gain", [1e-12, 1.0, 1e12])

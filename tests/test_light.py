@@ -401,9 +401,22 @@ ANY: Any = np.ones((1, 1, 3))
         (lambda: SphereLight(ORIGIN, -1.0, WHITE), "radius must be positive"),
         (lambda: SphereLight(ORIGIN, 1.0, (np.nan,) * 3), "radiance must be three finite"),
         (lambda: MeshLight(np.zeros((3, 3)), np.array([[0, 1, 2]]), WHITE), "positive area"),
+        (
+            lambda: MeshLight(np.eye(3), np.array([[0, 1, 7]]), WHITE),
+            "faces must be indices from 0 to 2, .* got 0 to 7",
+        ),
+        (
+            lambda: MeshLight(np.eye(3), np.array([[0, 1, -1]]), WHITE),
+            "faces must be indices from 0 to 2, .* got -1 to",
+        ),
+        (
+            lambda: MeshLight(np.eye(3), np.zeros((0, 3), int), WHITE),
+            r"faces must be integers of shape \(F, 3\), F >= 1",
+        ),
         (lambda: EnvironmentLight(np.ones((2, 2))), "texels must have shape"),
         (lambda: EnvironmentLight(-np.ones((2, 2, 3))), "texels must be finite and not negative"),
         (lambda: EnvironmentLight(np.full((2, 2, 3), np.nan)), "texels must be finite"),
+        (lambda: EnvironmentLight(1e38 * ANY, scale=(1e10, 1, 1)), r"texels times scale must be below 3.4e38.*e\+47"),
         (lambda: EnvironmentLight(ANY, 2 * np.eye(3)), "to_world must be a 3x3 rotation"),
         (lambda: EnvironmentLight(ANY, compensation=1.0), "compensation must be in"),
         (lambda: PointLight((0, 0, np.nan), WHITE), "position must be three finite"),

@@ -150,6 +150,9 @@ def test_light_part_of_a_mesh_light_is_its_mesh():
         (trimesh.Scene(), {}, ValueError, "must hold triangles"),
         (BOX, {"material": "matte"}, ValueError, "material must be a Material, or a dict of them by name; got str"),
         (BOX, {"resolution": (0, 3)}, ValueError, "resolution must be 1 to 65535"),
+        (BOX, {"resolution": 5}, ValueError, "resolution must be two numbers; got 5"),
+        ("teapot-area-light", {"resolution": 5}, ValueError, "resolution must be two numbers; got 5"),
+        ("teapot-area-light", {"resolution": (6.5, 5)}, ValueError, "resolution must be a whole number; got 6.5"),
         (BOX, {"material": {"a": matte()}}, ValueError, "must have an entry for the geometry ''"),
     ],
 )

@@ -61,11 +61,22 @@ def test_the_ends_of_u_are_finite_and_inside(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"kind": "mitchell"}, {"radius": (0, 1)}, {"radius": (1, 65)}, {"sigma": 0}, {"sigma": np.nan}]
-)
+    "change",
+    [
+        {"kind": "mitchell"}, {"radius": (0, 1)}, {"radius": (1, 65)}, {"radius": 3}, {"radius": (1, "1")},
+        {"radius": (1, 1, 1)}, {"sigma": 0}, {"sigma": np.nan}, {"sigma": None},
+    ],
+)  # fmt: skip
 def test_parameters_out_of_range_are_refused(change: dict) -> None:
     with pytest.raises(ValueError, match=next(iter(change)).replace("kind", "must be box, triangle, gaussian")):
         PixelFilter(**change)
+
+
+def test_numbers_of_any_kind_are_the_same_filter() -> None:
+    """So that scenes that look the same have the same hash."""
+    assert repr(PixelFilter(radius=[np.float32(2), 1], sigma=np.int64(1))) == repr(
+        PixelFilter(radius=(2.0, 1.0), sigma=1.0)
+    )
 
 
 @pytest.mark.parametrize("name", ["box", "gaussian"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -415,11 +416,31 @@ def test_settle(asked: Any, given: Any, settled: Any) -> None:
 
 def test_bad_requests() -> None:
     with pytest.raises(ValueError, match="integrator must be auto or direct or path; got 'bdpt'"):
-        replace(box_scene(), integrator="bdpt")
-    with pytest.raises(ValueError, match="max_depth must be between 1 and 10000; got 0"):
-        replace(box_scene(), integrator="path", max_depth=0)
-    with pytest.raises(ValueError, match="max_depth must be a number, auto or None; got 'deep'"):
-        Settings(max_depth="deep")
+        Settings(integrator="bdpt")
+    for depth in (0, -3, 0.5, np.nan, 10_001, np.int64(0), np.int64(-3), np.float32(0.5), True, "deep"):
+        message = r"max_depth must be a whole number from 1 to 10000, auto or None; got .*" + re.escape(str(depth))
+        with pytest.raises(ValueError, match=message):
+            Settings(max_depth=depth)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"integrator": "bdpt"}, "integrator must be direct or path, or None; got 'bdpt'"),
+        ({"integrator": "auto"}, "integrator must be direct or path, or None; got 'auto'"),
+        ({"integrator": 0}, "integrator must be direct or path, or None; got 0"),
+        ({"max_depth": 0}, "max_depth must be a whole number from 1 to 10000, or None; got 0"),
+        ({"max_depth": 0.5}, "max_depth must be a whole number from 1 to 10000, or None; got 0.5"),
+        ({"max_depth": "auto"}, "max_depth must be a whole number from 1 to 10000, or None; got 'auto'"),
+        ({"camera": None}, "camera must be a Camera; got None"),
+        ({"parts": None}, "parts must be a sequence of parts of dmis; got None"),
+        ({"parts": [FLOOR]}, "parts must be a sequence of parts of dmis"),
+        ({"lights": LAMP}, "lights must be a sequence of lights of dmis; got QuadLight"),
+    ],
+)
+def test_scenes_that_are_none(change: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(box_scene(), **change)
 
 
 def test_references_of_paths_are_their_own() -> None:

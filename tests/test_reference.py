@@ -8,7 +8,7 @@ from dmis import reference
 
 def test_reference_is_made_once_and_kept(box, tmp_path, monkeypatch):
     """The second call reads what the first one wrote; the halves differ, and agree within their noise."""
-    made = dmis.make_reference(box, 64, folder=tmp_path)
+    made = dmis.make_reference(box, np.int64(64), folder=tmp_path)
     assert not np.array_equal(made.first, made.second)
     monkeypatch.setattr(reference, "render", None)
     kept = dmis.make_reference(box, 64, folder=tmp_path)

@@ -3,7 +3,7 @@
 import json
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -239,14 +239,24 @@ def _stop(*_):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"spp": 0}, "spp must be a whole number of at least 1; got 0"),
+        ({"spp": 0}, "spp must be a whole number from 1 to 1048576; got 0"),
         ({"spp": 2.5}, "spp must be a whole number"),
-        ({"spp": 2**21}, "at most 2"),
+        ({"spp": 2**21}, "to 1048576; got 2097152"),
+        ({"spp": np.nan}, "spp must be a whole number .*; got nan"),
+        ({"spp": "8", "rule": None}, "spp must be a whole number .*; got '8'"),
+        ({"spp": None}, "spp must be a whole number .*; got None"),
+        ({"spp": [8]}, r"spp must be a whole number .*; got \[8\]"),
         ({"rule": "thesis", "spp": 6}, "more than the pilot's 6 camera samples"),
-        ({"seed": -1}, "seed must be"),
+        ({"seed": -1}, "seed must be a whole number of at least 0; got -1"),
+        ({"seed": 1.5}, "seed must be"),
+        ({"seed": np.nan}, "seed must be a whole number of at least 0; got nan"),
         ({"sampler": "halton"}, "sampler must be independent or"),
-        ({"threads": 0}, "threads must be at least 1"),
+        ({"threads": 0}, "threads must be a whole number from 1 to 1024"),
+        ({"threads": 1.5}, "threads must be a whole number"),
+        ({"workers": 1.5}, "workers must be a whole number"),
         ({"rule": "best"}, "rule must be one of"),
+        ({"rule": 3}, "rule must be a rule, or text such as thesis:patch=16; got 3"),
+        ({"rule": Thesis}, "rule must be a rule, or text"),
         ({"rule": "thesis:patch=0"}, "patch must be 1 to 65535"),
     ],
 )
@@ -285,6 +295,37 @@ def test_provenance_is_plain_json(box):
     data = json.loads(json.dumps(result.provenance))
     assert data["rule"].startswith("Thesis(patch=4")
     assert data["settings"]["sampler"] == "sobol" and data["resolution"] == [32, 24]
+
+
+def test_numbers_of_numpy_become_pythons(box, tmp_path):
+    """They can be written with the image and to a checkpoint, and are the same image."""
+    camera = replace(box.camera, resolution=tuple(np.array(box.camera.resolution)))
+    settings = dmis.Settings(
+        clamp=np.float32(2), shading_samples=np.int64(2), max_depth=np.int64(5), reuse_pilot=np.bool_(True)
+    )
+    options = {"seed": np.int64(1), "threads": np.int64(1), "settings": settings, "checkpoint": tmp_path / "c"}
+    result = dmis.render(replace(box, camera=camera), "balance", np.int64(8), **options)
+    dmis.write_image(tmp_path / "o.exr", result)
+    held = json.loads(dmis.read_exr(tmp_path / "o.exr")[1]["dmis.provenance"])
+    plain = dmis.render(box, "balance", 8.0, seed=1.0, settings=dmis.Settings(clamp=2, max_depth=5))
+    assert same(result, plain)
+    assert held == json.loads(json.dumps(plain.provenance))
+    assert repr(settings) == repr(dmis.Settings(clamp=2.0, max_depth=5))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"shading_samples": 1.5}, "shading_samples must be a whole number from 1 to 100; got 1.5"),
+        ({"shading_samples": "2"}, "shading_samples must be a whole number from 1 to 100; got '2'"),
+        ({"reuse_pilot": "no"}, "reuse_pilot must be True or False; got 'no'"),
+        ({"reuse_pilot": None}, "reuse_pilot must be True or False; got None"),
+    ],
+)
+def test_bad_settings(options, message):
+    """Where they are made, not where they are used."""
+    with pytest.raises(ValueError, match=message):
+        dmis.Settings(**options)
 
 
 def test_a_rule_may_carry_its_sampler_and_combiner(box):

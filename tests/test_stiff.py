@@ -215,3 +215,13 @@ def test_threads_raise_too(threads: int) -> None:
         warnings.simplefilter("ignore")
         with pytest.raises(ValueError, match=r"pixel at row \d+, column \d+ must be finite"):
             dmis.render(scene, "balance", 2, threads=threads)
+
+
+def test_a_thumbnail_is_named() -> None:
+    """A pixel that is not finite when the integrator is to be chosen has no place in the image."""
+    scene = box_scene(dmis.Material((Broken(0.5),)), resolution=(640, 480))
+    message = r"^in the thumbnail of 32x24 pixels by which the integrator is chosen: pixel at row \d+"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises(ValueError, match=message):
+            dmis.render(scene, "balance", 1)

@@ -202,7 +202,7 @@ def test_results_are_let_go(wide, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"workers": 0}, "workers must be at least 1 and at most 1024; got 0"),
+        ({"workers": 0}, "workers must be a whole number from 1 to 1024; got 0"),
         ({"workers": 2, "threads": 2}, "not by more; got threads and workers"),
     ],
 )
