@@ -29,7 +29,7 @@ from dmis.brdf import (
     SpecularReflection,
     SpecularTransmission,
 )
-from dmis.texture import Image, scale
+from dmis.texture import LEAST, Image, number, scale, within
 from dmis.vec import Array
 
 Rgb = tuple[float, float, float]
@@ -64,8 +64,7 @@ def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
     sigma
         Spread of facet slopes in degrees, 0 to 90.
     """
-    if not 0 <= sigma <= 90:
-        raise ValueError(f"sigma must be in [0, 90] degrees, the spread of facet slopes; got {sigma}")
+    sigma = number("sigma", sigma, "in [0, 90] degrees", "it is the spread of facet slopes", 0, 90)
     if black("kd", kd):
         return Material((), "matte")
     return Material((OrenNayar(kd, sigma) if sigma else Lambert(kd),), "matte")
@@ -83,13 +82,14 @@ def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1
     roughness
         Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
     eta
-        Index of refraction of the coat, inside over outside.
+        Index of refraction of the coat, inside over outside: positive.
     """
     lobes: tuple[Lobe, ...] = ()
+    coat = Microfacet(ks, blinn(roughness), Dielectric(index("eta", eta)))
     if not black("kd", kd):
         lobes += (Lambert(kd),)
     if not black("ks", ks):
-        lobes += (Microfacet(ks, blinn(roughness), Dielectric(eta)),)
+        lobes += (coat,)
     return Material(lobes, "plastic")
 
 
@@ -103,7 +103,7 @@ def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Ma
     roughness
         Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
     """
-    return Material((Microfacet(1.0, blinn(roughness), Conductor(_triple("eta", eta), _triple("k", k))),), "metal")
+    return Material((Microfacet(1.0, blinn(roughness), Conductor(triple("eta", eta), triple("k", k))),), "metal")
 
 
 def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
@@ -117,8 +117,9 @@ def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
         Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
     """
     lobes: tuple[Lobe, ...] = ()
+    facets = blinn(roughness)
     if not black("ks", ks):
-        lobes += (Microfacet(1.0, blinn(roughness), _conductor_of("ks", ks)),)
+        lobes += (Microfacet(1.0, facets, _conductor_of("ks", ks)),)
     if not black("kr", kr):
         lobes += (SpecularReflection(1.0, _conductor_of("kr", kr)),)
     return Material(lobes, "shinymetal")
@@ -137,12 +138,9 @@ def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness:
         Reciprocals of the exponents along the two tangents: positive, numbers or an `Image`.
     """
     black("kd", kd), black("ks", ks)
-    same = u_roughness is v_roughness or (
-        not isinstance(u_roughness, Image) and not isinstance(v_roughness, Image) and u_roughness == v_roughness
-    )
-    coat: Distribution = blinn(u_roughness)
-    if not same:
-        coat = Anisotropic(_exponent("u_roughness", u_roughness), _exponent("v_roughness", v_roughness))
+    u, v = _exponent("u_roughness", u_roughness), _exponent("v_roughness", v_roughness)
+    same = u_roughness is v_roughness or u == v
+    coat: Distribution = Blinn(u) if same else Anisotropic(u, v)
     return Material((BlendBase(kd, ks), BlendCoat(ks, coat)), "substrate")
 
 
@@ -168,24 +166,25 @@ def uber(
     roughness
         Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
     eta
-        Index of refraction, inside over outside.
+        Index of refraction, inside over outside: positive.
     opacity
         A number or an RGB triple in [0, 1].
     """
-    if isinstance(opacity, Image):
-        raise ValueError("opacity must be a constant; got an image texture, which is not supported")
-    clear = np.maximum(1 - np.atleast_1d(np.asarray(opacity, float)), 0)
+    for name, value in (("kd", kd), ("ks", ks), ("kr", kr), ("kt", kt)):
+        black(name, value)
+    clear = 1 - within("opacity", opacity, "in [0, 1]", "the rest goes straight through", 0, 1, image=False)
+    facets, fresnel = blinn(roughness), Dielectric(index("eta", eta))
     lobes: tuple[Lobe, ...] = ()
     if clear.any():
         lobes += (SpecularTransmission(tuple(clear.tolist()), 1.0),)
     if not black("kd", kd := scale(opacity, kd)):
         lobes += (Lambert(kd),)
     if not black("ks", ks := scale(opacity, ks)):
-        lobes += (Microfacet(ks, blinn(roughness), Dielectric(eta)),)
+        lobes += (Microfacet(ks, facets, fresnel),)
     if not black("kr", kr := scale(opacity, kr)):
-        lobes += (SpecularReflection(kr, Dielectric(eta)),)
+        lobes += (SpecularReflection(kr, fresnel),)
     if not black("kt", kt := scale(opacity, kt)):
-        lobes += (SpecularTransmission(kt, eta),)
+        lobes += (SpecularTransmission(kt, fresnel.eta),)
     return Material(lobes, "uber")
 
 
@@ -209,8 +208,9 @@ def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
     kr, kt
         Factors of the reflected and of the refracted part: numbers, RGB triples or `Image`, not negative.
     eta
-        Index of refraction, inside over outside.
+        Index of refraction, inside over outside: positive.
     """
+    eta = index("eta", eta)
     lobes: tuple[Lobe, ...] = ()
     if not black("kr", kr):
         lobes += (SpecularReflection(kr, Dielectric(eta)),)
@@ -224,13 +224,6 @@ def blinn(roughness: Any) -> Blinn:
     return Blinn(_exponent("roughness", roughness))
 
 
-def _triple(name: str, value: Any) -> Rgb:
-    out = np.broadcast_to(np.asarray(value, float).reshape(-1), 3)
-    if not np.isfinite(out).all() or (out < 0).any():
-        raise ValueError(f"{name} of a metal must be finite and not negative; got {value}")
-    return float(out[0]), float(out[1]), float(out[2])
-
-
 class ReciprocalImage(Image):
     """One over the interpolated texels: the exponent where the image is roughness."""
 
@@ -239,26 +232,34 @@ class ReciprocalImage(Image):
 
 
 def _exponent(name: str, roughness: Any) -> Any:
+    reason = "Blinn's exponent is its reciprocal"
+    roughness = number(name, roughness, "positive and finite", reason, LEAST, image=True)
     if isinstance(roughness, Image):
         return ReciprocalImage(roughness.texels, roughness.scale, roughness.offset, roughness.wrap)
-    value = float(np.asarray(roughness).reshape(-1)[0])
-    if not (value > 0 and np.isfinite(value)):
-        raise ValueError(f"{name} must be positive, because the Blinn exponent is its reciprocal; got {roughness}")
-    return 1 / value
+    return 1 / roughness
 
 
 def _conductor_of(name: str, reflectance: Any) -> Conductor:
     """The conductor with k = 0 whose normal reflectance is as given: ``eta = (1 + sqrt r) / (1 - sqrt r)``."""
-    if isinstance(reflectance, Image):
-        raise ValueError(f"{name} of shinymetal must be a constant; got an image texture, which is not supported")
-    r = np.minimum(np.broadcast_to(np.asarray(reflectance, float), 3), 0.999)
+    r = within(name, reflectance, "in [0, 1]", "a conductor is made that reflects it", 0, 1, image=False)
+    r = np.minimum(np.broadcast_to(r, 3), 0.999)
     eta = (1 + np.sqrt(r)) / (1 - np.sqrt(r))
     return Conductor((float(eta[0]), float(eta[1]), float(eta[2])), (0.0, 0.0, 0.0))
 
 
 def black(name: str, value: Any) -> bool:
-    """Whether a constant parameter is zero; negative or non-finite reflectances are refused."""
-    texels = value.texels if isinstance(value, Image) else np.asarray(value, float)
-    if not np.isfinite(texels).all() or (texels < 0).any():
-        raise ValueError(f"{name} must be finite and not negative, because it is a reflectance; got {value}")
-    return not isinstance(value, Image) and not texels.any()
+    """Whether a constant parameter is zero; what is no reflectance is refused."""
+    numbers = within(name, value, "finite and not negative", "it is a reflectance")
+    return not isinstance(value, Image) and not numbers.any()
+
+
+def index(name: str, eta: Any) -> float:
+    """An index of refraction, inside over outside."""
+    return float(number(name, eta, "positive and finite", "it is a ratio of speeds of light", LEAST))
+
+
+def triple(name: str, value: Any) -> Rgb:
+    """Index of refraction or absorption of a metal."""
+    numbers = within(name, value, "finite and not negative", "it is part of a metal's index", image=False)
+    r, g, b = np.broadcast_to(numbers, 3).tolist()
+    return r, g, b

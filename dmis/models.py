@@ -16,6 +16,7 @@ from dmis.brdf import (
     BlendBase,
     Blinn,
     Coat,
+    Conductor,
     Dielectric,
     Distribution,
     Fresnel,
@@ -28,10 +29,10 @@ from dmis.brdf import (
 from dmis.coat import CoatedBase
 from dmis.ggx import GGX
 from dmis.glossy import AshikhminShirley, BlinnPhong, Lafortune, Ward
-from dmis.material import Material, black
+from dmis.material import Material, black, index, triple
 from dmis.rough_glass import RoughReflection, RoughTransmission
 from dmis.roughness import LEAST_ALPHA, Beckmann, Elliptic, Isotropic, Roughness
-from dmis.texture import Image
+from dmis.texture import LEAST, number, within
 
 
 def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
@@ -66,12 +67,10 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
     c_t, c_n
         In [-1, 1] and (0, 1].
     """
-    if not (abs(c_t) <= 1 and 0 < c_n <= 1):
-        raise ValueError(
-            f"c_t must be in [-1, 1] and c_n in (0, 1], because the lobe's peak grows with their power; "
-            f"got c_t {c_t}, c_n {c_n}"
-        )
-    return _over(kd, ks, Lafortune(ks, _power("exponent", exponent), float(c_t), float(c_n)), "lafortune")
+    reason = "the lobe's peak grows with its power"
+    c_t = number("c_t", c_t, "in [-1, 1]", reason, -1, 1)
+    c_n = number("c_n", c_n, "in (0, 1]", reason, LEAST, 1)
+    return _over(kd, ks, Lafortune(ks, _power("exponent", exponent), c_t, c_n), "lafortune")
 
 
 def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
@@ -200,8 +199,9 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     eta
         Index of refraction, inside over outside: positive, and not 1, where there is no surface.
     """
-    if not (eta > 0 and np.isfinite(eta)) or eta == 1:
-        raise ValueError(f"eta must be positive, finite and not 1, because facets would not refract; got {eta}")
+    eta = index("eta", eta)
+    if eta == 1:
+        raise ValueError("eta must not be 1, because facets would not refract; got 1")
     facets = spread(alpha, alpha_v)
     lobes: tuple[Lobe, ...] = ()
     if not black("kr", kr):
@@ -229,46 +229,50 @@ def coated_diffuse(
     bounces
         How many reflections by the base count; None: all.
     """
-    for name, value, least, most in (("alpha", alpha, 0, 10), ("eta", eta, 1, 100), ("thickness", thickness, 0, 1000)):
-        if isinstance(value, Image) or not least <= value <= most:
-            raise ValueError(f"{name} of a coat must be a number from {least} to {most}, for its table; got {value}")
+    alpha, eta, thickness = (
+        number(name, value, f"from {least} to {most}", "what crosses the coat is tabulated", least, most)
+        for name, value, least, most in (
+            ("alpha", alpha, 0, 10),
+            ("eta", eta, 1, 100),
+            ("thickness", thickness, 0, 1000),
+        )
+    )
     if 0 < alpha < LEAST_ALPHA:
         raise ValueError(f"alpha must be 0 or at least {LEAST_ALPHA:g}, what float32 directions resolve; got {alpha}")
-    if bounces is not None and bounces < 1:
-        raise ValueError(f"bounces must be at least 1, because the first one is what is seen; got {bounces}")
+    if bounces is not None and not (isinstance(bounces, int | np.integer) and bounces >= 1):
+        raise ValueError(f"bounces must be an integer, at least 1, because the first is what is seen; got {bounces}")
+    within("kd", kd, "in [0, 1]", "it is reflected again and again", 0, 1)
     lobes: tuple[Lobe, ...] = ()
     if not black("kd", kd):
-        if np.max(kd.texels if isinstance(kd, Image) else kd) > 1:
-            raise ValueError("kd under a coat must not be above 1, because it is reflected again and again")
-        lobes = (CoatedBase(kd, float(eta), float(alpha) if eta > 1 else 0.0, float(thickness), bounces),)
+        lobes = (CoatedBase(kd, eta, alpha if eta > 1 else 0.0, thickness, bounces),)
     if eta > 1:
         lobes += (GGX(1.0, spread(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
     return Material(lobes, "coateddiffuse")
 
 
 def _over(kd: Any, ks: Any, lobe: Glossy, name: str) -> Material:
-    """A glossy lobe of reflectance `ks` and a Lambert lobe, without those that are black."""
+    """A glossy lobe of reflectance `ks` and a Lambert lobe, without those that are black; also checks its Fresnel."""
+    fresnel = getattr(lobe, "fresnel", None)
+    if isinstance(fresnel, Conductor):
+        triple("eta of fresnel", fresnel.eta), triple("k of fresnel", fresnel.k)
+    elif isinstance(fresnel, Dielectric | Coat):
+        index("eta of fresnel", fresnel.eta)
+    elif fresnel is not None and not callable(fresnel):
+        raise ValueError(f"fresnel must be a Dielectric or Conductor, because it takes cosines, or None; got {fresnel}")
     lobes: tuple[Lobe, ...] = () if black("kd", kd) else (Lambert(kd),)
     return Material(lobes if black("ks", ks) else (*lobes, lobe), name)
 
 
 def _power(name: str, exponent: Any) -> Any:
-    _check(name, exponent, 0.0, "because the lobe is a cosine to this power")
-    return exponent if isinstance(exponent, Image) else float(exponent)
+    return number(name, exponent, "positive and finite", "the lobe is a cosine to this power", LEAST, image=True)
 
 
 def spread(alpha: Any, alpha_v: Any = None) -> Roughness:
     """Roughness alpha along both tangents; equal in all directions if `alpha_v` is None."""
-    for name, value in (("alpha", alpha), ("alpha_v", alpha_v)):
-        if value is not None:
-            _check(name, value, LEAST_ALPHA, f"at least {LEAST_ALPHA:g}, which is what float32 directions resolve")
-    return Isotropic(alpha) if alpha_v is None else Elliptic(alpha, alpha_v)
+    u = _alpha("alpha", alpha)
+    return Isotropic(u) if alpha_v is None else Elliptic(u, _alpha("alpha_v", alpha_v))
 
 
-def _check(name: str, value: Any, least: float, reason: str) -> None:
-    """Raise unless a number, or all texels of an image, are positive, finite, and at least `least`."""
-    texels = value.texels if isinstance(value, Image) else np.asarray(value, float)
-    if not isinstance(value, Image) and texels.ndim:
-        raise ValueError(f"{name} must be a number or an image; got {value}")
-    if not (np.isfinite(texels).all() and (texels > 0).all() and (texels >= least).all()):
-        raise ValueError(f"{name} must be positive and finite, {reason}; got {value}")
+def _alpha(name: str, alpha: Any) -> Any:
+    rule = f"positive and finite, at least {LEAST_ALPHA:g}"
+    return number(name, alpha, rule, "float32 directions resolve no less", LEAST_ALPHA, image=True)

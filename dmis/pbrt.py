@@ -12,7 +12,8 @@ What pbrt-v2 does and a textbook would not. The rest of the library knows nothin
 * Camera space is left-handed, x right, y up, z forward, and so is what ``LookAt`` makes.
 * ``plastic`` and ``uber`` take their Fresnel reflectance from inside: it is total beyond 42 degrees at index 1.5.
 * A Blinn exponent is at most 10000, so a roughness is at least 1e-4. Negative reflectances become 0, sigma is brought
-  to [0, 90].
+  to [0, 90], and what ``shinymetal`` reflects is at most 1. (Opacity is at most 1 here, too; above, pbrt-v2 lets
+  negative light through.)
 * A texture in the Material line beats a constant in the Shape line, which beats a constant in the Material line. A
   named material takes what it lacks from the Material line that stands then, and nothing from Shape lines.
 * ``from`` of a point light is added in world space, after the current transform.

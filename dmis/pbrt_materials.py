@@ -145,7 +145,7 @@ def _substrate(p: Lookup) -> Material:
 
 
 def _uber(p: Lookup) -> Material:
-    ks, opacity = p.reflectance("Ks", 0.25), p.reflectance("opacity", 1)
+    ks, opacity = p.reflectance("Ks", 0.25), p.share("opacity", 1)
     index, (alpha, alpha_v) = p.index("eta", p.index()), _alphas(p, _roughness(p, 0.1))
     kd, kr, kt = p.reflectance("Kd", 0.25), p.reflectance("Kr", 0), p.reflectance("Kt", 0)
     others = material.uber(kd, 0, kr, kt, eta=index, opacity=opacity)
@@ -223,19 +223,12 @@ def _coated(p: Lookup) -> Material:
         raise p.error(name, "must be the same along both tangents of a coat, because what passes it is tabulated")
     alpha, _ = _alphas(p, (u, v))
     return models.coated_diffuse(
-        _at_most_1(p.reflectance("reflectance", 0.5)),
+        p.share("reflectance", 0.5),  # which v4 clamps
         alpha if alpha >= LEAST_ALPHA else 0,
         p.index("eta", 1.5),
         thickness,
         (depth + 1) // 2,  # every other interface is the base
     )
-
-
-def _at_most_1(value: Any) -> Any:
-    """A reflectance that v4 clamps."""
-    if isinstance(value, Image):
-        return replace(value, texels=np.minimum(value.texels, 1))
-    return tuple(np.minimum(value, 1).tolist())
 
 
 def _mix4(p: Lookup) -> Material:

@@ -125,6 +125,13 @@ class Lookup:
             return replace(value, texels=np.maximum(value.texels, 0))
         return _rgb(np.maximum(value, 0))
 
+    def share(self, name: str, default: float) -> Rgb | Image:
+        """A reflectance or an opacity, with components above 1 lowered to 1."""
+        value = self.reflectance(name, default)
+        if isinstance(value, Image):
+            return replace(value, texels=np.minimum(value.texels, 1))
+        return _rgb(np.minimum(value, 1))
+
     def constant_colour(self, name: str, default: Rgb) -> Rgb:
         """A spectrum, or a spectrum texture that is constant."""
         value = self.colour(name, default)
@@ -230,7 +237,7 @@ def _metal(p: Lookup) -> Material:
 
 
 def _shinymetal(p: Lookup) -> Material:
-    return material.shiny_metal(p.reflectance("Ks", 1), p.reflectance("Kr", 1), p.roughness("roughness", 0.1))
+    return material.shiny_metal(p.share("Ks", 1), p.share("Kr", 1), p.roughness("roughness", 0.1))
 
 
 def _substrate(p: Lookup) -> Material:
@@ -246,7 +253,7 @@ def _uber(p: Lookup) -> Material:
         p.reflectance("Kt", 0),
         p.roughness("roughness", 0.1),
         1 / p.index(),  # pbrt-v2 swaps the two media
-        p.reflectance("opacity", 1),
+        p.share("opacity", 1),
     )
 
 

@@ -1,7 +1,8 @@
 """Textures: constants, images, and products of them, evaluated for batches of surface points.
 
-A parameter of a lobe is a plain number, an RGB triple, or an `Image`. Products are folded when they are made
-(`scale`), because bilinear interpolation is linear: a scaled image costs no more than an image.
+A parameter of a lobe is a plain number, an RGB triple, or an `Image`; `within` and `number` check it. Products are
+folded when they are made (`scale`), because bilinear interpolation is linear: a scaled image costs no more than an
+image.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from dmis.vec import Array
 
 Wrap = Literal["repeat", "black", "clamp"]
 
+LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+"""Of parameters that must be positive, and finite: lobes are computed in float32."""
 LARGEST = 1e15
 """Of scale and offset: times coordinates of a mesh (`dmis.mesh.FARTHEST`) and texels they are below 3e38 still."""
 
@@ -116,3 +119,59 @@ def scale(a: Parameter, b: Parameter) -> Parameter:
     if isinstance(a, Image):
         return replace(a, texels=a.texels * np.asarray(b, np.float32))
     return tuple(np.atleast_1d(np.asarray(a, float) * np.asarray(b, float)).tolist())
+
+
+def within(
+    name: str,
+    value: Any,
+    rule: str,
+    reason: str,
+    least: float = 0.0,
+    most: float = MOST,
+    *,
+    rgb: bool = True,
+    image: bool = True,
+) -> Array:
+    """The numbers that a parameter consists of: ``(1,)`` or ``(3,)`` of a constant, the texels of an image.
+
+    Parameters
+    ----------
+    name, value
+        The parameter.
+    rule, reason
+        For the message: ``NAME must be RULE, because REASON; got VALUE``.
+    least, most
+        Bounds of all of the numbers.
+    rgb, image
+        Whether there may be three channels, and an `Image`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of bounds or NaN, or there are too few or too many.
+    """
+    textured = isinstance(value, Image)
+    numbers: Array = value.texels if textured else np.asarray(value, float).reshape(-1)
+    if (textured and not image) or numbers.shape[-1] not in ((1, 3) if rgb else (1,)):
+        rule = _KINDS[rgb, image]
+    elif (numbers >= least).all() and (numbers <= most).all():
+        return numbers
+    if textured:
+        value = f"an image {numbers.shape} from {numbers.min():g} to {numbers.max():g}"
+    raise ValueError(f"{name} must be {rule}, because {reason}; got {value}")
+
+
+_KINDS = {
+    (False, False): "a number",
+    (True, False): "a number or an RGB triple",
+    (False, True): "a number or an image of one channel",
+    (True, True): "a number, an RGB triple or an image",
+}
+
+
+def number(
+    name: str, value: Any, rule: str, reason: str, least: float, most: float = MOST, *, image: bool = False
+) -> Any:
+    """A float, or an `Image` of one channel if there may be an image, that is `within` bounds."""
+    numbers = within(name, value, rule, reason, least, most, rgb=False, image=image)
+    return value if isinstance(value, Image) else float(numbers[0])

@@ -249,16 +249,19 @@ def test_image_under_a_coat() -> None:
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        ({"kd": 1.2}, "kd under a coat must not be above 1"),
-        ({"kd": Image(np.full((1, 1, 1), 2.0))}, "kd under a coat must not be above 1"),
-        ({"kd": -1}, "kd must be finite and not negative"),
+        ({"kd": 1.2}, r"kd must be in \[0, 1\]"),
+        ({"kd": Image(np.full((1, 1, 1), 2.0))}, r"kd must be in \[0, 1\], because .* got an image \(1, 1, 1\) from 2"),
+        ({"kd": -1}, r"kd must be in \[0, 1\]"),
         ({"alpha": 1e-6}, "alpha must be 0 or at least 0.0001"),
-        ({"alpha": np.nan}, "alpha of a coat must be a number from 0 to 10"),
-        ({"alpha": Image(np.ones((1, 1, 1)))}, "alpha of a coat must be a number"),
-        ({"eta": 0.9}, "eta of a coat must be a number from 1 to 100"),
-        ({"eta": np.nan}, "eta of a coat must be a number from 1 to 100"),
-        ({"thickness": -1}, "thickness of a coat must be a number from 0 to 1000"),
-        ({"bounces": 0}, "bounces must be at least 1"),
+        ({"alpha": np.nan}, "alpha must be from 0 to 10, because"),
+        ({"alpha": (0.1, 0.2)}, "alpha must be a number, because"),
+        ({"alpha": Image(np.ones((1, 1, 1)))}, "alpha must be a number, because"),
+        ({"eta": 0.9}, "eta must be from 1 to 100, because"),
+        ({"eta": np.nan}, "eta must be from 1 to 100, because"),
+        ({"thickness": -1}, "thickness must be from 0 to 1000, because"),
+        ({"bounces": 0}, "bounces must be an integer, at least 1"),
+        ({"bounces": 1.5}, "bounces must be an integer"),
+        ({"bounces": np.nan}, "bounces must be an integer"),
     ],
 )
 def test_bad_parameters(arguments: dict, message: str) -> None:

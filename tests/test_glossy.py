@@ -9,7 +9,7 @@ import pytest
 from helpers import LEVEL, Z_LIMIT, box_scene, chi2_directions, columns, polar, sphere_rule, surface, uniforms, z_score
 
 import dmis
-from dmis.brdf import Dielectric
+from dmis.brdf import Conductor, Dielectric
 from dmis.geometry import sphere
 from dmis.glossy import Lafortune
 from dmis.light import QuadLight
@@ -470,7 +470,7 @@ def test_tangent_along_the_normal_leaves_a_frame() -> None:
         (lambda: dmis.phong(exponent=(1, 2, 3)), "exponent must be a number or an image"),
         (lambda: dmis.phong(ks=-1), "ks must be finite and not negative"),
         (lambda: dmis.blinn_phong(exponent=-3), "exponent must be positive"),
-        (lambda: dmis.lafortune(c_n=1.2), r"c_n in \(0, 1\]"),
+        (lambda: dmis.lafortune(c_n=1.2), r"c_n must be in \(0, 1\]"),
         (lambda: dmis.lafortune(c_t=np.nan), r"c_t must be in \[-1, 1\]"),
         (lambda: dmis.ward(alpha=0), "alpha must be positive and finite"),
         (lambda: dmis.ward(alpha_v=1e-6), "alpha_v must be positive and finite, at least 0.0001"),
@@ -479,6 +479,17 @@ def test_tangent_along_the_normal_leaves_a_frame() -> None:
         (lambda: dmis.torrance_sparrow(exponent=np.inf), "exponent must be positive and finite"),
         (lambda: dmis.cook_torrance(alpha=-0.1), "alpha must be positive"),
         (lambda: dmis.ggx(alpha=Image(np.zeros((1, 1, 1)))), "alpha must be positive"),
+        (lambda: dmis.lafortune(c_t=Image(np.zeros((1, 1, 1)))), "c_t must be a number, because"),
+        (
+            lambda: dmis.ward(alpha=Image(np.dstack([[[0.1]], [[0.2]], [[0.3]]]))),
+            "alpha must be .* image of one channel",
+        ),
+        (lambda: dmis.ggx(alpha_v=(0.1, 0.2)), "alpha_v must be a number or an image of one channel"),
+        (lambda: dmis.ggx(alpha=1e39), "alpha must be positive and finite"),
+        (lambda: dmis.ggx(fresnel=Dielectric(-1.5)), "eta of fresnel must be positive and finite"),
+        (lambda: dmis.cook_torrance(fresnel=Conductor((1, np.nan, 1), (0, 0, 0))), "eta of fresnel must be finite"),
+        (lambda: dmis.cook_torrance(fresnel=Conductor((1, 1, 1), (0, 0))), "k of fresnel must be .* RGB triple"),
+        (lambda: dmis.torrance_sparrow(fresnel=1.5), "fresnel must be a Dielectric"),
         (lambda: Part(BALL, dmis.ggx(), tangent=(0, 0, 0)), "tangent must"),
     ],
 )

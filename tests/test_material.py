@@ -162,14 +162,63 @@ def test_fresnel_is_the_right_way_round() -> None:
         (lambda: mirror(-1), "kr must be"),
         (lambda: glass(kt=-1), "kt must be"),
         (lambda: uber(kt=-1), "kt must be"),
-        (lambda: uber(opacity=Image(np.ones((1, 1, 1)))), "opacity must be a constant"),
-        (lambda: shiny_metal(ks=Image(np.ones((1, 1, 1)))), "ks of shinymetal must be a constant"),
+        (lambda: uber(opacity=Image(np.ones((1, 1, 1)))), "opacity must be a number or an RGB triple, because"),
+        (lambda: shiny_metal(ks=Image(np.ones((1, 1, 1)))), "ks must be a number or an RGB triple, because"),
+        (lambda: matte((0.1, 0.2)), "kd must be a number, an RGB triple or an image, because"),
+        (lambda: matte(()), "kd must be a number, an RGB triple or an image, because"),
+        (lambda: matte(1e39), "kd must be finite"),
+        (lambda: matte(0.5, Image(np.ones((1, 1, 1)))), "sigma must be a number, because"),
+        (lambda: metal(eta=(1, 2)), "eta must be a number or an RGB triple, because"),
+        (lambda: metal(k=Image(np.ones((1, 1, 1)))), "k must be a number or an RGB triple, because"),
+        (lambda: metal(k=(1, np.nan, 1)), "k must be finite and not negative, because"),
+        (lambda: shiny_metal(ks=2), r"ks must be in \[0, 1\], because .* got 2"),
+        (lambda: shiny_metal(kr=(0.5, 0.5, 1.1)), r"kr must be in \[0, 1\]"),
+        (lambda: shiny_metal(kr=(0.5, 0.5)), "kr must be a number, an RGB triple"),
+        (lambda: mirror((1, 1, 1, 1)), "kr must be a number, an RGB triple"),
+        (lambda: uber(opacity=2), r"opacity must be in \[0, 1\], because .* got 2"),
+        (lambda: uber(opacity=(0.5, -0.1, 1)), r"opacity must be in \[0, 1\]"),
+        (lambda: uber(opacity=np.nan), r"opacity must be in \[0, 1\]"),
+        (lambda: uber(kd=-1, opacity=0), "kd must be finite and not negative"),
+        (lambda: uber(kd=(0.1, 0.2), opacity=(1, 1, 1)), "kd must be a number, an RGB triple"),
     ],
 )
 def test_bad_parameters(make: Callable[[], Any], message: str) -> None:
     """Errors name the parameter, the constraint and the value."""
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("make", [plastic, uber, glass])
+@pytest.mark.parametrize("eta", [0, -1.5, np.nan, np.inf, 1e39, 1e-39, (1.5, 1.5), Image(np.full((1, 1, 1), 1.5))])
+def test_an_index_is_positive_and_finite(make: Callable[..., Material], eta: Any) -> None:
+    """Whether or not the lobe that has it is there."""
+    for black in ({}, {"ks": 0} if make is not glass else {"kr": 0, "kt": 0}):
+        with pytest.raises(ValueError, match=r"eta must be .*, because it is a ratio of speeds of light; got"):
+            make(eta=eta, **black)
+
+
+def _image(*texel: float) -> Image:
+    """Two texels, the first of which is good."""
+    return Image(np.array([[np.full(len(texel), 0.1), texel]]))
+
+
+@pytest.mark.parametrize("make", [plastic, metal, shiny_metal, uber, substrate])
+@pytest.mark.parametrize(
+    "roughness", [0, -0.1, np.inf, 1e-39, (0.1, 0.2), _image(0), _image(-1), _image(0.1, 0.2, 0.3)]
+)
+def test_roughness_is_positive_everywhere(make: Callable[..., Material], roughness: Any) -> None:
+    """Of images the least texel counts, and there is one channel."""
+    for name in ("u_roughness", "v_roughness") if make is substrate else ("roughness",):
+        with pytest.raises(ValueError, match=f"^{name} must be .*, because Blinn's exponent is its reciprocal; got"):
+            make(**{name: roughness})
+
+
+def test_the_ends_of_ranges_are_in_them() -> None:
+    """What a range includes is accepted, and reflectances above 1 are, where nothing forbids them."""
+    assert matte((1.5, 1, 0), 90).lobes and mirror(_image(2, 1, 0)).lobes and metal(0, np.zeros(3)).lobes
+    assert len(shiny_metal(1, (0, 1, 0.5)).lobes) == 2 and len(uber(_image(0.5), opacity=(0, 0.5, 1)).lobes) == 3
+    assert plastic(roughness=np.array([0.1])).lobes[1].distribution.exponent == pytest.approx(10)
+    assert glass(eta=1).lobes and glass(eta=1 / 1.5).lobes
 
 
 def test_grazing_views_are_finite() -> None:

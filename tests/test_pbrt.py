@@ -390,6 +390,9 @@ def test_uber(read):
     close(mirror.reflectance, [0.05, 0.1, 0.15])
     assert isinstance(through, SpecularTransmission) and through.eta == 0.5
     close(through.transmittance, [0.15, 0.1, 0.05])
+    clear, diffuse, _ = lobes(read('Material "uber" "color opacity" [.5 1 1.2]'))  # as a spectrum of 1 has, in red
+    close(clear.transmittance, [0.5, 0, 0])
+    close(diffuse.reflectance, [0.125, 0.25, 0.25])
 
 
 def test_mirror_glass_shinymetal(read):
@@ -401,6 +404,8 @@ def test_mirror_glass_shinymetal(read):
     glossy, specular = lobes(read('Material "shinymetal" "color Ks" [.25 .25 .25]'))
     close(glossy.fresnel.eta, [3] * 3)
     assert isinstance(specular, SpecularReflection)
+    same = [lobes(read(f'Material "shinymetal" "color Ks" [{k} .5 .5]'))[0].fresnel.eta for k in (1, 1.2)]
+    close(*same)
 
 
 @pytest.mark.parametrize(

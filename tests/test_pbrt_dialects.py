@@ -563,7 +563,7 @@ BAD = {
     "coat medium": ("v4", "", 'Material "coateddiffuse" "rgb albedo" [0 .1 0]', "'albedo' must be black, because"),
     "coat grain": ("v4", "", 'Material "coateddiffuse" "float vroughness" .1', "'vroughness' must be the same along"),
     "coat depth": ("v4", "", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
-    "thin coat": ("v4", "", 'Material "coateddiffuse" "float eta" .9', "eta of a coat must be a number from 1"),
+    "thin coat": ("v4", "", 'Material "coateddiffuse" "float eta" .9', "eta must be from 1"),
     "mixed coat": (
         "v4",
         "",
