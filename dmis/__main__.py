@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -98,9 +99,12 @@ def _compare(options: argparse.Namespace) -> int:
             )
         comparison = compare(
             scene, rules, options.spp, seeds, reference, options.output,
-            settings=settings, oracle=oracle, threads=options.threads,
+            settings=replace(settings, sampler=options.sampler), oracle=oracle, threads=options.threads,
             progress=_counted if options.verbose else progress,
         )  # fmt: skip
+    missing = [(rule, n) for n in options.spp for rule in rules if (rule, n) not in comparison.runs]
+    for rule, n in missing:
+        print(f"dmis: {rule} is left out at {n} samples, because its pilot takes them all", file=sys.stderr)
     if not options.quiet:
         print(summary(comparison.runs))
         for name in ("results.csv", "report.html"):

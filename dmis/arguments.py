@@ -70,6 +70,7 @@ def _compare(command: argparse.ArgumentParser) -> None:
     command.add_argument("--rules", default="balance,thesis,auto", help="separated by commas, or all")
     command.add_argument("--spp", type=_numbers, default=[128], metavar="N,N,...", help="budgets (default 128)")
     command.add_argument("--seeds", type=int, default=5, metavar="K", help="number of seeds (default 5)")
+    command.add_argument("--sampler", choices=KINDS, default="independent", help="of all rules, balance too")
     command.add_argument("--seed", type=int, default=0, help="the first seed")
     command.add_argument("--reference", type=Path, metavar="REF", help=".exr or .npy; default: rendered once and kept")
     command.add_argument("--reference-spp", type=int, default=1024, help="of each half, if rendered (default 1024)")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -171,7 +171,9 @@ def compare(
     )  # fmt: skip
     written = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
     runs = {(rule, n): [written[rule, n, seed] for seed in seeds] for rule, n in budgets}
-    oracle = oracle or cached_oracle(scene, settings=settings)
+    if oracle is None:
+        usual = Settings().sampler  # which oracles do not depend on
+        oracle = cached_oracle(scene, settings=settings and replace(settings, sampler=usual))
     comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
     try:
         from dmis.report import write_report

@@ -52,7 +52,8 @@ def load_scene(
     resolution
         ``(width, height)`` in place of the file's or the camera's.
     camera
-        Default: looks down at the whole mesh from an oblique angle, z up, 640x480.
+        Default: looks down at the whole mesh from an oblique angle, 640x480; z is up, but y in a GLB file, as glTF has
+        it.
     lights
         Area lights also get a surface that is seen and blocks light, black but for what it emits. Default: a sky of
         radiance 1 in every direction, in which a white surface in the open has radiance 1.
@@ -82,15 +83,20 @@ def load_scene(
 
             path = path if suffix == ".pbrt" else _shipped(path)
             return read_pbrt(path, resolution, dialect=dialect, outside=outside)
-        named, title = {"": geometry.load_mesh(path)}, path.stem
+        if isinstance(material, Mapping):
+            raise ValueError(
+                f"material must be one Material for {path}, because the geometries of a file are joined; "
+                f"load_scene(trimesh.load(...)) takes one for each name"
+            )
+        named, title, up = {"": geometry.load_mesh(path)}, path.stem, "y" if suffix == ".glb" else "z"
     else:
-        named, title = _meshes(source), "scene"
+        named, title, up = _meshes(source), "scene", "z"
     parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
     if lights is None:
         lights = [EnvironmentLight(np.ones((16, 32, 3)))]
     parts += [light_part(light) for light in lights if isinstance(light, AreaLight)]
     if camera is None:
-        camera = _look_at_all(list(named.values()))
+        camera = _look_at_all(list(named.values()), up)
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
     return Scene(camera, tuple(parts), tuple(lights), title)
@@ -154,17 +160,17 @@ def _material_of(name: str, material: Material | Mapping[str, Material] | None) 
         raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
     if name not in material:
         known = ", ".join(map(repr, material)) or "none"
-        raise ValueError(f"material must have an entry for the geometry {name!r}; there are: {known}")
+        raise ValueError(f"material must have an entry for the geometry {name!r}; given are: {known}")
     return material[name]
 
 
 _DEFAULT = matte()
 
 
-def _look_at_all(meshes: list[Mesh]) -> Camera:
-    """A camera that sees the sphere about the bounding box."""
+def _look_at_all(meshes: list[Mesh], up: str) -> Camera:
+    """A camera that sees the sphere about the bounding box, with one axis `up`."""
     low, high = np.min([m.bounds[0] for m in meshes], axis=0), np.max([m.bounds[1] for m in meshes], axis=0)
     centre, radius, fov = (low + high) / 2, np.linalg.norm(high - low) / 2, 40.0
-    towards = np.array([0.45, -0.75, 0.48]) / np.linalg.norm([0.45, -0.75, 0.48])
-    eye = centre + towards * radius / np.sin(np.radians(fov / 2))
-    return Camera.look_at(tuple(eye.tolist()), tuple(centre.tolist()), fov=fov)
+    towards, axis = ((0.45, -0.75, 0.48), (0, 0, 1)) if up == "z" else ((0.45, 0.48, 0.75), (0, 1, 0))
+    eye = centre + np.array(towards) / np.linalg.norm(towards) * radius / np.sin(np.radians(fov / 2))
+    return Camera.look_at(tuple(eye.tolist()), tuple(centre.tolist()), axis, fov=fov)

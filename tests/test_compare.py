@@ -1,6 +1,7 @@
 """``compare``: the table, the plot, references, and how rules are told apart from their options."""
 
 import csv
+import json
 
 import numpy as np
 import pytest
@@ -121,3 +122,16 @@ def test_bad_budgets(spp, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["compare", "tt", "--spp", spp, "-o", str(tmp_path)])
     assert stop.value.code == 2 and "--spp" in capsys.readouterr().err
+
+
+def test_sampler_of_all_rules_and_rules_left_out(tmp_path, capsys, monkeypatch):
+    """The baseline has the sampler too; a rule whose pilot takes all samples is named."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    words = "compare cornell --rules fixed:0.3,thesis --spp 6,8 --seeds 1 --resolution 12x10 --reference-spp 8".split()
+    assert main([*words, "--sampler", "sobol", "-o", str(tmp_path / "a")]) == 0
+    printed = capsys.readouterr()
+    assert "dmis: thesis is left out at 6 samples, because its pilot takes them all" in printed.err
+    assert "| 8 | thesis |" in printed.out and "| 6 | thesis |" not in printed.out
+    assert json.loads((tmp_path / "a" / "comparison.json").read_text())["sampler"] == "sobol"
+    assert main([*words, "-o", str(tmp_path / "a")]) == 2
+    assert "sampler was sobol, now is independent" in capsys.readouterr().err

@@ -91,7 +91,7 @@ def test_materials_by_name():
     parts = load_scene(scene, material={"a": red, "b": glossy, "unused": red}).parts
     assert [part.material for part in parts] == [red, glossy]
     np.testing.assert_allclose(parts[1].mesh.vertices.mean(axis=0), [5, 0, 0])
-    with pytest.raises(ValueError, match="must have an entry for the geometry 'b'; there are: 'a'"):
+    with pytest.raises(ValueError, match="must have an entry for the geometry 'b'; given are: 'a'"):
         load_scene(scene, material={"a": red})
 
 
@@ -202,3 +202,13 @@ def test_a_grey_light_is_one_number(light: QuadLight | DiskLight) -> None:
         for lamp in (light, replace(light, radiance=(5, 5, 5)))
     ]
     np.testing.assert_array_equal(*images)
+
+
+def test_a_gltf_file_stands_upright(tmp_path) -> None:
+    """Its y is up: a tower on a slab is seen from above the slab."""
+    tower = trimesh.util.concatenate([trimesh.creation.box((4, 0.1, 4)), trimesh.creation.box((1, 3, 1))])
+    tower.export(tmp_path / "tower.glb")
+    camera = load_scene(tmp_path / "tower.glb").camera
+    assert camera.origin[1] > 1 and abs(camera.to_world[1][0]) < 1e-6  # what is right in the image is level
+    with pytest.raises(ValueError, match=r"material must be one Material for .*tower.glb, because the geometries"):
+        load_scene(tmp_path / "tower.glb", material={"tower": matte()})
