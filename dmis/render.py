@@ -216,7 +216,7 @@ def render(
         scene.prepare()
         begin = time.perf_counter()
         pilot = {
-            w: work.render(k, "pilot", n if gather is None else n // len(settings.techniques), w, learning, gather)
+            w: work.render(k, "pilot", int(n if gather is None else n // len(settings.techniques)), w, learning, gather)
             for k, (w, n) in enumerate(sorted(rule.pilot.items()))
         }
         if getattr(rule, "guided", False):
