@@ -53,8 +53,10 @@ class Gain:
 
     @property
     def efficiency(self) -> float:
-        """1 / (MSE seconds): what does not change with the number of samples."""
-        return 1 / (self.mse * self.seconds) if self.mse else float("inf")
+        """1 / (MSE seconds): what does not change with the number of samples. Of an estimate of the MSE below 0, which
+        there is where the reference is as noisy, it is not known: NaN.
+        """
+        return 1 / (self.mse * self.seconds) if self.mse > 0 else float("nan" if self.mse else "inf")
 
 
 def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis) -> tuple[Array, Array]:
@@ -138,7 +140,7 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
                 overhead=float(np.median([run.overhead / run.seconds for run in mine])),
                 rays=float(np.mean([run.rays for run in mine])),
                 equal_error=needed / time,
-                equal_time=reached / mse if mse else float("nan"),
+                equal_time=reached / mse if mse > 0 else float("nan"),
                 extrapolated=not (between and within),
             )
         )

@@ -40,10 +40,15 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2) -> Array:
     return np.where(weight > 1e-12, total / np.maximum(weight, 1e-12), values)
 
 
-def effective(sigma: float = 1.0, radius: int = 2) -> float:
-    """How many equal entries an average by `gaussian` is worth: one over the sum of its squared taps."""
-    taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
-    return float((taps.sum() ** 2 / (taps**2).sum()) ** 2)
+def effective(shape: tuple[int, int], sigma: float = 1.0, radius: int = 2) -> Array:
+    """How many equal entries each average by `gaussian` is worth, ``(H, W)``: one over the sum of its squared weights.
+    At the edge it is fewer, because one entry has the weight of all beyond.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    weights = (gaussian_filter1d(np.eye(n), sigma, axis=0, mode="nearest", radius=radius) for n in shape)
+    rows, columns = (1 / (w * w).sum(axis=1) for w in weights)
+    return rows[:, None] * columns
 
 
 def joint(

@@ -30,11 +30,12 @@ SPREADS = 6.0
 def find_fireflies(image: Array, variance: Array, samples: Array) -> np.ndarray:
     """Which pixels look like fireflies, ``(H, W)`` bool; a matter of milliseconds, whatever the number of samples.
 
-    Two conditions, both on luminance. The mean x of n samples with the estimated variance v of this mean is carried by
-    ``k = 1 / (v / x^2 + 1 / n)`` samples (Kish's effective number, ``(sum Y)^2 / sum Y^2``): by one, if all others
-    are black. It must be less than `FEW`. And x must exceed the median of the eight pixels around it by `SPREADS`
-    times their median standard error, and be twice as large. A small lamp that is seen directly passes the second, not
-    the first; a dark corner that few samples reach passes the first.
+    Two conditions, both on luminance, of which the variance is that of channels that rise and fall together. The mean
+    x of n samples with the estimated variance v of this mean is carried by ``k = 1 / (v / x^2 + 1 / n)`` samples
+    (Kish's effective number, ``(sum Y)^2 / sum Y^2``): by one, if all others are black. It must be less than `FEW`. And
+    x must exceed the median of the eight pixels around it by `SPREADS` times their median standard error, and be twice
+    as large. A small lamp that is seen directly passes the second, not the first; a dark corner that few samples reach
+    passes the first.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def find_fireflies(image: Array, variance: Array, samples: Array) -> np.ndarray:
     samples
         Camera samples of each pixel, ``(H, W)`` or one number.
     """
-    x, v = luminance(np.asarray(image, np.float64)), luminance(np.asarray(variance, np.float64))
+    x, v = luminance(np.asarray(image, np.float64)), luminance(np.sqrt(np.asarray(variance, np.float64))) ** 2
     carried = v + x * x / samples > x * x / FEW  # False where v is not a number
     near, noise = _around(x), np.sqrt(_around(v))
     return carried & (x > near + SPREADS * noise) & (x > 2 * near)

@@ -68,6 +68,8 @@ class Pilot:
         Of each camera sample.
     guides
         What the camera sees in these patches, if the rule is `guided`, see `dmis.guides`.
+    techniques
+        Whose samples these are.
     """
 
     moments: Film
@@ -75,6 +77,7 @@ class Pilot:
     sums: Mapping[str, Array] = field(default_factory=dict)
     shading_samples: int = 4
     guides: Mapping[str, Array] = field(default_factory=dict)
+    techniques: tuple[str, ...] = ("light", "brdf")
 
 
 @runtime_checkable

@@ -174,8 +174,10 @@ class Learned:
             found, combiner = self._choose(found, shape)
         means, pixels = self._pool(found, shape, self.sigma)
         if self.objective != "second-moment":
-            pair = (1.0, 1.0) if not self.cost else camera_sample(found.rays, np.array([0, 1]), found.shading_samples)
-            weight = np.clip(objective(self.objective, self.gamma).solve(means, tuple(pair)), 0, 1)
+            s, pair = found.shading_samples, [1.0, 1.0]
+            if self.cost:
+                pair = camera_sample(found.rays, np.array([0, 1]), s, s // 2, found.techniques).tolist()
+            weight = np.clip(objective(self.objective, self.gamma).solve(means, (pair[0], pair[1])), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         parts = _by_class(means, pixels)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how sure means are
@@ -244,7 +246,7 @@ class Learned:
         for times in (t for t in SPLITS if t == 1 or (self.split and self.cost and s * t <= MOST)):
             costs = [np.ones(len(GRID)) for _ in parts]
             if self.cost:
-                cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, s * times)
+                cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, s * times, pilot.techniques)
                 first = 1 / surface_points(pilot.rays)
                 shares = (first, 1 - first) if len(parts) > 1 else (1.0,)
                 costs = [cost[HALF] + share * (cost - cost[HALF]) for share in shares]

@@ -111,5 +111,6 @@ def _product(image: Array, first: Array, second: Array | None) -> Array:
 
 
 def _blocks(image: Array, size: int) -> Array:
+    size = min(size, *image.shape[:2])
     height, width = (n // size * size for n in image.shape[:2])
     return image[:height, :width].reshape(height // size, size, width // size, size, -1).mean(axis=(1, 3))

@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from dmis.reference import SEED, cache_folder, described
 from dmis.render import fingerprint, render
 from dmis.scene import Scene
 from dmis.settings import Settings
-from dmis.variance import patch_mean
+from dmis.variance import patch_mean, patch_sum
 from dmis.vec import Array
 
 HARM = 1.02
@@ -49,6 +50,8 @@ class Oracle:
         Side of a patch in pixels.
     spp
         Samples per pixel that the curves are made of.
+    shape
+        ``(H, W)`` of the image: patches at its border may be smaller, and count for less; None: all are whole.
     apart
         In path tracing, the same as `variance`, ``(2, G, rows, columns)``, if only the first surface has that weight,
         and if only those behind it have, all others 1/2; None: paths do not go on.
@@ -58,7 +61,19 @@ class Oracle:
     cost: Array
     patch: int
     spp: int
+    shape: tuple[int, int] | None = None
     apart: Array | None = None
+
+    @cached_property
+    def _share(self) -> Array:
+        """Of the image's pixels that each patch has, ``(rows, columns)``."""
+        rows, columns = self.variance.shape[1:]
+        area = patch_sum(np.ones(self.shape or (rows * self.patch, columns * self.patch)), self.patch)
+        return area / area.sum()
+
+    def _mean(self, values: Array) -> float:
+        """Mean over the image of what patches have."""
+        return float((values * self._share).sum())
 
     def best(self, costly: bool = False) -> Array:
         """The weight of least variance per patch, ``(rows, columns)``; if `costly`, the map of least variance of the
@@ -69,8 +84,9 @@ class Oracle:
     def _best(self, costly: bool) -> np.ndarray:
         best = self.variance.argmin(axis=0)
         for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
-            price = np.take_along_axis(self.variance, best[None], axis=0).mean() / self.cost[best].mean()
-            best = weighed(self.variance, self.cost, float(price)).argmin(axis=0)
+            variance = np.take_along_axis(self.variance, best[None], axis=0)[0]
+            price = self._mean(variance) / self._mean(self.cost[best])
+            best = weighed(self.variance, self.cost, price).argmin(axis=0)
         return best
 
     def best_apart(self) -> Array:
@@ -110,28 +126,28 @@ class Oracle:
         `combined` is the oracle of the combiner that the weights are used with; None: this one. With another than this
         one's combiner the share may be more than 1.
         """
-        half = self.variance[HALF].sum()
-        return float((half - (combined or self).at(weight).sum()) / (half - self.variance.min(axis=0).sum()))
+        half = self._mean(self.variance[HALF])
+        return (half - self._mean((combined or self).at(weight))) / (half - self._mean(self.variance.min(axis=0)))
 
     def limit(self, apart: bool = False, costly: bool = False) -> float:
         """Variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in equal
         time by the cost model, without a pilot; `apart`: with weights of their own for later surfaces.
         """
-        half = self.variance[HALF].sum()
+        half = self._mean(self.variance[HALF])
         if costly:
             best = self._best(costly)
-            variance = np.take_along_axis(self.variance, best[None], axis=0).sum()
-            return float(variance / half * self.cost[best].mean() / self.cost[HALF])
+            variance = self._mean(np.take_along_axis(self.variance, best[None], axis=0)[0])
+            return float(variance / half * self._mean(self.cost[best]) / self.cost[HALF])
         if apart:
-            return float((self._apart.min(axis=1).sum() - half) / half)
-        return float(self.variance.min(axis=0).sum() / half)
+            return (self._mean(self._apart.min(axis=1).sum(axis=0)) - half) / half
+        return self._mean(self.variance.min(axis=0)) / half
 
     def spread_evenly(self) -> float:
         """What is left of the variance with w = 1/2 if the samples of patches are in proportion to its root, at equal
         samples: ``mean(sqrt V)^2 / mean(V)``.
         """
         half = np.maximum(self.variance[HALF], 0)
-        return float(np.sqrt(half).mean() ** 2 / half.mean())
+        return self._mean(np.sqrt(half)) ** 2 / self._mean(half)
 
     def limit_with_counts(self) -> float:
         """Variance of the image times its cost with the best weights and numbers of samples together, over those with
@@ -139,7 +155,7 @@ class Oracle:
         `dmis.pooled.weighed`.
         """
         least = weighed(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
-        return float(np.sqrt(least).mean() ** 2 / (self.variance[HALF].mean() * self.cost[HALF]))
+        return float(self._mean(np.sqrt(least)) ** 2 / (self._mean(self.variance[HALF]) * self.cost[HALF]))
 
     def regret(self, weight: Array) -> Array:
         """Variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
@@ -196,12 +212,15 @@ def make_oracle(
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as held:
             rays_by_kind: Mapping[str, int] = json.loads(str(held["rays"]))
-            variance, cost = held["variance"].astype(np.float64), camera_sample(rays_by_kind, GRID)
+            variance = held["variance"].astype(np.float64)
     except Exception as error:  # whatever a damaged archive makes the reader say
         raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
+    settings = scene.plan.settle(settings or Settings())
+    s, shape = settings.shading_samples, scene.camera.resolution[::-1]
+    cost = camera_sample(rays_by_kind, GRID, 2 * s, s, settings.techniques)
     if variance.ndim == 3:
-        return Oracle(variance, cost, patch, spp)
-    return Oracle(variance.sum(axis=0) - variance[0, HALF], cost, patch, spp, variance)
+        return Oracle(variance, cost, patch, spp, shape)
+    return Oracle(variance.sum(axis=0) - variance[0, HALF], cost, patch, spp, shape, variance)
 
 
 def cached_oracle(

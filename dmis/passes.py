@@ -86,7 +86,10 @@ class Passes:
         release(width * height)
         self.rays.update(stored.rays)
         n = spp if isinstance(spp, int) else spp[..., None]
-        return Pilot(Film(n, stored.mean, stored.root), dict(stored.rays), stored.sums, settings.shading_samples)
+        film = Film(n, stored.mean, stored.root)
+        return Pilot(
+            film, dict(stored.rays), stored.sums, settings.shading_samples, techniques=tuple(settings.techniques)
+        )
 
 
 def _local(w: Array | float, area: tuple[slice, slice]) -> Array | float:

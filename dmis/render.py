@@ -182,6 +182,11 @@ def render(
             f"rule {rule_text} learns from densities, and that of technique resampled is not known; rules that learn "
             f"from variances, such as thesis, and fixed weights do without"
         )
+    if gather is not None and settings.allocation == "random":
+        raise ValueError(
+            f"rule {rule_text} learns variances at shares that are kept, and allocation random keeps none; rules that "
+            f"gather no statistic, such as thesis, and fixed weights go with it"
+        )
     controlled = settings.combiner == "controlled"
     if controlled:
         gather = control.statistic(rule.pilot, gather)

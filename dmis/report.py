@@ -115,7 +115,7 @@ def _about_reference(c: Comparison) -> str:
 def _verdict(found: Sequence[Gain]) -> str:
     """One sentence: which rule is the most efficient at the largest budget."""
     last = [g for g in found if g.spp == max(g.spp for g in found)]
-    best = max(last, key=lambda g: g.efficiency)
+    best = max(last, key=_known_efficiency)
     if best.rule == "balance" or np.isnan(best.equal_error):
         return f"<p>At {best.spp} samples per pixel no rule is more efficient than the balance heuristic.</p>"
     return (
@@ -137,12 +137,16 @@ def _slopes(c: Comparison) -> str:
     return f'{_table(head, rows, "slopes")}<p class="note">{note}</p>'
 
 
+def _known_efficiency(gain: Gain) -> float:
+    return -1.0 if np.isnan(gain.efficiency) else gain.efficiency
+
+
 def _efficiency(found: Sequence[Gain]) -> str:
     head = [
         "spp", "rule", "MSE", "MSE / balance", "relMSE", "seconds", "CPU s", "pilot + fit", "Mrays",
         "1 / (MSE·s)", "speed-up at equal error", "error ratio in equal time",
     ]  # fmt: skip
-    best = {spp: max((g for g in found if g.spp == spp), key=lambda g: g.efficiency) for spp in {g.spp for g in found}}
+    best = {spp: max((g for g in found if g.spp == spp), key=_known_efficiency) for spp in {g.spp for g in found}}
     rows, marks = [], []
     for g in found:
         first = g.rule == "balance"

@@ -32,7 +32,11 @@ KINDS = ("independent", "stratified", "sobol")
 
 def stream(seed: int, pass_: int, tile: int) -> np.random.Generator:
     """The random stream of one tile of one pass."""
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence([seed, pass_, tile])))
+    if seed < 2**32:
+        sequence = np.random.SeedSequence([seed, pass_, tile])
+    else:  # several words, which in a list would be taken for the pass
+        sequence = np.random.SeedSequence(seed, spawn_key=(pass_, tile))
+    return np.random.Generator(np.random.SFC64(sequence))
 
 
 class Sampler(Protocol):

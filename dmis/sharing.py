@@ -65,7 +65,7 @@ def pool(
         coarse, worth = _joint(coarse, alike, sigma, radius)
     elif sigma is not None:
         coarse = {name: _each(a, sigma, radius) for name, a in coarse.items()}
-        worth = effective(sigma, radius)
+        worth = effective(coarse["pixels"].shape, sigma, radius)
     pixels = coarse.pop("pixels")
     return {name: coarse.pop(name) / pixels for name in list(coarse)}, pixels * worth
 

@@ -101,9 +101,8 @@ class Film:
 def luminance(rgb: Array) -> Array:
     """Luminance of linear RGB in the last axis.
 
-    Of a variance per channel it is the channels' variances weighted by luminance: the variance of the luminance if
-    the channels rise and fall together, as they do where the noise is in the visibility and the densities; an upper
-    bound of it otherwise.
+    Of a variance per channel it is the channels' variances weighted by luminance: the variance of the luminance of a
+    grey that rises and falls as they do, and an upper bound of the variance of their own luminance.
     """
     return rgb @ LUMINANCE
 

@@ -107,7 +107,7 @@ def test_joint_of_equal_guides_is_a_gaussian(radius: int) -> None:
     if radius <= 2:
         inside = slice(2, -2), slice(2, -2)
         np.testing.assert_allclose(out[0][inside], gaussian(values[0], 1.5, radius)[inside], rtol=1e-12)
-        np.testing.assert_allclose(entries[inside], effective(1.5, radius), rtol=1e-12)
+        np.testing.assert_allclose(entries[inside], effective((20, 17), 1.5, radius)[inside], rtol=1e-12)
 
 
 def test_joint_follows_the_definition() -> None:
@@ -152,3 +152,11 @@ def test_bad_options_of_joint(options: dict[str, float], message: str) -> None:
     """Errors name the option."""
     with pytest.raises(ValueError, match=message):
         joint(np.ones((2, 2)), {}, {}, **options)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 8), (9, 11)])
+def test_worth_of_a_gaussian(shape: tuple[int, int]) -> None:
+    """One over the variance of an average of independent entries of variance 1, at the edge and in corners too."""
+    unit = np.eye(shape[0] * shape[1]).reshape(-1, *shape)
+    weights = np.stack([gaussian(one, 1.0, 2) for one in unit])
+    np.testing.assert_allclose(effective(shape, 1.0, 2), 1 / (weights**2).sum(axis=0), rtol=1e-9)

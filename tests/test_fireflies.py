@@ -188,3 +188,19 @@ def test_clamp_is_in_units_of_the_scene(gain):
     scene = dmis.Scene(dmis.Camera.look_at((0, 0, 4), (0, 1e-4, 0), fov=30, resolution=(8, 8)), (floor,), (lamp,))
     image = dmis.render(scene, "balance", 64, settings=dmis.Settings(clamp=0.02 * gain)).image
     assert image.mean() == pytest.approx(0.02 * gain, rel=1e-3) and image.max() <= 0.02 * gain * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("colour", [(1, 1, 1), (1, 0, 0), (0, 0, 1)])
+def test_fireflies_of_all_colours(colour):
+    """What one sample carries is found, and what twenty carry is not, in grey as in blue."""
+    rng = np.random.default_rng(0)
+
+    def found(bright, k, n=64):
+        samples = rng.exponential(size=(n, 9, 9))
+        samples[:, 4, 4] = 0
+        samples[:k, 4, 4] = bright * n / k
+        coloured = samples[..., None] * np.array(colour)
+        return find_fireflies(coloured.mean(axis=0), coloured.var(axis=0, ddof=1) / n, np.full((9, 9), n))[4, 4]
+
+    assert np.mean([found(2.6, 1) for _ in range(100)]) > 0.95
+    assert not any(found(8.0, 20) for _ in range(100))

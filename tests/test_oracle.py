@@ -129,3 +129,42 @@ def test_oracle_of_another_combiner(box: dmis.Scene, tmp_path) -> None:
     assert balance.saving(half, power) == pytest.approx(gained / possible)
     worse = power.variance[HALF] > 1.02 * balance.variance[HALF]
     assert balance.harm(half, power)[0] == pytest.approx(worse[balance.variance[HALF] > 0].mean())
+
+
+def test_patches_at_the_border_count_by_their_pixels() -> None:
+    """An image of 4 by 5 pixels, one patch of 16 and one of 4, of which one gains by the best weight."""
+    for patch, truth in ((0, (16 * 0.2 + 4) / 20), (1, (16 + 4 * 0.2) / 20)):
+        variance = np.ones((len(GRID), 1, 2))
+        variance[0, 0, patch] = 0.2
+        oracle = Oracle(variance, np.ones(len(GRID)), 4, 64, (4, 5))
+        assert oracle.limit() == pytest.approx(truth) and oracle.limit(costly=True) == pytest.approx(truth)
+        assert oracle.limit_with_counts() == pytest.approx((((16, 4)[patch] * 0.2**0.5 + (4, 16)[patch]) / 20) ** 2)
+
+
+def test_cost_knows_the_settings(tmp_path) -> None:
+    """More shading samples make weights matter more in cost; techniques in the other order turn it round."""
+    scene = dmis.load_scene("cornell", resolution=(16, 16))
+    costs = [
+        dmis.oracle.make_oracle(scene, 16, settings=dmis.Settings(**settings), folder=tmp_path).cost
+        for settings in ({}, {"shading_samples": 8}, {"techniques": ("brdf", "light")})
+    ]
+    assert np.ptp(costs[1]) == pytest.approx(4 * np.ptp(costs[0]), rel=0.2)
+    np.testing.assert_allclose(costs[2], costs[0][::-1], rtol=0.05)
+
+
+@pytest.mark.parametrize("rule", ["second-moment", "auto", "kl"])
+def test_random_allocation_is_refused(rule: str) -> None:
+    """What is learned is the variance at shares that are kept."""
+    scene = dmis.load_scene("cornell", resolution=(16, 16))
+    with pytest.raises(ValueError, match=f"rule {rule} learns variances at shares that are kept"):
+        dmis.render(scene, rule, 24, settings=dmis.Settings(allocation="random"))
+
+
+def test_the_order_of_techniques_is_a_name() -> None:
+    """Light and BRDF sampling, or the other way round: the same samples go to each, about."""
+    scene = dmis.load_scene("cornell", resolution=(32, 32))
+    one, other = (
+        dmis.render(scene, "second-moment:guard=0", 24, seed=1, settings=dmis.Settings(techniques=techniques))
+        for techniques in (("light", "brdf"), ("brdf", "light"))
+    )
+    assert one.weight.mean() == pytest.approx(1 - other.weight.mean(), abs=0.05)

@@ -279,3 +279,9 @@ def test_what_takes_several_draws_converges(kind: str, rule: str, integrator: An
     results = [render(scene, rule, 1024, seed=k, sampler=kind, settings=settings) for k in range(6)]
     found = np.var([result.image for result in results], axis=0, ddof=1).mean()
     assert found < 1.4 * np.mean([result.variance for result in results])
+
+
+def test_streams_of_long_seeds() -> None:
+    """A seed of several words is not the beginning of another's seed and pass; shorter ones are what they were."""
+    found = [stream(*key).random() for key in ((5, 1, 0), (2**32 + 5, 0, 0), (2**32 + 5, 1, 0), (2**64 + 5, 0, 0))]
+    assert len(set(found)) == 4
