@@ -14,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from dmis.filter import gaussian
+from dmis.settings import Settings
 from dmis.variance import Film, luminance, patch_mean, patch_spread
 from dmis.vec import Array
 
@@ -100,6 +101,39 @@ class Rule(Protocol):
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Weights from what the pilot brought at each of its weights."""
         ...
+
+
+def check_rule(rule: Rule, text: str, asked: Settings) -> None:
+    """Refuse a rule of one's own whose settings or pilot are none, and settings that it would replace unasked.
+
+    Parameters
+    ----------
+    text
+        The rule in messages.
+    asked
+        What the caller gave, before the rule's own settings take their places.
+
+    Raises
+    ------
+    ValueError
+        If a name is no setting, a pilot's number of samples is not whole or its shares are not in [0, 1], or `asked`
+        differs both from the default and from the rule.
+    """
+    usual = Settings()
+    for name, own in rule.settings.items():
+        if not hasattr(usual, name):
+            raise ValueError(f"rule {text} must have settings that dmis.Settings has; got {name!r}")
+        if getattr(asked, name) not in (getattr(usual, name), own):
+            raise ValueError(
+                f"settings ask for {name} {getattr(asked, name)}, but rule {text} has {own}; a rule takes its own by "
+                f"option, such as balance:combiner=power or second-moment:reuse=no"
+            )
+    for w, n in rule.pilot.items():
+        shares = w if isinstance(w, tuple) else (w,)
+        if not all(0 <= share <= 1 for share in shares) or n < 1 or n != int(n):
+            raise ValueError(
+                f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n} at {w}"
+            )
 
 
 def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:

@@ -28,7 +28,7 @@ from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
-from dmis.fit import Fixed, Rule, Weight, check_fit
+from dmis.fit import Fixed, Rule, Weight, check_fit, check_rule
 from dmis.guides import guides
 from dmis.memory import release
 from dmis.mis import FROZEN
@@ -168,7 +168,7 @@ def render(
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule)
     given = {} if sampler is None else {"sampler": sampler}
-    _check_rule(rule, rule_text, asked)
+    check_rule(rule, rule_text, asked)
     settings = scene.plan.settle(replace(asked, **{**given, **rule.settings}))
     gather = getattr(rule, "statistic", None)
     several = getattr(rule, "several", False)
@@ -301,25 +301,6 @@ def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool
         if name != "shading_samples" and n % techniques:
             raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
     return replace(settings, shading_samples=techniques * settings.shading_samples)
-
-
-def _check_rule(rule: Rule, text: str, asked: Settings) -> None:
-    """Refuse a rule of one's own that has no such settings or pilot, and settings that it would replace unasked."""
-    usual = Settings()
-    for name, own in rule.settings.items():
-        if not hasattr(usual, name):
-            raise ValueError(f"rule {text} must have settings that dmis.Settings has; got {name!r}")
-        if getattr(asked, name) not in (getattr(usual, name), own):
-            raise ValueError(
-                f"settings ask for {name} {getattr(asked, name)}, but rule {text} has {own}; a rule takes its own by "
-                f"option, such as balance:combiner=power or second-moment:reuse=no"
-            )
-    for w, n in rule.pilot.items():
-        shares = w if isinstance(w, tuple) else (w,)
-        if not all(0 <= share <= 1 for share in shares) or n < 1 or n != int(n):
-            raise ValueError(
-                f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n} at {w}"
-            )
 
 
 def _separate(rule: Rule, settings: Settings) -> bool:
