@@ -181,9 +181,9 @@ def check_taps(size: int) -> None:
         raise ValueError(f"size must be odd, 1 to 1001, taps on a side of the filter; got {size}")
 
 
-def _sampler(name: str) -> dict[str, Any]:
-    """The setting that a rule's own sampler makes; none if it is empty."""
-    return {"sampler": name} if name else {}
+def of_final(sampler: str, reuse: bool | None = None) -> dict[str, Any]:
+    """The settings that a rule's own `sampler` and `reuse` of the pilot make; none of what is empty or None."""
+    return ({"sampler": sampler} if sampler else {}) | ({} if reuse is None else {"reuse_pilot": reuse})
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,7 @@ class Fixed:
     @property
     def settings(self) -> Mapping[str, Any]:
         own = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
-        return own | _sampler(self.sampler)
+        return own | of_final(self.sampler)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)
@@ -322,7 +322,7 @@ class Thesis:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiner, "reuse_pilot": self.reuse} | _sampler(self.sampler)
+        return {"combiner": self.combiner} | of_final(self.sampler, self.reuse)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         moments = [p.moments for p in pilot.values()]

@@ -16,7 +16,7 @@ import numpy as np
 from dmis.choice import SIDE, check_choice, choose
 from dmis.cost import camera_sample, surface_points
 from dmis.curves import GRID, HALF, Curves
-from dmis.fit import Fit, Pilot
+from dmis.fit import Fit, Pilot, of_final
 from dmis.objectives import objective
 from dmis.pooled import Pooled, allowed, least
 from dmis.quadtree import adaptive_patches
@@ -79,7 +79,8 @@ class Learned:
     gamma
         Order of the divergence (tsallis); 1 is Kullback-Leibler, 2 the second moment.
     reuse
-        Whether the pilot's samples are part of the image.
+        Whether the pilot's samples are part of the image. None: as the settings say, and if these do not, where the
+        final samples are independent too.
     combiner, sampler
         Of the final samples. Curves are those of the combiner if it is a heuristic (second-moment); of balance if not,
         and with ``frozen``. Of several heuristics, joined by ``+``, the pilot chooses the one that is best for the
@@ -101,7 +102,7 @@ class Learned:
     floor: float = 0.1
     count_sigma: float = 0.4
     gamma: float = 2.0
-    reuse: bool = True
+    reuse: bool | None = None
     combiner: str = "balance"
     sampler: str = ""
 
@@ -142,8 +143,7 @@ class Learned:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        own = {"combiner": self.combiners[0], "reuse_pilot": self.reuse}
-        return own | ({"sampler": self.sampler} if self.sampler else {})
+        return {"combiner": self.combiners[0]} | of_final(self.sampler, self.reuse)
 
     @property
     def combiners(self) -> tuple[str, ...]:

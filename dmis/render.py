@@ -170,6 +170,8 @@ def render(
     given = {} if sampler is None else {"sampler": sampler}
     check_rule(rule, rule_text, asked)
     settings = scene.plan.settle(replace(asked, **{**given, **rule.settings}))
+    if settings.reuse_pilot is None:
+        settings = replace(settings, reuse_pilot=settings.sampler == "independent")
     gather = getattr(rule, "statistic", None)
     several = getattr(rule, "several", False)
     if len(settings.techniques) > 2 and not several:

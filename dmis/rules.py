@@ -79,7 +79,7 @@ def make_rule(text: Rule | str) -> Rule:
     if name not in RULES:
         raise ValueError(f"rule must be one of {', '.join(RULES)}; got {name!r}")
     kind: Any = type(RULES[name]())
-    types = {f.name: type(f.default) for f in fields(kind)}
+    types = {f.name: bool if f.default is None else type(f.default) for f in fields(kind)}
     if name in ("balance", "pbrt", "uniform"):
         types.pop("w")
     types.pop("techniques", None)

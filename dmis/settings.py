@@ -47,7 +47,9 @@ class Settings:
     sampler
         ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
     reuse_pilot
-        Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample.
+        Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
+        if the final samples are independent, as the pilot's are; the others are more even, and a few independent ones
+        among them cost more than they bring.
     clamp
         Radiance that no channel of a camera sample may exceed: **biased**, see `dmis.fireflies`. None: any.
     """
@@ -60,7 +62,7 @@ class Settings:
     integrator: str = "auto"
     max_depth: int | str | None = "auto"
     sampler: Kind = "independent"
-    reuse_pilot: bool = True
+    reuse_pilot: bool | None = None
     clamp: float | None = None
 
     def __post_init__(self) -> None:
@@ -94,9 +96,10 @@ class Settings:
                 f"combiner optimal-progressive needs sampler independent, because structured samples depend on earlier "
                 f"ones, and so on the fit to these; got {self.sampler!r}"
             )
-        if self.reuse_pilot not in (True, False):
-            raise ValueError(f"reuse_pilot must be True or False; got {self.reuse_pilot!r}")
-        object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
+        if self.reuse_pilot not in (None, True, False):
+            raise ValueError(f"reuse_pilot must be True, False or None; got {self.reuse_pilot!r}")
+        if self.reuse_pilot is not None:
+            object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
         if self.clamp is not None:
             least, most = float(_FLOAT32.tiny), float(_FLOAT32.max)
             clamp = number("clamp", self.clamp, least, most, "a radiance that float32 holds in full, or None")

@@ -34,7 +34,7 @@ from dmis import mis, technique
 from dmis.batch import Record
 from dmis.cost import camera_sample
 from dmis.curves import LEAST, ROUNDING, TOGETHER, of_pixels, power_near, product, variation
-from dmis.fit import Fit, Pilot, Weight
+from dmis.fit import Fit, Pilot, Weight, of_final
 from dmis.pooled import Pooled, least
 from dmis.sharing import check_sharing, pool
 from dmis.shrinkage import shrink
@@ -264,7 +264,7 @@ class Simplex:
     shrink: bool = True
     cost: bool = True
     guard: float = 1.5
-    reuse: bool = True
+    reuse: bool | None = None
     combiner: str = "balance"
     sampler: str = ""
 
@@ -300,8 +300,7 @@ class Simplex:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        own = {"combiner": self.combiner, "reuse_pilot": self.reuse, "techniques": self.techniques}
-        return own | ({"sampler": self.sampler} if self.sampler else {})
+        return {"combiner": self.combiner, "techniques": self.techniques} | of_final(self.sampler, self.reuse)
 
     @property
     def guided(self) -> bool:

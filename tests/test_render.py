@@ -92,6 +92,20 @@ def test_reused_pilot_is_averaged_by_sample_counts(box):
     np.testing.assert_allclose(pilot, direct, atol=2e-5)
 
 
+@pytest.mark.parametrize(("sampler", "reused"), [("independent", True), ("stratified", False), ("sobol", False)])
+def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reused):
+    """Unless a rule or the settings say so: a few independent samples would spoil samples that are more even."""
+    asked = dmis.Settings(sampler=sampler)
+    by_rule = {r: dmis.render(box, f"second-moment:reuse={r}", 16, settings=asked) for r in ("yes", "no")}
+    assert not same(by_rule["yes"], by_rule["no"])
+    found = dmis.render(box, "second-moment", 16, settings=asked)
+    assert same(found, by_rule["yes" if reused else "no"])
+    assert found.provenance["settings"]["reuse_pilot"] is reused
+    for reuse, word in ((True, "yes"), (False, "no")):
+        settings = replace(asked, reuse_pilot=reuse)
+        assert same(dmis.render(box, "second-moment", 16, settings=settings), by_rule[word])
+
+
 @dataclass(frozen=True)
 class Divided:
     """A rule whose final camera samples are fewer and have more shading samples, or the other way round."""
@@ -310,7 +324,7 @@ def test_numbers_of_numpy_become_pythons(box, tmp_path):
     plain = dmis.render(box, "balance", 8.0, seed=1.0, settings=dmis.Settings(clamp=2, max_depth=5))
     assert same(result, plain)
     assert held == json.loads(json.dumps(plain.provenance))
-    assert repr(settings) == repr(dmis.Settings(clamp=2.0, max_depth=5))
+    assert repr(settings) == repr(dmis.Settings(clamp=2.0, max_depth=5, reuse_pilot=True))
 
 
 @pytest.mark.parametrize(
@@ -318,8 +332,7 @@ def test_numbers_of_numpy_become_pythons(box, tmp_path):
     [
         ({"shading_samples": 1.5}, "shading_samples must be a whole number from 1 to 100; got 1.5"),
         ({"shading_samples": "2"}, "shading_samples must be a whole number from 1 to 100; got '2'"),
-        ({"reuse_pilot": "no"}, "reuse_pilot must be True or False; got 'no'"),
-        ({"reuse_pilot": None}, "reuse_pilot must be True or False; got None"),
+        ({"reuse_pilot": "no"}, "reuse_pilot must be True, False or None; got 'no'"),
     ],
 )
 def test_bad_settings(options, message):
