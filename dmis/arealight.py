@@ -261,7 +261,10 @@ class MeshLight:
         within = ((u[0] - low) / np.maximum(cdf.take(index) - low, 1e-30)).astype(np.float32)
         a, b = square_to_triangle(np.stack([np.clip(within, 0, 1), u[1]]))
         chosen = rows.take(index, axis=1)
-        return _aim(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
+        seen = _aim(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
+        if not self.flat:  # what other triangles hide `hit` does not see either: densities are those of the nearest
+            seen.emits &= self._intersector.closest(p, seen.wi).distance >= seen.distance * np.float32(1 - 1e-4)
+        return seen
 
     def hit(self, p: Array, wi: Array) -> Seen:
         """What unit directions `wi` ``(3, N)`` from `p` see of the triangles: the nearest one."""

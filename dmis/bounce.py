@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dmis.brdf import Lambert, SpecularReflection, SpecularTransmission
+from dmis.brdf import Lambert, SpecularTransmission
 from dmis.brdf import index as index_beyond
 from dmis.pair import Pair
 from dmis.surface import Surface
@@ -58,12 +58,12 @@ class Rays:
     sees: np.ndarray | bool = True
 
 
-def scatter(surface: Surface, lobe: Any, epsilon: np.float32) -> tuple[Array, Array, Array]:
+def scatter(surface: Surface, lobe: Any) -> tuple[Array, Array, Array]:
     """Origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on."""
     wi, factor = lobe.scatter(surface)
     # p lies on wo's side of the surface; what goes through begins on the other
     through = dot(surface.ng, wi) < 0
-    return surface.p - surface.ng * (2 * epsilon * through), wi, np.broadcast_to(factor, wi.shape)
+    return surface.p - surface.ng * (2 * surface.epsilon * through), wi, np.broadcast_to(factor, wi.shape)
 
 
 def bounce(
@@ -73,7 +73,6 @@ def bounce(
     depth: int,
     u: Array,
     rng: np.random.Generator,
-    epsilon: np.float32,
     last: bool = False,
 ) -> Rays | None:
     """Continue the paths at N points, each in one direction; None if none goes on.
@@ -94,14 +93,14 @@ def bounce(
     if not ways:
         return None
     if len(ways) == 1:  # nothing to choose, nothing to put together
-        origin, direction, factor = _follow(surface, ways[0], u, epsilon)
+        origin, direction, factor = _follow(surface, ways[0], u)
         sees: np.ndarray | bool = isinstance(ways[0], int)
     else:
         origin, direction, factor = np.empty((3, 3, n), np.float32)
         sees = np.zeros(n, bool)
         for way, index, chance in _choose(surface, ways, n, rng):
             at: Any = slice(None) if index is None else index
-            found = _follow(surface.take(index), way, take(u, index), epsilon)
+            found = _follow(surface.take(index), way, take(u, index))
             for out, value in zip((origin, direction, factor), (*found[:2], found[2] / chance), strict=True):
                 out[:, at] = value
             sees[at] = isinstance(way, int)
@@ -125,8 +124,8 @@ def bounce(
 
 def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
     """By what the throughput of rays that go on in `direction` has been divided because they are inside of glass."""
-    lobes = (*surface.through, *surface.delta)
-    eta = next((lobe.eta for lobe in lobes if not isinstance(lobe, SpecularReflection) and lobe.eta != 1), None)
+    smooth = [lobe.eta for lobe in surface.delta if isinstance(lobe, SpecularTransmission) and lobe.scaled]
+    eta = next((eta for eta in (*(lobe.eta for lobe in surface.through), *smooth) if eta != 1), None)
     if eta is None:
         return np.float32(1)
     inside = surface.outside == (dot(surface.ng, direction) < 0)
@@ -143,12 +142,12 @@ def _ways(surface: Surface) -> list[Way]:
     return ways
 
 
-def _follow(surface: Surface, way: Way, u: Array, epsilon: np.float32) -> tuple[Array, Array, Array]:
+def _follow(surface: Surface, way: Way, u: Array) -> tuple[Array, Array, Array]:
     """Origins, directions and factors, each ``(3, N)``, of rays that go one way."""
     if isinstance(way, int):
-        return scatter(surface, surface.delta[way], epsilon)
+        return scatter(surface, surface.delta[way])
     if way == "through":
-        surface = surface.beyond(epsilon)
+        surface = surface.beyond()
     wi = surface.sample(u)
     return surface.p, wi, _reflected(surface, wi)
 
@@ -195,7 +194,7 @@ def _choose(
     wanted = np.zeros((len(ways), n), np.float32)
     for k, lobe in enumerate(surface.delta):
         wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
-        if isinstance(lobe, SpecularTransmission):  # radiance is divided by eta^2, power is not
+        if isinstance(lobe, SpecularTransmission) and lobe.scaled:  # radiance is divided by eta^2, power is not
             wanted[k] *= index_beyond(lobe.eta, surface.outside) ** 2
     left = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
     if surface.through:

@@ -292,13 +292,15 @@ class SpecularReflection:
 
 @dataclass(frozen=True, eq=False)
 class SpecularTransmission:
-    """Perfect refraction into a medium of relative index `eta`, radiance scaled by 1/eta^2. A delta lobe.
+    """Perfect refraction into a medium of relative index `eta`, a delta lobe.
 
-    `eta` is inside over outside; ``surface.outside`` tells on which side wo is.
+    `eta` is inside over outside; ``surface.outside`` tells on which side wo is. Radiance is scaled by 1/eta^2, as
+    physics has it, unless `scaled` is False, as in pbrt-v2: then it is the same on both sides.
     """
 
     transmittance: Any
     eta: float = 1.5
+    scaled: bool = True
 
     def scatter(self, surface: Frame) -> tuple[Array, Array]:
         """Direction ``(3, N)`` and factor ``(3, N)``; total internal reflection gives factor 0."""
@@ -306,7 +308,8 @@ class SpecularTransmission:
         cos_o, ratio = surface.cos_o, 1 / eta
         cos_t = np.sqrt(np.maximum(1 - (1 - cos_o * cos_o) * ratio * ratio, 0))
         wi = surface.n * (ratio * cos_o - cos_t) - surface.wo * ratio
-        return wi, self.transmittance * ((1 - dielectric(cos_o, eta)) * ratio * ratio)
+        passed = 1 - dielectric(cos_o, eta)
+        return wi, self.transmittance * (passed * ratio * ratio if self.scaled else passed)
 
 
 def index(eta: float, outside: Array) -> Array:

@@ -135,7 +135,7 @@ def _visit(batch: Batch, rays: Rays, onward: list[Rays]) -> Iterator[tuple[Array
             if group.glossy and not last:
                 _light(batch, _Points(surface, sample, throughput, rays.path, out))
             if group.through and not last:
-                far = surface.beyond(scene.epsilon)
+                far = surface.beyond()
                 _light(batch, _Points(far, sample, throughput, rays.path, out, beyond=True))
             if throughput is not None:
                 out *= throughput
@@ -160,7 +160,7 @@ def _continue(
     batch: Batch, rays: Rays, surface: Surface, sample: Selection | None, throughput: Array | None
 ) -> Iterator[Rays]:
     """The rays that go on from the points of one group: one per point in path tracing, else one per delta lobe."""
-    settings, epsilon = batch.settings, batch.scene.epsilon
+    settings = batch.settings
     ends = rays.depth + 1 >= settings.deepest
     if settings.integrator == "path":
         if ends and not (surface.delta and batch.scene.plan.visible):
@@ -168,12 +168,12 @@ def _continue(
         if not (surface.glossy or surface.through or surface.delta):
             return
         u = batch.sampler.draw((*rays.path, CONTINUE), sample)
-        following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, epsilon, last=ends)
+        following = bounce(surface, sample, throughput, rays.depth, u, batch.rng, last=ends)
         if following is not None:
             yield following
         return
     for k, lobe in enumerate(surface.delta if not ends else ()):
-        origin, direction, factor = scatter(surface, lobe, epsilon)
+        origin, direction, factor = scatter(surface, lobe)
         if throughput is not None:
             factor = factor * throughput
         index = indices(factor.max(axis=0) > 0)

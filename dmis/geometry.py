@@ -64,11 +64,14 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
         raise ValueError(f"mesh must be a trimesh.Trimesh with faces, or a Scene of them; got {mesh!r}")
     vertices, faces, normals = np.asarray(mesh.vertices), np.asarray(mesh.faces), None
     if "vertex_normals" in mesh._cache:
-        normals = np.array(mesh.vertex_normals)
-        lost = ~(np.isfinite(normals).all(axis=1) & normals.any(axis=1))  # written by exporters at a loss
-        if lost.any():
-            normals[lost] = vertex_normals(vertices, faces)[lost]
+        normals = mended(vertices, faces, np.array(mesh.vertex_normals))
     return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
+
+
+def mended(vertices: Floats, faces: npt.NDArray[Any], normals: Floats) -> Floats:
+    """`normals` with those of the faces in place of zeros and NaN, which exporters write at a loss."""
+    lost = np.asarray(~(np.isfinite(normals).all(axis=1) & normals.any(axis=1)))[:, None]
+    return np.where(lost, vertex_normals(vertices, faces), normals) if lost.any() else normals
 
 
 def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
@@ -101,6 +104,9 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
         data = _bytes(path)
         if suffix == ".glb":
             _check_accessors(data)
+        if suffix == ".ply":  # names that trimesh does not know
+            header, end, rest = data.partition(b"end_header")
+            data = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t") + end + rest
         # It may name other files, anywhere. Given bytes alone, trimesh does not know where they would be
         bare: dict[str, Any] = {"skip_materials": True} if suffix == ".ply" else {}  # an image
         with np.errstate(all="ignore"):  # what is not finite is refused below

@@ -92,6 +92,8 @@ def load_scene(
     else:
         named, title, up = _meshes(source), "scene", "z"
     parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
+    if isinstance(lights, Light):
+        raise ValueError(f"lights must be a sequence of lights; got {lights!r} alone")
     if lights is None:
         lights = [EnvironmentLight(np.ones((16, 32, 3)))]
     parts += [light_part(light) for light in lights if isinstance(light, AreaLight)]

@@ -29,6 +29,7 @@ from dmis.brdf import (
     SpecularReflection,
     SpecularTransmission,
 )
+from dmis.pair import SHARPEST
 from dmis.texture import LEAST, Image, number, scale, within
 from dmis.vec import Array
 
@@ -232,8 +233,8 @@ class ReciprocalImage(Image):
 
 
 def _exponent(name: str, roughness: Any) -> Any:
-    reason = "Blinn's exponent is its reciprocal"
-    roughness = number(name, roughness, "positive and finite", reason, LEAST, image=True)
+    least, reason = 1 / SHARPEST, "Blinn's exponent is its reciprocal"
+    roughness = number(name, roughness, f"positive and finite, at least {least:g}", reason, least, image=True)
     if isinstance(roughness, Image):
         return ReciprocalImage(roughness.texels, roughness.scale, roughness.offset, roughness.wrap)
     return 1 / roughness

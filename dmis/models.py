@@ -30,6 +30,7 @@ from dmis.coat import CoatedBase
 from dmis.ggx import GGX
 from dmis.glossy import AshikhminShirley, BlinnPhong, Lafortune, Ward
 from dmis.material import Material, black, index, triple
+from dmis.pair import SHARPEST
 from dmis.rough_glass import RoughReflection, RoughTransmission
 from dmis.roughness import LEAST_ALPHA, Beckmann, Elliptic, Isotropic, Roughness
 from dmis.texture import LEAST, number, within
@@ -264,7 +265,8 @@ def _over(kd: Any, ks: Any, lobe: Glossy, name: str) -> Material:
 
 
 def _power(name: str, exponent: Any) -> Any:
-    return number(name, exponent, "positive and finite", "the lobe is a cosine to this power", LEAST, image=True)
+    rule = f"positive and finite, at most {SHARPEST:g}"
+    return number(name, exponent, rule, "the lobe is a cosine to this power", LEAST, SHARPEST, image=True)
 
 
 def spread(alpha: Any, alpha_v: Any = None) -> Roughness:

@@ -13,6 +13,9 @@ from dmis.warp import power
 ONE = np.float32(1)
 SHARP = 1e3
 """Exponents up to which cosines in float32 will do: their rounding, times the exponent, is 1e-4 of the lobe."""
+SHARPEST = 1e12
+"""Largest exponent of a lobe that is a power of a cosine: a lobe of 1e-6 rad, of which float32 directions resolve one
+digit."""
 _LEAST = np.float32(1e-12)
 
 

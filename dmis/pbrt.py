@@ -23,6 +23,7 @@ What pbrt-v2 does and a textbook would not. The rest of the library knows nothin
   mirrored texture coordinates, have two bright sides. Here the sampled side holds for both.
 * pbrt-v2 samples a disk or sphere with its radius from object space, which is wrong under any scaling. Here uniform
   scaling is right, and other scaling is an error. Disks and spheres with parts cut out must not emit.
+* Refracted radiance is not divided by eta^2: a lamp in a ball of glass is as bright as outside of it.
 * The outside of glass is the side of the vertex normals of triangles, else of dp/du x dp/dv. ReverseOrientation turns
   it, and so does a transform that changes handedness.
 * The first row of an image is t = 0 and, in a map of infinite light, +z. A texel is (scale * texel) ^ gamma; a float

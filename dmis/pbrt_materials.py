@@ -174,7 +174,7 @@ def _mix3(p: Lookup) -> Material:
 
 
 def _diffuse(p: Lookup) -> Material:
-    return replace(material.matte(p.reflectance("reflectance", 0.5)), name="diffuse")
+    return replace(material.matte(p.share("reflectance", 0.5)), name="diffuse")
 
 
 def _conductor(p: Lookup) -> Material:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dmis import material
+from dmis.brdf import SpecularTransmission
 from dmis.image import read_exr
 from dmis.light import DistantLight, EnvironmentLight, Light, PointLight, SpotLight
 from dmis.material import Material
@@ -38,7 +39,7 @@ def unnamed(token: Token, name: str) -> Material:
 class Lookup:
     """Looks up parameters that may be textures, in one parameter list after the other.
 
-    As in pbrt-v2, a texture in any list comes before a constant in any list.
+    In pbrt-v2 a texture in any list comes before a constant in any list.
     """
 
     lists: tuple[Parameters, ...]
@@ -70,7 +71,10 @@ class Lookup:
 
     def _find(self, name: str, *kinds: str) -> Parameter | None:
         found = [p for p in (one.get(name, "texture", *kinds) for one in self.lists) if p is not None]
-        return next((p for p in found if p.kind == "texture"), found[0] if found else None)
+        first = found[0] if found else None
+        if self.name.source.dialect.name != "v2":
+            return first
+        return next((p for p in found if p.kind == "texture"), first)
 
     def _texture(self, kind: str, parameter: Parameter) -> Any:
         name = str(parameter.values[0])
@@ -181,11 +185,12 @@ def _imagemap(kind: str, name: Token, parameters: Parameters) -> Image:
     texels = image(parameters, "filename").astype(np.float64)
     if name.source.dialect.t_up:
         texels = texels[::-1]
+    v4 = name.source.dialect.name == "v4"
     if kind == "float":
-        texels = texels @ LUMINANCE[:, None]
-    if name.source.dialect.name == "v4" and parameters.boolean("invert", False):
-        texels = 1 - texels
+        texels = texels.mean(axis=2, keepdims=True) if v4 else texels @ LUMINANCE[:, None]
     texels = factor * texels
+    if v4:
+        texels = np.maximum(1 - texels if parameters.boolean("invert", False) else texels, 0)
     if gamma != 1:
         if (texels < 0).any():
             raise parameters.items["gamma"].token.error("gamma needs texels that are not negative; the image has some")
@@ -246,7 +251,7 @@ def _substrate(p: Lookup) -> Material:
 
 
 def _uber(p: Lookup) -> Material:
-    return material.uber(
+    made = material.uber(
         p.reflectance("Kd", 0.25),
         p.reflectance("Ks", 0.25),
         p.reflectance("Kr", 0),
@@ -255,6 +260,13 @@ def _uber(p: Lookup) -> Material:
         1 / p.index(),  # pbrt-v2 swaps the two media
         p.share("opacity", 1),
     )
+    return _unscaled(made)
+
+
+def _unscaled(made: Material) -> Material:
+    """The material without the 1/eta^2 of refracted radiance, which pbrt-v2 leaves out."""
+    lobes = (replace(lobe, scaled=False) if isinstance(lobe, SpecularTransmission) else lobe for lobe in made.lobes)
+    return replace(made, lobes=tuple(lobes))
 
 
 def _mirror(p: Lookup) -> Material:
@@ -262,7 +274,7 @@ def _mirror(p: Lookup) -> Material:
 
 
 def _glass(p: Lookup) -> Material:
-    return material.glass(p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index())
+    return _unscaled(material.glass(p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index()))
 
 
 V2_MATERIALS: dict[str, Callable[[Lookup], Material]] = {
@@ -303,7 +315,7 @@ def _spot(parameters: Parameters, to_world: Floats) -> Light:
         raise ValueError("a spot light must not be stretched, because its cone is round; scale all axes alike")
     start, end = parameters.point("from", (0, 0, 0)), parameters.point("to", (0, 0, 1))
     outer = parameters.number("coneangle", 30)
-    inner = outer - parameters.number("conedeltaangle", 5)
+    inner = min(abs(outer - parameters.number("conedeltaangle", 5)), outer)  # only its cosine counts
     direction = to_world[:3, :3] @ (end - start)
     position = to_world[:3, :3] @ start + to_world[:3, 3]
     return SpotLight(_rgb(position), _rgb(direction), radiance(parameters, "I"), outer, inner)

@@ -23,6 +23,7 @@ from dmis.material import Material
 from dmis.pbrt_objects import similarity
 from dmis.pbrt_parameters import Parameters
 from dmis.pbrt_tokens import Floats, Token, blame
+from dmis.rough_glass import RoughReflection, RoughTransmission
 from dmis.scene import Part
 from dmis.spectrum import Rgb
 
@@ -97,7 +98,7 @@ def _triangles(p: Parameters) -> _Made:
     for name, table in (("N", normals), ("st" if uv is st else "uv", uv)):
         if table is not None and len(table) != len(points):
             raise p.items[name].token.error(f"each of the {len(points)} points needs one {name}; got {len(table)}")
-    return Mesh(points, faces, normals, uv), None
+    return Mesh(points, faces, None if normals is None else geometry.mended(points, faces, normals), uv), None
 
 
 def _loop(p: Parameters) -> _Made:
@@ -313,7 +314,7 @@ def _join(shapes: list[Shape], sides: bool) -> Mesh:
 def _has_sides(material: Material) -> bool:
     """Whether the material is different inside and outside."""
     return any(
-        isinstance(lobe, SpecularTransmission)
+        isinstance(lobe, SpecularTransmission | RoughTransmission | RoughReflection)
         or (isinstance(lobe, SpecularReflection) and isinstance(lobe.fresnel, Dielectric))
         for lobe in material.lobes
     )

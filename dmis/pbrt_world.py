@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dmis.pbrt_cursor import Cursor
-from dmis.pbrt_dialect import V2
+from dmis.pbrt_dialect import V2, V4
 from dmis.pbrt_lights import emission, make_light
 from dmis.pbrt_materials import check_material, make_material
 from dmis.pbrt_objects import make_texture
@@ -39,8 +39,8 @@ def _texture(reader: Reader, token: Token, cursor: Cursor) -> None:
         raise kind.error("the type of a texture must be float or color")
     made_of = cursor.string(token, "a class, such as imagemap,")
     parameters = _parameters(reader, token, cursor, "texture")
-    if reader.dialect is not V2 and (kind_name, name.name) in reader.state.textures:
-        raise name.error("there is a texture of this name; it must have another, because v3 and v4 have one of each")
+    if reader.dialect is V4 and (kind_name, name.name) in reader.state.textures:
+        raise name.error("there is a texture of this name; it must have another, because v4 has one of each")
     value = make_texture(kind_name, made_of, parameters, reader.state.textures)
     reader.note(parameters)
     reader.state = replace(reader.state, textures={**reader.state.textures, (kind_name, name.name): value})

@@ -86,6 +86,7 @@ class _Sequence:
         self._camera = np.concatenate([a + rng.permutation(b - a) for a, b in itertools.pairwise((0, *stops))])
         self._pixel = self._number = np.empty(0, np.int64)
         self._orders: dict[Hashable, np.ndarray] = {}
+        self._begins: dict[Hashable, np.ndarray] = {}
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """See `Sampler.start`."""
@@ -100,16 +101,22 @@ class _Sequence:
 
 
 class Stratified(_Sequence):
-    """Jittered grid: n points fill ``floor(sqrt n)`` rows of equal columns; the few left over are random."""
+    """Jittered grid: n points fill ``floor(sqrt n)`` rows of equal columns; the few left over are random.
+
+    Pixels take the cells of a draw in one order, each from a beginning of its own: were that the same, too, which cell
+    of one draw comes with which of another would be the same in all pixels, and so would the errors of their products.
+    """
 
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
         n = self._spp if number is None else self._length
         if key not in self._orders:
             self._orders[key] = self._rng.permutation(n)
+            self._begins[key] = self._rng.integers(n, size=self._pixels)
         rows = int(np.sqrt(n))
         columns = n // rows
-        cell = self._orders[key].take(self._place(key, index, number))
+        begin = self._begins[key].take(take(self._pixel, index))
+        cell = self._orders[key].take(self._place(key, index, number) + begin, mode="wrap")
         out = self._rng.random((2, len(cell)), dtype=np.float32)
         inside = cell < rows * columns
         y, x = np.divmod(cell, columns)
@@ -123,7 +130,6 @@ class Sobol(_Sequence):
 
     def __init__(self, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int) -> None:
         super().__init__(rng, pixels, stops, shading_samples)
-        self._begins: dict[Hashable, np.ndarray] = {}
         self._shifts: dict[Hashable, np.ndarray] = {}
 
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:

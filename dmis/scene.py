@@ -23,7 +23,17 @@ from dmis.settings import DEEPEST
 from dmis.surface import Surface
 from dmis.survey import survey
 from dmis.tables import Tables
-from dmis.vec import Array, Selection, columns, dot, take
+from dmis.vec import TINY, Array, Selection, columns, dot, take
+
+OFFSET = 1e-6
+"""Of ray origins from the surfaces that rays leave, in extents of these: float32 positions are rounded."""
+MIXED = 100
+"""How many times as large as a part a scene may be for all of its rays to begin equally high."""
+
+
+def _extent(low: Array, high: Array) -> float:
+    """The larger of the diagonal and the largest coordinate, which sets the rounding of float32 positions."""
+    return float(max(np.linalg.norm(high - low), np.abs(low).max(), np.abs(high).max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +107,31 @@ class Scene:
     def seen_by(self, camera: Camera) -> Scene:
         """The scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
         scene = replace(self, camera=camera)
-        vars(scene).update(plan=self.plan, tables=self.tables, intersector=self.intersector, epsilon=self.epsilon)
+        known = "plan", "tables", "intersector", "epsilon", "own_epsilon"
+        vars(scene).update({name: getattr(self, name) for name in known})
         return scene
 
     @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest coordinates of what rays go on from, ``(3,)`` float64 each: a lamp that reflects nothing,
+        such as a sun, does not count if there is anything else."""
+        meshes = [part.mesh for part in self.parts if part.material.lobes] or [part.mesh for part in self.parts]
+        return np.min([mesh.bounds[0] for mesh in meshes], axis=0), np.max([mesh.bounds[1] for mesh in meshes], axis=0)
+
+    @cached_property
     def epsilon(self) -> np.float32:
-        """Offset of ray origins along the geometric normal, 1e-6 of the scene's extent (the larger of its
-        diagonal and its largest coordinate, which sets the rounding of float32 positions)."""
-        low = np.min([part.mesh.bounds[0] for part in self.parts], axis=0)
-        high = np.max([part.mesh.bounds[1] for part in self.parts], axis=0)
-        extent = max(np.linalg.norm(high - low), np.abs(low).max(), np.abs(high).max())
-        return np.float32(1e-6 * extent)
+        """Offset of ray origins along the geometric normal, `OFFSET` of the extent of `bounds`."""
+        return np.float32(OFFSET * _extent(*self.bounds))
+
+    @cached_property
+    def own_epsilon(self) -> Array | None:
+        """`OFFSET` of the extent of the part that a triangle is of, ``(T,)``, for scenes whose `epsilon` would begin
+        rays far above their smallest part (`MIXED`); None for others."""
+        own = np.array([OFFSET * _extent(*part.mesh.bounds) for part in self.parts], np.float32)
+        reflecting = own[[bool(part.material.lobes) for part in self.parts]]
+        if not (reflecting * np.float32(MIXED) < self.epsilon).any():
+            return None
+        return np.repeat(np.clip(own, TINY, self.epsilon), [len(part.mesh.faces) for part in self.parts])
 
     @cached_property
     def plan(self) -> Plan:
@@ -133,7 +157,7 @@ class Scene:
 
     def prepare(self) -> None:
         """Build now what is otherwise built when it is first needed, so that it is not part of a measured time."""
-        _ = self.plan, self.intersector, self.epsilon, self.tables.corners, self.seeing
+        _ = self.plan, self.intersector, self.epsilon, self.own_epsilon, self.tables.corners, self.seeing
         for group in self.plan.groups:
             if group.smooth:
                 _ = self.tables.normals
@@ -174,7 +198,8 @@ class Scene:
         facing = dot(ng, wo)
         side = np.copysign(np.float32(1), facing)
         ng = ng * side
-        p += ng * self.epsilon
+        epsilon = self.epsilon if self.own_epsilon is None else self.own_epsilon.take(prim)
+        p += ng * epsilon
         n, cos_o = ng, np.abs(facing)
         if group.smooth:
             rows = columns(self.tables.normals, prim)
@@ -203,4 +228,5 @@ class Scene:
         through = tuple(group.bind(lobe, row, uv) for lobe in group.through)
         delta = tuple(group.bind(lobe, row, uv) for lobe in group.delta)
         lobes = {"glossy": glossy, "through": through, "delta": delta}
-        return Surface(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, **lobes), emission
+        found = Surface(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, epsilon=epsilon, **lobes)
+        return found, emission

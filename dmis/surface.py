@@ -38,6 +38,8 @@ class Surface:
         Whether wo is on the side that the mesh's winding calls outside, ``(N,)`` bool; read where light is refracted.
     dpdu
         ``(3, N)`` or ``(3, 1)``; read by anisotropic lobes only, None where there are none.
+    epsilon
+        By how much p is pushed off, ``(N,)`` or one number, see `dmis.scene.Scene.epsilon`.
     """
 
     p: Array
@@ -47,6 +49,7 @@ class Surface:
     cos_o: Array
     outside: Array
     dpdu: Array | None
+    epsilon: Array | np.float32
     glossy: tuple[Glossy, ...]
     through: tuple[RoughTransmission, ...]
     delta: tuple[Delta, ...]
@@ -75,21 +78,21 @@ class Surface:
         self.__dict__[name] = value
         return value
 
-    def beyond(self, epsilon: np.float32) -> Surface:
+    def beyond(self) -> Surface:
         """The same points on the side that wo is not on, where light comes from that passes a rough surface.
 
         Normals and p are turned to that side, so that ``n . wo`` is negative; the glossy lobes are those of `through`.
-        `epsilon` is the scene's.
         """
         n = -self.n
         return Surface(
-            p=self.p - self.ng * (2 * epsilon),
+            p=self.p - self.ng * (2 * self.epsilon),
             ng=n if self.ng is self.n else -self.ng,
             n=n,
             wo=self.wo,
             cos_o=-self.cos_o,
             outside=self.outside,
             dpdu=self.dpdu,
+            epsilon=self.epsilon,
             glossy=self.through,
             through=(),
             delta=(),

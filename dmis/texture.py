@@ -43,6 +43,11 @@ class Image:
     wrap: Wrap = "repeat"
 
     def __post_init__(self) -> None:
+        if np.asarray(self.texels).dtype.kind not in "fb":
+            raise ValueError(
+                "texels must be floating point, because they are linear values; divide those of 8 bits by 255, and "
+                f"make them linear; got {np.asarray(self.texels).dtype}"
+            )
         texels = np.asarray(self.texels, np.float32)
         if texels.ndim != 3 or texels.shape[2] not in (1, 3) or texels.size == 0:
             raise ValueError(f"texels must have shape (H, W, 1) or (H, W, 3); got {texels.shape}")
@@ -151,9 +156,13 @@ def within(
         If a number is out of bounds or NaN, or there are too few or too many.
     """
     textured = isinstance(value, Image)
+    if isinstance(value, str):
+        raise ValueError(f"{name} must be {_KINDS[rgb, image]}, because {reason}; got {value!r}")
     numbers: Array = value.texels if textured else np.asarray(value, float).reshape(-1)
     if (textured and not image) or numbers.shape[-1] not in ((1, 3) if rgb else (1,)):
         rule = _KINDS[rgb, image]
+    elif textured and least > 0 and value.wrap == "black":
+        rule += ", an image with another wrap than black"
     elif (numbers >= least).all() and (numbers <= most).all():
         return numbers
     if textured:

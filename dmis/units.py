@@ -40,9 +40,8 @@ def suited(scene: Scene) -> tuple[Scene, float]:
         If the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it, or a light is so
         small or so large that squares of its size are beyond float32.
     """
-    corners = np.array([corner for part in scene.parts for corner in part.mesh.bounds])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    size, reach = float(np.linalg.norm(high - low)), float(np.abs(corners).max())
+    low, high = scene.bounds
+    size, reach = float(np.linalg.norm(high - low)), float(np.abs([low, high]).max())
     if reach > 1e9 * size > 0:
         raise ValueError(
             f"a scene must not be further from the origin than 1e9 times its size, where its shape is rounding; got "

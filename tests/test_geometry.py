@@ -670,3 +670,12 @@ def test_bad_files(tmp_path, name, content, message):
 def test_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"mesh file .*none\.ply does not exist"):
         load_mesh(tmp_path / "none.ply")
+
+
+@pytest.mark.parametrize("names", [("u", "v"), ("s", "t"), ("texture_u", "texture_v"), ("texture_s", "texture_t")])
+def test_names_of_texture_coordinates_in_ply(tmp_path, names):
+    """All that pbrt knows."""
+    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {n}" for n in ("x", "y", "z", *names))]
+    head += ["element face 1", "property list uchar int vertex_indices", "end_header"]
+    (tmp_path / "a.ply").write_text("\n".join([*head, "0 0 0 .1 .2", "1 0 0 .3 .4", "0 1 0 .5 .6", "3 0 1 2", ""]))
+    np.testing.assert_allclose(load_mesh(tmp_path / "a.ply").uv, [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], rtol=1e-6)

@@ -226,7 +226,7 @@ def test_quad_is_two_triangles() -> None:
 
 
 def test_closed_mesh_shines_outwards() -> None:
-    """A sphere of triangles: samples on its far side have a density and do not emit; `hit` finds the nearest triangle.
+    """A sphere of triangles: samples on its far side do not emit, and those that it hides; `hit` finds the nearest one.
 
     So the pdf that `hit` gives is that of the near triangle, which is what MIS needs where the far one is dark.
     """
@@ -338,6 +338,16 @@ def test_spot_by_hand(degrees: float, factor: float | None) -> None:
     np.testing.assert_allclose(seen.radiance[0], 2 * factor, rtol=1e-4)  # d is a difference of cosines: 1e-7/0.04
     assert bool(seen.emits[0]) == (factor > 0)
     np.testing.assert_allclose(seen.wi[:, 0], -p / 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("outer", [0.01, 0.1, 1.0])
+def test_narrow_spots_keep_their_falloff(outer: float) -> None:
+    """A hundredth of a degree is 1 - cos of 1.5e-8, which a float32 cosine does not tell from 0."""
+    angles = np.radians(outer) * np.array([0.0, 0.3, 0.6, 0.8, 0.95])
+    light = SpotLight((0, 0, 0), (0, 0, -1), (1.0, 1.0, 1.0), outer=outer, inner=outer / 2)
+    seen = light.sample(np.stack([np.sin(angles), 0 * angles, -np.cos(angles)]).astype(np.float32))
+    d = np.clip((np.radians(outer) ** 2 - angles**2) / (np.radians(outer) ** 2 * 0.75), 0, 1)
+    np.testing.assert_allclose(seen.radiance[0], d**4, atol=2e-3)
 
 
 def test_spot_with_a_sharp_edge() -> None:

@@ -161,6 +161,17 @@ def test_bad_input(source, arguments, kind, message):
         load_scene(source, **arguments)
 
 
+def test_what_is_no_scene(tmp_path):
+    """The natural mistakes: a name in place of what it names, a lamp in place of a list."""
+    with pytest.raises(ValueError, match=r"scene must be a dmis\.Scene"):
+        render("teapot-area-light")
+    lamp = PointLight((0, 0, 3), (1, 1, 1))
+    with pytest.raises(ValueError, match="lights must be a sequence"):
+        load_scene(trimesh.creation.box(), lights=lamp)
+    with pytest.raises(ValueError, match="kd must be a number, an RGB triple or an image"):
+        matte("tex.png")
+
+
 @pytest.mark.parametrize("name, value", [("camera", 1), ("lights", []), ("material", matte())])
 def test_a_pbrt_scene_has_its_own(pbrt_file, name, value):
     with pytest.raises(ValueError, match=f"{name} must not be given for .*because a pbrt scene has its own"):

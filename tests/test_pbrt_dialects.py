@@ -282,9 +282,11 @@ def test_bright_side_of_meshes(read, dialect, before, normals, z):
         ("v4", "", DOWN, -1),
     ],
 )
-def test_outside_of_glass(read, dialect, before, more, z):
+@pytest.mark.parametrize("rough", ["", '"float roughness" .1'])
+def test_outside_of_glass(read, dialect, before, more, z, rough):
     glass = {"v3": "glass", "v4": "dielectric"}[dialect]
-    world = f'Material "{glass}" {before} Shape "trianglemesh" {SQUARE}{more}'
+    rough = rough.replace("roughness", "uroughness") + rough.replace("roughness", "vroughness")
+    world = f'Material "{glass}" {rough} {before} Shape "trianglemesh" {SQUARE}{more}'
     mesh = read(dialect, world, add="").parts[0].mesh
     close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, z]] * 2)
 
@@ -297,6 +299,36 @@ def test_textures_are_the_other_way_up(read, tmp_path):
     close(image.texels, texels[::-1])
     diffuse = texture + '"bool invert" true Material "diffuse" "texture reflectance" "a"'
     close(read("v4", diffuse).parts[0].material.lobes[0].reflectance.texels, 1 - texels[::-1])
+    scaled = diffuse.replace('"bool', '"float scale" .5 "bool')
+    close(read("v4", scaled).parts[0].material.lobes[0].reflectance.texels, 1 - texels[::-1] / 2)
+    bright = diffuse.replace('"bool', '"float scale" 2 "bool')
+    close(read("v4", bright).parts[0].material.lobes[0].reflectance.texels, np.maximum(1 - 2 * texels[::-1], 0))
+
+
+def test_float_images_of_colours(read, tmp_path):
+    """v3 takes their luminance, v4 their mean."""
+    rgb = np.random.default_rng(2).random((2, 2, 3), np.float32)
+    write_exr(tmp_path / "a.exr", {"RGB": rgb})
+    for dialect, expected in (("v3", rgb[::-1] @ LUMINANCE), ("v4", rgb[::-1].mean(axis=2))):
+        texture = 'Texture "a" "float" "imagemap" "string filename" "a.exr" '
+        material = {"v3": "metal", "v4": "conductor"}[dialect]
+        rough = read(dialect, f'{texture} Material "{material}" "texture roughness" "a" "bool remaproughness" "false"')
+        close(lobes(rough)[0].roughness.alpha.texels[..., 0], expected)
+
+
+def test_which_parameter_counts(read, tmp_path):
+    """In v3 those of the shape come first, textures or not; textures may be named twice, and reflectances above 1 are
+    v4's to lower."""
+    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(2).random((2, 2, 3), np.float32)})
+    texture = 'Texture "t" "spectrum" "imagemap" "string filename" "a.exr" '
+    own = TRIANGLE[:-1] + '"rgb Kd" [.1 .2 .3]\n'
+    (lobe,) = lobes(read("v3", texture + 'Material "matte" "texture Kd" "t"', add=own))
+    close(lobe.reflectance, [0.1, 0.2, 0.3])
+    twice = 'Texture "t" "spectrum" "constant" "rgb value" [.1 .1 .1] ' * 2
+    close(lobes(read("v3", twice + 'Material "matte" "texture Kd" "t"'))[0].reflectance, [0.1] * 3)
+    with pytest.raises(PbrtError, match="there is a texture of this name"):
+        read("v4", twice)
+    close(lobes(read("v4", 'Material "diffuse" "rgb reflectance" [2 .5 2]'))[0].reflectance, [1, 0.5, 1])
 
 
 def test_sky_of_v3(read, tmp_path):

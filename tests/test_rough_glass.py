@@ -37,7 +37,7 @@ def seen(material: Material, wo: Array, count: int, outside: bool = True) -> Sur
 
 def beyond(*args: object) -> Surface:
     """The same for the light that comes from below."""
-    return seen(*args).beyond(np.float32(0))  # type: ignore[arg-type]
+    return seen(*args).beyond()  # type: ignore[arg-type]
 
 
 def relative(material: Material, outside: bool) -> float:

@@ -285,3 +285,16 @@ def test_streams_of_long_seeds() -> None:
     """A seed of several words is not the beginning of another's seed and pass; shorter ones are what they were."""
     found = [stream(*key).random() for key in ((5, 1, 0), (2**32 + 5, 0, 0), (2**32 + 5, 1, 0), (2**64 + 5, 0, 0))]
     assert len(set(found)) == 4
+
+
+@each_kind
+def test_errors_of_pixels_are_independent(kind: str) -> None:
+    """Pixels that see the same have errors of their own: the mean of a tile is as much better as it has pixels."""
+    camera = Camera.look_at((0, -0.5, 1.2), (0, 0.3, 0), fov=2, resolution=(16, 16))
+    floor = Part(quad((-50, -50, 0), (100, 0, 0), (0, 100, 0)), matte(0.8))
+    wall = Part(quad((-50, 1.5, -1), (100, 0, 0), (0, 0, 50)), matte(0.8))
+    scene = Scene(camera, (floor, wall), (QuadLight((-1, -1, 1.5), (0, 2, 0), (2, 0, 0), (3, 3, 3)),))
+    settings = Settings(integrator="path", max_depth=3)
+    images = np.array([render(scene, "balance", 16, seed=k, sampler=kind, settings=settings).image for k in range(60)])
+    images = images[..., 0].astype(float)
+    assert images.mean(axis=(1, 2)).var(ddof=1) * 256 < 2 * images.var(axis=0, ddof=1).mean()

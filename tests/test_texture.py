@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import dmis
 from dmis.texture import Image, scale
 from dmis.vec import Array
 
@@ -115,6 +116,20 @@ def test_bad_images(texels: Array, options: dict[str, Any], message: str) -> Non
     """Errors name the argument and the constraint."""
     with pytest.raises(ValueError, match=message):
         Image(texels, **options)
+
+
+def test_eight_bits_are_not_linear_values() -> None:
+    with pytest.raises(ValueError, match="texels must be floating point"):
+        Image(np.full((2, 2, 3), 200, np.uint8))
+
+
+@pytest.mark.parametrize("make", [dmis.plastic, dmis.ggx, dmis.rough_glass, dmis.torrance_sparrow])
+def test_roughness_must_not_be_black_outside(make: Any) -> None:
+    """There it would be 0, where the lobe is none."""
+    name = {dmis.plastic: "roughness", dmis.torrance_sparrow: "exponent"}.get(make, "alpha")
+    with pytest.raises(ValueError, match=f"{name} must be .* with another wrap than black"):
+        make(**{name: Image(np.full((2, 2, 1), 0.5), wrap="black")})
+    make(**{name: Image(np.full((2, 2, 1), 0.5), wrap="clamp")})
 
 
 @pytest.mark.parametrize("wrap", ["repeat", "black", "clamp"])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from helpers import FLOOR, box_scene
 
 import dmis
@@ -124,3 +125,48 @@ def test_vertices_of_no_triangle_do_not_count(far: float) -> None:
     other = replace(scene, parts=(replace(floor, mesh=mesh),))
     assert other.epsilon == scene.epsilon and suited(other)[0] is other
     np.testing.assert_array_equal(*(dmis.render(s, "balance", 4).image for s in (scene, other)))
+
+
+def sunlit(distance: float, surface: bool = True, ground: float = 6.0, name: str = "box") -> Scene:
+    """A box of a fifth on a floor under a sun that looks the same from anywhere."""
+    centre = np.array([0.5, -0.5, np.sqrt(0.5)]) * distance
+    sun = dmis.SphereLight(tuple(centre.tolist()), distance * 0.02, (1 / (np.pi * 0.02**2),) * 3)
+    box = trimesh.creation.box((0.2, 0.2, 0.05), transform=translate((0, 0, 0.025)))
+    floor = dmis.geometry.quad((-ground / 2, -ground / 2, 0), (ground, 0, 0), (0, ground, 0))
+    parts = (Part(floor, dmis.matte(0.8)), Part(dmis.geometry.from_trimesh(box), dmis.matte(0.5)))
+    camera = dmis.Camera.look_at((0, -1.5, 1), (0, 0, 0), fov=20, resolution=(32, 32))
+    return Scene(camera, parts + ((dmis.load.light_part(sun),) if surface else ()), (sun,), name)
+
+
+@pytest.mark.parametrize("distance", [1e3, 1e5, 1e6])
+def test_a_far_sun_leaves_shadows_where_they_are(distance: float) -> None:
+    """Rays begin above a surface by what is right for the scene that they leave, however far a lamp is."""
+    near, far = sunlit(100.0), sunlit(distance)
+    assert far.epsilon == near.epsilon and suited(far)[0] is far
+    expected, found = (dmis.render(scene, "balance", 64, seed=k).image for k, scene in enumerate((near, far)))
+    assert np.sqrt(((found - expected) ** 2).mean() / (expected**2).mean()) < 0.03
+
+
+def test_small_things_on_a_large_ground() -> None:
+    """Each part has an offset of its own where they differ a lot: light inside of a small box stays there."""
+    scene = sunlit(100.0, ground=2e5)
+    own = scene.own_epsilon
+    assert own is not None and own[0] == scene.epsilon > 0.1 and own[2] < 1e-6
+    assert sunlit(100.0).own_epsilon is None
+    found, expected = (dmis.render(s, "balance", 64, seed=k).image for k, s in enumerate((scene, sunlit(100.0))))
+    top = slice(14, 17), slice(14, 18)
+    np.testing.assert_allclose(found[top].mean(), expected[top].mean(), rtol=0.02)
+
+
+def test_offsets_follow_the_points() -> None:
+    """Through mirrors and glass, too: a ball of glass of a hundredth on a large ground looks as on a small one."""
+    images = []
+    for ground in (2.0, 2e4):
+        ball = dmis.geometry.sphere(0.01).transformed(translate((0, 0, 0.0101)))
+        floor = dmis.geometry.quad((-ground / 2, -ground / 2, 0), (ground, 0, 0), (0, ground, 0))
+        parts = (Part(floor, dmis.matte(0.5)), Part(ball, dmis.glass()))
+        camera = dmis.Camera.look_at((0, -0.2, 0.05), (0, 0, 0.015), fov=3, resolution=(8, 8))
+        sky = dmis.EnvironmentLight(np.linspace(0, 1, 16)[:, None, None] * np.ones((16, 32, 3)))
+        scene = Scene(camera, parts, (sky,))
+        images.append(dmis.render(scene, "balance", 256, settings=dmis.Settings(integrator="path")).image)
+    np.testing.assert_allclose(images[1].mean(), images[0].mean(), rtol=0.03)
