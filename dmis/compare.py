@@ -12,6 +12,7 @@ import numpy as np
 
 from dmis.convergence import gains
 from dmis.experiment import Budget, Run, measure
+from dmis.fit import check_rule
 from dmis.image import read_exr, write_image
 from dmis.oracle import Oracle, cached_oracle
 from dmis.reference import Reference
@@ -153,6 +154,10 @@ def compare(
             f"oracle must cover {width}x{height} pixels; got {columns}x{rows} patches of {oracle.patch} pixels"
         )
     rules = tuple(dict.fromkeys(("balance", *rules)))
+    for rule in rules:  # which may refuse the settings
+        made = make_rule(rule)
+        check_rule(made, rule, settings or Settings())
+        replace(settings or Settings(), **made.settings)
     folder = Path(folder)
     results = Results(folder, conditions(scene, reference, threads, settings), rules)
     budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).pilot.values()) < n]

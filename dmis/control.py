@@ -118,13 +118,13 @@ def without(pilot: Pilot) -> Pilot:
     return replace(pilot, sums={name: a for name, a in pilot.sums.items() if name not in NAMES})
 
 
-def coefficients(pilot: Pilot, weight: Array | float) -> Array:
-    """beta of the pixels and channels, ``(H, W, 3)``, for a final pass at `weight`.
+def coefficients(pilot: Pilot, weight: Array | float, later: Array | float | None = None) -> Array:
+    """beta of the pixels and channels, ``(H, W, 3)``, for a final pass at `weight`, and `later` behind first surfaces.
 
     Sums are averaged over patches of `BASE` pixels and their neighbours with a 5x5 Gaussian. beta is in proportion to
     the mean light of a channel there, and bounded by what combinations ``a_l p_l + a_b p_b`` with positive coefficients
     have, ``-w`` to ``1 - w`` times that. It is 0 where the pilot saw nothing, where the fit is degenerate
-    (`DEGENERATE`), and at weights outside `WEIGHTS`.
+    (`DEGENERATE`), and in pixels with a weight outside `WEIGHTS`, where one technique may be left out.
     """
     shape = pilot.moments.mean.shape[:2]
     means, _ = pool({name: pilot.sums[name] for name in NAMES}, shape, BASE, sigma=1.0)
@@ -133,9 +133,13 @@ def coefficients(pilot: Pilot, weight: Array | float) -> Array:
     product, square = (np.take_along_axis(means[name], k, axis=0)[0] for name in NAMES[:2])
     colours = means["control_light"]
     light = colours.mean(axis=0)
-    usable = (square > DEGENERATE) & (light > 0) & (w > WEIGHTS[0] - 1e-6) & (w < WEIGHTS[-1] + 1e-6)
+    usable = (square > DEGENERATE) & (light > 0)
     relative = np.clip(np.where(usable, product, 0) / np.where(usable, square * light, 1), -w, 1 - w)
-    return patch_spread(np.moveaxis(np.where(usable, relative, 0) * colours, 0, -1), BASE, shape)
+    beta = patch_spread(np.moveaxis(np.where(usable, relative, 0) * colours, 0, -1), BASE, shape)
+    for each in (weight, weight if later is None else later):
+        both = (np.asarray(each) > WEIGHTS[0] - 1e-6) & (np.asarray(each) < WEIGHTS[-1] + 1e-6)
+        beta *= np.broadcast_to(both, shape)[..., None]
+    return beta
 
 
 def _halves(pairs: Array) -> Array:

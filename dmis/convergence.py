@@ -24,7 +24,7 @@ class Gain:
     ----------
     mse, over_balance, interval
         Mean over seeds; its ratio to that of the balance heuristic at the same budget, and half the width of the 95 %
-        confidence interval (`nan` for one seed).
+        confidence interval (`nan` for one seed). Both are `nan` if the balance heuristic has no error above 0.
     seconds, cpu_seconds, overhead
         Medians over seeds, and the share of the seconds that pilot and fit take.
     rays
@@ -123,10 +123,9 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
         time = median_seconds(mine)
         needed, between = read_off(baseline, seconds, mse)
         reached, within = read_off(seconds, baseline, time)
-        with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
-            over, interval = ratio(
-                np.array([run.mse for run in mine]), np.array([run.mse for run in runs["balance", spp]])
-            )
+        base, over, interval = np.array([run.mse for run in runs["balance", spp]]), np.nan, np.nan
+        if base.mean() > 0:  # a black image has no error, and one whose reference is as noisy may have less
+            over, interval = ratio(np.array([run.mse for run in mine]), base)
         found.append(
             Gain(
                 rule=rule,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.metrics import mean_and_error, relmse, squared_error
+from dmis.metrics import mean_over_blocks, relmse, squared_error
 from dmis.reference import Reference
 from dmis.render import Result, render
 from dmis.rules import make_rule
@@ -115,7 +115,7 @@ def measure(
 
 
 def _measured(result: Result, rule: str, spp: int, seed: int, cpu_seconds: float, reference: Reference) -> Run:
-    mse, error = mean_and_error(squared_error(result.image, reference.first, reference.second))
+    mse, error = mean_over_blocks(squared_error(result.image, reference.first, reference.second))
     return Run(
         rule=rule,
         spp=spp,

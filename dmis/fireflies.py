@@ -1,10 +1,10 @@
 """Fireflies: pixels that single samples have made much too bright; how to find them, and two ways to be rid of them.
 
-An unbiased image is right in the mean, and a sample in a thousand may carry a thousandth of the light of its pixel at a
-thousand times its brightness. Nothing is done about that by default, because what removes fireflies removes light:
-`clamp` and `median_of_means` are **biased**, and images that are made with them say so in their provenance. What helps
-without a bias is a technique that samples what was found by accident, or more samples. docs/fireflies.md measures all
-of it.
+An unbiased image is right in the mean, and a sample that comes once in a thousand may carry half of the light of its
+pixel, five hundred times as bright as that. Nothing is done about that by default, because what removes fireflies
+removes light: `clamp` and `median_of_means` are **biased**, and images that are made with them say so in their
+provenance. What helps without a bias is a technique that samples what was found by accident, or more samples.
+docs/fireflies.md measures all of it.
 """
 
 from __future__ import annotations

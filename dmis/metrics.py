@@ -8,16 +8,29 @@ from __future__ import annotations
 
 import numpy as np
 
+from dmis.variance import patch_sum
 from dmis.vec import Array
+
+BLOCK = 16
+"""Pixels on a side of what counts as independent in the error of one image, as far as the thesis's patches reach."""
 
 
 def squared_error(image: Array, first: Array, second: Array | None = None) -> Array:
-    """Squared error of each pixel, averaged over channels, ``(H, W)``; with two halves single values may be negative.
-
-    Pixels are independent (each has its own samples), so the standard error of their mean is
-    ``std / sqrt(number of pixels)``.
-    """
+    """Squared error of each pixel, mean over channels, ``(H, W)``; with two halves single values may be negative."""
     return _product(image, first, second).mean(axis=2)
+
+
+def mean_over_blocks(values: Array) -> tuple[float, float]:
+    """Mean of `values` ``(H, W)``, such as squared errors of pixels, and its standard error.
+
+    Pixels have samples of their own, but share with their neighbours what a rule has learned, and so their errors: the
+    standard error is from the spread of sums over blocks of `BLOCK` pixels, smaller ones in images of few. It counts
+    that error is unevenly divided over the image, too, and is rather too large for that.
+    """
+    height, width = values.shape
+    sums = patch_sum(values, max(1, min(BLOCK, int(np.sqrt(height * width / 64)))))
+    _, error = mean_and_error(sums)
+    return float(np.mean(values, dtype=np.float64)), error * sums.size / values.size
 
 
 def mse(image: Array, first: Array, second: Array | None = None) -> float:
@@ -74,7 +87,8 @@ def relmse(image: Array, first: Array, second: Array | None = None, epsilon: flo
     Parameters
     ----------
     image, first, second
-        See `mse`; r is the mean of the halves.
+        See `mse`; r is the mean of the halves. In the denominator its noise does count: of a reference of few samples
+        the result is too large.
     epsilon
         In units of radiance, squared: what is much darker than its root counts little.
 

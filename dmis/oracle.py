@@ -124,16 +124,20 @@ class Oracle:
         """Share of the best weights' saving over w = 1/2 that a weight map reaches: 1 is the oracle, 0 is 1/2.
 
         `combined` is the oracle of the combiner that the weights are used with; None: this one. With another than this
-        one's combiner the share may be more than 1.
+        one's combiner the share may be more than 1. NaN where no weight saves anything.
         """
         half = self._mean(self.variance[HALF])
-        return (half - self._mean((combined or self).at(weight))) / (half - self._mean(self.variance.min(axis=0)))
+        most = half - self._mean(self.variance.min(axis=0))
+        return (half - self._mean((combined or self).at(weight))) / most if most > 0 else float("nan")
 
     def limit(self, apart: bool = False, costly: bool = False) -> float:
         """Variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in equal
-        time by the cost model, without a pilot; `apart`: with weights of their own for later surfaces.
+        time by the cost model, without a pilot; `apart`: with weights of their own for later surfaces. 1 where there is
+        no variance.
         """
         half = self._mean(self.variance[HALF])
+        if not half > 0:
+            return 1.0
         if costly:
             best = self._best(costly)
             variance = self._mean(np.take_along_axis(self.variance, best[None], axis=0)[0])
@@ -144,18 +148,21 @@ class Oracle:
 
     def spread_evenly(self) -> float:
         """What is left of the variance with w = 1/2 if the samples of patches are in proportion to its root, at equal
-        samples: ``mean(sqrt V)^2 / mean(V)``.
+        samples: ``mean(sqrt V)^2 / mean(V)``; 1 where there is no variance.
         """
         half = np.maximum(self.variance[HALF], 0)
-        return self._mean(np.sqrt(half)) ** 2 / self._mean(half)
+        return self._mean(np.sqrt(half)) ** 2 / self._mean(half) if half.any() else 1.0
 
     def limit_with_counts(self) -> float:
         """Variance of the image times its cost with the best weights and numbers of samples together, over those with
         w = 1/2 and the same number everywhere, without a pilot: ``mean(sqrt(V C))^2 / (mean(V) C)``, see
-        `dmis.pooled.weighed`.
+        `dmis.pooled.weighed`; 1 where there is no variance.
         """
+        half = self._mean(self.variance[HALF])
+        if not half > 0:
+            return 1.0
         least = weighed(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
-        return float(self._mean(np.sqrt(least)) ** 2 / (self._mean(self.variance[HALF]) * self.cost[HALF]))
+        return float(self._mean(np.sqrt(least)) ** 2 / (half * self.cost[HALF]))
 
     def regret(self, weight: Array) -> Array:
         """Variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
@@ -163,13 +170,16 @@ class Oracle:
         return np.divide(excess, self.variance[HALF], out=np.zeros_like(excess), where=self.variance[HALF] > 0)
 
     def harm(self, weight: Array, combined: Oracle | None = None) -> tuple[float, float]:
-        """Share of lit patches whose variance is more than `HARM` times that of w = 1/2, and its standard error.
+        """Share of lit patches whose variance is more than `HARM` times that of w = 1/2, and its standard error; 0 if
+        none is lit.
 
         `combined` as in `saving`.
         """
         lit = self.variance[HALF] > 0
+        if not lit.any():
+            return 0.0, 0.0
         harmed = ((combined or self).at(weight) > HARM * self.variance[HALF])[lit]
-        return float(harmed.mean()), float(harmed.std() / np.sqrt(max(harmed.size, 1)))
+        return float(harmed.mean()), float(harmed.std() / np.sqrt(harmed.size))
 
 
 def make_oracle(

@@ -87,10 +87,10 @@ def shared_scale(maps: Sequence[Array], quantile: float = 0.995) -> float:
 
 def save(figure: Figure, path: str | os.PathLike[str], title: str, caption: str) -> None:
     """Write a PNG with its title above and its caption below; both are also in the file's metadata."""
-    figure.suptitle(title, fontsize=13, weight="bold")
+    figure.suptitle(title, fontsize=13, weight="bold", parse_math=False)  # a scene may have any name
     width = figure.get_size_inches()[0]
     lines = textwrap.fill(" ".join(caption.split()), int(width * 13))
-    figure.text(0.01, -0.01, lines, ha="left", va="top", fontsize=9.5)
+    figure.text(0.01, -0.01, lines, ha="left", va="top", fontsize=9.5, parse_math=False)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     metadata = {"Title": title, "Description": caption, "Software": "dmis"}
     figure.savefig(path, dpi=100, bbox_inches="tight", metadata=metadata)

@@ -156,6 +156,8 @@ def render(
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
     spp, seed = whole("spp", spp, 1, MOST_SPP), whole("seed", seed, 0)
     threads, workers = _crew(threads, workers, executor)
     described, (scene, gain) = scene, suited(scene)
@@ -235,16 +237,21 @@ def render(
         fitted = time.perf_counter()
         fit = rule.fit({w: control.without(p) for w, p in pilot.items()} if controlled else pilot)
         check_fit(fit, scene.camera.resolution[::-1], len(settings.techniques) if several else 2)
-        if settings.combiner == "frozen" and pilot:
+        combiner = fit.combiner or settings.combiner
+        if fit.later is not None and combiner in COLLECTORS:
+            raise ValueError(f"a rule's later must be None with combiner {combiner}, which knows one weight of a pixel")
+        if combiner == "frozen":
             fit = replace(fit, weight=np.clip(fit.weight, *FROZEN))
             fit = fit if fit.later is None else replace(fit, later=np.clip(fit.later, *FROZEN))
+        if fit.split > spp - pilot_spp:
+            fit = replace(fit, split=spp - pilot_spp)
         mean = max(1, round((spp - pilot_spp) / fit.split))
         counts: Array | int = mean
         if fit.samples is not None:
             counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))
-        combiner, shading_samples = fit.combiner or settings.combiner, round(settings.shading_samples * fit.split)
+        shading_samples = round(settings.shading_samples * fit.split)
         shading = replace(settings, combiner=combiner, shading_samples=shading_samples)
-        beta = control.coefficients(pilot[0.5], fit.weight) if controlled else None
+        beta = control.coefficients(pilot[0.5], fit.weight, fit.later) if controlled else None
         pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
         parts = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if settings.reuse_pilot else []
         del pilot  # it is large, and nothing else of it is needed

@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import json
 import os
+import re
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -37,9 +38,12 @@ BEST_WEIGHTS = " Dashed, or ×: the best weights there are, in the time and rays
 GAINS = """Means over seeds; seconds are medians, from the pilot to the last sample. ± is half of the 95 % confidence
 interval. Speed-up at equal error: seconds in which the balance heuristic reaches this MSE, over the rule's. Error ratio
 in equal time: MSE of the balance heuristic in the rule's seconds, over the rule's. Both are read off the line of the
-balance heuristic; † where it is continued as MSE ∝ 1 / seconds. Bold: the most efficient."""
-MAPS = """Variance is that which each render estimates of itself, in patches of 4×4 pixels; it is as noisy as the
-samples that it is made of."""
+balance heuristic; † where it is continued as MSE ∝ 1 / seconds. Bold: the most efficient, of rules that are surely
+more efficient than the balance heuristic."""
+MAPS = """Variance is that which each render estimates of itself, in patches of 4×4 pixels. It is as noisy as the
+samples that it is made of, and takes them to be independent: they are more even, most of all at uneven weights, so that
+ratios are too large by up to a factor of two; with the combiners optimal they are those of the balance heuristic. The
+table knows better."""
 REGRET = """ Regret of a rule's weights, with the balance heuristic: variance beyond that of the best weight, over that
 of w = ½, at equal samples. Saving: share of what the best weights save over w = ½. Harm: share of lit patches with more
 than 1.02 times the variance of w = ½."""
@@ -72,11 +76,10 @@ def write_report(
         "{{version}}": __version__,
         "{{overview}}": _overview(comparisons) if len(comparisons) > 1 else "",
         "{{sections}}": "\n".join(sections),
-        "{{data}}": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+        "{{data}}": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
     }
     page = files("dmis").joinpath("report.html").read_text("utf-8")
-    for mark, value in fill.items():
-        page = page.replace(mark, value)
+    page = re.sub("|".join(map(re.escape, fill)), lambda mark: fill[mark[0]], page)
     partial = Path(f"{os.fspath(path)}.partial")
     partial.parent.mkdir(parents=True, exist_ok=True)
     partial.write_text(page, "utf-8")
@@ -116,12 +119,25 @@ def _verdict(found: Sequence[Gain]) -> str:
     """One sentence: which rule is the most efficient at the largest budget."""
     last = [g for g in found if g.spp == max(g.spp for g in found)]
     best = max(last, key=_known_efficiency)
-    if best.rule == "balance" or np.isnan(best.equal_error):
-        return f"<p>At {best.spp} samples per pixel no rule is more efficient than the balance heuristic.</p>"
-    return (
-        f"<p>At {best.spp} samples per pixel the most efficient is <b>{_text(best.rule)}</b>: it reaches its error "
-        f"in {1 / best.equal_error:.0%} of the time that the balance heuristic needs.</p>"
+    base = next(g for g in last if g.rule == "balance")
+    at = f"At {best.spp} samples per pixel"
+    if not base.mse > 0:
+        return f"<p>{at} the balance heuristic has no error above that of the reference: nothing can be told.</p>"
+    if best is base or np.isnan(best.equal_error):
+        return f"<p>{at} no rule is more efficient than the balance heuristic.</p>"
+    told = (
+        f"<b>{_text(best.rule)}</b>: it reaches its error in {1 / best.equal_error:.0%} of the time that the balance "
+        f"heuristic needs"
     )
+    if _surely(best, base):
+        return f"<p>{at} the most efficient is {told}.</p>"
+    why = "there is one seed" if np.isnan(best.interval) else "the interval of its error reaches that"
+    return f"<p>{at} the most efficient of these runs is {told}. That it is more efficient is not sure: {why}.</p>"
+
+
+def _surely(gain: Gain, base: Gain) -> bool:
+    """Whether error times time is less than that of the balance heuristic beyond the interval of the error."""
+    return (gain.over_balance + gain.interval) * gain.seconds < base.seconds
 
 
 def _slopes(c: Comparison) -> str:
@@ -146,7 +162,9 @@ def _efficiency(found: Sequence[Gain]) -> str:
         "spp", "rule", "MSE", "MSE / balance", "relMSE", "seconds", "CPU s", "pilot + fit", "Mrays",
         "1 / (MSE·s)", "speed-up at equal error", "error ratio in equal time",
     ]  # fmt: skip
-    best = {spp: max((g for g in found if g.spp == spp), key=_known_efficiency) for spp in {g.spp for g in found}}
+    bases = {g.spp: g for g in found if g.rule == "balance"}
+    sure = [g for g in found if g.rule == "balance" or _surely(g, bases[g.spp])]
+    best = {spp: max((g for g in sure if g.spp == spp), key=_known_efficiency) for spp in bases}
     rows, marks = [], []
     for g in found:
         first = g.rule == "balance"
@@ -154,7 +172,7 @@ def _efficiency(found: Sequence[Gain]) -> str:
         interval = "" if np.isnan(g.interval) or first else f" ± {g.interval:.3f}"
         rows.append(
             [
-                str(g.spp) if first else "", _text(g.rule), f"{g.mse:.4g}", f"{g.over_balance:.3f}{interval}",
+                str(g.spp) if first else "", _text(g.rule), f"{g.mse:.4g}", f"{_ratio(g.over_balance)}{interval}",
                 f"{g.relmse:.4g}", f"{g.seconds:.2f}", f"{g.cpu_seconds:.2f}", f"{g.overhead:.0%}",
                 f"{g.rays / 1e6:.2f}", f"{g.efficiency:.4g}", f"{_times(g.equal_error)}{dagger}",
                 f"{_times(g.equal_time)}{dagger}",
@@ -227,7 +245,7 @@ def _maps(c: Comparison) -> str:
             maps.append(("variance / balance", f"median {middle:.2f}", drawn))
         if c.oracle is not None:
             harm, error = c.oracle.harm(weight)
-            told = f"saving {c.oracle.saving(weight):.0%}, harm in {harm:.1%} ± {error:.1%}"
+            told = f"saving {_share(c.oracle.saving(weight))}, harm in {harm:.1%} ± {error:.1%}"
             maps.append(("regret", told, map_png(c.oracle.regret(weight), "magma", 0, 1)))
         rows.append(_map_row(rule, maps))
     scales = [
@@ -277,6 +295,14 @@ def _plus_minus(value: float, error: float) -> str:
         return "–"
     text = f"{value:.3f}".replace("-", "−")
     return text if np.isnan(error) else f"{text} ± {error:.3f}"
+
+
+def _ratio(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:.3f}"
+
+
+def _share(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:.0%}"
 
 
 def _times(value: float) -> str:

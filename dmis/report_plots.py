@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import re
 from collections.abc import Mapping, Sequence
@@ -98,7 +99,8 @@ def convergence(comparison: Comparison, path: Path) -> None:
         path,
         f"{comparison.scene}: error against time and rays",
         f"""Root mean squared error against the reference, mean over {comparison.seeds} seed(s); bands go from the
-        lowest to the highest seed. Time is from the pilot to the last sample, fit included. Dotted: N^-1/2.""",
+        lowest to the highest seed. Time is from the pilot to the last sample, fit included. Dotted: N^-1/2. Errors
+        below zero, which there are where the reference is as noisy, are left out.""",
     )
 
 
@@ -123,9 +125,11 @@ def error_svg(comparison: Comparison, over: Axis) -> str:
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, flags=re.S)
     drawing = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", drawing)  # a page of HTML needs none, and they look like links
     drawing = re.sub(r'<g id="[^"]*"', "<g", drawing)
-    about = f"Root mean squared error over {LABELS[over]}, {comparison.scene}"
+    about = html.escape(f"Root mean squared error over {LABELS[over]}, {comparison.scene}")
     drawing = re.sub(
-        r'<svg[^>]*?viewBox="([^"]*)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-label="{about}">', drawing
+        r'<svg[^>]*?viewBox="([^"]*)"[^>]*>',
+        lambda found: f'<svg viewBox="{found[1]}" role="img" aria-label="{about}">',
+        drawing,
     )
     return drawing.replace(INK, "currentColor")
 

@@ -11,6 +11,7 @@ import io
 import json
 import os
 import re
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -109,7 +110,10 @@ class Results:
     def image(self, budget: Budget) -> Path:
         """Where the picture of a budget is."""
         rule, spp = budget
-        return self.folder / "images" / f"{re.sub(r'[^A-Za-z0-9.=-]+', '-', rule)}-{spp}spp.exr"
+        name = re.sub(r"[^A-Za-z0-9.=-]+", "-", rule)
+        if name != rule.replace(":", "-").replace(",", "-") or len(name) > 120:  # another rule's may be the same
+            name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
+        return self.folder / "images" / f"{name}-{spp}spp.exr"
 
     def layers(self, budgets: Iterable[Budget]) -> dict[Budget, dict[str, Array]]:
         """The pictures that there are, with their layers RGB, weight, variance, samples."""

@@ -77,7 +77,9 @@ def make_rule(text: Rule | str) -> Rule:
         return text
     name, _, rest = text.strip().partition(":")
     if name not in RULES:
-        raise ValueError(f"rule must be one of {', '.join(RULES)}; got {name!r}")
+        raise ValueError(
+            f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}"
+        )
     kind: Any = type(RULES[name]())
     types = {f.name: bool if f.default is None else type(f.default) for f in fields(kind)}
     if name in ("balance", "pbrt", "uniform"):
@@ -98,7 +100,8 @@ def make_rule(text: Rule | str) -> Rule:
             options[key] = convert[types[key]](value)
         except ValueError:
             kind_of = "yes or no" if types[key] is bool else f"of type {types[key].__name__}"
-            raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}") from None
+            first = "" if equals else f", of which a value without a name is the first; there are {', '.join(types)}"
+            raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}{first}") from None
     return RULES[name](**options)
 
 

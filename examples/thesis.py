@@ -119,6 +119,10 @@ def options(script: str, description: str, **more: dict) -> tuple[Options, argpa
     for name, arguments in more.items():
         parser.add_argument(f"--{name}", **arguments)
     given = parser.parse_args()
+    if given.size == "quick" and "page" in more and given.page == more["page"].get("default") is not None:
+        given.page = (
+            given.output.parent / given.page.name
+        )  # numbers of tiny images are not for the pages of the project
     return Options(given.size or "default", given.scene_dir, given.threads, given.output), given
 
 
@@ -158,9 +162,8 @@ def bold(value: float, half: float) -> str:
 
 
 def over_pixels(runs: Sequence[Run], baseline: Sequence[Run]) -> tuple[float, float]:
-    """MSE over that of the baseline, and half of its 95 % interval from the spread of squared errors over pixels.
-
-    Pixels have independent samples: of a large image one seed is enough.
+    """MSE over that of the baseline, and half of its 95 % interval from the spread of squared errors over blocks of
+    pixels, see `dmis.metrics.mean_over_blocks`: of a large image one seed is enough.
     """
     ours, theirs = (np.mean([run.mse for run in side]) for side in (runs, baseline))
     relative = [
@@ -188,5 +191,6 @@ def replace_table(page: Path, kind: str, *lines: str) -> None:
     _, found, after = rest.partition(end)
     if not found:
         raise ValueError(f"{page} has no {end} after {begin}")
+    page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text("\n".join([before + begin, *lines, end + after]), "utf-8")
     print(page)

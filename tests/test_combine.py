@@ -1,5 +1,7 @@
 """The optimal combiner: exact where it must be, the balance heuristic where it cannot be fitted; unbiased in stages."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,6 +10,8 @@ from helpers import Z_LIMIT, z_score
 import dmis
 from dmis.batch import Record
 from dmis.combine import LEAST, STAGES, Optimal, Progressive, slot
+from dmis.fit import Fit
+from dmis.geometry import quad
 from dmis.mis import allocate
 from dmis.tile import Tile, render_tile
 from dmis.vec import Array
@@ -198,3 +202,58 @@ def test_rejected_directions_count_as_missed() -> None:
     scene.prepare()
     tiles = [Tile(s, 0, 0, (0, 16), (0, 16), 64, 0.5, dmis.Settings(), Control) for s in range(40)]
     assert abs(z_score([render_tile(scene, tile).sums["control"].mean() for tile in tiles], 0.0)) < Z_LIMIT
+
+
+def test_lights_that_hide_part_of_themselves() -> None:
+    """A point of a light that its own triangles hide is one that BRDF sampling cannot find: what combines by densities
+    must know, even where nothing arrives."""
+    vertices = np.concatenate([[(-h, -h, z), (-h, h, z), (h, h, z), (h, -h, z)] for z, h in ((2.0, 0.7), (2.3, 0.7))])
+    faces = np.array([(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)])
+    light = dmis.MeshLight(vertices, faces, (5.0, 4.0, 3.0))
+    assert not light.flat
+    floor = dmis.Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), dmis.matte(0.6))
+    camera = dmis.Camera.look_at((0, -3, 2), (0, 0, 0), fov=40, resolution=(16, 16))
+    scene = dmis.Scene(camera, (floor, dmis.load.light_part(light)), (light,))
+    means = {
+        rule: [dmis.render(scene, rule, 64, seed=k).image.mean(dtype=float) for k in range(12)]
+        for rule in ("balance", "balance:combiner=optimal-progressive", "second-moment:combiner=controlled,guard=1e9")
+    }
+    expected, *others = means.values()
+    for found in others:
+        error = np.hypot(np.std(found, ddof=1), np.std(expected, ddof=1)) / np.sqrt(12)
+        assert abs(np.mean(found) - np.mean(expected)) < 4 * error
+
+
+@pytest.mark.parametrize("combiner", ["optimal", "optimal-progressive"])
+def test_fits_know_one_weight_of_a_pixel(box: dmis.Scene, combiner: str) -> None:
+    with pytest.raises(ValueError, match="later must be None with combiner optimal"):
+        dmis.render(box, Given(0.5, 0.25, combiner), 8)
+
+
+@pytest.mark.parametrize("w", [0.0, 1.0])
+def test_frozen_weights_are_never_at_the_ends(box: dmis.Scene, w: float) -> None:
+    """Frozen, a technique counts with its part of f at any share: with none of the samples that part would be lost."""
+    found, expected = (dmis.render(box, rule, 256, seed=3) for rule in (Given(w, None, "frozen"), "balance"))
+    assert (found.weight > 0).all() and (found.weight < 1).all()
+    z = (found.image.mean() - expected.image.mean()) / np.sqrt((found.variance + expected.variance).sum())
+    assert abs(z) * found.image.size / np.sqrt(3) < 4
+
+
+@dataclass(frozen=True)
+class Given:
+    """A rule of one's own that has no pilot."""
+
+    w: float
+    later: float | None
+    combiner: str
+
+    @property
+    def pilot(self) -> dict:
+        return {}
+
+    @property
+    def settings(self) -> dict:
+        return {"combiner": self.combiner}
+
+    def fit(self, pilot: dict) -> Fit:
+        return Fit(self.w, later=self.later)

@@ -98,6 +98,10 @@ def test_given_reference(tmp_path, kind):
     "more, message",
     [
         (["--rules", "best"], "rule must be one of"),
+        (
+            ["--rules", "balance,balance:combiner=optimal-progressive", "--sampler", "sobol"],
+            "needs sampler independent",
+        ),
         (["--seeds", "0"], "--seeds must be at least 1"),
         (["--reference", "nowhere.exr"], "nowhere.exr"),
         (["--reference", "small.npy"], "reference must be of 24x18 pixels"),

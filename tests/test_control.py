@@ -107,6 +107,10 @@ def test_coefficients() -> None:
     for columns, w in ((slice(16, 32), 0.27), (slice(32, 48), 0.5), (slice(48, 64), 0.97)):
         mean = beta[:, columns].mean(axis=(0, 1))
         np.testing.assert_allclose(mean, (3 - 8 * w) * np.array([0.5, 1, 1.5]), rtol=0.05, atol=0.05)
+    assert not coefficients(pilot(sums, (80, 80)), 0.27, 1.0).any()  # behind, BRDF sampling is left out
+    mixed = np.where(np.arange(80) % 2, 0.0, 0.54) * np.ones((80, 1))  # the mean of a patch is not its pixels' weight
+    beta = coefficients(pilot(sums, (80, 80)), mixed)
+    assert not beta[:, 1::2].any() and beta[:, ::2].any()
     sharp = planted(lambda x, y: 1000.0 * (x > 0.99), pixels=80 * 80)
     beta = coefficients(pilot(sharp, (80, 80)), 0.5).mean(axis=2)
     assert beta.max() <= 0.5 * sharp["control_light"].max()

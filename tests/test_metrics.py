@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dmis.metrics import block_error, mean_and_error, mse, ratio, relmse
+from dmis.metrics import block_error, mean_and_error, mean_over_blocks, mse, ratio, relmse
 
 
 def test_closed_forms():
@@ -63,3 +63,16 @@ def test_ratio_interval_covers(seeds):
     values = 0.8 + common + rng.normal(0, 0.03, common.shape)
     covered = [abs(r - 0.8) < half for r, half in map(ratio, values, baseline)]
     assert np.mean(covered) == pytest.approx(0.95, abs=0.011)
+
+
+@pytest.mark.parametrize("together", [1, 4, 8])
+def test_error_of_pixels_that_go_together(together):
+    """Where patches share their error, the mean over pixels is as unsure as it is over images."""
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(200):
+        patches = rng.exponential(size=(160 // together, 160 // together))
+        found.append(mean_over_blocks(np.kron(patches, np.ones((together, together)))))
+    means, errors = np.array(found).T
+    assert means.std() / errors.mean() == pytest.approx(1, abs=0.15)
+    assert mean_over_blocks(np.arange(6.0).reshape(2, 3))[0] == 2.5

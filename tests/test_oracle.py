@@ -168,3 +168,14 @@ def test_the_order_of_techniques_is_a_name() -> None:
         for techniques in (("light", "brdf"), ("brdf", "light"))
     )
     assert one.weight.mean() == pytest.approx(1 - other.weight.mean(), abs=0.05)
+
+
+def test_where_no_weight_matters() -> None:
+    """No variance at all, or the same at every weight: no saving to speak of, nothing left over, no division by 0."""
+    for value in (0.0, 2.0):
+        oracle = Oracle(np.full((len(GRID), 2, 3), value), np.ones(len(GRID)), 4, 100)
+        assert np.isnan(oracle.saving(np.full((8, 12), 0.3)))
+        limits = oracle.limit(), oracle.limit(costly=True), oracle.spread_evenly(), oracle.limit_with_counts()
+        assert limits == pytest.approx((1, 1, 1, 1))
+        assert oracle.harm(np.full((8, 12), 0.3)) == (0, 0)
+        assert not oracle.regret(np.full((8, 12), 0.3)).any()

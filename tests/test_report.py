@@ -3,6 +3,7 @@
 import base64
 import csv
 import dataclasses
+import html
 import io
 import json
 import re
@@ -359,3 +360,40 @@ def test_ticks_say_different_things(made, seconds, rays):
     for axis in axes[0]:
         told = [label.get_text() for label in axis.get_xticklabels()]
         assert len(told) == len(set(told)) > 2
+
+
+def test_names_that_are_code(made, tmp_path):
+    """A scene's name is its file's, which may be anything: it is shown, and nothing else."""
+    comparison, _ = made
+    for name in ('a"><img src=x onerror=alert(1)>', r"a\b\g<0>", "{{data}}", "<!--<script>", r"c$\frac$"):
+        odd = dataclasses.replace(comparison, about={**comparison.about, "scene": name})
+        write_report([odd], tmp_path / "report.html")
+        convergence(odd, tmp_path / "convergence.png")
+        page = (tmp_path / "report.html").read_text("utf-8")
+        assert "<img src=x" not in page and page.count("<svg") == 2 and page.count("<script>") == 1
+        assert f"<h2>{html.escape(name)}</h2>" in page
+        assert html.escape(f"Root mean squared error over seconds, {name}") in page
+
+
+def test_only_what_is_sure_is_said(made, tmp_path):
+    """Rules that are the same have no winner; with a reference as noisy as the images nothing is known."""
+    comparison, _ = made
+
+    def told(change) -> str:
+        runs = {(rule, n): [change(run) for run in of] for (rule, n), of in comparison.runs.items()}
+        write_report([dataclasses.replace(comparison, runs=runs)], tmp_path / "report.html")
+        return (tmp_path / "report.html").read_text("utf-8")
+
+    def same(run):
+        noise = 1 + 0.1 * np.sin(hash((run.rule, run.seed)) % 97)
+        return dataclasses.replace(run, mse=noise / run.spp, pilot_seconds=0.0, fit_seconds=0.0, render_seconds=run.spp)
+
+    def better(run):
+        factor = 0.5 if run.rule == "pbrt" else 1.0
+        return dataclasses.replace(same(run), mse=factor * (1 + 0.01 * run.seed) / run.spp)
+
+    page = told(same)
+    assert "is not sure: the interval" in page or "no rule is more efficient" in page
+    assert not re.search(r'<tr class="[^"]*best"><td></td><td>(?!balance)', page)
+    assert "the most efficient is <b>pbrt</b>" in told(better)
+    assert "nothing can be told" in told(lambda run: dataclasses.replace(run, mse=-1e-6))

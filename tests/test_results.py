@@ -204,3 +204,12 @@ def test_command_line_says_how_to_go_on(tmp_path, capsys, monkeypatch):
     size = ["--resolution", "8x8", "--reference-spp", "4"]
     assert command.main(["compare", "teapot-area-light", *size, "-o", str(tmp_path / "out")]) == 130
     assert f"kept in {tmp_path / 'out'}" in capsys.readouterr().err
+
+
+def test_pictures_have_names_of_their_own(box, reference, tmp_path):
+    """Rules whose names differ in what a file's name cannot have, or are very long, do not share a picture."""
+    results = Results(tmp_path, conditions(box, reference, 1))
+    rules = ["second-moment:guard=1e+3", "second-moment:guard=1e-3", "thesis", "x" * 300 + "1", "x" * 300 + "2"]
+    names = [results.image((rule, 16)).name for rule in rules]
+    assert len(set(names)) == len(rules) and max(map(len, names)) < 160
+    assert names[2] == "thesis-16spp.exr" and names[1] == "second-moment-guard=1e-3-16spp.exr"

@@ -33,7 +33,7 @@ folder = Path(tempfile.mkdtemp())
 # -------
 # `dmis.load_scene` reads OBJ, PLY, STL and GLB. (We write a file first, so that there is one; take your own.) A mesh
 # has no lamps, so give it some; without any it stands under an even sky. Lengths are those of the file; z is up for
-# the default camera, which looks down at the whole mesh. Radiance is in linear RGB.
+# the default camera (y in GLB files), which looks down at the whole mesh. Radiance is in linear RGB.
 knot = trimesh.creation.torus(major_radius=1, minor_radius=0.4, major_sections=96, minor_sections=48)
 ground = trimesh.creation.box((6, 6, 0.1), transform=trimesh.transformations.translation_matrix((0, 0, -0.5)))
 knot.export(folder / "ring.obj")
@@ -54,7 +54,7 @@ def make_scene(material, radius=0.5, name="ring"):
 gold = dmis.metal(roughness=0.02)
 figure, axes = plt.subplots(1, 3, figsize=(13, 3.7), layout="constrained")
 for axis, radius in zip(axes, (0.1, 0.5, 1.0), strict=True):
-    result = dmis.render(make_scene(gold, radius), spp=32, seed=1)
+    result = dmis.render(make_scene(gold, radius), spp=32, seed=1, settings=dmis.Settings(integrator="direct"))
     plot.picture(axis, result.image, f"lamp of radius {radius}: {result.weight.mean():.0%} light samples")
 
 
@@ -160,7 +160,7 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:100], "...")
 #   noisy patches get more samples. (Only ratios matter. Every pixel needs some: add a little where the pilot saw no
 #   noise.)
 # * Put the rule into a file ``mine.py``, with ``import dmis.__main__`` above, ``RULES["quieter"] = Quieter`` below, and
-#   at its end ``if __name__ == "__main__": dmis.__main__.main()``: now ``python mine.py compare ...`` is the command
-#   line with your rule.
+#   at its end ``if __name__ == "__main__": raise SystemExit(dmis.__main__.main())``: now ``python mine.py compare ...``
+#   is the command line with your rule.
 for path in plot.show("6_your_own"):
     print(path)
