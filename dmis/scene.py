@@ -27,7 +27,7 @@ from dmis.vec import TINY, Array, Selection, columns, dot, take
 
 OFFSET = 1e-6
 """Of ray origins from the surfaces that rays leave, in extents of these: float32 positions are rounded."""
-MIXED = 100
+MIXED = 1000
 """How many times as large as a part a scene may be for all of its rays to begin equally high."""
 
 
