@@ -115,7 +115,7 @@ def error(scene: dmis.Scene, lights: str, mine: Render, other: Render, spp: int,
         seconds.append((time_a, time_b))
     errors = [variances(np.array(side, np.float64)) for side in zip(*images)]
     wall, cpu = np.median(seconds, axis=0).T
-    value, half = ratio(errors[0], errors[1])
+    value, half = (x * cpu[0] / cpu[1] for x in ratio(errors[0], errors[1]))  # error is inversely as time
     return (
         f"| {scene.name} | {lights} | {spp} | {other_spp} | {wall[0]:.2f} ({cpu[0]:.2f}) | {wall[1]:.2f} ({cpu[1]:.2f})"
         f" | {errors[0].mean():.2e} | {errors[1].mean():.2e} | {value:.3f} ± {half:.3f} |"
@@ -170,7 +170,12 @@ def main() -> None:
         *("", *speeds),
     ]
     if found:
-        lines += ["", "Mean squared error in equal CPU time; ratio with its 95 % confidence interval:", "", *errors]
+        lines += [
+            "",
+            "Mean squared error in equal CPU time; ratio times that of the seconds, with its 95 % confidence interval:",
+            "",
+            *errors,
+        ]
     print("\n".join(lines))
     if not given.quick:
         replace_table(given.page, "mitsuba-speed", *lines)

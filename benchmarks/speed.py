@@ -49,7 +49,8 @@ class Target:
         """The row of the table of targets."""
         sign = "≥" if self.least else "≤"
         met = "yes" if self.miss <= 1 else f"**no**, by {self.miss - 1:.0%}"
-        return f"| {self.name} | {self.value:.3g}{self.unit} | {sign} {self.limit:g}{self.unit} | {met} |"
+        value = f"{self.value:.{2 if self.value < 10 else 0}f}"
+        return f"| {self.name} | {value}{self.unit} | {sign} {self.limit:g}{self.unit} | {met} |"
 
 
 def floors(speeds: list[Speed]) -> Iterator[Target]:

@@ -66,7 +66,7 @@ def _render(command: argparse.ArgumentParser) -> None:
 def _compare(command: argparse.ArgumentParser) -> None:
     _add_scene_options(command)
     _add_integrator(command)
-    command.add_argument("scene", help="a pbrt file, or the name of a scene that comes with dmis")
+    command.add_argument("scene", help="a pbrt or mesh file, or the name of a scene that comes with dmis")
     command.add_argument("--rules", default="balance,thesis,auto", help="separated by commas, or all")
     command.add_argument("--spp", type=_numbers, default=[128], metavar="N,N,...", help="budgets (default 128)")
     command.add_argument("--seeds", type=int, default=5, metavar="K", help="number of seeds (default 5)")

@@ -87,7 +87,7 @@ class Ours:
         return dmis.Fit(patch_spread(filtered, PATCH, (80, 80)).astype(np.float32))
 
 
-ours = dmis.render(scene, Ours(), 26, seed=1)
+ours = dmis.render(scene, Ours(), 26, seed=1)  # 32, less the pilot's 6
 print(f"light samples on average: {ours.weight.mean():.0%}")
 
 # %%

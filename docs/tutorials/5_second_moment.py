@@ -84,9 +84,9 @@ shown = plot.weights(axes[2], oracle.best(), "oracle", ((0, height), (0, width))
 plot.weight_bar(figure, shown, axes)
 for rule, weight in learned.items():
     change = oracle.at(weight) / oracle.at(0.5)
-    print(f"{rule:22} variance over that of w = 1/2: median patch {np.median(change):.2f}, worst {change.max():.1f}")
+    print(f"{rule:44} variance over that of w = 1/2: median patch {np.median(change):.2f}, worst {change.max():.1f}")
 best = oracle.variance.min(axis=0) / oracle.at(0.5)
-print(f"{'oracle':22} variance over that of w = 1/2: median patch {np.median(best):.2f}, worst {best.max():.1f}")
+print(f"{'oracle':44} variance over that of w = 1/2: median patch {np.median(best):.2f}, worst {best.max():.1f}")
 
 # %%
 # Share what was measured, not what was decided: the rule averages *curves* of neighbours that look alike, then each
