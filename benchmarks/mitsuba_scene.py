@@ -168,6 +168,8 @@ def _bsdf(material: Material, exact: bool) -> Any:
         return mi.load_dict({"type": "twosided", "bsdf": reflection})
     if material.name == "glass" and len(material.lobes) == 2:
         mirrored, refracted = material.lobes
+        if not refracted.scaled:  # type: ignore[union-attr]
+            raise ValueError("glass of pbrt-v2, whose refracted radiance is not divided by eta^2, is not in Mitsuba")
         return mi.load_dict(
             {
                 "type": "dielectric",
