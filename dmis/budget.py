@@ -19,8 +19,10 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
     Raises
     ------
     ValueError
-        If a share is not positive and finite.
+        If a share is not positive and finite, or there are more samples than `LEVELS` has.
     """
+    if spp > LEVELS[-1]:
+        raise ValueError(f"camera samples must be at most {LEVELS[-1]} per pixel where a rule divides them; got {spp}")
     if not (np.isfinite(share).all() and (share > 0).all()):
         raise ValueError("samples of a fit must be positive and finite, because every pixel needs some")
     least, most = min(2, spp), LEVELS[-1]

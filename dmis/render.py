@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dmis import __version__, control, technique
-from dmis.budget import whole_samples
+from dmis.budget import LEVELS, whole_samples
 from dmis.checkpoint import Store
 from dmis.checks import whole
 from dmis.combine import COLLECTORS
@@ -123,8 +123,8 @@ def render(
     ----------
     rule
         A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.rules.RULES`. None: ``auto``, or
-        ``balance``, with the techniques and the combiner of `settings`, for fewer than `LEARNING` samples, for a number
-        of shading samples that is odd or very large, or with the technique ``resampled``.
+        ``balance``, with the techniques and the combiner of `settings`, for fewer than `LEARNING` samples or tens of
+        thousands, for a number of shading samples that is odd or very large, or with the technique ``resampled``.
     spp
         Camera samples per pixel, the rule's pilot included.
     seed
@@ -165,7 +165,7 @@ def render(
     if rule is None:
         s = asked.shading_samples
         half: Rule = Fixed(0.5, asked.combiner, asked.techniques, asked.allocation)
-        learns = spp >= LEARNING and s % 2 == 0 and 2 * s <= MOST and _exact(asked)
+        learns = LEARNING <= spp <= LEVELS[-1] // 2 and s % 2 == 0 and 2 * s <= MOST and _exact(asked)
         rule = "auto" if learns else "balance" if half == Fixed() else half
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule)
@@ -245,7 +245,7 @@ def render(
             fit = fit if fit.later is None else replace(fit, later=np.clip(fit.later, *FROZEN))
         if fit.split > spp - pilot_spp:
             fit = replace(fit, split=spp - pilot_spp)
-        mean = max(1, round((spp - pilot_spp) / fit.split))
+        mean = int((spp - pilot_spp) / fit.split)
         counts: Array | int = mean
         if fit.samples is not None:
             counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))

@@ -202,6 +202,20 @@ def test_whole_samples_keep_the_expectation() -> None:
     np.testing.assert_allclose(mean, share * (50 / share.mean()), rtol=0.02)
 
 
+def test_more_samples_than_levels() -> None:
+    """In place of fewer than were asked for."""
+    with pytest.raises(ValueError, match="camera samples must be at most 65536 per pixel"):
+        whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(2))
+
+
+@pytest.mark.parametrize("rule", ["auto", "second-moment:split=yes"])
+@pytest.mark.parametrize("spp", [7, 8, 9])
+def test_splits_stay_in_the_budget(rule: str, spp: int) -> None:
+    """Of one sample that is left no two can be made, whatever the fit would like."""
+    scene = dmis.load_scene("killeroo-gold", resolution=(32, 24))
+    assert dmis.render(scene, rule, spp, seed=1).samples.mean() <= spp + 0.01
+
+
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_bad_shares(bad: float) -> None:
     """Every pixel needs samples."""
