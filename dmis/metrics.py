@@ -25,12 +25,28 @@ def mean_over_blocks(values: Array) -> tuple[float, float]:
 
     Pixels have samples of their own, but share with their neighbours what a rule has learned, and so their errors: the
     standard error is from the spread of sums over blocks of `BLOCK` pixels, smaller ones in images of few. It counts
-    that error is unevenly divided over the image, too, and is rather too large for that.
+    that values are unevenly divided over the image, too, and is rather too large for that.
     """
     height, width = values.shape
-    sums = patch_sum(values, max(1, min(BLOCK, int(np.sqrt(height * width / 64)))))
-    _, error = mean_and_error(sums)
-    return float(np.mean(values, dtype=np.float64)), error * sums.size / values.size
+    mean = np.mean(values, dtype=np.float64)
+    sums = patch_sum(values - mean, max(1, min(BLOCK, int(np.sqrt(height * width / 64)))))
+    return float(mean), _error_of_sum(sums) / values.size
+
+
+def ratio_over_blocks(values: Array, baseline: Array) -> tuple[float, float]:
+    """Ratio of the means of two maps ``(H, W)``, such as squared errors of two images of a scene, and half of its 95 %
+    confidence interval, by the spread of ``values - ratio * baseline`` as in `mean_over_blocks`: what is uneven in both
+    alike does not count.
+    """
+    quotient = np.mean(values, dtype=np.float64) / np.mean(baseline, dtype=np.float64)
+    _, error = mean_over_blocks(values - quotient * baseline)
+    return float(quotient), float(1.96 * error / abs(np.mean(baseline, dtype=np.float64)))
+
+
+def _error_of_sum(parts: Array) -> float:
+    """Standard error of the sum of independent `parts`, less their mean; `nan` of a single one."""
+    n = parts.size
+    return float(np.sqrt((parts**2).sum() * n / (n - 1))) if n > 1 else float("nan")
 
 
 def mse(image: Array, first: Array, second: Array | None = None) -> float:
@@ -50,7 +66,7 @@ def mse(image: Array, first: Array, second: Array | None = None) -> float:
 
 
 def mean_and_error(values: Array) -> tuple[float, float]:
-    """Mean of independent values and its standard error, `nan` for a single one: of the errors of pixels, of seeds."""
+    """Mean of independent values, such as those of seeds, and its standard error, `nan` for a single one."""
     values = np.asarray(values, np.float64).reshape(-1)
     spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
     return float(values.mean()), float(spread)

@@ -11,7 +11,7 @@ quarter of an hour, and some minutes for the references, which are kept; the res
 from datetime import date
 from pathlib import Path
 
-from thesis import ROOT, SCENES, bold, machine, options, over_pixels, replace_table, show
+from thesis import ROOT, SCENES, Errors, bold, machine, options, replace_table, show
 
 from dmis.experiment import measure, median_seconds, on_cpu
 
@@ -24,8 +24,8 @@ opts, given = options(
 BASE, *RULES = "balance", "thesis", "second-moment", "auto"
 
 # %%
-# A million pixels need no second seed: the spread of their squared errors tells how well the mean is known. Seconds are
-# the processor's.
+# A million pixels need no second seed: the spread of their squared errors, in blocks that learn together, tells how
+# well the mean is known. Seconds are the processor's, of one thread.
 lines = [
     "| scene | balance: s | " + " | ".join(f"{rule} | time, equal time" for rule in RULES) + " |",
     "|---|---|" + "---|---|" * len(RULES),
@@ -35,14 +35,16 @@ for name in SCENES:
     scene = opts.scene(name, opts.pick(16, 8, 1))
     reference = opts.reference(scene, opts.pick(16, 128, 128))
     budgets = [(rule, opts.spp) for rule in (BASE, *RULES)]
-    runs = measure(scene, budgets, range(given.seeds), reference, threads=opts.threads, progress=show(name))
+    errors = Errors(reference)
+    more = {"threads": 1, "progress": show(name), "keep": errors.keep}
+    runs = measure(scene, budgets, range(given.seeds), reference, **more)
     base = runs[BASE, opts.spp]
     width, height = scene.camera.resolution
     size = f"{scene.name} {width}×{height}"
     cells, fair = [size, f"{median_seconds(base):.1f}"], [size]
     for rule in RULES:
         own = runs[rule, opts.spp]
-        value, half = over_pixels(own, base)
+        value, half = errors.ratio((rule, opts.spp), (BASE, opts.spp))
         time = median_seconds(on_cpu(own)) / median_seconds(on_cpu(base))
         cells += [bold(value, half), f"× {time:.2f} = {value * time:.3f}"]
         fair.append(bold(value * time, half * time))

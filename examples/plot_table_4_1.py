@@ -13,7 +13,7 @@ baseline too, and with more seeds.
 from datetime import date
 
 import numpy as np
-from thesis import ROOT, SCENES, machine, options, over_pixels, replace_table, show
+from thesis import ROOT, SCENES, Errors, machine, options, replace_table, show
 
 from dmis import plot
 from dmis.experiment import measure, median_seconds, on_cpu, spp_in_time
@@ -37,24 +37,26 @@ rows = []
 for name, about in SCENES.items():
     scene = opts.scene(name)
     reference = opts.reference(scene)
-    more = {"threads": 1, "progress": show(name)}
+    errors = Errors(reference)
+    more = {"threads": 1, "progress": show(name), "keep": errors.keep}
     base, same = ("balance", opts.spp), (OURS, opts.spp)
     runs = {key: on_cpu(of) for key, of in measure(scene, [base, same], SEEDS, reference, **more).items()}
-    rates = runs
+    rates, equal = runs, errors.ratio(same, base)
     for _ in range(opts.pick(1, 2, 1)):
         spp = spp_in_time(median_seconds(rates[base]), rates[list(rates)[1]])
+        errors.clear()
         again = measure(scene, [base, (OURS, spp)], SEEDS, reference, **more)
         rates = timed = {key: on_cpu(of) for key, of in again.items()}
         share = median_seconds(timed[OURS, spp]) / median_seconds(timed[base])
         if abs(share - 1) < 0.05:
             break
-    value, half = over_pixels(timed[OURS, spp], timed[base])
+    value, half = errors.ratio((OURS, spp), base)
     row = {
         "about": about,
         "scene": f"{scene.name} {scene.camera.resolution[0]}x{scene.camera.resolution[1]}",
         "seconds": median_seconds(runs[base]),
         "mse": np.mean([run.mse for run in runs[base]]),
-        "equal samples": over_pixels(runs[same], runs[base]),
+        "equal samples": equal,
         "overhead": median_seconds(runs[same]) / median_seconds(runs[base]) - 1,
         "spp": spp,
         "equal time": (value * share, half * share),
@@ -146,7 +148,7 @@ opts.save(
     f"""Left: mean squared error of the thesis's rule (pilot of 2 + 2 + 2 samples, patches of
     {given.patch}x{given.patch} pixels, 5x5 Gaussian) over that of the balance heuristic (one light and one BRDF sample
     each time, {opts.spp} camera samples per pixel), {len(SEEDS)} seed(s)
-    ({len(timed[base])} in equal time); bars are 95 % confidence intervals from the spread over pixels. Diamonds: the
-    thesis's numbers. Samples that fit in the balance heuristic's time: {", ".join(str(row["spp"]) for row in rows)}
+    ({len(timed[base])} in equal time); bars are 95 % confidence intervals from the spread over blocks of pixels.
+    Diamonds: the thesis's numbers. Samples that fit in the balance heuristic's time: {", ".join(str(row["spp"]) for row in rows)}
     (thesis: 125). Right: seconds of the balance heuristic.""",
 )

@@ -16,8 +16,8 @@ import numpy as np
 
 import dmis
 from dmis import plot
-from dmis.experiment import Run
-from dmis.metrics import ratio
+from dmis.experiment import Budget, Run
+from dmis.metrics import ratio, ratio_over_blocks, squared_error
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES = ROOT / "figures"
@@ -161,15 +161,20 @@ def bold(value: float, half: float) -> str:
     return f"**{text}**" if value + half < 1 else text
 
 
-def over_pixels(runs: Sequence[Run], baseline: Sequence[Run]) -> tuple[float, float]:
-    """MSE over that of the baseline, and half of its 95 % interval from the spread of squared errors over blocks of
-    pixels, see `dmis.metrics.mean_over_blocks`: of a large image one seed is enough.
-    """
-    ours, theirs = (np.mean([run.mse for run in side]) for side in (runs, baseline))
-    relative = [
-        np.linalg.norm([run.mse_error for run in side]) / sum(run.mse for run in side) for side in (runs, baseline)
-    ]
-    return float(ours / theirs), float(1.96 * np.hypot(*relative) * ours / theirs)
+class Errors(dict):
+    """Squared errors of pixels by budget, sums over the seeds: `keep` is for `dmis.experiment.measure`."""
+
+    def __init__(self, reference: dmis.Reference) -> None:
+        super().__init__()
+        self._reference = reference
+
+    def keep(self, budget: Budget, result: dmis.Result) -> None:
+        """Add those of a render."""
+        self[budget] = self.get(budget, 0) + squared_error(result.image, self._reference.first, self._reference.second)
+
+    def ratio(self, budget: Budget, baseline: Budget) -> tuple[float, float]:
+        """MSE over that of the baseline, and half of its 95 % interval: of a large image one seed is enough."""
+        return ratio_over_blocks(self[budget], self[baseline])
 
 
 def machine() -> str:

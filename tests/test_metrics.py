@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dmis.metrics import block_error, mean_and_error, mean_over_blocks, mse, ratio, relmse
+from dmis.metrics import block_error, mean_and_error, mean_over_blocks, mse, ratio, ratio_over_blocks, relmse
 
 
 def test_closed_forms():
@@ -66,13 +66,20 @@ def test_ratio_interval_covers(seeds):
 
 
 @pytest.mark.parametrize("together", [1, 4, 8])
-def test_error_of_pixels_that_go_together(together):
-    """Where patches share their error, the mean over pixels is as unsure as it is over images."""
+@pytest.mark.parametrize("shape", [(160, 160), (171, 228), (104, 103)])
+def test_error_of_pixels_that_go_together(shape, together):
+    """Where patches share their error, the mean over pixels is as unsure as it is over images; a constant is sure."""
     rng = np.random.default_rng(3)
-    found = []
-    for _ in range(200):
-        patches = rng.exponential(size=(160 // together, 160 // together))
-        found.append(mean_over_blocks(np.kron(patches, np.ones((together, together)))))
-    means, errors = np.array(found).T
-    assert means.std() / errors.mean() == pytest.approx(1, abs=0.15)
+    found, ratios = [], []
+    for _ in range(150):
+        one, two = (
+            np.kron(rng.exponential(size=(30 * 8 // together,) * 2), np.ones((together,) * 2)) for _ in range(2)
+        )
+        one, two = (v[: shape[0], : shape[1]] for v in (one, two))
+        found.append(mean_over_blocks(one))
+        ratios.append(ratio_over_blocks(one + two, 2 * two))
+    for (means, errors), factor in ((np.array(found).T, 1), (np.array(ratios).T, 1.96)):
+        assert factor * means.std() / errors.mean() == pytest.approx(1, abs=0.2)
+    assert mean_over_blocks(np.full(shape, 3.0)) == (3, 0)
+    assert ratio_over_blocks(2 * one, one) == pytest.approx((2, 0))
     assert mean_over_blocks(np.arange(6.0).reshape(2, 3))[0] == 2.5
