@@ -263,7 +263,9 @@ class MeshLight:
         chosen = rows.take(index, axis=1)
         seen = _aim(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
         if not self.flat:  # what other triangles hide `hit` does not see either: densities are those of the nearest
-            seen.emits &= self._intersector.closest(p, seen.wi).distance >= seen.distance * np.float32(1 - 1e-4)
+            lit = np.flatnonzero(seen.emits)
+            nearest = self._intersector.closest(np.broadcast_to(p, seen.wi.shape)[:, lit], seen.wi[:, lit]).distance
+            seen.emits[lit] = nearest >= seen.distance[lit] * np.float32(1 - 1e-4)
         return seen
 
     def hit(self, p: Array, wi: Array) -> Seen:

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from dmis.settings import MOST
 from dmis.vec import Array
 
 LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
+
+
+def divided(samples: int, shading_samples: int, split: float) -> tuple[int, int]:
+    """Camera samples and shading samples of each for a budget of `samples` camera samples with `shading_samples` each,
+    if they are to have `split` times as many: the numbers near these that use the most of the budget, and no more.
+    """
+    found = []
+    for n in {max(1, math.floor(samples / split)), max(1, math.ceil(samples / split))}:
+        each = max(1, min(samples * shading_samples // n, MOST))
+        found.append((-n * each, abs(each - shading_samples * split), n, each))
+    return min(found)[2:]
 
 
 def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:

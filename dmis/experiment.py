@@ -34,7 +34,7 @@ class Run:
     pilot_seconds, fit_seconds, render_seconds
         Wall times of the three stages.
     mse, mse_error
-        Mean squared error over pixels and channels, and the standard error of this mean over pixels.
+        Mean squared error over pixels and channels, and its standard error, see `dmis.metrics.mean_over_blocks`.
     cpu_seconds
         Of all threads of this process, from the call of `render` to its return.
     """

@@ -14,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from dmis.filter import gaussian
+from dmis.mis import FROZEN
 from dmis.settings import Settings
 from dmis.variance import Film, luminance, patch_mean, patch_spread
 from dmis.vec import Array
@@ -211,10 +212,10 @@ class Fixed:
             return
         if not 0 <= self.w <= 1:
             raise ValueError(f"w must be in [0, 1], the share of light samples; got {self.w}")
-        if self.combiner == "frozen" and self.w in (0, 1):
+        if self.combiner == "frozen" and not FROZEN[0] <= self.w <= FROZEN[1]:
             raise ValueError(
-                f"w must not be 0 or 1 with combiner frozen, which gives each technique its part of f at any share; "
-                f"got {self.w:g}"
+                f"w must be from {FROZEN[0]:g} to {FROZEN[1]:g} with combiner frozen, which gives each technique its "
+                f"part of f at any share; got {self.w:g}"
             )
 
     @property

@@ -69,9 +69,15 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
 
 
 def mended(vertices: Floats, faces: npt.NDArray[Any], normals: Floats) -> Floats:
-    """`normals` with those of the faces in place of zeros and NaN, which exporters write at a loss."""
+    """`normals` with those of the faces in place of zeros and NaN, which exporters write at a loss; on the side of the
+    others.
+    """
     lost = np.asarray(~(np.isfinite(normals).all(axis=1) & normals.any(axis=1)))[:, None]
-    return np.where(lost, vertex_normals(vertices, faces), normals) if lost.any() else normals
+    if not lost.any():
+        return normals
+    known = np.where(lost, 0, normals)
+    against = np.einsum("fkc,fc->f", known[faces], flat_normals(vertices, faces)) < 0
+    return np.where(lost, vertex_normals(vertices, np.where(against[:, None], faces[:, ::-1], faces)), normals)
 
 
 def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:

@@ -106,7 +106,7 @@ def against(combiner: str, shares: Sequence[Array | float], own: int) -> Sequenc
 
 
 FROZEN = 0.05, 0.95
-"""Range to which learned weights are clipped where the combiner is ``frozen``."""
+"""Range of weights where the combiner is ``frozen``; those of a fit are clipped to it."""
 
 
 def find(name: str) -> Heuristic:

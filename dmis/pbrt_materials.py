@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +48,8 @@ def check_material(name: Token) -> None:
 
 class _PolynomialOf(Image):
     """The alpha of pbrt-v3 where the image is roughness."""
+
+    outside: ClassVar[float] = 0.047  # of the least roughness, about
 
     def __call__(self, uv: Array) -> Array:
         return _polynomial(super().__call__(uv))

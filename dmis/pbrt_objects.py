@@ -189,8 +189,9 @@ def _imagemap(kind: str, name: Token, parameters: Parameters) -> Image:
     if kind == "float":
         texels = texels.mean(axis=2, keepdims=True) if v4 else texels @ LUMINANCE[:, None]
     texels = factor * texels
-    if v4:
-        texels = np.maximum(1 - texels if parameters.boolean("invert", False) else texels, 0)
+    invert = v4 and parameters.boolean("invert", False)
+    if invert or (v4 and kind == "color"):
+        texels = np.maximum(1 - texels if invert else texels, 0)
     if gamma != 1:
         if (texels < 0).any():
             raise parameters.items["gamma"].token.error("gamma needs texels that are not negative; the image has some")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -115,8 +115,9 @@ def make_reference(
 
 
 def described(settings: Settings | None) -> list[dict[str, Any]]:
-    """Settings as a part of the key that names a file; nothing if they are the default."""
-    return [] if settings in (None, Settings()) else [asdict(settings)]  # type: ignore[arg-type]
+    """Settings as a part of the key that names a file; nothing if they are the default. There is no pilot to reuse."""
+    asked = replace(settings or Settings(), reuse_pilot=None)
+    return [] if asked == Settings() else [asdict(asked)]
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:

@@ -1,8 +1,8 @@
 """Rendering with a rule: pilot, fit, final pass, one image.
 
-The budget `spp` includes the pilot. Pilot and final image are both unbiased, and are averaged with weights fixed
-beforehand, their camera samples: so the result is unbiased although the weights were learned. (Weighting by estimated
-variance would not be.) Each of them is a pass over the image (`dmis.passes`).
+The budget `spp` includes the pilot. Pilot and final image are both unbiased. Where the pilot is part of the image they
+are averaged with weights fixed beforehand, their camera samples: so the result is unbiased although the weights were
+learned. (Weighting by estimated variance would not be.) Each of them is a pass over the image (`dmis.passes`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dmis import __version__, control, technique
-from dmis.budget import LEVELS, whole_samples
+from dmis.budget import LEVELS, divided, whole_samples
 from dmis.checkpoint import Store
 from dmis.checks import whole
 from dmis.combine import COLLECTORS
@@ -197,6 +197,8 @@ def render(
     elif gather is not None and _separate(rule, settings):
         gather = partial(gather, classes=2)
     pilot_spp = sum(rule.pilot.values())
+    if getattr(rule, "counts", False) and spp > LEVELS[-1] // 2:
+        raise ValueError(f"spp must be at most {LEVELS[-1] // 2} where a rule divides samples; got {spp}")
     if spp <= pilot_spp:
         raise ValueError(
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
@@ -243,13 +245,11 @@ def render(
         if combiner == "frozen":
             fit = replace(fit, weight=np.clip(fit.weight, *FROZEN))
             fit = fit if fit.later is None else replace(fit, later=np.clip(fit.later, *FROZEN))
-        if fit.split > spp - pilot_spp:
-            fit = replace(fit, split=spp - pilot_spp)
-        mean = int((spp - pilot_spp) / fit.split)
+        mean, shading_samples = divided(spp - pilot_spp, settings.shading_samples, fit.split)
+        fit = replace(fit, split=shading_samples / settings.shading_samples)
         counts: Array | int = mean
         if fit.samples is not None:
             counts = whole_samples(np.asarray(fit.samples), mean, stream(seed, len(pilot), 2**31))
-        shading_samples = round(settings.shading_samples * fit.split)
         shading = replace(settings, combiner=combiner, shading_samples=shading_samples)
         beta = control.coefficients(pilot[0.5], fit.weight, fit.later) if controlled else None
         pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())

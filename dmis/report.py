@@ -118,21 +118,25 @@ def _about_reference(c: Comparison) -> str:
 def _verdict(found: Sequence[Gain]) -> str:
     """One sentence: which rule is the most efficient at the largest budget."""
     last = [g for g in found if g.spp == max(g.spp for g in found)]
-    best = max(last, key=_known_efficiency)
     base = next(g for g in last if g.rule == "balance")
-    at = f"At {best.spp} samples per pixel"
+    at = f"At {base.spp} samples per pixel"
     if not base.mse > 0:
         return f"<p>{at} the balance heuristic has no error above that of the reference: nothing can be told.</p>"
-    if best is base or np.isnan(best.equal_error):
-        return f"<p>{at} no rule is more efficient than the balance heuristic.</p>"
-    told = (
-        f"<b>{_text(best.rule)}</b>: it reaches its error in {1 / best.equal_error:.0%} of the time that the balance "
-        f"heuristic needs"
+    best = _best(last)
+    if best is None:
+        why = " One seed has no interval." if np.isnan(base.interval) else ""
+        return f"<p>{at} no rule is surely more efficient than the balance heuristic.{why}</p>"
+    return (
+        f"<p>{at} <b>{_text(best.rule)}</b> is surely more efficient than the balance heuristic, and in these runs the "
+        f"best of the rules that are: it reaches its error in {1 / best.equal_error:.0%} of the time that the balance "
+        f"heuristic needs.</p>"
     )
-    if _surely(best, base):
-        return f"<p>{at} the most efficient is {told}.</p>"
-    why = "there is one seed" if np.isnan(best.interval) else "the interval of its error reaches that"
-    return f"<p>{at} the most efficient of these runs is {told}. That it is more efficient is not sure: {why}.</p>"
+
+
+def _best(found: Sequence[Gain]) -> Gain | None:
+    """Of gains at one budget that of the most efficient rule, of those that surely are more efficient than balance."""
+    base = next(g for g in found if g.rule == "balance")
+    return max((g for g in found if _surely(g, base)), key=_known_efficiency, default=None)
 
 
 def _surely(gain: Gain, base: Gain) -> bool:
@@ -162,9 +166,7 @@ def _efficiency(found: Sequence[Gain]) -> str:
         "spp", "rule", "MSE", "MSE / balance", "relMSE", "seconds", "CPU s", "pilot + fit", "Mrays",
         "1 / (MSE·s)", "speed-up at equal error", "error ratio in equal time",
     ]  # fmt: skip
-    bases = {g.spp: g for g in found if g.rule == "balance"}
-    sure = [g for g in found if g.rule == "balance" or _surely(g, bases[g.spp])]
-    best = {spp: max((g for g in sure if g.spp == spp), key=_known_efficiency) for spp in bases}
+    best = {spp: _best([g for g in found if g.spp == spp]) for spp in {g.spp for g in found}}
     rows, marks = [], []
     for g in found:
         first = g.rule == "balance"

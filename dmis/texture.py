@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -41,14 +41,19 @@ class Image:
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
     wrap: Wrap = "repeat"
+    outside: ClassVar[float] = 0.0
+    """What a lookup finds outside of an image whose wrap is black."""
 
     def __post_init__(self) -> None:
-        if np.asarray(self.texels).dtype.kind not in "fb":
+        given = np.asarray(self.texels)
+        if given.dtype.kind in "ui" and given.size and given.max() > 1:
             raise ValueError(
-                "texels must be floating point, because they are linear values; divide those of 8 bits by 255, and "
-                f"make them linear; got {np.asarray(self.texels).dtype}"
+                "texels must be linear values, mostly in [0, 1]; divide those of 8 bits by 255, and make them linear; "
+                f"got {given.dtype} up to {given.max()}"
             )
-        texels = np.asarray(self.texels, np.float32)
+        if given.dtype.kind not in "fbui":
+            raise ValueError(f"texels must be an array of numbers; got {self.texels!r}")
+        texels = given.astype(np.float32)
         if texels.ndim != 3 or texels.shape[2] not in (1, 3) or texels.size == 0:
             raise ValueError(f"texels must have shape (H, W, 1) or (H, W, 3); got {texels.shape}")
         if not np.isfinite(texels).all():
@@ -161,7 +166,7 @@ def within(
     numbers: Array = value.texels if textured else np.asarray(value, float).reshape(-1)
     if (textured and not image) or numbers.shape[-1] not in ((1, 3) if rgb else (1,)):
         rule = _KINDS[rgb, image]
-    elif textured and least > 0 and value.wrap == "black":
+    elif textured and value.wrap == "black" and not least <= value.outside <= most:
         rule += ", an image with another wrap than black"
     elif (numbers >= least).all() and (numbers <= most).all():
         return numbers

@@ -17,7 +17,7 @@ import numpy as np
 
 import dmis
 from dmis.image import tonemap
-from dmis.metrics import squared_error
+from dmis.metrics import mean_over_blocks, squared_error
 
 HERE = Path(__file__).parent
 SIZE = 400
@@ -48,8 +48,8 @@ results = {
 }
 
 # %%
-# Errors against two independent halves of a reference. Pixels are independent, so the spread of their errors tells how
-# well the mean is known.
+# Errors against two independent halves of a reference. Blocks of pixels are independent, so the spread of their errors
+# tells how well the mean is known.
 reference, attributes = dmis.read_exr(HERE / "data" / "teapot-area-light-400x400.exr")
 first, second = reference["first"], reference["second"]
 squared = {rule: squared_error(r.image, first, second) for rule, r in results.items()}
@@ -60,8 +60,7 @@ print("| rule    | samples  |     rays | seconds |       MSE (± 1 s.e.)  | MSE 
 print("|---------|----------|----------|---------|-----------------------|---------------|")
 baseline = squared["balance"].mean()
 for rule, result in results.items():
-    error = squared[rule]
-    mean, spread = error.mean(), error.std() / np.sqrt(error.size)
+    mean, spread = mean_over_blocks(squared[rule])
     print(
         f"| {rule:7} | {SIZE * SIZE * spp / 1e6:6.2f} M | {sum(result.rays.values()) / 1e6:6.2f} M "
         f"| {result.seconds['total']:7.2f} | {mean:.3e} ± {spread:.1e} | {mean / baseline:13.3f} |"

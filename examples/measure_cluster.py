@@ -100,7 +100,8 @@ def main():
         ]
     )
     print(text)
-    replace_table(given.page, "cluster", text)
+    if not given.quick or given.page != PAGE:
+        replace_table(given.page, "cluster", text)
 
 
 def merge_seconds(scene, tiles, file):

@@ -12,7 +12,7 @@ import numpy as np
 from thesis import options, show, window
 
 from dmis import plot, render
-from dmis.metrics import mean_and_error, squared_error
+from dmis.metrics import mean_over_blocks, squared_error
 
 opts, _ = options(__file__, __doc__)
 PATCH = opts.pick(4, 8, 16)
@@ -31,7 +31,7 @@ results = {
     for title, rule in rules.items()
 }
 errors = {t: squared_error(r.image, reference.first, reference.second) for t, r in results.items()}
-mse = {title: mean_and_error(error) for title, error in errors.items()}
+mse = {title: mean_over_blocks(error) for title, error in errors.items()}
 for title, (mean, spread) in mse.items():
     print(f"{title:15} MSE {mean:.3e} ± {spread:.1e}, ratio to balance {mean / mse['balance'][0]:.3f}")
 

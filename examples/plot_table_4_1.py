@@ -149,6 +149,6 @@ opts.save(
     {given.patch}x{given.patch} pixels, 5x5 Gaussian) over that of the balance heuristic (one light and one BRDF sample
     each time, {opts.spp} camera samples per pixel), {len(SEEDS)} seed(s)
     ({len(timed[base])} in equal time); bars are 95 % confidence intervals from the spread over blocks of pixels.
-    Diamonds: the thesis's numbers. Samples that fit in the balance heuristic's time: {", ".join(str(row["spp"]) for row in rows)}
-    (thesis: 125). Right: seconds of the balance heuristic.""",
+    Diamonds: the thesis's numbers. Samples that fit in the balance heuristic's time:
+    {", ".join(str(row["spp"]) for row in rows)} (thesis: 125). Right: seconds of the balance heuristic.""",
 )

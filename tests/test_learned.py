@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.budget import LEVELS, whole_samples
+from dmis.budget import LEVELS, divided, whole_samples
 from dmis.cost import camera_sample
 from dmis.curves import GRID, HALF
 from dmis.fit import Pilot
@@ -209,11 +209,25 @@ def test_more_samples_than_levels() -> None:
 
 
 @pytest.mark.parametrize("rule", ["auto", "second-moment:split=yes"])
-@pytest.mark.parametrize("spp", [7, 8, 9])
+@pytest.mark.parametrize("spp", [7, 8, 9, 13, 20, 29, 45])
 def test_splits_stay_in_the_budget(rule: str, spp: int) -> None:
-    """Of one sample that is left no two can be made, whatever the fit would like."""
+    """Of one sample that is left no two can be made, whatever the fit would like; and what is left is used."""
     scene = dmis.load_scene("killeroo-gold", resolution=(32, 24))
-    assert dmis.render(scene, rule, spp, seed=1).samples.mean() <= spp + 0.01
+    assert spp - 1.5 <= dmis.render(scene, rule, spp, seed=1).samples.mean() <= spp + 0.01
+
+
+@pytest.mark.parametrize("split", [0.5, 1, 2, 4, 8])
+@pytest.mark.parametrize("shading_samples", [2, 4, 10])
+def test_budgets_are_divided(shading_samples: int, split: float) -> None:
+    """Not exceeded, nearly used, and about as asked for; exactly where that divides the budget."""
+    for samples in range(1, 300):
+        n, each = divided(samples, shading_samples, split)
+        budget = samples * shading_samples
+        assert 1 <= n and 1 <= each <= 100 and budget - n < n * each <= budget
+        if samples >= 2 * split:
+            assert abs(each / shading_samples / split - 1) <= 0.5
+        if samples % split == 0:
+            assert (n, each) == (samples / split, shading_samples * split)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])

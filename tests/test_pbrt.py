@@ -411,8 +411,9 @@ def test_refracted_radiance_is_not_divided_by_eta2(read, integrator, opacity, in
 
 def test_zero_normals_become_those_of_the_faces(read):
     """Exporters write some; from mesh files they are mended, too."""
-    mesh = read(add=TRIANGLE[:-1] + '"normal N" [0 0 -1 0 0 1 0 0 0]\n').parts[0].mesh
-    close(mesh.normals, [[0, 0, -1], [0, 0, 1], [0, 0, 1]])
+    for z in (1, -1):  # on the side of the others
+        mesh = read(add=TRIANGLE[:-1] + f'"normal N" [0 0 {z} 0 .6 {0.8 * z} 0 0 0]\n').parts[0].mesh
+        close(mesh.normals, [[0, 0, z], [0, 0.6, 0.8 * z], [0, 0, z]])
 
 
 def test_spot_whose_falloff_is_wider_than_its_cone(read):

@@ -385,7 +385,7 @@ def test_only_what_is_sure_is_said(made, tmp_path):
         return (tmp_path / "report.html").read_text("utf-8")
 
     def same(run):
-        noise = 1 + 0.1 * np.sin(hash((run.rule, run.seed)) % 97)
+        noise = 1 + 0.1 * (-1) ** (run.seed + len(run.rule))  # higher with one seed, lower with the other
         return dataclasses.replace(run, mse=noise / run.spp, pilot_seconds=0.0, fit_seconds=0.0, render_seconds=run.spp)
 
     def better(run):
@@ -393,7 +393,8 @@ def test_only_what_is_sure_is_said(made, tmp_path):
         return dataclasses.replace(same(run), mse=factor * (1 + 0.01 * run.seed) / run.spp)
 
     page = told(same)
-    assert "is not sure: the interval" in page or "no rule is more efficient" in page
-    assert not re.search(r'<tr class="[^"]*best"><td></td><td>(?!balance)', page)
-    assert "the most efficient is <b>pbrt</b>" in told(better)
+    assert "no rule is surely more efficient" in page and not re.search(r'<tr class="[^"]*best"', page)
+    page = told(better)
+    assert "<b>pbrt</b> is surely more efficient" in page
+    assert re.search(r'<tr class="[^"]*best"><td></td><td>pbrt<', page)
     assert "nothing can be told" in told(lambda run: dataclasses.replace(run, mse=-1e-6))

@@ -119,8 +119,11 @@ def test_bad_images(texels: Array, options: dict[str, Any], message: str) -> Non
 
 
 def test_eight_bits_are_not_linear_values() -> None:
-    with pytest.raises(ValueError, match="texels must be floating point"):
+    with pytest.raises(ValueError, match="texels must be linear values"):
         Image(np.full((2, 2, 3), 200, np.uint8))
+    with pytest.raises(ValueError, match="texels must be an array of numbers"):
+        Image("wood.png")
+    assert Image(np.array([[[1], [0]]])).texels.sum() == 1
 
 
 @pytest.mark.parametrize("make", [dmis.plastic, dmis.ggx, dmis.rough_glass, dmis.torrance_sparrow])
