@@ -41,7 +41,7 @@ for name in SCENES:
     base = runs[BASE, opts.spp]
     width, height = scene.camera.resolution
     size = f"{scene.name} {width}×{height}"
-    cells, fair = [size, f"{median_seconds(base):.1f}"], [size]
+    cells, fair = [size, f"{median_seconds(on_cpu(base)):.1f}"], [size]
     for rule in RULES:
         own = runs[rule, opts.spp]
         value, half = errors.ratio((rule, opts.spp), (BASE, opts.spp))
