@@ -12,7 +12,7 @@ import numpy as np
 
 from dmis.convergence import gains
 from dmis.experiment import Budget, Run, measure
-from dmis.fit import check_rule
+from dmis.fit import settle
 from dmis.image import read_exr, write_image
 from dmis.oracle import Oracle, cached_oracle
 from dmis.reference import Reference
@@ -155,9 +155,7 @@ def compare(
         )
     rules = tuple(dict.fromkeys(("balance", *rules)))
     for rule in rules:  # which may refuse the settings
-        made = make_rule(rule)
-        check_rule(made, rule, settings or Settings())
-        replace(settings or Settings(), **made.settings)
+        settle(make_rule(rule), rule, settings or Settings())
     folder = Path(folder)
     results = Results(folder, conditions(scene, reference, threads, settings), rules)
     budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).pilot.values()) < n]

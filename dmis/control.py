@@ -136,8 +136,8 @@ def coefficients(pilot: Pilot, weight: Array | float, later: Array | float | Non
     usable = (square > DEGENERATE) & (light > 0)
     relative = np.clip(np.where(usable, product, 0) / np.where(usable, square * light, 1), -w, 1 - w)
     beta = patch_spread(np.moveaxis(np.where(usable, relative, 0) * colours, 0, -1), BASE, shape)
-    for each in (weight, weight if later is None else later):
-        both = (np.asarray(each) > WEIGHTS[0] - 1e-6) & (np.asarray(each) < WEIGHTS[-1] + 1e-6)
+    for each in (np.asarray(w) for w in (weight, later) if w is not None):
+        both = (each > WEIGHTS[0] - 1e-6) & (each < WEIGHTS[-1] + 1e-6)
         beta *= np.broadcast_to(both, shape)[..., None]
     return beta
 

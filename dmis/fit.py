@@ -8,7 +8,7 @@ and `dmis.rules` the names of all.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -104,21 +104,22 @@ class Rule(Protocol):
         ...
 
 
-def check_rule(rule: Rule, text: str, asked: Settings) -> None:
-    """Refuse a rule of one's own whose settings or pilot are none, and settings that it would replace unasked.
+def settle(rule: Rule, text: str, asked: Settings) -> Settings:
+    """`asked` with the rule's own settings; refused are a rule of one's own whose settings or pilot are none, and
+    settings that it would replace unasked.
 
     Parameters
     ----------
     text
         The rule in messages.
     asked
-        What the caller gave, before the rule's own settings take their places.
+        What the caller gave.
 
     Raises
     ------
     ValueError
-        If a name is no setting, a pilot's number of samples is not whole or its shares are not in [0, 1], or `asked`
-        differs both from the default and from the rule.
+        If a name is no setting, a pilot's number of samples is not whole or its shares are not in [0, 1], `asked`
+        differs both from the default and from the rule, or the two do not go together.
     """
     usual = Settings()
     for name, own in rule.settings.items():
@@ -135,6 +136,7 @@ def check_rule(rule: Rule, text: str, asked: Settings) -> None:
             raise ValueError(
                 f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n} at {w}"
             )
+    return replace(asked, **rule.settings)
 
 
 def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:

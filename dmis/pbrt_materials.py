@@ -46,10 +46,15 @@ def check_material(name: Token) -> None:
         raise name.error(f"a material must be one of {known}; others are not supported in {dialect}")
 
 
+def _polynomial(roughness: Any) -> Any:
+    """alpha in pbrt-v3, from a roughness in [0, 1] or so (core/microfacet.h, RoughnessToAlpha)."""
+    return np.polyval([0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142], np.log(np.maximum(roughness, 1e-3)))
+
+
 class _PolynomialOf(Image):
     """The alpha of pbrt-v3 where the image is roughness."""
 
-    outside: ClassVar[float] = 0.047  # of the least roughness, about
+    outside: ClassVar[float] = float(_polynomial(0.0))
 
     def __call__(self, uv: Array) -> Array:
         return _polynomial(super().__call__(uv))
@@ -60,11 +65,6 @@ class _RootOf(Image):
 
     def __call__(self, uv: Array) -> Array:
         return np.sqrt(super().__call__(uv))
-
-
-def _polynomial(roughness: Any) -> Any:
-    """alpha in pbrt-v3, from a roughness in [0, 1] or so (core/microfacet.h, RoughnessToAlpha)."""
-    return np.polyval([0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142], np.log(np.maximum(roughness, 1e-3)))
 
 
 LEAST_ALPHA = 1e-3

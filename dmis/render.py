@@ -28,7 +28,7 @@ from dmis.combine import COLLECTORS
 from dmis.cost import UNSEEN
 from dmis.files import check_writable
 from dmis.fireflies import find_fireflies
-from dmis.fit import Fixed, Rule, Weight, check_fit, check_rule
+from dmis.fit import Fixed, Rule, Weight, check_fit, settle
 from dmis.guides import guides
 from dmis.memory import release
 from dmis.mis import FROZEN
@@ -162,6 +162,7 @@ def render(
     threads, workers = _crew(threads, workers, executor)
     described, (scene, gain) = scene, suited(scene)
     asked = settings or Settings()
+    asked = asked if sampler is None else replace(asked, sampler=sampler)
     if rule is None:
         s = asked.shading_samples
         half: Rule = Fixed(0.5, asked.combiner, asked.techniques, asked.allocation)
@@ -169,9 +170,7 @@ def render(
         rule = "auto" if learns else "balance" if half == Fixed() else half
     rule_text = rule if isinstance(rule, str) else repr(rule)
     rule = make_rule(rule)
-    given = {} if sampler is None else {"sampler": sampler}
-    check_rule(rule, rule_text, asked)
-    settings = scene.plan.settle(replace(asked, **{**given, **rule.settings}))
+    settings = scene.plan.settle(settle(rule, rule_text, asked))
     if settings.reuse_pilot is None:
         settings = replace(settings, reuse_pilot=settings.sampler == "independent")
     gather = getattr(rule, "statistic", None)
@@ -197,8 +196,6 @@ def render(
     elif gather is not None and _separate(rule, settings):
         gather = partial(gather, classes=2)
     pilot_spp = sum(rule.pilot.values())
-    if getattr(rule, "counts", False) and spp > LEVELS[-1] // 2:
-        raise ValueError(f"spp must be at most {LEVELS[-1] // 2} where a rule divides samples; got {spp}")
     if spp <= pilot_spp:
         raise ValueError(
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "

@@ -53,7 +53,7 @@ class Image:
             )
         if given.dtype.kind not in "fbui":
             raise ValueError(f"texels must be an array of numbers; got {self.texels!r}")
-        texels = given.astype(np.float32)
+        texels = np.asarray(given, np.float32)
         if texels.ndim != 3 or texels.shape[2] not in (1, 3) or texels.size == 0:
             raise ValueError(f"texels must have shape (H, W, 1) or (H, W, 3); got {texels.shape}")
         if not np.isfinite(texels).all():

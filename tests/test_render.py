@@ -106,6 +106,13 @@ def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reuse
         assert same(dmis.render(box, "second-moment", 16, settings=settings), by_rule[word])
 
 
+def test_a_rules_sampler_is_not_replaced_unasked(box):
+    """However another one is asked for."""
+    for asked in ({"sampler": "stratified"}, {"settings": dmis.Settings(sampler="stratified")}):
+        with pytest.raises(ValueError, match=r"settings ask for sampler stratified, but rule .* has sobol"):
+            dmis.render(box, "thesis:sampler=sobol", 8, **asked)
+
+
 @dataclass(frozen=True)
 class Divided:
     """A rule whose final camera samples are fewer and have more shading samples, or the other way round."""
