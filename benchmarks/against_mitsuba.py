@@ -36,11 +36,11 @@ sys.path.insert(0, str(ROOT / "examples"))
 mi.set_variant("scalar_rgb")
 dr.set_thread_count(1)
 
-import mitsuba_scene  # noqa: E402
-from thesis import SCENES, TABLES, replace_table  # noqa: E402
+import mitsuba_scene
+from common import SCENES, TABLES, replace_table
 
-import dmis  # noqa: E402
-from dmis.metrics import ratio  # noqa: E402
+import dmis
+from dmis.experiment.metrics import ratio
 
 PAGE = ROOT / "docs" / "performance.md"
 Render = Callable[[int, int], np.ndarray]

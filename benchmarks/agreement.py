@@ -27,14 +27,19 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
 mi.set_variant("llvm_ad_rgb")
 
-import mitsuba_scene  # noqa: E402
-from thesis import SCENES, replace_table, show  # noqa: E402
+import mitsuba_scene
+from common import SCENES, replace_table, show
 
-import dmis  # noqa: E402
-from dmis.conductor import ExactConductor  # noqa: E402
-from dmis.material import Material, glass, matte, mirror  # noqa: E402
-from dmis.metrics import block_error  # noqa: E402
-from dmis.models import ggx  # noqa: E402
+import dmis
+from dmis.brdf.fresnel import ExactConductor
+from dmis.brdf.materials import (
+    Material,
+    glass,
+    matte,
+    mirror,
+)
+from dmis.brdf.models import ggx
+from dmis.experiment.metrics import block_error
 
 PAGE = ROOT / "docs" / "performance.md"
 GOLD = ExactConductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))

@@ -2,10 +2,10 @@
 What a shading sample costs
 ===========================
 
-Rules that weigh variance against cost go by counted rays times the constants of `dmis.cost`. Here they are measured:
-CPU time of renders at several weights and numbers of shading samples on the scenes that come with dmis, in turns, and
-the constants that explain it best, each scene's camera sample being one. Takes ten minutes or so, and wants an idle
-machine.
+Rules that weigh variance against cost go by counted rays times the constants of `dmis.estimator.cost`. Here they are
+measured: CPU time of renders at several weights and numbers of shading samples on the scenes that come with dmis, in
+turns, and the constants that explain it best, each scene's camera sample being one. Takes ten minutes or so, and wants
+an idle machine.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import dmis
-from dmis import cost
+from dmis.estimator import cost
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("scenes", nargs="*", default=list(dmis.SHIPPED), help="names or files; default: all shipped")

@@ -17,12 +17,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from dmis.brdf import BlendBase, BlendCoat, Blinn, Conductor, Dielectric, Lambert, Microfacet
-from dmis.conductor import ExactConductor
-from dmis.ggx import GGX
-from dmis.material import Material
-from dmis.roughness import Isotropic
-from dmis.texture import Image
+from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.distributions import Blinn, Isotropic
+from dmis.brdf.fresnel import Conductor, Dielectric, ExactConductor
+from dmis.brdf.materials import Material
+from dmis.brdf.microfacet import GGX, Microfacet
+from dmis.brdf.texture import Image
 
 
 class Lobes(mi.BSDF):  # type: ignore[misc]

@@ -11,14 +11,20 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from dmis.brdf import BlendBase, BlendCoat, Conductor, Dielectric, Lambert, Microfacet
-from dmis.camera import Camera
-from dmis.light import DiskLight, DistantLight, EnvironmentLight, PointLight, SphereLight
-from dmis.material import Material
-from dmis.mesh import Mesh
-from dmis.scene import Part, Scene
-from dmis.texture import Image
-from dmis.vec import frame
+from dmis.base.vectors import frame
+from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.fresnel import Conductor, Dielectric
+from dmis.brdf.materials import Material
+from dmis.brdf.microfacet import Microfacet
+from dmis.brdf.texture import Image
+from dmis.geometry.mesh import Mesh
+from dmis.light.area import DiskLight, SphereLight
+from dmis.light.delta import DistantLight, PointLight
+from dmis.light.environment import EnvironmentLight
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene
 
 
 def translate(scene: Scene, *, exact: bool) -> Any:
@@ -164,19 +170,19 @@ def _bsdf(material: Material, exact: bool) -> Any:
         return mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.0, 0.0, 0.0]}})
     if material.name == "mirror":
         (lobe,) = material.lobes
-        reflection = {"type": "conductor", "material": "none", "specular_reflectance": _spectrum(lobe.reflectance)}  # type: ignore[union-attr]
+        reflection = {"type": "conductor", "material": "none", "specular_reflectance": _spectrum(lobe.reflectance)}  # type: ignore[attr-defined]
         return mi.load_dict({"type": "twosided", "bsdf": reflection})
     if material.name == "glass" and len(material.lobes) == 2:
         mirrored, refracted = material.lobes
-        if not refracted.scaled:  # type: ignore[union-attr]
+        if not refracted.scaled:  # type: ignore[attr-defined]
             raise ValueError("glass of pbrt-v2, whose refracted radiance is not divided by eta^2, is not in Mitsuba")
         return mi.load_dict(
             {
                 "type": "dielectric",
-                "int_ior": float(refracted.eta),  # type: ignore[union-attr]
+                "int_ior": float(refracted.eta),  # type: ignore[attr-defined]
                 "ext_ior": 1.0,
-                "specular_reflectance": _spectrum(mirrored.reflectance),  # type: ignore[union-attr]
-                "specular_transmittance": _spectrum(refracted.transmittance),  # type: ignore[union-attr]
+                "specular_reflectance": _spectrum(mirrored.reflectance),  # type: ignore[attr-defined]
+                "specular_transmittance": _spectrum(refracted.transmittance),  # type: ignore[attr-defined]
             }
         )
     if exact:

@@ -19,11 +19,11 @@ from datetime import date
 from pathlib import Path
 
 import dmis
-from dmis.bench import HEADER, PARTS, Speed, bench, fresh_python, peak_memory
+from dmis.experiment.speed.bench import HEADER, PARTS, Speed, bench, fresh_python, peak_memory
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
-from thesis import SCENES, machine, replace_table, show  # noqa: E402
+from common import SCENES, machine, replace_table, show
 
 SLACK = 1.2
 """A ratio may miss its target by this factor before it counts as a failure."""

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dmis import material, models, warp
-from dmis.environment import EnvironmentLight
-from dmis.light import DiskLight, QuadLight, SphereLight
-from dmis.pair import Pair
-from dmis.samplers import KINDS, Independent, make_sampler
-from dmis.surface import Surface
-from dmis.technique import SampledLight
-from dmis.texture import Image
-from dmis.variance import Moments
-from dmis.vec import Array, dot, frame, normalise
+from dmis.base.vectors import Array, dot, frame, normalise
+from dmis.brdf import materials, models
+from dmis.brdf.cosines import Pair
+from dmis.brdf.texture import Image
+from dmis.estimator.technique import SampledLight
+from dmis.light.area import DiskLight, QuadLight, SphereLight
+from dmis.light.environment import EnvironmentLight
+from dmis.samplers import warp
+from dmis.samplers.streams import SAMPLERS, Independent, make_sampler
+from dmis.scene.shading_points import Surface
+from dmis.variance.moments import Moments
 
 N = 2**15
 RNG = np.random.default_rng(1)
@@ -27,10 +28,10 @@ UP = np.repeat(np.array([[0], [0], [1]], np.float32), N, axis=1)
 WI = warp.square_to_hemisphere(U[::-1])
 
 MATERIALS = {
-    "matte": material.matte(),
-    "plastic": material.plastic(),
-    "metal": material.metal(),
-    "substrate": material.substrate(),
+    "matte": materials.matte(),
+    "plastic": materials.plastic(),
+    "metal": materials.metal(),
+    "substrate": materials.substrate(),
     "ward": models.ward(),
     "cook-torrance": models.cook_torrance(),
     "ggx": models.ggx(),
@@ -120,7 +121,7 @@ def test_vectors(benchmark: Any, name: str) -> None:
 
 
 @pytest.mark.benchmark(group="random numbers")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", tuple(SAMPLERS))
 def test_random_numbers(benchmark: Any, kind: Any) -> None:
     pixels = 1024
     sampler = make_sampler(kind, np.random.default_rng(1), pixels, [N // pixels], 2)

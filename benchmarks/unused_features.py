@@ -15,15 +15,20 @@ from dataclasses import replace
 import numpy as np
 
 import dmis
-from dmis.brdf import Lambert
-from dmis.camera import Camera
-from dmis.geometry import quad, sphere, translate
-from dmis.light import EnvironmentLight, Light, PointLight, QuadLight
-from dmis.material import Material, matte, metal, mirror, plastic
-from dmis.models import ggx
-from dmis.scene import Part, Scene
-from dmis.texture import Image
-from dmis.tile import Tile, render_tile
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.materials import Material, matte, metal, mirror, plastic
+from dmis.brdf.models import ggx
+from dmis.brdf.texture import Image
+from dmis.geometry.shapes import quad, sphere
+from dmis.geometry.transforms import translate
+from dmis.light.area import QuadLight
+from dmis.light.delta import PointLight
+from dmis.light.environment import EnvironmentLight
+from dmis.light.light import Light
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene
 
 LIMIT = 1.01
 KD = (0.5, 0.25, 0.125)

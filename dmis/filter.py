@@ -1,4 +1,4 @@
-"""Spatial filters of maps of statistics or weights."""
+"""Spatial filters of maps of statistics or MIS weights: Gaussian, and joint bilateral by feature buffers."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dmis.vec import Array
+from dmis.base.vectors import Array
+
+MAX_TAPS = 1001
+"""Largest number of taps on a side of a filter."""
 
 
 def gaussian(values: Array, sigma: float = 1.0, radius: int = 2) -> Array:
-    """Gaussian filter with ``(2 radius + 1)^2`` taps: 5x5 by default, as in thesis Sec. 3.4.
+    """Return a map filtered by a Gaussian of ``(2 radius + 1)^2`` taps: 5x5 by default, as in thesis Sec. 3.4.
 
-    Edges repeat the outermost value, so constants stay constant. Entries that are not finite count as absent: they are
-    filled from their neighbours, and spoil none of them; where no neighbour is finite they stay as they are.
+    Edges repeat the outermost value, so constants stay constant. Entries that are not finite have the weight 0: they
+    are replaced by the mean of their neighbours, and stay as they are if no neighbour is finite.
 
     Parameters
     ----------
@@ -41,8 +44,10 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2) -> Array:
 
 
 def effective(shape: tuple[int, int], sigma: float = 1.0, radius: int = 2) -> Array:
-    """How many equal entries each average by `gaussian` is worth, ``(H, W)``: one over the sum of its squared weights.
-    At the edge it is fewer, because one entry has the weight of all beyond.
+    """Return the effective number of entries in each average by `gaussian`, ``(H, W)``.
+
+    It is one over the sum of the squared weights. At the edge it is smaller, because the outermost entry has the weight
+    of all entries beyond.
     """
     from scipy.ndimage import gaussian_filter1d
 
@@ -54,18 +59,18 @@ def effective(shape: tuple[int, int], sigma: float = 1.0, radius: int = 2) -> Ar
 def joint(
     values: Array, guides: Mapping[str, Array], scales: Mapping[str, float], sigma: float = 1.0, radius: int = 2
 ) -> tuple[Array, Array]:
-    """Joint (cross-) bilateral filter of a stack of maps: a Gaussian in space times one in the differences of guides.
+    """Return maps filtered by a joint (cross-) bilateral filter: a Gaussian in space times one in feature differences.
 
-    ``w_pq = exp(-|p - q|^2 / (2 sigma^2) - sum_g |g_p - g_q|^2 / (2 scale_g^2))``. Guides are free of noise, so that
-    what is averaged does not depend on the values: means stay unbiased where the guides tell all that matters. Edges
-    that no guide shows, such as those of shadows, are blurred.
+    ``w_pq = exp(-|p - q|^2 / (2 sigma^2) - sum_g |g_p - g_q|^2 / (2 scale_g^2))``. The weights depend on the guides,
+    which have no noise, and not on the values, so means stay unbiased where the guides determine the expected values.
+    Edges that are in no guide, such as those of shadows, are blurred.
 
     Parameters
     ----------
     values
         Maps ``(..., H, W)``, which are filtered with the same weights.
     guides, scales
-        By name: ``(C, H, W)``, and the distance in it that counts as one standard deviation.
+        Feature buffers by name, ``(C, H, W)`` each, and for each the distance that counts as one standard deviation.
     sigma, radius
         See `gaussian`. Taps outside the map are left out.
 
@@ -74,7 +79,7 @@ def joint(
     filtered
         Means with weights that sum to 1, ``(..., H, W)``.
     entries
-        How many equal entries each is worth, ``(sum w)^2 / sum w^2``, ``(H, W)``.
+        Effective number of entries in each mean, ``(sum w)^2 / sum w^2``, ``(H, W)``.
     """
     if not (sigma > 0 and np.isfinite(sigma)):
         raise ValueError(f"sigma must be positive; got {sigma}")
@@ -86,7 +91,7 @@ def joint(
     weight, square = np.ones((2, height, width))
     for dy in range(min(radius, height - 1) + 1):
         for dx in range(-min(radius, width - 1), min(radius, width - 1) + 1):
-            if (dy, dx) <= (0, 0):  # each pair of entries once; itself is in already
+            if (dy, dx) <= (0, 0):  # each pair of entries once; the centre is in `total` already
                 continue
             p = ..., slice(0, height - dy), slice(max(-dx, 0), width - max(dx, 0))
             q = ..., slice(dy, height), slice(max(dx, 0), width - max(-dx, 0))
@@ -97,3 +102,9 @@ def joint(
                 weight[a] += w
                 square[a] += w * w
     return total / weight, weight * weight / square
+
+
+def check_taps(size: int) -> None:
+    """Raise a ValueError unless `size`, the taps on a side of a filter, is odd and from 1 to `MAX_TAPS`."""
+    if not 1 <= size <= MAX_TAPS or size % 2 == 0:
+        raise ValueError(f"size must be odd, 1 to {MAX_TAPS}, taps on a side of the filter; got {size}")

@@ -1,44 +1,43 @@
-"""Images in files: EXR with layers and provenance, PNG for a quick look."""
+"""Image files: EXR with layers and attributes, PNG as a preview; the sRGB curve."""
 
 from __future__ import annotations
 
-import json
 import os
+import struct
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from dmis.files import replacing
-from dmis.vec import Array
-
-if TYPE_CHECKING:
-    from dmis.render import Result
-
+from dmis.base.atomic_files import check_package, check_writable, replacing
+from dmis.base.vectors import Array
 
 MAX_PIXELS = 2**25
-"""Most pixels of an image that is read: 400 MB of RGB. A side has at most 65535."""
+"""Most pixels of an image that is rendered or read from a file: 400 MB of RGB."""
+MAX_SIDE = 65535
+"""Most pixels on a side of an image that is rendered or read from a file."""
 MAX_CHANNELS = 64
-"""Most channels of an image that is read, and of all its pixels as many as 16 of the largest image have."""
+"""Most channels of an image file that is read; all together hold at most 16 values per pixel of the largest image."""
 
 
-def write_image(path: str | os.PathLike[str], result: Result) -> None:
-    """Write a rendered image: ``.exr`` with all layers, or ``.png`` for a look at it.
+def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
+    """Check that an image file of `size` bytes can be written, before the image is rendered.
 
     Raises
     ------
     ValueError
-        If the extension is neither.
+        If the extension is neither .exr nor .png, or the package that writes EXR cannot be imported.
     OSError
-        If the directory does not exist.
+        If the file cannot be written, see `dmis.base.atomic_files.check_writable`.
     """
-    if Path(path).suffix.lower() == ".png":
-        write_png(path, result.image)
-        return
-    variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold
-    layers = {"RGB": result.image, "weight": result.weight, "variance": variance, "samples": result.samples}
-    write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".exr", ".png"):
+        raise ValueError(f"an image file must end in .exr (or .png for a preview); got {path}")
+    if suffix == ".exr":
+        check_package("OpenEXR", "writing EXR", "pip install OpenEXR, or write .png")
+    check_writable(path, size)
 
 
 def write_exr(
@@ -53,7 +52,7 @@ def write_exr(
     ValueError
         If the extension is not .exr, a layer has another shape, or the image is not finite.
     OSError
-        If the directory does not exist, or the disk is full: a file that was there before is then left as it was.
+        If the directory does not exist or the disk is full; an earlier file at `path` is then left as it was.
     """
     import OpenEXR  # imported where used: it is not needed to render
 
@@ -68,8 +67,8 @@ def write_exr(
             raise ValueError(f"layer {name} must have shape (H, W) or (H, W, 3); got {layer.shape}")
         if name == "RGB" and not np.isfinite(layer).all():
             raise ValueError(f"an image must be finite; {np.size(layer) - np.isfinite(layer).sum()} values are not")
-        kind = np.float16 if layer.dtype == np.float16 else np.float32
-        channels[name] = np.ascontiguousarray(layer, kind)  # OpenEXR writes strided arrays wrong
+        dtype = np.float16 if layer.dtype == np.float16 else np.float32
+        channels[name] = np.ascontiguousarray(layer, dtype)  # OpenEXR writes strided arrays wrong
     header: dict[str, Any] = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -83,14 +82,14 @@ def write_exr(
 
 
 def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, str]]:
-    """Layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, alpha dropped.
+    """Read the layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, without alpha.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it cannot be read as EXR, or is too large, which its header tells before memory is taken for it.
+        If it cannot be read as EXR, or its header says that it is too large.
     """
     import OpenEXR
 
@@ -103,14 +102,14 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
                 raise ValueError(f"an image must have one part; it has {len(file.parts)}")
             (low, high), channels = file.header()["dataWindow"], len(file.header()["channels"])
         width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
-        if not (1 <= width <= 65535 and 1 <= height <= 65535 and width * height <= MAX_PIXELS):
+        if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
             raise ValueError(
-                f"an image must have 1 to 65535 pixels on a side and at most {MAX_PIXELS}; it says {width}x{height}"
+                f"an image must have 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS}; got {width}x{height}"
             )
         if channels > MAX_CHANNELS or channels * width * height > 16 * MAX_PIXELS:
             raise ValueError(
                 f"an image must have at most {MAX_CHANNELS} channels, and {16 * MAX_PIXELS} values in them; "
-                f"it says {channels} of {width}x{height}"
+                f"got {channels} of {width}x{height}"
             )
         with OpenEXR.File(os.fspath(path)) as file:
             attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
@@ -123,16 +122,61 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
 
 
 def tonemap(image: Array, exposure: float = 1.0) -> Array:
-    """Linear RGB to sRGB in [0, 1], clipped: for looking at, not for measuring."""
+    """Return linear RGB times `exposure` as sRGB values in [0, 1], clipped: for display, not for measurement."""
     x = np.clip(np.nan_to_num(image) * exposure, 0, 1)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
 def write_png(path: str | os.PathLike[str], image: Array) -> None:
-    """Write linear RGB ``(H, W, 3)`` as an sRGB PNG (needs matplotlib, extra ``plot``)."""
-    try:
-        from matplotlib.image import imsave
-    except ImportError as error:
-        raise ValueError("writing PNG needs matplotlib: pip install 'dmis[plot]', or write .exr instead") from error
+    """Write linear RGB ``(H, W, 3)`` as a PNG of 8 bits in sRGB, clipped, at exposure 1.
+
+    Raises
+    ------
+    ValueError
+        If the image has another shape.
+    OSError
+        If it cannot be written; an earlier file at `path` is then left as it was.
+    """
+    data = png_of(image)
     with replacing(path) as partial:
-        imsave(os.fspath(partial), tonemap(image).astype(np.float32), format="png")
+        partial.write_bytes(data)
+
+
+def png_of(image: Array) -> bytes:
+    """Return linear RGB ``(H, W, 3)`` as the bytes of a PNG file of 8 bits, sRGB; exposure 1, clipped.
+
+    Raises
+    ------
+    ValueError
+        If the image has another shape.
+    """
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(f"an image must have shape (H, W, 3); got {image.shape}")
+    return encode_png(np.rint(255 * tonemap(image)).astype(np.uint8))
+
+
+def encode_png(pixels: np.ndarray) -> bytes:
+    """Return the bytes of a PNG file with pixels ``(H, W, 3)`` or, grey, ``(H, W)`` of 8 bits, marked as sRGB.
+
+    Each row is stored unfiltered, as differences from the pixel to the left, or as differences from the row above
+    (filters 0 to 2): the one with the least sum of absolute values, as the specification recommends (ISO/IEC
+    15948:2004, 12.8).
+    """
+    height, width = pixels.shape[:2]
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    compressor, compressed = zlib.compressobj(9), []
+    above = np.zeros(width * channels, np.uint8)
+    for row in np.ascontiguousarray(pixels, np.uint8).reshape(height, -1):
+        left = row.copy()
+        left[channels:] -= row[:-channels]  # modulo 256, as the format has it
+        filters = np.stack([row, left, row - above])
+        best = np.abs(filters.view(np.int8).astype(np.int16)).sum(axis=1).argmin()
+        compressed.append(compressor.compress(bytes([best]) + filters[best].tobytes()))
+        above = row
+    compressed.append(compressor.flush())
+    colour = {1: 0, 3: 2}[channels]  # grey, RGB
+    header = struct.pack(">IIBBBBB", width, height, 8, colour, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"sRGB", b"\0"), (b"IDAT", b"".join(compressed)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
+    )

@@ -1,8 +1,8 @@
-"""Ray intersection: Embree behind two calls, ``closest`` and ``occluded``, and a brute-force oracle of the same shape.
+"""Ray intersection: Embree behind two calls, ``closest`` and ``occluded``, and a brute-force intersector for tests.
 
 All triangles of a scene are one Embree mesh, so a hit's primitive number is the row of every per-triangle table.
 Rays come as float32 ``(3, N)``; the transposed view goes to Embree without a copy. A ray begins exactly at its
-origin (Embree's near distance is fixed at 0): the caller offsets origins, see `dmis.scene.Scene.epsilon`.
+origin (Embree's near distance is fixed at 0): the caller offsets origins, see `dmis.scene.scene.Scene.epsilon`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
-from dmis.vec import Array
+from dmis.base.vectors import Array
 
 CHECK_RAYS = sys.flags.dev_mode
 """Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests."""
@@ -42,7 +42,7 @@ class Hits:
 
 
 class RayCaster(Protocol):
-    """What the estimator asks of an intersector; `Intersector` and `BruteForce` both answer."""
+    """Protocol of the intersectors, `Intersector` and `BruteForce`."""
 
     def closest(self, origin: Array, direction: Array) -> Hits: ...
 
@@ -50,15 +50,15 @@ class RayCaster(Protocol):
 
 
 class Intersector:
-    """Embree over one triangle mesh, built at once (Embree itself would build at the first query).
+    """Embree intersector of one triangle mesh; it is built at once, where Embree would wait for the first query.
 
     Parameters
     ----------
     vertices, faces
         ``(V, 3)`` and ``(F, 3)``.
     check
-        Test every ray for NaN: one NaN makes Embree walk its whole tree, about 1 ms per ray, which looks like a hang.
-        None: as `CHECK_RAYS` says.
+        Whether every ray is tested for NaN: one NaN makes Embree walk its whole tree, about 1 ms per ray, which looks
+        like a hang. Default: `CHECK_RAYS`.
     """
 
     def __init__(self, vertices: Array, faces: np.ndarray, check: bool | None = None) -> None:
@@ -71,13 +71,13 @@ class Intersector:
         self.occluded(*(np.zeros((3, 1), np.float32),) * 2, np.zeros(1, np.float32))
 
     def closest(self, origin: Array, direction: Array) -> Hits:
-        """First hits of rays from `origin` along `direction`, both ``(3, N)`` float32."""
+        """Return the first hits of rays from `origin` along `direction`, both ``(3, N)`` float32."""
         o, d = self._rays(origin, direction)
-        out = self._scene.run(o, d, query="INTERSECT", output=True)
-        return Hits(out["primID"], out["u"], out["v"], out["tfar"])
+        hits = self._scene.run(o, d, query="INTERSECT", output=True)
+        return Hits(hits["primID"], hits["u"], hits["v"], hits["tfar"])
 
     def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
-        """Whether anything lies between `origin` and `distance` ``(N,)`` along `direction`, ``(N,)`` bool."""
+        """Return whether anything lies between `origin` and `distance` ``(N,)`` along `direction`, ``(N,)`` bool."""
         o, d = self._rays(origin, direction)
         if distance.shape != (len(o),):
             raise ValueError(f"distance must have shape ({len(o)},), one for each ray; got {distance.shape}")
@@ -88,6 +88,7 @@ class Intersector:
         return np.equal(self._scene.run(o, d, dists=dists, query="OCCLUDED"), 0)
 
     def _rays(self, origin: Array, direction: Array) -> tuple[Array, Array]:
+        """Return origins and directions as float32 ``(N, 3)`` views; raise a ValueError on other shapes or a NaN."""
         if origin.shape != direction.shape or origin.ndim != 2 or origin.shape[0] != 3:
             raise ValueError(
                 f"origin and direction must both have shape (3, N), because Embree does not check lengths; "
@@ -100,10 +101,9 @@ class Intersector:
 
 
 class BruteForce:
-    """Every ray against every triangle in NumPy, float64: the oracle that Embree is tested against.
+    """Intersector of every ray with every triangle in NumPy, float64, against which Embree is tested.
 
-    The same interface as `Intersector`. For N rays and F triangles it takes time and memory of order ``N * F``.
-    Intersection after Moeller and Trumbore 1997.
+    For N rays and F triangles time and memory are of order ``N * F``. Intersection after Moeller and Trumbore 1997.
     """
 
     def __init__(self, vertices: Array, faces: np.ndarray) -> None:
@@ -118,9 +118,9 @@ class BruteForce:
         prim = t.argmin(axis=1)
         rows = np.arange(len(prim))
         t, u, v = t[rows, prim], u[rows, prim], v[rows, prim]
-        met = np.isfinite(t)
-        distance = np.where(met, t, 1e37).astype(np.float32)
-        return Hits(np.where(met, prim, -1).astype(np.int32), u.astype(np.float32), v.astype(np.float32), distance)
+        hit = np.isfinite(t)
+        distance = np.where(hit, t, 1e37).astype(np.float32)
+        return Hits(np.where(hit, prim, -1).astype(np.int32), u.astype(np.float32), v.astype(np.float32), distance)
 
     def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
         """See `Intersector.occluded`."""
@@ -128,7 +128,7 @@ class BruteForce:
         return np.any(t < np.asarray(distance)[:, None], axis=1)
 
     def _all(self, origin: Array, direction: Array) -> tuple[Array, Array, Array]:
-        """Distances (infinite for a miss) and barycentrics of all rays and triangles, ``(N, F)``."""
+        """Return the distances (infinite for a miss) and barycentrics of all rays and triangles, ``(N, F)``."""
         o, d = origin.T.astype(np.float64)[:, None], direction.T.astype(np.float64)[:, None]
         edge_u, edge_v = self._edges
         across = np.cross(d, edge_v)
@@ -140,11 +140,12 @@ class BruteForce:
             around = np.cross(offset, edge_u)
             v = (around * d).sum(-1) * inverse
             t = (around * edge_v).sum(-1) * inverse
-            met = (volume != 0) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0)
-        return np.where(met, t, np.inf), u, v
+            hit = (volume != 0) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0)
+        return np.where(hit, t, np.inf), u, v
 
 
 def _checked_mesh(vertices: Array, faces: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Return vertices (V, 3) and faces (F, 3) as arrays; raise a ValueError on faults that Embree does not check."""
     vertices, faces = np.asarray(vertices), np.asarray(faces)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
         raise ValueError(

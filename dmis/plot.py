@@ -14,56 +14,63 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.vectors import Array
 from dmis.image import tonemap
-from dmis.vec import Array
 
 try:
-    import matplotlib
     from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 except ImportError as missing:
     raise ImportError("figures need matplotlib: pip install 'dmis[plot]'") from missing
-
 Window = tuple[tuple[int, int], tuple[int, int]]
-"""Rows and columns, first and end."""
+"""Part of an image: first and end row, first and end column."""
 
 
 def canvas(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
-    """A figure of `width` x `height` inches and its axes ``(rows, columns)``, without a window on the screen."""
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    """Return a figure of `width` x `height` inches and its axes ``(rows, columns)``, to be written to a file.
 
-    figure, axes = plt.subplots(rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **options)
-    return figure, axes
+    The figure has its own Agg canvas and does not belong to ``pyplot``: the backend of the process, its open figures
+    and its settings stay as they are, and the figure is freed with its last reference. A notebook that has imported
+    ``pyplot`` shows it by ``display(figure)``.
+
+    Parameters
+    ----------
+    options
+        Those of ``matplotlib.figure.Figure.subplots``.
+    """
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def picture(axis: Axes, image: Array, title: str = "", window: Window | None = None, exposure: float = 1.0) -> None:
-    """Show linear RGB, or the part of it in `window`, with coordinates in pixels."""
+    """Draw a linear RGB image ``(H, W, 3)``, or the `window` of it, with coordinates in pixels."""
     rows, columns = window or ((0, image.shape[0]), (0, image.shape[1]))
-    part = tonemap(image[slice(*rows), slice(*columns)], exposure)
-    axis.imshow(part, extent=_extent(rows, columns), interpolation="nearest")
+    pixels = tonemap(image[slice(*rows), slice(*columns)], exposure)
+    axis.imshow(pixels, extent=_extent(rows, columns), interpolation="nearest")
     _pixels(axis, title)
 
 
 def heat(axis: Axes, values: Array, title: str = "", window: Window | None = None, **options: Any) -> Any:
-    """Show a map ``(H, W)`` of one value per pixel, or of one per patch if `window` says which pixels it covers.
+    """Draw a map ``(H, W)`` of one value per pixel, or of one per patch if `window` gives the pixels that it covers.
 
-    Returns what `Figure.colorbar` needs; `options` are those of ``Axes.imshow``.
+    Returns the mappable for `Figure.colorbar`; `options` are those of ``Axes.imshow``.
     """
     rows, columns = window or ((0, values.shape[0]), (0, values.shape[1]))
-    shown = axis.imshow(values, extent=_extent(rows, columns), interpolation="nearest", **options)
+    mappable = axis.imshow(values, extent=_extent(rows, columns), interpolation="nearest", **options)
     _pixels(axis, title)
-    return shown
+    return mappable
 
 
 def weights(axis: Axes, w: Array, title: str = "", window: Window | None = None) -> Any:
-    """Show shares of light samples: red 0 (BRDF only), white 1/2, blue 1 (light only)."""
+    """Draw a map ``(H, W)`` of shares w of light samples: red 0 (BRDF only), white 1/2, blue 1 (light only)."""
     return heat(axis, w, title, window, cmap="RdBu", vmin=0, vmax=1)
 
 
-def weight_bar(figure: Figure, shown: Any, axes: Any, **options: Any) -> None:
-    """The colour bar of `weights`."""
-    bar = figure.colorbar(shown, ax=axes, label="share of light samples w", **options)
+def weight_bar(figure: Figure, mappable: Any, axes: Any, **options: Any) -> None:
+    """Draw the colour bar of `weights` beside `axes`; `mappable` is what `weights` returns."""
+    bar = figure.colorbar(mappable, ax=axes, label="share of light samples w", **options)
     bar.set_ticks([0, 0.25, 0.5, 0.75, 1], labels=["0 BRDF", "0.25", "0.5", "0.75", "1 light"])
 
 
@@ -81,12 +88,12 @@ def mark(axis: Axes, window: Window, colour: str, label: str = "") -> None:
 
 
 def shared_scale(maps: Sequence[Array], quantile: float = 0.995) -> float:
-    """An upper end for the colours of several maps, which a few spikes do not set."""
+    """Return the `quantile` of the values of several maps: an upper end for their colours that ignores outliers."""
     return float(np.quantile(np.concatenate([np.ravel(m) for m in maps]), quantile))
 
 
 def save(figure: Figure, path: str | os.PathLike[str], title: str, caption: str) -> None:
-    """Write a PNG with its title above and its caption below; both are also in the file's metadata."""
+    """Write a figure as a PNG with its title above and its caption below, which the file's metadata repeat."""
     figure.suptitle(title, fontsize=13, weight="bold", parse_math=False)  # a scene may have any name
     width = figure.get_size_inches()[0]
     lines = textwrap.fill(" ".join(caption.split()), int(width * 13))
@@ -94,18 +101,16 @@ def save(figure: Figure, path: str | os.PathLike[str], title: str, caption: str)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     metadata = {"Title": title, "Description": caption, "Software": "dmis"}
     figure.savefig(path, dpi=100, bbox_inches="tight", metadata=metadata)
-    import matplotlib.pyplot as plt
-
-    plt.close(figure)
 
 
 def show(stem: str, folder: str | os.PathLike[str] = "figures/tutorials") -> list[Path]:
-    """Show all open figures in windows; where there is no screen, write them to ``<stem>-1.png``, ``<stem>-2.png``, ...
-    in `folder`, close them, and return the files.
+    """Show all open figures of ``pyplot`` in windows or in the notebook; without a screen, write them to files.
+
+    The files are ``<stem>-1.png``, ``<stem>-2.png``, ... in `folder`. They are returned, and the figures closed.
     """
     import matplotlib.pyplot as plt
 
-    if matplotlib.get_backend().lower() != "agg":
+    if plt.get_backend().lower() != "agg":
         plt.show()
         return []
     paths = []
@@ -119,10 +124,12 @@ def show(stem: str, folder: str | os.PathLike[str] = "figures/tutorials") -> lis
 
 
 def _extent(rows: tuple[int, int], columns: tuple[int, int]) -> tuple[float, float, float, float]:
+    """Return the extent of an image for ``Axes.imshow``, with y downwards."""
     return columns[0], columns[1], rows[1], rows[0]
 
 
 def _pixels(axis: Axes, title: str) -> None:
+    """Label both axes in pixels, and write the title."""
     from matplotlib.ticker import MaxNLocator
 
     for side in (axis.xaxis, axis.yaxis):

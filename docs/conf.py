@@ -69,6 +69,8 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "write_computation_times": False,
     "backreferences_dir": None,
+    "nested_sections": True,
+    "subsection_order": "gallery.section_order",
     "plot_gallery": "True",
 }
 
@@ -76,7 +78,7 @@ sphinx_gallery_conf = {
 
 CONTENTS = {
     "Begin": ["quickstart", "generated/tutorials/index", "choosing", "faq"],
-    "Know": ["theory", "rules", "brdfs", "paths", "plan", "conventions"],
+    "Know": ["theory", "estimator", "rules", "brdfs", "paths", "plan", "conventions"],
     "Use": ["cli", "scenes", "report", "cluster"],
     "Measured": ["generated/figures/index", "reproduction", "performance", "stability", "fireflies"],
     "Look up": ["generated/api/index", "code", "generated/contributing", "generated/changes"],
@@ -106,7 +108,7 @@ def source_read(app, page: str, text: list[str]) -> None:
         return
     for file, name in ELSEWHERE.items():
         text[0] = text[0].replace(f"](../{file}", f"](generated/{name}.md")
-    text[0] = re.sub(r"\]\(\.\./examples(?:/(plot_\w+)\.py)?\)", _gallery_page("figures"), text[0])
+    text[0] = re.sub(r"\]\(\.\./examples(?:/(\w+/plot_\w+)\.py)?\)", _gallery_page("figures"), text[0])
     text[0] = re.sub(r"\]\(tutorials(?:/(\d_\w+)\.py)?\)", _gallery_page("tutorials"), text[0])
     if page == "index":
         text[0] += "\n\n" + contents()
@@ -131,7 +133,8 @@ def generate(app) -> None:
         for other, page in ELSEWHERE.items():
             text = text.replace(f"]({other}", f"]({page}.md")
         write(DOCS / "generated" / f"{name}.md", text)
-    modules = sorted(module.name for module in pkgutil.iter_modules(dmis.__path__) if module.name != "__main__")
+    every = pkgutil.walk_packages(dmis.__path__, "dmis.")
+    modules = sorted(m.name.removeprefix("dmis.") for m in every if m.name != "dmis.__main__")
     for name in modules:
         title = f"dmis.{name}"
         write(
@@ -139,7 +142,7 @@ def generate(app) -> None:
             f"{title}\n{'=' * len(title)}\n\n.. automodule:: {title}\n   :members:\n",
         )
     for page in (DOCS / "generated" / "api").glob("*.rst"):
-        if page.stem not in (*modules, "index"):
+        if page.name.removesuffix(".rst") not in (*modules, "index"):
             page.unlink()  # of a module that is no more
     public = (DOCS / "api.rst.txt").read_text("utf-8")
     entries = "\n".join(f"   {name}" for name in modules)

@@ -13,10 +13,10 @@ def arguments(conf: dict, script: dict) -> list[str]:
     """Command line of a script: `examples` run at their quick size, or draw what is kept; tutorials take nothing."""
     source = Path(script["src_file"])
     script["example_globals"]["__file__"] = str(source)  # as it is when it is run as a script
-    if source.parent.name != "examples":
+    if "examples" not in source.parts:
         return []
     quick = [] if source.stem in KEPT else ["--quick"]
-    return [*quick, "-o", f"../docs/_build/figures/{source.stem}.png"]
+    return [*quick, "-o", str(FIGURES / f"{source.stem}.png")]
 
 
 def written(block: tuple, variables: dict, conf: dict) -> str:
@@ -28,3 +28,12 @@ def written(block: tuple, variables: dict, conf: dict) -> str:
     path.parent.mkdir(parents=True, exist_ok=True)
     picture.replace(path)
     return figure_rst([str(path)], conf["src_dir"], path.stem)
+
+
+SECTIONS = ("thesis", "explained", "measured")
+
+
+def section_order(folder: str) -> int:
+    """Place of a section of the gallery on its page."""
+    name = Path(folder).name
+    return SECTIONS.index(name) if name in SECTIONS else -1

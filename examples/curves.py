@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from thesis import Options
+from common import Options
 
 import dmis
 from dmis import plot
-from dmis.experiment import measure
-from dmis.metrics import mean_and_error
+from dmis.experiment.metrics import mean_and_error
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ def mse_curve(opts: Options, scene: dmis.Scene, patch: plot.Window, weights: Seq
     crop = scene.crop(*patch)
     reference = opts.reference(crop, opts.pick(1024, 8192, 16384))
     spp, seeds = opts.pick(16, 122), opts.pick(2, 16, 64)
-    runs = measure(crop, [(f"fixed:{w}", spp) for w in weights], range(seeds), reference, threads=1)
+    runs = dmis.measure(crop, [(f"fixed:{w}", spp) for w in weights], range(seeds), reference, threads=1)
     values = [mean_and_error(np.array([run.mse for run in runs[f"fixed:{w}", spp]])) for w in weights]
     mse, error = np.transpose(values)
     return Curve(np.array(weights, float), mse, error, spp)

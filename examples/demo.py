@@ -16,8 +16,13 @@ from pathlib import Path
 import numpy as np
 
 import dmis
+from dmis.experiment.metrics import mean_over_blocks, squared_error
 from dmis.image import tonemap
-from dmis.metrics import mean_over_blocks, squared_error
+
+try:
+    from dmis import plot
+except ImportError as missing:
+    sys.exit(str(missing))  # before anything is rendered
 
 HERE = Path(__file__).parent
 SIZE = 400
@@ -68,14 +73,7 @@ for rule, result in results.items():
 
 # %%
 # The picture: what was rendered, where the light samples went, and how far each rule is from the reference.
-try:
-    import matplotlib
-except ImportError:
-    sys.exit("the picture needs matplotlib: pip install 'dmis[plot]'")
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
-figure, axes = plt.subplots(1, 4, figsize=(17, 4.6), layout="constrained")
+figure, ((*axes,),) = plot.canvas(1, 4, 17, 4.6)
 axes[0].imshow(tonemap(results["thesis"].image))
 axes[0].set_title(f"thesis's rule, {spp} spp")
 weights = axes[1].imshow(results["thesis"].weight, cmap="RdBu", vmin=0, vmax=1)

@@ -21,7 +21,7 @@ import scipy.ndimage
 import scipy.stats  # noqa: F401
 import trimesh  # noqa: F401
 
-SINGLE = ("intersect", "samplers", "image")
+SINGLE = ("dmis.intersect", "dmis.samplers.streams", "dmis.image")
 """Modules that go on to mean float32."""
 
 
@@ -34,13 +34,14 @@ def wide() -> None:
     sys.modules["numpy"] = double
     try:
         package = importlib.import_module("dmis")
-        modules = {m.name: importlib.import_module(f"dmis.{m.name}") for m in pkgutil.iter_modules(package.__path__)
-                   if m.name != "__main__"}  # fmt: skip
+        names = [m.name for m in pkgutil.walk_packages(package.__path__, "dmis.") if m.name != "dmis.__main__"]
+        modules = {name: importlib.import_module(name) for name in names}
     finally:
         sys.modules["numpy"] = np
     for name in SINGLE:
         modules[name].np = np
-    for sampler in (modules["samplers"].Independent, modules["samplers"].Stratified, modules["samplers"].Sobol):
+    streams = modules["dmis.samplers.streams"]
+    for sampler in (streams.Independent, streams.Stratified, streams.Sobol):
         sampler.draw = _widened(sampler.draw)
 
 

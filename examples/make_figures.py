@@ -3,8 +3,8 @@ All figures and a contact sheet
 ===============================
 
 Makes the references that several figures share, runs every ``plot_*.py`` at the size asked for, and writes
-``figures/index.html``, which shows all figures with their captions. What a script prints goes to ``<script>.txt``
-beside its figure.
+``figures/index.html``, which shows all figures by section with their captions. What a script prints goes to
+``<script>.txt`` beside its figure.
 """
 
 import html
@@ -13,8 +13,11 @@ import sys
 import time
 from pathlib import Path
 
+from common import SCENES, options
 from PIL import Image
-from thesis import SCENES, options
+
+SECTIONS = {"thesis": "The thesis, figure by figure", "explained": "Explained", "measured": "Measured"}
+"""Folders of scripts, in the order of the page, and their headings there."""
 
 opts, given = options(
     __file__,
@@ -23,10 +26,9 @@ opts, given = options(
 )
 folder = opts.output.parent
 folder.mkdir(parents=True, exist_ok=True)
+sections = {name: sorted((Path(__file__).resolve().parent / name).glob("plot_*.py")) for name in SECTIONS}
 scripts = [
-    script
-    for script in sorted(Path(__file__).resolve().parent.glob("plot_*.py"))
-    if any(part in script.stem for part in given.only)
+    script for section in sections.values() for script in section if any(part in script.stem for part in given.only)
 ]
 
 # %%
@@ -60,24 +62,30 @@ for k, script in enumerate(scripts, 1):
     print(f"{time.perf_counter() - begin:6.1f} s  {f'FAILED, see {log}' if done.returncode else picture}", flush=True)
 
 # %%
-# The contact sheet: titles and captions are in the pictures' metadata.
-entries = []
-for picture in sorted(folder.glob("plot_*.png")):
-    with Image.open(picture) as image:
-        about = image.info
-    title, caption = (html.escape(" ".join(about.get(key, "").split())) for key in ("Title", "Description"))
-    entries.append(
-        f'<figure id="{picture.stem}"><a href="{picture.name}"><img src="{picture.name}" alt="{title}"></a>'
-        f"<figcaption><b>{title}</b> (<code>examples/{picture.stem}.py</code>) {caption}</figcaption></figure>"
-    )
+# The contact sheet shows the pictures of this run and of earlier ones: titles and captions are in their metadata.
+parts = []
+for name, heading in SECTIONS.items():
+    entries = []
+    for picture in (folder / f"{script.stem}.png" for script in sections[name]):
+        if not picture.exists():
+            continue
+        with Image.open(picture) as image:
+            about = image.info
+        title, caption = (html.escape(" ".join(about.get(key, "").split())) for key in ("Title", "Description"))
+        entries.append(
+            f'<figure id="{picture.stem}"><a href="{picture.name}"><img src="{picture.name}" alt="{title}"></a>'
+            f"<figcaption><b>{title}</b> (<code>{name}/{picture.stem}.py</code>) {caption}</figcaption></figure>"
+        )
+    if entries:
+        parts += [f"<h2>{heading}</h2><div>", *entries, "</div>"]
 style = """body{font:15px/1.45 sans-serif;margin:2em;background:#f6f6f4;color:#222}
-main{display:grid;grid-template-columns:repeat(auto-fill,minmax(34em,1fr));gap:2em}
+div{display:grid;grid-template-columns:repeat(auto-fill,minmax(34em,1fr));gap:2em}
 figure{margin:0;padding:1em;background:#fff;border:1px solid #ddd}img{width:100%}"""
 page = f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>dmis: figures</title><style>{style}</style></head>
-<body><h1>The thesis, figure by figure</h1><main>
-{chr(10).join(entries)}
-</main></body></html>
+<body><h1>Figures</h1>
+{chr(10).join(parts)}
+</body></html>
 """
 (folder / "index.html").write_text(page, "utf-8")
 print(f"{time.perf_counter() - begun:.0f} s in all, {folder / 'index.html'}")

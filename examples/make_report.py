@@ -11,14 +11,14 @@ import time
 from datetime import date
 from pathlib import Path
 
-from thesis import SCENES, machine, options, replace_table, show
+from common import SCENES, machine, options, replace_table, show
 
+import dmis
 from dmis import plot
-from dmis.compare import compare, summary
-from dmis.convergence import gains, line, slope
-from dmis.oracle import make_oracle
-from dmis.report import write_report
-from dmis.report_plots import error_lines
+from dmis.experiment.compare import summary
+from dmis.experiment.convergence import gains, line, slope
+from dmis.experiment.report.page import write_report
+from dmis.experiment.report.plots import error_lines
 
 opts, given = options(
     __file__,
@@ -41,8 +41,8 @@ comparisons, limits = [], []
 for name, shrink in SIZES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 512))
-    oracle = make_oracle(scene, opts.pick(64, 256), threads=opts.threads, progress=show(f"oracle of {name}"))
-    comparison = compare(
+    oracle = dmis.make_oracle(scene, opts.pick(64, 256), threads=opts.threads, progress=show(f"oracle of {name}"))
+    comparison = dmis.compare(
         scene,
         RULES,
         BUDGETS,

@@ -20,15 +20,15 @@ from pathlib import Path
 import numpy as np
 
 import dmis
-from dmis.fit import Fixed
-from dmis.rules import make_rule
+from dmis.fit.fixed import Fixed
 
 RESOLUTION = (8, 8)
 KD, KS = 0.5, 0.4
 EDGE = 8.0
 """Of the floor: the size of the scene, by which all distances are meant."""
 LIFT = 1e-6 * EDGE * np.sqrt(2)
-"""How far from the surface rays begin, see `dmis.scene.Scene.epsilon`: what is nearer to it may as well be on it."""
+"""How far from the surface rays begin, see `dmis.scene.scene.Scene.epsilon`: what is nearer to it may as well be on
+it."""
 ULP = 6e-8
 """Relative rounding of float32."""
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
@@ -104,7 +104,7 @@ def floor(place: Place) -> dmis.Mesh:
 
 
 def scene(
-    light: dmis.light.Light,
+    light: dmis.light.light.Light,
     material: dmis.Material,
     wo: np.ndarray,
     place: Place = Place(),
@@ -114,7 +114,7 @@ def scene(
     """The point seen along `wo` (towards the camera, in the scene's own frame) from the distance 1."""
     up = place.vector((0.0, 1.0, 0.0)) / place.scale
     camera = dmis.Camera.look_at(place.point(wo), place.point(np.zeros(3)), up, fov=1e-6, resolution=resolution)
-    return dmis.Scene(camera, (dmis.scene.Part(mesh or floor(place), material),), (light,), "stiff")
+    return dmis.Scene(camera, (dmis.Part(mesh or floor(place), material),), (light,), "stiff")
 
 
 # What a floor reflects of a light that is a cone of directions ------------------------------------------------------
@@ -328,6 +328,38 @@ def lit_grazing(axis: str, elevation: float, turn: bool) -> Case:
     return Case(axis, elevation, make, lambda: KD * np.sin(half) ** 2 * np.sin(elevation), rounding)
 
 
+BESIDE = 0.5
+"""Distance of the point that is seen from where a sphere of radius 1 rests on the ground."""
+
+
+def beside_ball(axis: str, extent: float) -> Case:
+    """A matte ground of +-`extent` under an even sky, beside a black sphere of radius 1 that rests on it.
+
+    Where the point sees the sphere it does not see the sky. With D^2 = 1 + x^2 the sphere is all above the horizon, and
+    its form factor is cos sin^2 = (1 / D) (1 / D^2).
+    """
+    place = Place()
+    factor = (1 + BESIDE**2) ** -1.5
+
+    def make() -> dmis.Scene:
+        seen = np.array([BESIDE, 0.0, 0.0])
+        corners = np.array([[-1, -0.9, 0], [1, -0.9, 0], [1, 1.1, 0], [-1, 1.1, 0]]) * extent
+        ground = dmis.Mesh(place.point(corners), np.array([[0, 1, 2], [0, 2, 3]]))
+        ball = dmis.geometry.shapes.sphere().transformed(
+            dmis.geometry.transforms.translate(place.point((0.0, 0.0, 1.0)))
+        )
+        light = dmis.EnvironmentLight(np.ones((8, 16, 3), np.float32), place.vector(np.eye(3)).T)
+        eye, up = place.point(seen + direction(1.2)), place.vector((0.0, 1.0, 0.0))
+        camera = dmis.Camera.look_at(eye, place.point(seen), up, fov=1e-6, resolution=RESOLUTION)
+        parts = (dmis.Part(ground, dmis.matte(KD)), dmis.Part(ball, dmis.matte(0.0)))
+        return dmis.Scene(camera, parts, (light,), "stiff")
+
+    # The mesh of the sphere is inscribed: radii are short by 1e-4 at most, F by twice that. Rays begin at most 3e-4
+    # above the ground, and dF / dh = (3 / D^2 - 1) / D^3 = 1.
+    rounding = (2e-4 * factor + 3e-4) / (1 - factor)
+    return Case(axis, extent, make, lambda: KD * (1 - factor), rounding)
+
+
 def slivers(aspect: float, place: Place) -> dmis.Mesh:
     """The floor cut into triangles `aspect` times as long as wide where they are seen, and triangles of no area."""
     width = EDGE / aspect
@@ -374,6 +406,8 @@ def family() -> Iterator[Case]:
     for k in range(7):
         yield under_disk("light in contact, facing", 10.0**-k)
         yield beside_wall("light in contact, at right angles", 10.0**-k)
+    for k in range(8):
+        yield beside_ball("ground under a sphere of radius 1", 10.0**k)
     for k in range(2, 8):
         yield under_sphere("slivers", 10.0**k, stretch=10.0**k)
     for k in range(0, 8):
@@ -412,7 +446,7 @@ class Found:
 
 def measure(case: Case, rule: str, spp: int, seed: int = 1) -> Found:
     """Render; refused if that is an error with a message. Rules of given weights take the case's techniques."""
-    made = make_rule(rule)
+    made = dmis.make_rule(rule)
     if isinstance(made, Fixed) and case.settings.techniques != dmis.Settings().techniques:
         made = replace(made, techniques=case.settings.techniques)
     try:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dmis.mesh import Floats
+from dmis.base.vectors import Floats
 
 FILE = Path(__file__).parent / "geometry" / "cornell-vase.ply"
 TURNS, STEPS = 96, 10

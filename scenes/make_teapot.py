@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dmis.geometry import bezier_patches
-from dmis.mesh import Floats
+from dmis.base.vectors import Floats
+from dmis.geometry.shapes import bezier_patches
 
 DIVISIONS = 24
 FILE = Path(__file__).parent / "geometry" / "teapot.ply"

@@ -12,7 +12,8 @@ import pytest
 import trimesh
 
 import dmis
-from dmis import geometry, intersect
+from dmis import intersect
+from dmis.geometry import shapes
 
 intersect.CHECK_RAYS = True  # a NaN in a ray fails a test, in place of looking like a hang
 
@@ -54,7 +55,7 @@ def box() -> dmis.Scene:
     """A glossy ball on a matte floor under a square light, 32x24 pixels: everything that a small render needs."""
     light = dmis.QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), (8, 8, 8))
     ball = trimesh.creation.icosphere(3)
-    floor = geometry.quad((-5, -5, -1), (10, 0, 0), (0, 10, 0))
+    floor = shapes.quad((-5, -5, -1), (10, 0, 0), (0, 10, 0))
     parts = (
         dmis.Part(floor, dmis.matte(0.5)),
         dmis.Part(dmis.Mesh(ball.vertices, ball.faces, ball.vertices), dmis.plastic((0.5, 0.3, 0.1), 0.3, 0.02)),

@@ -33,14 +33,17 @@ from fuzz_commands import arguments, rule_text
 from fuzz_scenes import MADE, NUMBERS, PARAMETERS, SCENES, SMALL, TEXTS, TRIANGLE, generated, mutated, token
 
 import dmis
-from dmis import geometry, intersect, pbrt_reader, subdivision
-from dmis.__main__ import main
-from dmis.compare import load_reference
+from dmis import intersect
+from dmis.cli.commands import main
+from dmis.experiment.compare import load_reference
+from dmis.fit.registry import make_rule
+from dmis.formats.pbrt import reader
+from dmis.formats.pbrt.dialect import DIALECTS
+from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.tokens import PbrtError
+from dmis.geometry import mesh_files, shapes, subdivision
 from dmis.image import read_exr, write_exr
-from dmis.pbrt import PbrtError, PbrtWarning, read_pbrt
-from dmis.pbrt_dialect import DIALECTS
-from dmis.rules import make_rule
-from dmis.scene import Scene
+from dmis.scene.scene import Scene, SceneWarning
 
 SECONDS = 5.0
 """Most that a case may take of its process's time: the machine may be busy."""
@@ -99,6 +102,8 @@ usemtl red
 f 1/1/1 2/2/1 3/1/1 4/2/1
 f 1//1 2//1 4//1
 f -1 -2 -3
+f\t1 2 \\
+  3 4
 """
 
 
@@ -121,7 +126,7 @@ def read(folder: Path, text: str, dialect: str | None = None) -> Scene | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            warnings.simplefilter("ignore", PbrtWarning)
+            warnings.simplefilter("ignore", SceneWarning)
             return read_pbrt(path, dialect=dialect)
     except PbrtError as error:
         message = str(error)
@@ -174,11 +179,13 @@ def damaged(rng: random.Random, data: bytes) -> bytes:
 
 def mesh(rng: random.Random, folder: Path) -> None:
     """A mesh file: a mesh that renders, or an error that names the file."""
-    source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in geometry.FORMATS])
+    source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in mesh_files.MESH_SUFFIXES])
     path = folder / f"case{source.suffix}"
     path.write_bytes(damaged(rng, source.read_bytes()))
     try:
-        scene = dmis.load_scene(path, (4, 4))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)  # about its materials
+            scene = dmis.load_scene(path, (4, 4))
     except ValueError as error:
         assert str(path) in str(error) or len(str(error)) < 300, error
         return
@@ -287,15 +294,15 @@ KINDS = {
 @contextlib.contextmanager
 def small():
     """Limits that are reached in time; no plots."""
-    full = {name: getattr(geometry, name) for name in ("sphere", "disk", "cylinder")}
+    full = {name: getattr(shapes, name) for name in ("sphere", "disk", "cylinder")}
     with contextlib.ExitStack() as stack:
-        stack.enter_context(mock.patch.object(subdivision, "MAX_TRIANGLES", 2**10))
-        stack.enter_context(mock.patch.object(pbrt_reader, "MAX_TRIANGLES", 2**14))
-        for plot in ("report.write_report", "report_plots.convergence"):
+        stack.enter_context(mock.patch.object(subdivision, "MAX_SUBDIVIDED", 2**10))
+        stack.enter_context(mock.patch.object(reader, "MAX_SCENE_TRIANGLES", 2**14))
+        for plot in ("experiment.report.page.write_report", "experiment.report.plots.convergence"):
             stack.enter_context(mock.patch(f"dmis.{plot}"))
         for name, of in full.items():
             few = lambda *a, of=of, **k: of(*a, **{**k, "segments": 8})  # noqa: E731
-            stack.enter_context(mock.patch.object(geometry, name, few))
+            stack.enter_context(mock.patch.object(shapes, name, few))
         yield
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from dmis.rules import RULES
+from dmis.fit.registry import RULES
 
 AMOUNTS = ["", " ", "1" * 5000]
 AMOUNTS += "0 1 2 3 4 5 16 -1 0.5 0.25 1e400 1e-400 1e9 99999999999999999999 nan inf -inf x".split() + [
@@ -19,7 +19,7 @@ def rule_text(rng: random.Random) -> str:
     name = rng.choice([*RULES, "none", ""])
     keys = ["patch", "spp", "strategies", "filter", "size", "sigma", "reuse", "combiner", "sampler", "split", "counts"]
     keys += ["floor", "guard", "count_sigma", "gamma", "shrink", "cost", "w", "techniques", "objective", "channels"]
-    words = ["gaussian", "none", "joint", "quadtree", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
+    words = ["gaussian", "none", "joint", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
     words += [
         "balance+power",
         "power+cutoff",
@@ -40,7 +40,7 @@ def rule_text(rng: random.Random) -> str:
 
 OPTIONS = {
     "render": "--spp --resolution --integrator --rule --seed --threads --workers --sampler --shading-samples --lights "
-    "--max-depth --clamp --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
+    "--max-depth --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
     "compare": "--rules --spp --seeds --seed --reference --reference-spp --oracle-spp --resolution --threads -o "
     "--quiet",
     "info": "--resolution --dialect --allow-outside",

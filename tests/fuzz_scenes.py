@@ -6,8 +6,8 @@ import random
 import re
 from pathlib import Path
 
-from dmis import pbrt_directives
-from dmis.pbrt_dialect import DIALECTS
+from dmis.formats.pbrt import directives
+from dmis.formats.pbrt.dialect import DIALECTS
 
 SCENES = Path(__file__).parent.parent / "scenes"
 TOKEN = re.compile(r'\[[^\]"]*\]|"[^"\n]*"|[^\s"\[\]#]+|\[|\]|#[^\n]*')
@@ -30,7 +30,7 @@ TEXTS += [TOKEN.findall(V3), TOKEN.findall(V4)]
 
 WORDS = sorted(
     {token for text in TEXTS for token in text if len(token) < 40}
-    | set(pbrt_directives._DIRECTIVES)
+    | set(directives._DIRECTIVES)
     | {f'"{kind} {name}"' for kind in DIALECTS["v3"].types for name in ("L", "Kd", "P", "radius", "indices", "scale")}
 )
 NUMBERS = "0 1 -1 3 1e9 1000000000 65536 1e38 1e308 1e-320 -0 2147483647 2147483648 .5 nan inf".split()
@@ -87,7 +87,8 @@ HEADS = [
 
 
 SMALL = (
-    'Camera "perspective" Film "image" "integer xresolution" 6 "integer yresolution" 4 WorldBegin LightSource "point"'
+    'SurfaceIntegrator "directlighting" Camera "perspective" Film "image" "integer xresolution" 6 '
+    '"integer yresolution" 4 WorldBegin LightSource "point"'
 )
 TRIANGLE = '"trianglemesh" "integer indices" [0 1 2] "point P" [-9 -9 2  9 -9 2  0 9 2]'
 

@@ -6,19 +6,24 @@ have been to fail at the first run. It is 1 % for all statistical tests of the s
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import scipy.stats
 
-from dmis.camera import Camera
-from dmis.geometry import quad
-from dmis.light import Light, QuadLight
-from dmis.material import Material, matte
-from dmis.scene import Part, Scene
-from dmis.surface import Surface
-from dmis.vec import Array
+from dmis.base.vectors import Array
+from dmis.brdf.materials import Material, matte
+from dmis.estimator.settings import Settings
+from dmis.geometry.shapes import quad
+from dmis.light.area import QuadLight
+from dmis.light.light import Light
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene
+from dmis.scene.shading_points import Surface
 
 LEVEL = 1 - 0.99 ** (1 / 1000)
 """Šidák's level of each of (at most) 1000 statistical tests whose chance of any false alarm is 1 %."""
@@ -204,3 +209,25 @@ def pickled(value: Any) -> Any:
     import pickle
 
     return pickle.loads(pickle.dumps(value))
+
+
+def tile_of(
+    scene: Scene,
+    seed: int = 0,
+    spp: int = 16,
+    w: float = 0.5,
+    sampler: str = "independent",
+    beta: float | None = None,
+    **settings: object,
+) -> tuple[Array, Counter[str]]:
+    """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays; `beta` of a control variate."""
+    width, height = scene.camera.resolution
+    control = None if beta is None else np.full((3, width * height), beta, np.float32)
+    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, w, Settings(sampler=sampler, **settings), control=control)
+    rendered = render_tile(scene, tile)
+    return rendered.moments.mean, rendered.rays
+
+
+def means(scene: Scene, seeds: range, spp: int = 8, **options: object) -> Array:
+    """Mean radiance of the image for each seed, ``(seeds,)``."""
+    return np.array([tile_of(scene, seed, spp, **options)[0].mean() for seed in seeds])

@@ -3,11 +3,16 @@
 import inspect
 import os
 import re
+import runpy
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from helpers import Z_LIMIT
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -18,18 +23,21 @@ CODE = {page: re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S) 
 @pytest.mark.parametrize("page", [page for page, blocks in CODE.items() if blocks], ids=lambda page: page.name)
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Every Python block of a page, one after the other, in an empty folder."""
-    from dmis.rules import RULES
+    from dmis.estimator.technique import TECHNIQUES
+    from dmis.fit.registry import RULES
+    from dmis.samplers.streams import SAMPLERS
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    known = dict(RULES)
+    tables = {id(table): (table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)}
     namespace: dict = {"__name__": "page"}
     try:
         for code in CODE[page]:
             exec(compile(code, str(page), "exec"), namespace)
     finally:
-        RULES.clear()
-        RULES.update(known)
+        for table, known in tables.values():
+            table.clear()
+            table.update(known)
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +69,72 @@ def test_tutorial_runs(tutorial, cache, tmp_path):
             assert min(image.size) > 200
 
 
+def run(stem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """The variables of a tutorial, which is run in an empty folder."""
+    pytest.importorskip("matplotlib").use("agg")
+    monkeypatch.chdir(tmp_path)
+    return SimpleNamespace(**runpy.run_path(str(ROOT / "docs" / "tutorials" / f"{stem}.py")))
+
+
+def test_one_batch_agrees_with_render(tmp_path, monkeypatch):
+    """The image of tutorial 0 is that of `dmis.render` by z-tests: of its pixels, and of its mean."""
+    import dmis
+
+    batch = run("0_one_batch", tmp_path, monkeypatch)
+    result = dmis.render(batch.scene, "balance", 64, seed=5)
+    difference = (batch.image - result.image)[..., 0]
+    error = np.sqrt(batch.samples[0].var(axis=0, ddof=1) / batch.spp + result.variance[..., 0])
+    assert abs(difference.sum() / np.sqrt((error**2).sum())) < Z_LIMIT
+    z = difference[error > 0] / error[error > 0]
+    assert np.all(difference[error == 0] == 0) and len(z) > 4000
+    assert 0.8 < z.std() < 1.1 and np.mean(np.abs(z) > 3) < 0.01
+
+
+def test_one_batch_is_short():
+    """From the first random number to the image in at most 40 lines of code."""
+    text = (ROOT / "docs" / "tutorials" / "0_one_batch.py").read_text("utf-8")
+    batch = text[text.index("# The batch") : text.index("# Four arrays")]
+    lines = [line for line in batch.split("\n") if line.strip() and not line.startswith("#")]
+    assert "stream(" in batch and lines[-1].startswith("image = ") and len(lines) <= 40
+
+
+def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
+    """Tutorial 4 finds the weights of the rule bit for bit from the same pilot; its image agrees by z-tests."""
+    import dmis
+    from dmis.fit.rule import Pilot
+
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    steps = run("4_thesis", tmp_path, monkeypatch)
+    rule = dmis.make_rule(steps.rule)
+    pilot = {w: Pilot(moments) for w, moments in zip((0.0, 0.5, 1.0), steps.moments, strict=True)}
+    assert dict(rule.pilot) == dict.fromkeys(pilot, 2)
+    assert np.array_equal(rule.fit(pilot).weight, steps.weight) and np.ptp(steps.weight) > 0.5
+    result = dmis.render(steps.scene, rule, 32, seed=11)
+    assert np.array_equal(steps.final.samples + 6, result.samples)  # the pilot's
+    difference = (steps.final.image - result.image).mean(axis=-1)
+    error = np.sqrt((steps.final.variance + result.variance).mean(axis=-1))
+    assert abs(difference.sum() / np.sqrt((error**2).sum())) < Z_LIMIT
+    z = difference[error > 0] / error[error > 0]
+    assert len(z) > 3000 and np.mean(np.abs(z) > 3) < 0.02
+
+
+@pytest.mark.parametrize("section", ["thesis", "explained", "measured"])
+def test_readme_lists_the_figures_of_a_section(section):
+    """Each script once, in the table below the name of its folder."""
+    text = (ROOT / "README.md").read_text("utf-8").partition(f"\n`{section}/` ")[2]
+    table = re.search(r"(?:^\|.*\n)+", text, re.M)
+    assert table is not None
+    scripts = sorted(path.name for path in (ROOT / "examples" / section).glob("plot_*.py"))
+    assert sorted(re.findall(r"`(plot_\w+\.py)`", table[0])) == scripts
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md"])
+def test_front_pages_have_the_data_flow_of_the_code_page(page):
+    """The same lines in all three."""
+    flow = re.search(r"(?:^    .*\n)*^    .*─▶.*\n(?:^    .*\n)*", (ROOT / "docs" / "code.md").read_text("utf-8"), re.M)
+    assert flow is not None and flow[0].count("\n") == 4 and flow[0] in (ROOT / page).read_text("utf-8")
+
+
 def anchors(page: Path) -> set[str]:
     """What a link may point at in a page: its headings, as code hosts name them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.M)
@@ -83,21 +157,21 @@ def test_public_names_are_in_the_reference():
     """The page about them lists each where it lives, and nothing else; each has a docstring of its own."""
     import dmis
 
-    names = {name for name, value in vars(dmis).items() if not name.startswith("_") and not inspect.ismodule(value)}
-    listed = re.findall(r"^   ~(dmis\.\w+)\.(\w+)$", (ROOT / "docs" / "api.rst.txt").read_text("utf-8"), re.M)
-    assert {name for _, name in listed} == names
+    pytest.importorskip("matplotlib")  # of `plot`
+    listed = re.findall(r"^   ~(dmis[\w.]*)\.(\w+)$", (ROOT / "docs" / "api.rst.txt").read_text("utf-8"), re.M)
+    assert sorted(name for _, name in listed) == dmis.__all__
     for home, name in listed:
-        value = getattr(sys.modules[home], name)
+        value = getattr(import_module(home), name)
         assert value is getattr(dmis, name)
         if inspect.isclass(value) or inspect.isfunction(value):
             assert value.__module__ == home and len(value.__doc__) > 40
 
 
 def test_every_module_is_in_the_page_about_the_code():
-    """Where things are, by name; those that read pbrt files are one entry."""
+    """docs/code.md names each module below its room; the files that read pbrt are named, too."""
     page = (ROOT / "docs" / "code.md").read_text("utf-8")
-    modules = {path.stem for path in (ROOT / "dmis").glob("*.py")} - {"__init__"}
-    assert [name for name in sorted(modules) if f"`{name}`" not in page and not name.startswith("pbrt_")] == []
+    modules = {path.stem for path in (ROOT / "dmis").rglob("*.py")} - {"__init__", "__main__"}
+    assert [name for name in sorted(modules) if f"`{name}`" not in page] == []
 
 
 def test_demo_quick(tmp_path):

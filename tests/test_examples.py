@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib")
 from PIL import Image
 
 ROOT = Path(__file__).parent.parent
-FIGURES = sorted((ROOT / "examples").glob("plot_*.py"))
+FIGURES = sorted((ROOT / "examples").rglob("plot_*.py"))
 SCENES = ["teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt"]
 THESIS = ["fig_2_1", "fig_3_1", "fig_3_2", "fig_3_3", "fig_3_4", "fig_3_5", "fig_4_1", "fig_5_1", "table_4_1", "eq_3_1"]
 
@@ -76,10 +76,13 @@ def test_figure_of_the_original_scenes(script, cache, tmp_path, pbrt_scenes):
 def test_contact_sheet(cache, tmp_path):
     """One line per reference and script; a page that shows what there is."""
     script = ROOT / "examples" / "make_figures.py"
-    lines = run(script, cache, "-o", tmp_path / "any.png", "--only", "fig_2_1", "fig_4_1").splitlines()
+    lines = run(script, cache, "-o", tmp_path / "any.png", "--only", "fig_2_1", "1d_mixture").splitlines()
     assert len(lines) == 4 + 2 + 1 and "plot_fig_2_1_variance" in lines[4]
     page = (tmp_path / "index.html").read_text("utf-8")
-    assert page.count("<figure ") == 2 and 'src="plot_fig_4_1_scenes.png"' in page
+    assert page.count("<figure ") == 2 and 'src="plot_1d_mixture.png"' in page
+    headings = [page.index(f"<h2>{heading}</h2>") for heading in ("The thesis, figure by figure", "Explained")]
+    assert headings[0] < page.index("thesis/plot_fig_2_1") < headings[1] < page.index("explained/plot_1d_mixture")
+    assert "<h2>Measured</h2>" not in page
     assert "MSE" in (tmp_path / "plot_fig_2_1_variance.txt").read_text("utf-8")
 
 
@@ -87,7 +90,7 @@ def test_reproduction_table(cache, tmp_path):
     """It replaces the block between its marks, and nothing else of the page."""
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- shipped: begin -->\nstale\n<!-- shipped: end -->\nafter\n", "utf-8")
-    run(ROOT / "examples" / "make_reproduction.py", cache, "--seeds", "2", "--page", page)
+    run(ROOT / "examples" / "thesis" / "make_reproduction.py", cache, "--seeds", "2", "--page", page)
     text = page.read_text("utf-8")
     assert text.startswith("before\n<!-- shipped: begin -->\nMade on ") and text.endswith(
         "<!-- shipped: end -->\nafter\n"
@@ -103,7 +106,7 @@ def test_reproduction_table(cache, tmp_path):
             ("--seeds", "2", "--sampler", "sobol"),
             {"| auto |": 4, "| second-moment |": 4, "<!-- budgets sobol: begin -->": 1, "| 16 spp | 32 spp |": 1},
         ),
-        ("make_filter_table", ("--seeds", "1"), {"%, harm ": 24, "| quadtree |": 1}),
+        ("make_filter_table", ("--seeds", "1"), {"%, harm ": 20, "| joint, shrunk |": 1}),
         ("make_full_table", (), {" ± ": 12, " = ": 12}),
         pytest.param(
             "make_simplex_table", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24, "nan": 0}, marks=pytest.mark.slow
@@ -113,7 +116,7 @@ def test_reproduction_table(cache, tmp_path):
 def test_tables_of_rules(cache, tmp_path, script, arguments, counts):
     """Cells of the tables that compare rules on the four scenes, at the end of a page that has none."""
     page = tmp_path / "page.md"
-    run(ROOT / "examples" / f"{script}.py", cache, *arguments, "--page", page)
+    run(ROOT / "benchmarks" / f"{script}.py", cache, *arguments, "--page", page)
     text = page.read_text("utf-8")
     assert {part: text.count(part) for part in counts} == counts
 
@@ -123,7 +126,7 @@ def test_cluster_tables(cache, tmp_path):
     pytest.importorskip("distributed")
     page = tmp_path / "page.md"
     page.write_text("before\n", "utf-8")
-    run(ROOT / "examples" / "measure_cluster.py", cache, "--page", page)
+    run(ROOT / "benchmarks" / "measure_cluster.py", cache, "--page", page)
     text = page.read_text("utf-8")
     assert text.startswith("before\n") and "| 2 worker processes |" in text and "**extrapolated**" in text
     assert "nan" not in text and "inf" not in text
@@ -134,7 +137,7 @@ def test_path_tables(cache, tmp_path):
     """Five scenes in three tables: equal samples, equal time, the oracle."""
     page = tmp_path / "page.md"
     page.write_text("before\n", "utf-8")
-    run(ROOT / "examples" / "make_path_table.py", cache, "--seeds", "2", "--page", page)
+    run(ROOT / "benchmarks" / "make_path_table.py", cache, "--seeds", "2", "--page", page)
     text = page.read_text("utf-8")
     assert text.startswith("before\n") and text.count("| cornell 16×16 |") == 3 and text.count("| tt ") == 3
     assert "nan" not in text

@@ -18,16 +18,16 @@ def test_taps(radius: int, sigma: float) -> None:
     """An impulse becomes a normalised Gaussian of exactly (2 r + 1)^2 taps: 25 by default."""
     impulse = np.zeros((15, 15))
     impulse[7, 7] = 1
-    out = gaussian(impulse, sigma, radius)
+    filtered = gaussian(impulse, sigma, radius)
     x = np.arange(-radius, radius + 1)
     taps = np.exp(-(x**2) / (2 * sigma**2))
     taps /= taps.sum()
     expected = np.zeros((15, 15))
     expected[7 - radius : 8 + radius, 7 - radius : 8 + radius] = np.outer(taps, taps)
-    np.testing.assert_allclose(out, expected, atol=1e-15)
-    assert np.count_nonzero(out) == (2 * radius + 1) ** 2
+    np.testing.assert_allclose(filtered, expected, atol=1e-15)
+    assert np.count_nonzero(filtered) == (2 * radius + 1) ** 2
     if radius == 2 and sigma == 1:
-        np.testing.assert_array_equal(gaussian(impulse), out)
+        np.testing.assert_array_equal(gaussian(impulse), filtered)
 
 
 def test_missing_entries_are_filled_from_their_neighbours() -> None:
@@ -42,20 +42,20 @@ def test_missing_entries_spoil_nothing() -> None:
     values = np.random.default_rng(1).random((12, 12))
     holed = values.copy()
     holed[6, 6] = np.nan
-    out = gaussian(holed)
+    filtered = gaussian(holed)
     far = np.ones((12, 12), bool)
     far[4:9, 4:9] = False
-    np.testing.assert_allclose(out[far], gaussian(values)[far], rtol=1e-14)
+    np.testing.assert_allclose(filtered[far], gaussian(values)[far], rtol=1e-14)
     near = values[4:9, 4:9]
-    assert np.isfinite(out).all() and values.min() <= out[6, 6] <= near.max()
+    assert np.isfinite(filtered).all() and values.min() <= filtered[6, 6] <= near.max()
 
 
 def test_nothing_to_fill_from() -> None:
     """Where no neighbour is finite the entry stays as it is."""
     values = np.full((11, 11), np.nan)
     values[0, 0] = 1.0
-    out = gaussian(values)
-    assert np.isfinite(out[:3, :3]).all() and np.isnan(out[3:]).all() and np.isnan(out[:, 3:]).all()
+    filtered = gaussian(values)
+    assert np.isfinite(filtered[:3, :3]).all() and np.isnan(filtered[3:]).all() and np.isnan(filtered[:, 3:]).all()
 
 
 def test_argument_stays() -> None:
@@ -90,23 +90,23 @@ ONE = {"normal": 1.0, "step": 0.1}
 def test_joint_keeps_constants() -> None:
     """Whatever the guides are, at the edges too, and for all maps of a stack."""
     guides = {"normal": np.random.default_rng(1).random((3, 20, 17))}
-    out, _ = joint(np.full((2, 3, 20, 17), 0.3), guides, ONE)
-    np.testing.assert_allclose(out, 0.3, rtol=1e-14)
+    filtered, _ = joint(np.full((2, 3, 20, 17), 0.3), guides, ONE)
+    np.testing.assert_allclose(filtered, 0.3, rtol=1e-14)
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2, 30])
 def test_joint_of_equal_guides_is_a_gaussian(radius: int) -> None:
     """Of (2 r + 1)^2 taps, renormalised at the edges, any number of maps; checked against the definition."""
     values = np.random.default_rng(1).random((2, 20, 17))
-    out, entries = joint(values, FLAT, ONE, 1.5, radius)
+    filtered, entries = joint(values, FLAT, ONE, 1.5, radius)
     for at in ((0, 0), (3, 9), (10, 8), (19, 1)):
         y, x = np.mgrid[:20, :17] - np.reshape(at, (2, 1, 1))
         w = np.exp(-(x * x + y * y) / (2 * 1.5**2)) * (np.maximum(abs(x), abs(y)) <= radius)
-        np.testing.assert_allclose(out[:, *at], (w * values).sum(axis=(1, 2)) / w.sum(), rtol=1e-12)
+        np.testing.assert_allclose(filtered[:, *at], (w * values).sum(axis=(1, 2)) / w.sum(), rtol=1e-12)
         np.testing.assert_allclose(entries[at], w.sum() ** 2 / (w * w).sum(), rtol=1e-12)
     if radius <= 2:
         inside = slice(2, -2), slice(2, -2)
-        np.testing.assert_allclose(out[0][inside], gaussian(values[0], 1.5, radius)[inside], rtol=1e-12)
+        np.testing.assert_allclose(filtered[0][inside], gaussian(values[0], 1.5, radius)[inside], rtol=1e-12)
         np.testing.assert_allclose(entries[inside], effective((20, 17), 1.5, radius)[inside], rtol=1e-12)
 
 
@@ -114,14 +114,14 @@ def test_joint_follows_the_definition() -> None:
     """Several guides with scales of their own."""
     rng = np.random.default_rng(2)
     values, guides = rng.random((6, 5)), {"normal": rng.random((3, 6, 5)), "step": rng.random((1, 6, 5))}
-    out, _ = joint(values, guides, {"normal": 0.5, "step": 0.2}, 2.0, 6)
+    filtered, _ = joint(values, guides, {"normal": 0.5, "step": 0.2}, 2.0, 6)
     at = 4, 1
     y, x = np.mgrid[:6, :5] - np.reshape(at, (2, 1, 1))
     exponent = (x * x + y * y) / 8
     for guide, scale in zip(guides.values(), (0.5, 0.2), strict=True):
         exponent = exponent + ((guide - guide[:, at[0], at[1], None, None]) ** 2).sum(axis=0) / (2 * scale**2)
     w = np.exp(-exponent)
-    assert out[at] == pytest.approx((w * values).sum() / w.sum(), rel=1e-12)
+    assert filtered[at] == pytest.approx((w * values).sum() / w.sum(), rel=1e-12)
 
 
 def test_joint_does_not_cross_steps() -> None:
@@ -130,20 +130,20 @@ def test_joint_does_not_cross_steps() -> None:
     step[..., 8:] = 1
     values = np.where(step[0] > 0, 5.0, np.random.default_rng(1).random((20, 17)))
     guides = {**FLAT, "step": step}
-    out, entries = joint(values, guides, ONE)
+    filtered, entries = joint(values, guides, ONE)
     left, alone = joint(values[:, :8], {"step": step[..., :8]}, ONE)
-    np.testing.assert_allclose(out[:, :8], left, rtol=1e-12)
-    np.testing.assert_allclose(out[:, 8:], 5, rtol=1e-12)
+    np.testing.assert_allclose(filtered[:, :8], left, rtol=1e-12)
+    np.testing.assert_allclose(filtered[:, 8:], 5, rtol=1e-12)
     np.testing.assert_allclose(entries[:, :8], alone, rtol=1e-12)
-    assert np.abs(gaussian(values) - out).max() > 1
+    assert np.abs(gaussian(values) - filtered).max() > 1
 
 
 def test_joint_reduces_noise_as_said() -> None:
     """The variance of white noise falls by the number of entries."""
     rng = np.random.default_rng(3)
     guides = {"step": 0.1 * rng.integers(0, 3, (1, 20, 17))}
-    out, entries = joint(rng.normal(size=(4000, 20, 17)), guides, ONE)
-    np.testing.assert_allclose(out.var(axis=0) * entries, 1, atol=0.15)
+    filtered, entries = joint(rng.normal(size=(4000, 20, 17)), guides, ONE)
+    np.testing.assert_allclose(filtered.var(axis=0) * entries, 1, atol=0.15)
     assert np.ptp(entries) > 2
 
 

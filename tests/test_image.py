@@ -1,12 +1,16 @@
 """EXR files keep layers and provenance; mistakes are told before anything is written."""
 
+import io
 import json
+import struct
+import zlib
 
 import numpy as np
 import pytest
 
 import dmis
-from dmis.image import read_exr, tonemap, write_exr, write_png
+from dmis.experiment.speed.bench import fresh_python
+from dmis.image import encode_png, read_exr, tonemap, write_exr, write_png
 
 
 def test_round_trip_keeps_every_layer_and_attribute(tmp_path):
@@ -73,8 +77,55 @@ def test_tonemap_is_the_srgb_curve():
     np.testing.assert_allclose(tonemap(values), [0, 0.04045, 0.5, 1, 1, 0, 0], atol=2e-5)
 
 
-def test_png(tmp_path):
-    """A preview is written where matplotlib is installed."""
-    image = pytest.importorskip("matplotlib.image")
-    write_png(tmp_path / "a.png", np.full((3, 4, 3), 0.214041, np.float32))
-    np.testing.assert_allclose(image.imread(tmp_path / "a.png")[..., :3], 0.5, atol=1 / 255)
+def chunks(data: bytes) -> dict[bytes, bytes]:
+    """Chunks of a PNG file by name; their checksums must be right (ISO/IEC 15948, 5.3)."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    contents, place = {}, 8
+    while place < len(data):
+        (length,) = struct.unpack(">I", data[place : place + 4])
+        name, body = data[place + 4 : place + 8], data[place + 8 : place + 8 + length]
+        assert struct.unpack(">I", data[place + 8 + length : place + 12 + length]) == (zlib.crc32(name + body),)
+        contents[name], place = body, place + 12 + length
+    return contents
+
+
+def test_png_values(tmp_path):
+    """Linear 0.214041 is 0.5 in sRGB, so 127.5 of 255, rounded; below 0 and above 1 is clipped, NaN is black."""
+    image = np.array([[[0.214041, 0, 1], [-1, 7, np.nan]]], np.float32)
+    write_png(tmp_path / "a.png", image)
+    contents = chunks((tmp_path / "a.png").read_bytes())
+    assert list(contents) == [b"IHDR", b"sRGB", b"IDAT", b"IEND"] and contents[b"sRGB"] == b"\0"  # perceptual
+    assert struct.unpack(">IIBBBBB", contents[b"IHDR"]) == (2, 1, 8, 2, 0, 0, 0)  # 8 bits, RGB, not interlaced
+    (filter_, *values) = zlib.decompress(contents[b"IDAT"])
+    if filter_ == 1:  # less the pixel to the left
+        values[3:] = [(a + b) % 256 for a, b in zip(values[3:], values[:3])]
+    assert filter_ in (0, 1) and values[0] in (127, 128) and values[1:] == [0, 255, 0, 255, 0]
+    with pytest.raises(ValueError, match=r"must have shape \(H, W, 3\); got \(2, 2\)"):
+        write_png(tmp_path / "b.png", np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (7, 5, 3), (40, 31, 3), (40, 31)])
+def test_any_reader_reads_a_png(shape):
+    """Noise, gradients to the right and downwards, and all mixed, so that every filter is used; grey as well."""
+    plt, pillow = pytest.importorskip("matplotlib.image"), pytest.importorskip("PIL.Image")
+    rng = np.random.default_rng(2)
+    y, x = np.indices(shape[:2]).reshape(2, *shape[:2], *(1,) * (len(shape) - 2))
+    used = set()
+    for pixels in (rng.integers(0, 256, shape), x * 5 + 0 * y, y * 6 + rng.integers(0, 256, shape[1:]), 200 - x * y):
+        pixels = np.broadcast_to(pixels, shape).astype(np.uint8)
+        data = encode_png(pixels)
+        lines = np.frombuffer(zlib.decompress(chunks(data)[b"IDAT"]), np.uint8).reshape(shape[0], -1)
+        used |= set(lines[:, 0].tolist())
+        np.testing.assert_array_equal(np.asarray(pillow.open(io.BytesIO(data))), pixels)
+        np.testing.assert_array_equal(np.rint(255 * plt.imread(io.BytesIO(data))), pixels)
+    assert shape[0] < 40 or used == {0, 1, 2}
+
+
+def test_png_needs_no_package(tmp_path, box):
+    """Where neither matplotlib nor Pillow can be imported a preview is written all the same."""
+    fresh_python(
+        "import sys; sys.modules |= dict.fromkeys(['matplotlib', 'PIL'])\n"  # None: importing them is an error
+        "import numpy as np, dmis.image\n"
+        f"dmis.image.write_png({str(tmp_path / 'a.png')!r}, np.ones((3, 4, 3)))"
+    )
+    assert chunks((tmp_path / "a.png").read_bytes())[b"IHDR"][:8] == struct.pack(">II", 4, 3)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from helpers import box_scene, pickled
 
+from dmis.base.vectors import Array, normalise
 from dmis.intersect import BruteForce, Intersector
-from dmis.vec import Array, normalise
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
 
@@ -39,11 +39,11 @@ def test_closest_agrees_with_brute_force(seed: int) -> None:
     same = a.prim == b.prim
     near = np.isclose(a.distance, b.distance, rtol=1e-4, atol=1e-5)
     assert (~same & ~near).sum() <= 2
-    both = same & (a.prim >= 0)
-    assert both.sum() > 900
-    np.testing.assert_allclose(a.distance[both], b.distance[both], rtol=1e-4, atol=1e-5)
+    same_hit = same & (a.prim >= 0)
+    assert same_hit.sum() > 900
+    np.testing.assert_allclose(a.distance[same_hit], b.distance[same_hit], rtol=1e-4, atol=1e-5)
     # barycentrics divide by the triangle's projected size, and slivers have little
-    assert (np.abs(a.u - b.u)[both] < 1e-3).mean() > 0.998 and (np.abs(a.v - b.v)[both] < 1e-3).mean() > 0.998
+    assert (np.abs(a.u - b.u)[same_hit] < 1e-3).mean() > 0.998 and (np.abs(a.v - b.v)[same_hit] < 1e-3).mean() > 0.998
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -61,8 +61,8 @@ def test_occluded_is_closest_within_the_distance() -> None:
     mesh, (origin, direction) = soup(), rays()
     caster = Intersector(*mesh)
     hits = caster.closest(origin, direction)
-    met = hits.prim >= 0
-    o, d, t = origin[:, met].copy(), direction[:, met].copy(), hits.distance[met]
+    hit = hits.prim >= 0
+    o, d, t = origin[:, hit].copy(), direction[:, hit].copy(), hits.distance[hit]
     assert caster.occluded(o, d, t * np.float32(1.0001) + np.float32(1e-6)).all()
     assert not caster.occluded(o, d, t * np.float32(0.9999) - np.float32(1e-6)).any()
 

@@ -10,14 +10,15 @@ import pytest
 from helpers import box_scene
 
 import dmis
-from dmis import vec
-from dmis.conductor import ExactConductor
-from dmis.light import DiskLight, EnvironmentLight
-from dmis.material import glass, matte, metal, mirror, plastic, substrate
-from dmis.models import ggx
-from dmis.pair import Pair
-from dmis.surface import Surface
-from dmis.texture import Image
+from dmis.base import vectors
+from dmis.brdf.cosines import Pair
+from dmis.brdf.fresnel import ExactConductor
+from dmis.brdf.materials import glass, matte, metal, mirror, plastic, substrate
+from dmis.brdf.models import ggx
+from dmis.brdf.texture import Image
+from dmis.light.area import DiskLight
+from dmis.light.environment import EnvironmentLight
+from dmis.scene.shading_points import Surface
 
 mi = pytest.importorskip("mitsuba")
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
@@ -45,7 +46,7 @@ MATERIALS = [
 
 def directions(rng, n=N):
     """Unit directions ``(3, n)``."""
-    return vec.normalise(rng.normal(size=(3, n)).astype(np.float32))
+    return vectors.normalise(rng.normal(size=(3, n)).astype(np.float32))
 
 
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda m: f"{m.name}-{len(m.lobes)}")
@@ -53,17 +54,17 @@ def test_lobes(material):
     """Values and densities of all pairs of directions, about shading normals that are not the geometric ones."""
     rng = np.random.default_rng(1)
     ng, wo, wi = directions(rng), directions(rng), directions(rng)
-    wi[:, ::2] = vec.normalise(2 * ng * vec.dot(ng, wo) - wo + 0.1 * wi)[:, ::2]  # about the mirror direction
-    n = vec.normalise(ng + 0.2 * directions(rng))
+    wi[:, ::2] = vectors.normalise(2 * ng * vectors.dot(ng, wo) - wo + 0.1 * wi)[:, ::2]  # about the mirror direction
+    n = vectors.normalise(ng + 0.2 * directions(rng))
     si = dr.zeros(mi.SurfaceInteraction3f, N)
     si.n, si.sh_frame = mi.Normal3f(*ng), mi.Frame3f(mi.Vector3f(*n))
     si.wi = si.to_local(mi.Vector3f(*wo))
     value, pdf = mitsuba_lobes.Lobes(material).eval_pdf(mi.BSDFContext(), si, si.to_local(mi.Vector3f(*wi)))
-    ng, n = ng * np.sign(vec.dot(ng, wo)), n * np.sign(vec.dot(n, wo))
+    ng, n = ng * np.sign(vectors.dot(ng, wo)), n * np.sign(vectors.dot(n, wo))
     glossy = box_scene(material).plan.groups[0].glossy
-    surface = Surface(ng=ng, n=n, wo=wo, cos_o=vec.dot(n, wo), dpdu=None, glossy=glossy)
+    surface = Surface(ng=ng, n=n, wo=wo, cos_o=vectors.dot(n, wo), dpdu=None, glossy=glossy)
     pair = Pair(surface, wi)
-    facing = vec.dot(ng, wi) > 0
+    facing = vectors.dot(ng, wi) > 0
     ours = np.broadcast_to(surface.eval(pair) * pair.cos_i * facing, (3, N))
     clear = (np.abs(pair.cos_o) > 0.02) & (pair.cos_i > 0.02)  # rounding decides at grazing angles
     np.testing.assert_allclose(np.array(value)[:, clear], ours[:, clear], rtol=2e-3, atol=1e-5)
@@ -118,12 +119,14 @@ def test_sky_and_texture():
 
 def room(material):
     """A ball of a material on a floor, under a disk light and a dim sky."""
-    ball = dmis.Part(dmis.geometry.sphere(1.0).transformed(dmis.geometry.translate((0, 0, 1))), material)
-    floor = dmis.Part(dmis.geometry.quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), matte((0.6, 0.5, 0.4)))
+    ball = dmis.Part(
+        dmis.geometry.shapes.sphere(1.0).transformed(dmis.geometry.transforms.translate((0, 0, 1))), material
+    )
+    floor = dmis.Part(dmis.geometry.shapes.quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), matte((0.6, 0.5, 0.4)))
     light = DiskLight((1.5, 0.0, 4.0), (-0.3, 0.0, -1.0), 0.8, (9.0, 8.0, 7.0))
     sky = EnvironmentLight(np.full((4, 8, 3), 0.2) * np.linspace(1, 2, 4)[:, None, None])
     camera = dmis.Camera.look_at((3, -5, 3), (0, 0, 0.8), fov=35, resolution=(40, 32))
-    return dmis.Scene(camera, (floor, ball, dmis.load.light_part(light)), (light, sky))
+    return dmis.Scene(camera, (floor, ball, dmis.formats.load_scene.light_part(light)), (light, sky))
 
 
 @pytest.mark.parametrize("depth", [1, 4])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.metrics import block_error
-from dmis.rules import RULES
+from dmis.experiment.metrics import block_error
+from dmis.fit.registry import RULES
 
 pytestmark = pytest.mark.slow
 LIMITS = {"killeroo-diffuse": 0.006, "killeroo-gold": 0.015, "teapot-area-light": 0.006, "env": 0.015}

@@ -13,8 +13,8 @@ from plates import plates
 
 import dmis
 from dmis import plot
-from dmis.metrics import mean_and_error, squared_error
-from dmis.variance import Moments
+from dmis.experiment.metrics import mean_and_error, squared_error
+from dmis.variance.moments import Moments
 
 # %%
 # An integral as an average
@@ -60,9 +60,9 @@ right.legend()
 # Variance, from the samples themselves
 # -------------------------------------
 # In practice nobody knows the answer, but the samples know their own spread: their squared distances from their mean,
-# over n - 1, are on average the variance of one sample. `dmis.variance.Moments` is that sum, kept so that parts can
-# be merged in any order. From two samples the estimate is right on average, and useless by itself; remember that for
-# the fifth tutorial.
+# over n - 1, are on average the variance of one sample. `dmis.variance.moments.Moments` is that sum, kept so that
+# parts can be merged in any order. From two samples the estimate is right on average, and useless by itself; remember
+# that for the fifth tutorial.
 for n in (2, 16, 1024):
     u = rng.random((n, 20_000))
     estimates = Moments.of(2 * np.pi * np.where(u > np.cos(half_angle), u, 0)).variance()

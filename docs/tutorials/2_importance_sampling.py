@@ -14,16 +14,16 @@ from plates import LAMPS, ROUGHNESS, plates
 
 import dmis
 from dmis import plot
-from dmis.metrics import squared_error
-from dmis.warp import INV_PI, cone_pdf, square_to_cone, square_to_hemisphere
+from dmis.experiment.metrics import squared_error
+from dmis.samplers.warp import INV_PI, cone_pdf, square_to_cone, square_to_hemisphere
 
 # %%
 # Three densities for one integral
 # --------------------------------
 # The desk lamp of the first tutorial again: f is cos t inside of the lamp's cone, 0 outside. Directions come in three
 # ways: evenly over the hemisphere, density 1 / (2 pi); in proportion to cos t, which is how a matte surface reflects,
-# density cos t / pi; and evenly in the lamp's cone. ``dmis.warp`` has the maps from pairs of even random numbers to
-# directions ``(3, N)``, z up, and their densities per solid angle.
+# density cos t / pi; and evenly in the lamp's cone. ``dmis.samplers.warp`` has the maps from pairs of even random
+# numbers to directions ``(3, N)``, z up, and their densities per solid angle.
 half_angle = np.radians(25)
 exact = np.pi * np.sin(half_angle) ** 2
 u = np.random.default_rng(1).random((2, 100_000), dtype=np.float32)
@@ -65,7 +65,7 @@ plot.picture(axes[1], light.image, "light sampling, w = 1")
 # --------------------
 # Each pixel's own estimate of its variance is noisy; over a patch of 6×6 pixels it says enough.
 patch = 6
-variance = [dmis.variance.patch_mean(dmis.variance.luminance(r.variance), patch) for r in (brdf, light)]
+variance = [dmis.base.patches.patch_mean(dmis.base.color.luminance(r.variance), patch) for r in (brdf, light)]
 figure, axis = plt.subplots(figsize=(7, 4.3), layout="constrained")
 window = (0, scene.camera.resolution[1]), (0, scene.camera.resolution[0])
 ratio = np.log10((variance[0] + 1e-9) / (variance[1] + 1e-9))

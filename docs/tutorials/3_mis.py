@@ -12,8 +12,9 @@ import numpy as np
 from plates import plates
 
 import dmis
-from dmis import mis, plot
-from dmis.metrics import mean_and_error, squared_error
+from dmis import plot
+from dmis.estimator import mis
+from dmis.experiment.metrics import mean_and_error, squared_error
 
 # %%
 # Heuristics
@@ -21,9 +22,9 @@ from dmis.metrics import mean_and_error, squared_error
 # Two techniques with densities p_l and p_b share the samples: w and 1 - w of them. A sample x of one of them counts
 # as W f / (w p_l), where the two weights W of a direction have to sum to 1, so that nothing is counted twice. The
 # *balance heuristic* takes W = w p_l / (w p_l + (1 - w) p_b). Then a sample counts as f / (w p_l + (1 - w) p_b),
-# whichever technique it comes from: as if it had been drawn from the mixture of both. ``dmis.mis`` has it, and others
-# that are more radical: the power heuristic squares, the cutoff heuristic drops what is below a tenth, the maximum
-# takes all.
+# whichever technique it comes from: as if it had been drawn from the mixture of both. ``dmis.estimator.mis`` has it,
+# and others that are more radical: the power heuristic squares, the cutoff heuristic drops what is below a tenth, the
+# maximum takes all.
 x = np.linspace(-1, 1, 401, dtype=np.float32)
 p_l = np.exp(-0.5 * (x / 0.1) ** 2) / (0.1 * np.sqrt(2 * np.pi))
 p_b = np.exp(-0.5 * (x / 0.4) ** 2) / (0.4 * np.sqrt(2 * np.pi))
@@ -31,8 +32,8 @@ figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.6), layout="constraine
 left.plot(x, p_l, label="p_l, narrow")
 left.plot(x, p_b, label="p_b, wide")
 left.set_ylabel("densities")
-for name in ("balance", "power", "cutoff", "maximum"):
-    heuristic = mis.find(name)
+heuristics = {"balance": mis.balance, "power": mis.power(2), "cutoff": mis.cutoff(0.1), "maximum": mis.maximum}
+for name, heuristic in heuristics.items():
     own, other = heuristic((p_l, p_b), 0) * p_l, heuristic((p_l, p_b), 1) * p_b  # a heuristic returns W / density
     assert np.allclose(own + other, 1, atol=1e-3)
     right.plot(x, own, label=name)
@@ -64,8 +65,9 @@ for rule in rules:
 
 # %%
 # Either technique alone loses by far. Heuristics differ little from one another (``pbrt`` is the power heuristic); no
-# choice of weights can be much better than balance, which is a theorem of Veach's. ``one-sample``, which draws lots
-# for which technique each sample comes from, shows that *fixed* numbers of samples are worth something by themselves.
+# choice of non-negative weights can be much better than balance, which is a theorem of Veach's. (Weights below 0 can:
+# the combiner ``optimal`` has such.) ``one-sample``, which draws lots for which technique each sample comes from, shows
+# that *fixed* numbers of samples are worth something by themselves.
 #
 # How many of each?
 # -----------------

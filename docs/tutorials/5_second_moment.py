@@ -13,12 +13,10 @@ from plates import plates
 
 import dmis
 from dmis import plot
-from dmis.curves import GRID, HALF
-from dmis.experiment import measure
-from dmis.fit import parabola_minimum
-from dmis.metrics import ratio
-from dmis.oracle import make_oracle
-from dmis.variance import Moments
+from dmis.experiment.metrics import ratio
+from dmis.fit.thesis import parabola_minimum
+from dmis.variance.curves import GRID, HALF
+from dmis.variance.moments import Moments
 
 rng = np.random.default_rng(1)
 
@@ -40,7 +38,7 @@ print(f"mean of what patches report {reported.mean():.0f}, and {(reported == 0).
 # The *oracle* renders variance curves from very many samples. Here is what it says of the plates, without the lamps
 # above them (a `crop` is a part of the image), at the place where the third plate mirrors the second lamp:
 scene = plates().crop((32, 72), (0, 96))
-oracle = make_oracle(scene, 64)
+oracle = dmis.make_oracle(scene, 64)
 place = slice(21 // oracle.patch, 27 // oracle.patch), slice(32 // oracle.patch, 45 // oracle.patch)
 curve = oracle.variance[:, *place].mean(axis=(1, 2))
 three = curve[[0, HALF, -1]]
@@ -68,10 +66,10 @@ axes[0].legend()
 # another weight a sample in the same direction would be worth f / p_w = X q / p_w; its square, weighted for having
 # been drawn from q, is an unbiased estimate of the *second moment* at that weight. So the same six samples tell of
 # all weights. And if the BRDF samples miss the lamp, the light samples that hit it know what that would have cost,
-# since they know p_b there. The rule ``second-moment`` does that, for `dmis.curves.GRID`. What a pilot of 6 samples
-# learns (``cost=no`` is for samples that all count the same; as it is, the rule weighs variance against the rays that
-# a light sample costs; ``combiner=balance`` is what the oracle has curves of, the rule would choose between balance and
-# power by the curves of both):
+# since they know p_b there. The rule ``second-moment`` does that, for `dmis.variance.curves.GRID`. What a pilot of 6
+# samples learns (``cost=no`` is for samples that all count the same; as it is, the rule weighs variance against the
+# rays that a light sample costs; ``combiner=balance`` is what the oracle has curves of, the rule would choose between
+# balance and power by the curves of both):
 learned = {
     rule: dmis.render(scene, rule, 16, seed=1).weight
     for rule in ("thesis:patch=4", "second-moment:combiner=balance,cost=no")
@@ -99,7 +97,7 @@ print(f"{'oracle':44} variance over that of w = 1/2: median patch {np.median(bes
 scene = dmis.load_scene("killeroo-diffuse", resolution=(80, 60))
 reference = dmis.make_reference(scene, 64)
 rules = "balance", "thesis:patch=4", "second-moment", "auto"
-runs = measure(scene, [(rule, 32) for rule in rules], range(3), reference)
+runs = dmis.measure(scene, [(rule, 32) for rule in rules], range(3), reference)
 baseline = np.array([run.mse for run in runs["balance", 32]])
 for rule in rules[1:]:
     value, half = ratio(np.array([run.mse for run in runs[rule, 32]]), baseline)

@@ -10,6 +10,7 @@ everywhere as if it had always been there: in `render`, in `compare`, in plots a
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,14 +18,13 @@ import trimesh
 
 import dmis
 from dmis import plot
-from dmis.brdf import INV_PI, Lambert
-from dmis.compare import compare, summary
-from dmis.fit import Fit
-from dmis.image import read_exr
-from dmis.rules import RULES
-from dmis.variance import luminance, patch_mean, patch_spread
-from dmis.vec import normalise
-from dmis.warp import square_to_sphere
+from dmis.base.color import luminance
+from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.vectors import normalise
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Lobe
+from dmis.experiment.compare import summary
+from dmis.samplers.warp import INV_PI, square_to_sphere
 
 folder = Path(tempfile.mkdtemp())
 
@@ -48,7 +48,7 @@ def make_scene(material, radius=0.5, name="ring"):
         dmis.Part(dmis.load_mesh(folder / "ring.obj", smooth=True), material),
         dmis.Part(dmis.load_mesh(folder / "ground.obj", smooth=False), dmis.plastic(kd=0.3, ks=0.3, roughness=0.01)),
     ]
-    return dmis.Scene(camera, (*parts, dmis.load.light_part(lamp)), (lamp,), name)
+    return dmis.Scene(camera, (*parts, dmis.formats.load_scene.light_part(lamp)), (lamp,), name)
 
 
 gold = dmis.metal(roughness=0.02)
@@ -69,10 +69,11 @@ for axis, radius in zip(axes, (0.1, 0.5, 1.0), strict=True):
 # surface that catches light at its edges, where the normal is across the view. It is sampled like a matte surface,
 # whose density is cos / pi.
 @dataclass(frozen=True, eq=False)
-class Velvet:
+class Velvet(Lobe):
     """Brighter where the view grazes: ``f = reflectance / pi (1 - cos_o)^2 (1 - cos_i)^2``."""
 
-    reflectance: float  # by this name it may also be a colour or an image
+    reflectance: float
+    colours: ClassVar = ("reflectance",)  # a field that is named here may also be a colour or an image
 
     def eval(self, pair):
         """The BRDF, ``(1, N)`` or ``(3, N)``."""
@@ -105,10 +106,11 @@ print(f"light against BRDF sampling: difference {difference:.5f}, allowed by the
 # A rule
 # ------
 # A rule says which pilot it wants, camera samples by weight, and makes a `Fit` of it: a share of light samples for
-# each pixel. This one takes two samples of each technique alone, and gives more to the one that was less noisy in a
-# patch; it never leaves a technique without samples, because two samples may be wrong.
+# each pixel. `dmis.Rule` has a default for everything but ``fit``. This one takes two samples of each technique alone,
+# and gives more to the one that was less noisy in a patch; it never leaves a technique without samples, because two
+# samples may be wrong.
 @dataclass(frozen=True)
-class Quieter:
+class Quieter(dmis.Rule):
     """More samples for the technique whose pilot was less noisy."""
 
     patch: int = 8
@@ -119,10 +121,10 @@ class Quieter:
         """A share of light samples for each pixel, and a diagnostic."""
         brdf, light = (patch_mean(luminance(pilot[w].moments.variance()), self.patch) for w in (0.0, 1.0))
         w = np.clip((brdf + 1e-9) / (brdf + light + 2e-9), 0.1, 0.9)
-        return Fit(patch_spread(w, self.patch, pilot[0.0].moments.mean.shape[:2]), {"patch": w})
+        return dmis.Fit(patch_spread(w, self.patch, pilot[0.0].moments.mean.shape[:2]), {"patch": w})
 
 
-RULES["quieter"] = Quieter  # now it has a name, and its fields are options: quieter:patch=4
+dmis.register_rule("quieter", Quieter)  # now it has a name, and its fields are options: quieter:patch=4
 
 # %%
 # From here on it is a rule like any other. In `render`:
@@ -136,7 +138,7 @@ plot.weight_bar(figure, shown, axes[1])
 # And in `compare`, which writes a table, a plot of error against time, an image of each rule, and a report with
 # everything (``report.html``):
 reference = dmis.make_reference(scene, 64)
-comparison = compare(scene, ["quieter", "auto"], [16, 64], range(2), reference, folder / "comparison")
+comparison = dmis.compare(scene, ["quieter", "auto"], [16, 64], range(2), reference, folder / "comparison")
 print(summary(comparison.runs))
 print("\n".join(sorted(path.name for path in (folder / "comparison").iterdir())))
 figure, axis = plt.subplots(figsize=(9, 5), layout="constrained")
@@ -145,7 +147,7 @@ axis.set_axis_off()
 
 # %%
 # The images are EXR files with the weights as a layer, and what is needed to make them again as text:
-layers, attributes = read_exr(next((folder / "comparison" / "images").glob("quieter*64*.exr")))
+layers, attributes = dmis.read_exr(next((folder / "comparison" / "images").glob("quieter*64*.exr")))
 print(", ".join(layers), "|", attributes["dmis.provenance"][:100], "...")
 
 # %%
@@ -159,8 +161,7 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:100], "...")
 # * Let ``fit`` return ``samples=`` too, one positive number for each pixel, in proportion to the root of the variance:
 #   noisy patches get more samples. (Only ratios matter. Every pixel needs some: add a little where the pilot saw no
 #   noise.)
-# * Put the rule into a file ``mine.py``, with ``import dmis.__main__`` above, ``RULES["quieter"] = Quieter`` below, and
-#   at its end ``if __name__ == "__main__": raise SystemExit(dmis.__main__.main())``: now ``python mine.py compare ...``
-#   is the command line with your rule.
+# * Put the rule into a file ``mine.py``, with its imports above and ``dmis.register_rule("quieter", Quieter)`` below:
+#   now ``python -m dmis compare teapot-area-light --plugin mine.py --rules quieter,auto -o mine`` knows it by its name.
 for path in plot.show("6_your_own"):
     print(path)

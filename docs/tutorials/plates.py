@@ -8,7 +8,7 @@ the larger a lamp and the smoother a plate, the better it is to follow the refle
 import numpy as np
 
 import dmis
-from dmis.load import light_part
+from dmis.formats.load_scene import light_part
 
 EYE = np.array([0.0, -9.0, 3.0])
 LAMPS = (0.05, 0.17, 0.45, 1.0)

@@ -1,0 +1,135 @@
+"""
+How much code one render runs through
+=====================================
+
+Renders a small scene of direct lighting with one rule, and counts the files of `dmis` and the lines of those functions
+that it called. A line counts if it has code: docstrings, comments and blank lines do not. The last column counts
+docstrings, too. Files come in the order in which docs/code.md says to read them, the others after them.
+
+The scene has one lobe (Lambert) and one light (a quadrilateral). Its plan, triangle tables and Embree scene are made
+before, unless `--first` is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import re
+import sys
+import threading
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import dmis
+from dmis.geometry.shapes import quad, sphere
+from dmis.geometry.transforms import translate
+
+PACKAGE = Path(dmis.__file__).resolve().parent
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "code.md"
+SILENT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
+"""Tokens that do not make a line one of code."""
+FILES, LINES = 18, 1100
+"""Most files and lines of code of a render with the rule `thesis`: the goal."""
+
+
+def small_scene() -> dmis.Scene:
+    """Return a matte ball on a matte floor under a quadrilateral light."""
+    floor = dmis.Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), dmis.matte(0.5))
+    ball = dmis.Part(sphere(0.6, segments=16).transformed(translate((0, 0, 0.6))), dmis.matte((0.5, 0.2, 0.1)))
+    lamp = dmis.QuadLight((-0.5, -0.5, 2.4), (0, 1, 0), (1, 0, 0), (6, 5, 4))
+    camera = dmis.Camera.look_at((0, -3.6, 1.8), (0, 0, 0.7), fov=45, resolution=(16, 12))
+    return dmis.Scene(camera, (floor, ball), (lamp,), "ball", "direct")
+
+
+def called_functions(scene: dmis.Scene, rule: str, spp: int) -> set[CodeType]:
+    """Return the code of all functions of `dmis` that a render calls."""
+    codes: set[CodeType] = set()
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        if event == "call":
+            codes.add(frame.f_code)
+
+    threading.setprofile(note)
+    sys.setprofile(note)
+    try:
+        dmis.render(scene, rule, spp, seed=1, threads=1)
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    return {code for code in codes if Path(code.co_filename).is_relative_to(PACKAGE)}
+
+
+def code_lines(text: str) -> set[int]:
+    """Return the numbers of the lines of a module that hold a token other than a comment, docstrings included."""
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in SILENT:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    return lines
+
+
+def docstrings(tree: ast.AST) -> Iterator[range]:
+    """Yield the lines of each docstring of a module, its classes and functions."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            yield range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)
+
+
+def count(path: Path, codes: set[CodeType]) -> tuple[int, int]:
+    """Return the lines of code of the functions of a file with these codes, without and with their docstrings.
+
+    A function has all its lines, those of decorators and of the functions inside it, whether or not they were run. The
+    code of a module or class, which runs at import, is that of no function and does not count.
+    """
+    text = path.read_text("utf-8")
+    tree = ast.parse(text)
+    first = {(code.co_firstlineno, code.co_name) for code in codes}
+    inside: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            begin = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+            if (begin, node.name) in first:
+                inside.update(range(begin, (node.end_lineno or begin) + 1))
+    documented = code_lines(text) & inside
+    blank = {k for k, line in enumerate(text.split("\n"), 1) if not line.strip()}
+    described = {line for lines in docstrings(tree) for line in lines}
+    return len(documented - described), len(documented - blank)
+
+
+def reading_path(page: Path = PAGE) -> list[str]:
+    """Return the files that docs/code.md says to read for such a render, in its order."""
+    paragraph = page.read_text("utf-8").partition("take the files in this order:")[2].partition("\n\n")[0]
+    return re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", paragraph)
+
+
+def main() -> None:
+    """Count and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rule", default="thesis", help="rule with its options (default thesis)")
+    parser.add_argument("--spp", type=int, default=16, help="camera samples per pixel (default 16)")
+    parser.add_argument("--first", action="store_true", help="count what prepares the scene for its first render, too")
+    arguments = parser.parse_args()
+    scene = small_scene()
+    if not arguments.first:  # plan, tables and Embree scene are kept with the scene
+        dmis.render(scene, arguments.rule, arguments.spp, seed=1, threads=1)
+    by_file: dict[str, set[CodeType]] = {}
+    for code in called_functions(scene, arguments.rule, arguments.spp):
+        by_file.setdefault(Path(code.co_filename).relative_to(PACKAGE).as_posix(), set()).add(code)
+    lines = {name: count(PACKAGE / name, codes) for name, codes in by_file.items()}
+    lines = {name: pair for name, pair in lines.items() if pair[0]}
+    path = reading_path()
+    print(f"{'file':38} {'lines':>6} {'with docstrings':>16}")
+    for name in [*path, *sorted(lines.keys() - set(path))]:
+        without, documented = lines.get(name, (0, 0))
+        print(f"{name:38} {without:6} {documented:16}{'' if name in path else '   not on the reading path'}")
+    total, described = (sum(column) for column in zip(*lines.values(), strict=True))
+    print(f"{f'{len(lines)} files':38} {total:6} {described:16}")
+    print(f"goal for thesis: at most {FILES} files and {LINES} lines")
+
+
+if __name__ == "__main__":
+    main()

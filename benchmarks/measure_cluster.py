@@ -1,0 +1,134 @@
+"""
+What a cluster costs
+====================
+
+Measures what docs/cluster.md says of many workers: bytes of a scene, of a tile and of its result; seconds to render a
+tile and to merge it; tasks that Dask's scheduler handles; and whole renders on one and two worker processes of this
+machine. The last table is computed from these, for 1,000 workers, and says so. Takes a minute or two; nothing else
+should run meanwhile.
+"""
+
+import argparse
+import math
+import pickle
+import platform
+import sys
+import tempfile
+import time
+from datetime import date
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
+from common import ROOT, replace_table
+
+import dmis
+from dmis.formats.load_scene import SHIPPED
+from dmis.pipeline.checkpoint import Store
+from dmis.pipeline.executor import _send
+from dmis.pipeline.film import FilmTile, PassFilm
+from dmis.pipeline.tile import render_tile
+
+PAGE = ROOT / "docs" / "cluster.md"
+RULE, SPP = "auto", 128
+
+
+def main():
+    """Measure, print the tables, and put them into the page."""
+    from distributed import Client, LocalCluster
+
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[3])
+    parser.add_argument("--quick", action="store_true", help="a small image: seconds")
+    parser.add_argument("--page", type=Path, default=PAGE, help="the page whose tables are replaced")
+    given = parser.parse_args()
+    size, tasks, names = ((64, 48), 200, SHIPPED[2:3]) if given.quick else ((256, 192), 2000, SHIPPED)
+
+    sizes = ["| scene | scene, MB | tile out, kB | pilot result, kB | final result, kB |", "|---|---|---|---|---|"]
+    for name in names:
+        scene = dmis.load_scene(name, size)
+        tiles = dmis.render(scene, RULE, SPP).tiles
+        pilot, final = tiles[0], tiles[-1]
+        bytes_ = [len(pickle.dumps(x)) for x in (final, render_tile(scene, pilot), render_tile(scene, final))]
+        kilo = " | ".join(f"{b / 1e3:.0f}" for b in bytes_)
+        sizes.append(f"| {name} | {len(pickle.dumps(scene)) / 1e6:.1f} | {kilo} |")
+
+    scene = dmis.load_scene(names[min(1, len(names) - 1)], size)
+    alone = dmis.render(scene, RULE, SPP, threads=1)
+    finals = [tile for tile in alone.tiles if tile.pass_]
+    tile_seconds = alone.seconds["render"] / len(finals)
+    merge, logged = (merge_seconds(scene, finals, file) for file in (False, True))
+    renders = [f"| {scene.name}, {RULE}, {SPP} samples | seconds | pilot | fit | final |", "|---|---|---|---|---|"]
+    renders.append(row("1 thread, no cluster", alone.seconds))
+    rate = broadcast = 0.0
+    for workers in (1, 2):
+        with (
+            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
+            Client(cluster) as client,
+        ):
+            executor = client.get_executor(pure=False)
+            dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, executor=executor)  # what is slow the first time
+            result = dmis.render(scene, RULE, SPP, executor=executor)
+            assert (result.image == alone.image).all()
+            renders.append(row(f"{workers} worker process{'es' * (workers > 1)}", result.seconds))
+            begin = time.perf_counter()
+            for future in [executor.submit(int, k) for k in range(tasks)]:
+                future.result()
+            rate = tasks / (time.perf_counter() - begin)
+            begin = time.perf_counter()
+            sent = _send(executor, scene)
+            broadcast = time.perf_counter() - begin
+            del sent
+
+    busy = 1000 / tile_seconds
+    up, down = (len(pickle.dumps(x)) for x in (finals[-1], render_tile(scene, finals[-1])))
+    megabytes = len(pickle.dumps(scene)) / 1e6
+    last = [
+        f"| of {scene.name} | one tile or worker, measured | 1,000 workers, **extrapolated** |",
+        "|---|---|---|",
+        f"| rendering | {tile_seconds:.3f} s per tile of {finals[-1].rows[1] - finals[-1].rows[0]} rows | "
+        f"{busy:.0f} tiles/s |",
+        f"| scheduler | {rate:.0f} empty tasks/s, with 2 workers | busy with {rate * tile_seconds:.0f} workers |",
+        f"| merge | {merge * 1e3:.2f} ms per tile, {logged * 1e3:.2f} ms with a checkpoint | "
+        f"{busy * merge:.1f} s of work per second, {busy * logged:.1f} s with a checkpoint |",
+        f"| network, out of the client | {up / 1e3:.0f} kB per tile | {busy * up / 1e6:.0f} MB/s |",
+        f"| network, into the client | {down / 1e3:.0f} kB per tile | {busy * down / 1e6:.0f} MB/s |",
+        f"| scene | {megabytes:.1f} MB, {broadcast:.2f} s to 2 workers | {megabytes:.0f} MB to each, in a tree of "
+        f"depth {math.ceil(math.log2(1000))}; some {broadcast * math.log2(1000):.1f} s |",
+        f"| fit, in the client | {alone.seconds['fit']:.2f} s | {alone.seconds['fit']:.2f} s, while all wait |",
+    ]
+    text = "\n".join(
+        [
+            f"Made on {date.today()} with `benchmarks/measure_cluster.py`; {size[0]}×{size[1]} pixels, {RULE}, {SPP} "
+            f"samples per pixel; {platform.machine()}, Python {platform.python_version()}.",
+            *("", *sizes, "", *renders, "", *last),
+        ]
+    )
+    print(text)
+    if not given.quick or given.page != PAGE:
+        replace_table(given.page, "cluster", text)
+
+
+def merge_seconds(scene, tiles, file):
+    """Return the seconds to merge one of `tiles` into the film, and to append it to a checkpoint if `file`."""
+    rendered = render_tile(scene, tiles[0])
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store(Path(folder) / "checkpoint" if file else None, {})
+        film = PassFilm.empty(scene.camera.resolution, 1 + max(tile.number for tile in tiles))
+        begin = time.perf_counter()
+        for _ in range(100):
+            film_tile = FilmTile.of(tiles[0], rendered)
+            store.append(film_tile)
+            film.merge_tile(film_tile)
+        seconds = (time.perf_counter() - begin) / 100
+        store.close()
+    return seconds
+
+
+def row(name, seconds):
+    """A line of the table of whole renders."""
+    parts = " | ".join(f"{seconds[k]:.2f}" for k in ("total", "pilot", "fit", "render"))
+    return f"| {name} | {parts} |"
+
+
+if __name__ == "__main__":
+    main()

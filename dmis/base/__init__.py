@@ -1,0 +1,1 @@
+"""Tools without rendering in them: vectors, selections, patches, colours, argument checks, files and memory."""

@@ -1,0 +1,98 @@
+"""Atomic writing of files, and checks before a computation that its results can be written."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
+    """Check that a file of `size` bytes can be written, before its contents are computed.
+
+    Raises
+    ------
+    OSError
+        If it cannot: the directory does not exist or is write-protected, the disk is full, or the path is that of
+        a directory.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(f"cannot write {path}: it is a directory")
+    folder = path.resolve().parent
+    if not folder.is_dir():
+        raise FileNotFoundError(f"cannot write {path}: its directory does not exist")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(f"cannot write {path}: it is write-protected")
+    if path.exists() and not path.is_file():
+        return  # a pipe or a device is written in place
+    _check_folder_writable(folder, f"cannot write {path}")
+    free = shutil.disk_usage(folder).free
+    if free < size:
+        raise OSError(f"cannot write {path}: it may need {_mb(size)}, and {folder} has {_mb(free)} left")
+
+
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Check that files can be written into a folder, which may not exist yet, before their contents are computed.
+
+    Raises
+    ------
+    OSError
+        If the folder, or the nearest existing one above it, is write-protected or a file.
+    """
+    path = Path(path)
+    nearest = next(folder for folder in (path.resolve(), *path.resolve().parents) if folder.exists())
+    if not nearest.is_dir():
+        raise NotADirectoryError(f"cannot write into {path}: {nearest} is not a directory")
+    _check_folder_writable(nearest, f"cannot write into {path}")
+
+
+def _check_folder_writable(folder: Path, complaint: str) -> None:
+    """Write a byte into a nameless file in a folder; the message of an error begins with `complaint`."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"\0")
+    except OSError as error:
+        raise type(error)(f"{complaint}: {error.strerror} (in {folder})") from error
+
+
+def check_package(module: str, purpose: str, install: str) -> None:
+    """Check that the package that writes a result can be imported, before the result is computed.
+
+    Raises
+    ------
+    ValueError
+        If it cannot; the message ends with `install`, the command that installs it.
+    """
+    try:
+        importlib.import_module(module)
+    except ImportError as error:
+        raise ValueError(f"{purpose} needs {module}, which cannot be imported ({error}): {install}") from error
+
+
+def _mb(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a path beside `path` to write to, and at the end replace `path` by it in one step.
+
+    An error or an interruption leaves the earlier file as it was. Pipes and devices are written in place.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    path = path.resolve()  # a symbolic link stays, and its target is replaced
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        yield partial
+        os.replace(partial, path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,55 @@
+"""Tuning of the C library's allocator: keep freed arrays, give them back, and measure peak memory."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from functools import cache
+from pathlib import Path
+
+KEEP_BYTES = 2**26
+"""Bytes of freed arrays that the C library keeps: more than all arrays of one batch."""
+LARGE_IMAGE = 2**18
+"""Pixels from which on giving memory back is worth the 0.01 s that it takes, and the refilling of malloc's caches."""
+
+
+@cache
+def keep() -> None:
+    """Let the C library keep freed arrays for later ones, in one arena for all threads.
+
+    By default it gives back all but some MB after each batch, and the arrays of the next batch are new pages, which the
+    system first fills with zeros. By default each thread also gets an arena of its own, and `release` cannot free the
+    end of an arena. Has an effect in Linux only.
+    """
+    if sys.platform == "linux":
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has none
+        if mallopt is not None:
+            mallopt(-8, 1)  # M_ARENA_MAX
+            mallopt(-1, KEEP_BYTES)  # M_TRIM_THRESHOLD
+            mallopt(-3, KEEP_BYTES // 2)  # M_MMAP_THRESHOLD, at its largest
+
+
+def release(pixels: int) -> None:
+    """Let the C library give back freed arrays: some tens of MB between the stages of a large image.
+
+    Has an effect in Linux only, with a C library that has ``malloc_trim``.
+    """
+    if pixels >= LARGE_IMAGE and sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none
+        if trim is not None:
+            trim(0)
+
+
+def peak() -> int:
+    """Return the peak resident memory of this process, in bytes (POSIX).
+
+    In Linux it is read from ``/proc``, because `resource.getrusage` includes the peak of the parent process.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return 1024 * int(line.split()[1])
+    import resource
+
+    peak_memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak_memory if sys.platform == "darwin" else 1024 * peak_memory

@@ -1,0 +1,50 @@
+"""Square patches of pixels: their sums and means, and the map that gives each pixel its patch's value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dmis.base.vectors import Array
+
+
+def patch_sum(values: Array, size: int) -> Array:
+    """Return sums over square patches of `size` entries in the last axes, ``(..., ceil(H / size), ceil(W / size))``.
+
+    Patches at the right and bottom border may be smaller. A `size` larger than the image means one patch.
+    """
+    if size < 1:
+        raise ValueError(f"patch must be at least 1 pixel; got {size}")
+    if size == 1:
+        return values
+    for axis in (-2, -1):  # the first entries of all patches, the second, ...: np.add.reduceat is slow in short runs
+        lines = np.moveaxis(values, axis, 0)
+        total = lines[::size].copy(order="K")
+        for k in range(1, min(size, len(lines))):
+            line = lines[k::size]
+            total[: len(line)] += line
+        values = np.moveaxis(total, 0, axis)
+    return values
+
+
+def row_blocks(rows: int, size: int = 16) -> Iterator[slice]:
+    """Return slices of `size` rows that cover `rows` rows, so that intermediate arrays stay in the cache."""
+    return (slice(k, min(k + size, rows)) for k in range(0, rows, size))
+
+
+def patch_mean(image: Array, size: int) -> Array:
+    """Return means over square patches; those of smaller patches at the border divide by their own pixels."""
+    if size == 1:
+        return image
+    return patch_sum(image, size) / patch_sum(np.ones(image.shape[-2:]), size)
+
+
+def patch_spread(values: Array, size: int, shape: tuple[int, int]) -> Array:
+    """Return an image of `shape` (H, W) in which each pixel has the value of its patch of `size` pixels."""
+    height, width = shape
+    return values[np.arange(height)[:, None] // size, np.arange(width)[None] // size]
+
+
+PATCH = 4
+"""Side of the patches over which a tile sums its statistics, in pixels."""

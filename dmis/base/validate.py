@@ -1,0 +1,93 @@
+"""Checks of arguments: numbers, pairs of numbers, vectors and directions; an error names the argument.
+
+Numbers of NumPy are accepted and converted to Python's, so that dataclasses made of them hold plain data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from math import inf
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dmis.base.vectors import Floats
+
+T = TypeVar("T")
+
+
+def whole(name: str, value: Any, least: float = -inf, most: float = inf, more: str = "") -> int:
+    """Return `value` as an int, if it is a whole number from `least` to `most`, such as 8, 8.0 or ``np.int64(8)``.
+
+    Parameters
+    ----------
+    more
+        Text that the message adds after the range: the reason, or what else is allowed.
+
+    Raises
+    ------
+    ValueError
+        If it is not a whole number, or out of range; the message calls it `name`.
+    """
+    plain = _plain(value)
+    if isinstance(plain, float) and plain.is_integer():
+        plain = int(plain)
+    if not isinstance(plain, int) or not least <= plain <= most:
+        raise _refusal(name, "a whole number", least, most, more, value)
+    return plain
+
+
+def number(name: str, value: Any, least: float = -inf, most: float = inf, more: str = "") -> float:
+    """Return `value` as a float, if it is a number from `least` to `most`; parameters and errors as of `whole`."""
+    plain = _plain(value)
+    if not isinstance(plain, int | float) or not least <= plain <= most:
+        raise _refusal(name, "a number", least, most, more, value)
+    return float(plain)
+
+
+def pair(name: str, value: Any, check: Callable[[str, Any], T]) -> tuple[T, T]:
+    """Return two values, each checked by `check`; raise a ValueError that calls them `name` otherwise."""
+    values = tuple(value) if isinstance(value, Iterable) else ()
+    if len(values) != 2:
+        raise ValueError(f"{name} must be two numbers; got {value!r}")
+    return check(name, values[0]), check(name, values[1])
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy number as a Python number; None for a bool, which is not a number although it is an int."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(plain, bool) else plain
+
+
+def _refusal(name: str, kind: str, least: float, most: float, more: str, value: Any) -> ValueError:
+    low, high = (f"{end:g}" if isinstance(end, float) else str(end) for end in (least, most))
+    span = "" if least == -inf else f" of at least {low}" if most == inf else f" from {low} to {high}"
+    return ValueError(f"{name} must be {kind}{span}{more and f', {more}'}; got {value!r}")
+
+
+FARTHEST = 1e18
+"""Largest coordinate: Embree squares coordinates in float32, and does not check them."""
+
+
+def vector(name: str, value: npt.ArrayLike) -> Floats:
+    """Return `value` as a float64 array ``(3,)``; raise a ValueError unless it is three finite numbers."""
+    xyz = np.array(value, np.float64)
+    if xyz.shape != (3,) or not np.isfinite(xyz).all():
+        raise ValueError(f"{name} must be three finite numbers; got {xyz.tolist()}")
+    return xyz
+
+
+def direction(name: str, value: npt.ArrayLike) -> Floats:
+    """Return `value` scaled to unit length, ``(3,)``; raise a ValueError if it is zero or not a finite vector."""
+    xyz = vector(name, value)
+    if not xyz.any():
+        raise ValueError(f"{name} must not be zero, because it gives a direction; got {xyz.tolist()}")
+    return xyz / np.linalg.norm(xyz)
+
+
+def positive(name: str, value: float) -> float:
+    """Return `value`; raise a ValueError unless it is a positive finite number."""
+    if not 0 < value < np.inf:
+        raise ValueError(f"{name} must be positive and finite; got {value}")
+    return value

@@ -1,0 +1,1 @@
+"""Reflection: one file per model, Fresnel terms, distributions, textures, materials."""

@@ -1,0 +1,100 @@
+"""The anisotropic Phong model of Ashikhmin and Shirley (2000), as pbrt has it and as in the paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array
+from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.diffuse import cosine_pdf, cosine_sample
+from dmis.brdf.distributions import Distribution, half_vector_pdf, half_vector_sample
+from dmis.brdf.fresnel import fifth
+from dmis.brdf.lobe import Lobe
+from dmis.samplers.warp import INV_PI
+
+_LEAST = np.float32(1e-10)  # of cosines and their products at the horizon
+
+
+@dataclass(frozen=True, eq=False)
+class BlendBase(Lobe):
+    """The diffuse half of Ashikhmin and Shirley's Fresnel blend (PBR 8.5), dimmed by the coat above it."""
+
+    diffuse: Any
+    specular: Any
+    colours: ClassVar[tuple[str, ...]] = (
+        "diffuse",
+        "specular",
+    )
+
+    def eval(self, pair: Pair) -> Array:
+        through = (1 - fifth(1 - pair.cos_i / 2)) * (1 - fifth(1 - pair.cos_o / 2))
+        return self.diffuse * (1 - self.specular) * (np.float32(28 / 23) * INV_PI * through)
+
+    def pdf(self, pair: Pair) -> Array:
+        return cosine_pdf(pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        return cosine_sample(surface, u)
+
+    def albedo(self) -> Array:
+        """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
+        return self.diffuse * (1 - self.specular)
+
+
+@dataclass(frozen=True, eq=False)
+class BlendCoat(Lobe):
+    """The glossy half of Ashikhmin and Shirley's Fresnel blend (PBR 8.5), with Schlick's Fresnel."""
+
+    specular: Any
+    distribution: Distribution
+    colours: ClassVar[tuple[str, ...]] = ("specular",)
+
+    def eval(self, pair: Pair) -> Array:
+        schlick = self.specular + fifth(1 - pair.cos_d) * (1 - self.specular)
+        coat = self.distribution.density(pair)
+        return schlick * (coat / np.maximum(4 * pair.cos_d * np.maximum(pair.cos_i, pair.cos_o), TINY))
+
+    def pdf(self, pair: Pair) -> Array:
+        return half_vector_pdf(self.distribution, pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        return half_vector_sample(self.distribution, surface, u)
+
+    def albedo(self) -> Array:
+        """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
+        return self.specular
+
+
+@dataclass(frozen=True, eq=False)
+class AshikhminShirley(Lobe):
+    """The glossy half of Ashikhmin and Shirley's model, with the paper's factor; its base is
+    `dmis.brdf.ashikhmin_shirley.BlendBase`.
+
+    ``f = F pdf_h / (4 cos_d max(cos_i, cos_o))`` with Schlick's Fresnel of `specular` at normal incidence, where pdf_h
+    is the density of half vectors, ``sqrt((n_u+1)(n_v+1))/(2 pi) cos_h^(...)``. So the weight ``f cos_i / pdf`` is
+    ``F min(1, cos_i / cos_o)``, never above 1. pbrt (`dmis.brdf.ashikhmin_shirley.BlendCoat`) has ``n + 2`` for the
+    paper's ``n + 1``.
+
+    Source: Ashikhmin and Shirley, "An Anisotropic Phong BRDF Model", Journal of Graphics Tools 5(2), 2000.
+    """
+
+    specular: Any
+    distribution: Distribution
+    colours: ClassVar[tuple[str, ...]] = ("specular",)
+
+    def eval(self, pair: Pair) -> Array:
+        """BRDF without the cosine; 0 below the shading horizon."""
+        schlick = self.specular + fifth(1 - pair.cos_d) * (1 - self.specular)
+        spread = self.distribution.pdf_h(pair) * pair.above
+        return schlick * (spread / np.maximum(4 * pair.cos_d * np.maximum(pair.cos_i, pair.cos_o), _LEAST))
+
+    def pdf(self, pair: Pair) -> Array:
+        """Density of `sample`, ``(N,)``."""
+        return half_vector_pdf(self.distribution, pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        """Directions ``(3, N)``."""
+        return half_vector_sample(self.distribution, surface, u)

@@ -1,0 +1,129 @@
+"""A dielectric interface as a whole: the light that crosses it, and diffuse light that it reflects from inside.
+
+The interface is smooth (alpha 0), or made of GGX facets (`dmis.ggx`, equal in all directions) at which light is
+scattered once: what would need a second facet is lost. Below it is a layer that absorbs, of optical thickness t: a ray
+of cosine c keeps ``exp(-t / c)`` of its light on its way through. Indices of refraction are inside over outside, at
+least 1.
+
+Facets are averaged over the half vectors that wo sees, with the density D_wo of `dmis.ggx`, by a Gauss rule for the
+cap of `dmis.brdf.microfacet.GGX.sample` and a midpoint rule around it. Everything is computed in float64, once for
+each interface.
+
+Source: Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, with Smith's masking and
+shadowing of both sides correlated in height, ``G2 = 1 / (1 + L(wo) + L(wi))``, as in pbrt-v4.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.brdf.fresnel import dielectric
+
+INTERVALS = 512
+"""Of the table of `transmittance`, whose error is below 1e-4 for indices from 1.1 to 4, alpha and thickness up to 1."""
+FACETS = 32
+"""Nodes in each of the two coordinates of half vectors."""
+DIFFUSE = 64
+"""Nodes of diffuse light on either side of the critical angle."""
+_LEAST = np.float32(1e-7)  # of cosines
+
+
+def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float = 0.0) -> Array:
+    """Share of the light from outside that arrives below the layer, ``(N,)``.
+
+    Parameters
+    ----------
+    cos
+        Cosines outside, ``(N,)`` float32, in [0, 1].
+    eta, alpha, thickness
+        The index inside over outside, the roughness, and the optical thickness of the layer.
+
+    Returns
+    -------
+    share
+        ``1 - F`` times the absorption if the interface is smooth; else linear between the nodes of a table in
+        ``sqrt(cos)``, along which the share is smooth to the horizon.
+    """
+    if alpha:
+        values, steps = _table(eta, alpha, thickness)
+        at = np.sqrt(cos) * np.float32(INTERVALS)
+        node = at.astype(np.int32)
+        return values.take(node, mode="clip") + steps.take(node, mode="clip") * (at - node.astype(np.float32))
+    share = 1 - dielectric(cos, np.float32(eta))
+    if thickness:
+        inside = np.sqrt(np.maximum(1 - (1 - cos * cos) * np.float32(1 / (eta * eta)), 0))
+        share *= np.exp(np.float32(-thickness) / np.maximum(inside, _LEAST))
+    return share
+
+
+@cache
+def _table(eta: float, alpha: float, thickness: float) -> tuple[Array, Array]:
+    """`transmittance` at cosines ``(k / INTERVALS)^2``, and the differences to the next, each ``(INTERVALS + 1,)``."""
+    cos = np.maximum(np.linspace(0, 1, INTERVALS + 1) ** 2, _LEAST)
+    cos_o, cos_d, cos_h, weight = _facets(cos, alpha)
+    beyond = np.sqrt(1 - (1 - cos_d * cos_d) / (eta * eta))
+    cos_i = cos_o / eta + cos_h * (beyond - cos_d / eta)
+    share = (1 - dielectric(cos_d, np.asarray(eta))) * _unmasked(cos_o, cos_i, alpha) * np.exp(-thickness / cos_i)
+    values = (share * weight).sum(axis=(1, 2)).astype(np.float32)
+    return values, np.diff(values, append=values[-1:])
+
+
+@cache
+def internal_reflectance(eta: float, alpha: float = 0.0, thickness: float = 0.0) -> float:
+    """Share of diffuse light from below the layer that comes back to its lower side.
+
+    ``2 int R(c) c dc`` over cosines c inside, where R is the interface's reflectance from inside at the index
+    ``1 / eta``, absorption on the way up and down included. With m the cosine of the critical angle, ``c = m sqrt(1 -
+    s^2)`` below it and ``c = sqrt(m^2 + (1 - m^2) s^2)`` above (where s is the cosine outside) take away the root
+    that Fresnel's reflectance has there. Smooth and without absorption it is ``1 - (1 - F) / eta^2``, where F is the
+    same integral from outside.
+    """
+    nodes, weights = _gauss(DIFFUSE)
+    critical2 = 1 - 1 / (eta * eta)
+    cos2 = np.concatenate([critical2 * (1 - nodes**2), critical2 + (1 - critical2) * nodes**2])
+    weights = np.concatenate([critical2 * weights, (1 - critical2) * weights]) * np.tile(2 * nodes, 2)
+    cos_o, cos_d, cos_h, weight = _facets(np.sqrt(np.maximum(cos2, _LEAST)), alpha)
+    cos_i = np.maximum(2 * cos_d * cos_h - cos_o, _LEAST)
+    share = dielectric(cos_d, np.asarray(1 / eta)) * _unmasked(cos_o, cos_i, alpha) * (cos_i > _LEAST)
+    share = share * np.exp(-thickness / cos_o - thickness / cos_i)
+    return float(weights @ (share * weight).sum(axis=(1, 2)))
+
+
+def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
+    """Half vectors that directions of the cosines `cos` ``(M,)`` see: nodes of a quadrature, float64.
+
+    Returns
+    -------
+    cos_o, cos_d, cos_h
+        Cosines of wo with the normal ``(M, 1, 1)``, of wo and of the normal with the half vectors ``(M, FACETS,
+        FACETS)``.
+    weight
+        Weights of the nodes, ``(FACETS, 1)``; their sum over both axes is 1.
+    """
+    nodes, weights = _gauss(FACETS)
+    u = (1 - (1 - nodes) ** 2)[:, None]  # many nodes near 1, where facets stand upright
+    phi = np.pi * (np.arange(FACETS) + 0.5) / FACETS  # the other half circle is the same
+    cos_o = cos[:, None, None].astype(np.float64)
+    sin_o = np.sqrt(np.maximum(1 - cos_o * cos_o, 0))
+    length = np.hypot(alpha * sin_o, cos_o)
+    below = u * (1 + cos_o / length)
+    r = np.sqrt(np.maximum(below * (2 - below), 0))
+    x, y = alpha * (r * np.cos(phi) + alpha * sin_o / length), alpha * r * np.sin(phi)
+    z = (1 - u) * (1 + cos_o / length)
+    size = np.sqrt(x * x + y * y + z * z)
+    return cos_o, (sin_o * x + cos_o * z) / size, z / size, (weights * 2 * (1 - nodes) / FACETS)[:, None]
+
+
+def _unmasked(cos_o: Array, cos_i: Array, alpha: float) -> Array:
+    """G2 / G1: the share of what facets that wo sees send to wi that is not in the shadow of others."""
+    o, i = (np.sqrt(alpha * alpha * np.maximum(1 - c * c, 0) + c * c) / c for c in (cos_o, cos_i))
+    return (1 + o) / (o + i)
+
+
+def _gauss(count: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss's rule in [0, 1]."""
+    x, weights = np.polynomial.legendre.leggauss(count)
+    return (x + 1) / 2, weights / 2

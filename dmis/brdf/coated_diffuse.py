@@ -1,0 +1,90 @@
+"""A diffuse base under a dielectric coat: what leaves through the coat, all reflections between the two included.
+
+Light crosses the coat, is scattered by the Lambertian base, and then leaves or is reflected back to the base by the
+coat's inner side, any number of times. A Lambertian base forgets where light came from, so these times are a geometric
+series. With the coat's transmittance T(c) from outside and its reflectance I of diffuse light from inside
+(`dmis.brdf.coat_interface`), index eta inside over outside and reflectance R of the base::
+
+    f = T(cos_i) T(cos_o) R / (pi eta^2 (1 - R I))
+
+which is exact for a smooth coat, and for a rough one if light meets one facet at each crossing, as in `dmis.ggx`. What
+the coat reflects at its outer side is a lobe of its own: a mirror, or GGX (`dmis.brdf.models.coated_diffuse` puts them
+together). With R = 1, without absorption, a smooth coat and its base reflect everything.
+
+This is pbrt-v4's ``coateddiffuse`` without a scattering medium, in the mean: v4 follows light at random through the
+layers. It does not move light sideways, and its coat absorbs, with an optical thickness that it calls ``thickness``. It
+ends a path after ``maxdepth`` interfaces, half of which are the base: `bounces` terms of the series, the next of which
+would be (R I)^bounces. Its roulette changes no mean. Where the coat is rough, v4's ``f`` is brighter than its own
+``Sample_f``, which has the mean given here: it puts together two estimates of the way out with weights whose sum is
+not 1, because one has the density of the reversed path.
+
+Sources: Saunderson 1942; Elias, Simonot and Menu 2001; Guo, Hasan and Zhao, "Position-Free Monte Carlo Simulation for
+Arbitrary Layered BSDFs", 2018; bxdfs.h of pbrt-v4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.brdf.coat_interface import internal_reflectance, transmittance
+from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.diffuse import cosine_pdf, cosine_sample
+from dmis.brdf.lobe import Lobe
+from dmis.brdf.texture import Image
+from dmis.samplers.warp import INV_PI
+
+
+@dataclass(frozen=True, eq=False)
+class CoatedBase(Lobe):
+    """What a Lambertian base reflects through its coat; the same from both sides of a mesh.
+
+    Only the reflectance may differ from point to point.
+
+    Parameters
+    ----------
+    reflectance
+        Of the base, at most 1.
+    eta
+        The coat's index of refraction, inside over outside, at least 1.
+    roughness
+        The coat's alpha; 0 is smooth.
+    thickness
+        Optical thickness of the coat, which absorbs ``1 - exp(-thickness / cos)``.
+    bounces
+        How many reflections by the base count; None: all.
+    """
+
+    reflectance: Any
+    eta: float = 1.5
+    roughness: float = 0.0
+    thickness: float = 0.0
+    bounces: int | None = None
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+
+    def eval(self, pair: Pair) -> Array:
+        """BRDF without the cosine, ``(1, N)`` or ``(3, N)``."""
+        coat = self.eta, self.roughness, self.thickness
+        again = self.reflectance * internal_reflectance(*coat)
+        series = 1 / (1 - again) if self.bounces is None else (1 - again**self.bounces) / (1 - again)
+        through = transmittance(pair.cos_i, *coat) * transmittance(pair.cos_o, *coat)
+        return self.reflectance * series * (through * np.float32(INV_PI / (self.eta * self.eta)))
+
+    def pdf(self, pair: Pair) -> Array:
+        """Density of `sample`, ``(N,)``."""
+        return cosine_pdf(pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        """Directions ``(3, N)``, distributed as the cosine."""
+        return cosine_sample(surface, u)
+
+    def albedo(self) -> Array:
+        """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
+        return self.reflectance
+
+    def is_black(self) -> bool:
+        """Return whether the base reflects nothing, although the lobe is not in proportion to its reflectance."""
+        return not isinstance(self.reflectance, Image) and not np.any(self.reflectance)

@@ -1,0 +1,107 @@
+"""Surface points as lobes see them, and a pair of directions about them as the cosines that lobes are made of."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array, dot
+from dmis.samplers.warp import power
+
+ONE = np.float32(1)
+SHARP = 1e3
+"""Exponents up to which cosines in float32 will do: their rounding, times the exponent, is 1e-4 of the lobe."""
+SHARPEST = 1e12
+"""Largest exponent of a lobe that is a power of a cosine: a lobe of 1e-6 rad, of which float32 directions resolve one
+digit."""
+_LEAST = np.float32(1e-12)
+
+
+class Frame(Protocol):
+    """What a lobe needs of N surface points.
+
+    Unit ``n`` and ``wo`` ``(3, N)``, ``cos_o`` ``(N,)``; ``outside`` ``(N,)`` bool (where light is refracted);
+    ``tangents``, two ``(3, N)`` (anisotropic lobes only).
+    """
+
+    n: Array
+    wo: Array
+    cos_o: Array
+    outside: Array
+
+    @property
+    def tangents(self) -> tuple[Array, Array]: ...
+
+
+class Pair:
+    """A pair of directions about a batch of surface points, as the cosines that lobes are made of.
+
+    Parameters
+    ----------
+    surface
+        Points with ``n``, ``wo``, ``cos_o``.
+    wi
+        Unit directions ``(3, N)``.
+    """
+
+    def __init__(self, surface: Frame, wi: Array) -> None:
+        self.surface, self.wi = surface, wi
+        self.cos_o = surface.cos_o
+        self.cos_i_signed = dot(surface.n, wi)
+
+    @cached_property
+    def cos_i(self) -> Array:
+        """``|n.wi|``, ``(N,)``."""
+        return np.abs(self.cos_i_signed)
+
+    @cached_property
+    def above(self) -> Array:
+        """Whether wi is on wo's side of the shading normal, ``(N,)`` bool."""
+        return self.cos_i_signed > 0
+
+    @cached_property
+    def cos_io(self) -> Array:
+        """wi.wo, ``(N,)``."""
+        return dot(self.surface.wo, self.wi)
+
+    @cached_property
+    def cos_d(self) -> Array:
+        """Cosine between wo and the half vector: ``|wo + wi| / 2``.
+
+        ``sqrt((1 + wi.wo) / 2)`` is the same, but cancels at grazing angles: at 89 degrees and exponent 10000 its
+        rounding is a tenth of the lobe.
+        """
+        h = self.surface.wo + self.wi
+        return np.sqrt(np.maximum(dot(h, h), TINY)) / 2
+
+    @cached_property
+    def cos_h(self) -> Array:
+        """Cosine between n and the half vector, without the half vector itself."""
+        return np.minimum(np.abs(self.cos_i_signed + self.cos_o) / (2 * self.cos_d), ONE)
+
+    @cached_property
+    def tan2_h(self) -> Array:
+        """Squared tangent of the angle between n and the half vector, ``(N,)``.
+
+        From the tangential part of the half vector itself: ``1 - cos_h^2`` cancels where a narrow lobe is.
+        """
+        normal = self.cos_i_signed + self.cos_o
+        across = self.surface.wo + self.wi - self.surface.n * normal
+        return dot(across, across) / np.maximum(normal * normal, _LEAST)
+
+    def power_h(self, exponent: Any) -> Array:
+        """``cos_h ** exponent``, ``(N,)``; of sharp lobes through the tangent, because the rounding of a cosine near 1
+        is multiplied by the exponent: from 1e7 on it is larger than the lobe.
+        """
+        if np.max(exponent) <= SHARP:
+            return power(self.cos_h, exponent)
+        return np.exp(np.log1p(self.tan2_h) * (exponent * np.float32(-0.5)))
+
+    @cached_property
+    def half(self) -> tuple[Array, Array]:
+        """Tangential coordinates of the half vector, for anisotropic lobes."""
+        s, t = self.surface.tangents
+        h = (self.surface.wo + self.wi) / (2 * self.cos_d)
+        return dot(s, h), dot(t, h)

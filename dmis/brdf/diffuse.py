@@ -1,0 +1,68 @@
+"""Diffuse lobes: Lambert and Oren–Nayar, sampled by the cosine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array, normalise
+from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.lobe import Lobe
+from dmis.samplers.warp import INV_PI, square_to_sphere
+
+
+def cosine_pdf(pair: Pair) -> Array:
+    """Density of `cosine_sample`, ``(N,)``."""
+    return np.maximum(pair.cos_i_signed, 0) * INV_PI
+
+
+def cosine_sample(surface: Frame, u: Array) -> Array:
+    """A point on the unit sphere that touches the surface: no tangent frame is needed."""
+    return normalise(surface.n + square_to_sphere(u))
+
+
+@dataclass(frozen=True, eq=False)
+class Lambert(Lobe):
+    """``f = reflectance / pi``, sampled with density cos/pi."""
+
+    reflectance: Any
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    factor: ClassVar[str | None] = "reflectance"
+
+    def eval(self, pair: Pair) -> Array:
+        return self.reflectance * INV_PI
+
+    def pdf(self, pair: Pair) -> Array:
+        return cosine_pdf(pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        return cosine_sample(surface, u)
+
+    def weight(self) -> Any:
+        """Return the reflectance: the density is that of f with the cosine."""
+        return self.reflectance
+
+
+@dataclass(frozen=True, eq=False)
+class OrenNayar(Lobe):
+    """Rough diffuse reflection (Oren and Nayar 1994, PBR 8.4.1), `sigma` in degrees; sampled like `Lambert`."""
+
+    reflectance: Any
+    sigma: float
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    factor: ClassVar[str | None] = "reflectance"
+
+    def eval(self, pair: Pair) -> Array:
+        s2 = np.radians(self.sigma) ** 2
+        a, b = np.float32(1 - s2 / (2 * (s2 + 0.33))), np.float32(0.45 * s2 / (s2 + 0.09))
+        # max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta), with no azimuth: the sines cancel against the cosine's
+        across = np.maximum(pair.cos_io - pair.cos_i_signed * pair.cos_o, 0)
+        return self.reflectance * (INV_PI * (a + b * across / np.maximum(np.maximum(pair.cos_i, pair.cos_o), TINY)))
+
+    def pdf(self, pair: Pair) -> Array:
+        return cosine_pdf(pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        return cosine_sample(surface, u)

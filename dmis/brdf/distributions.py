@@ -1,0 +1,207 @@
+"""Distributions of microfacet normals, and sampling of half vectors from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array, dot, frame, normalise
+from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.parameters import Parameters
+from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
+
+
+class Distribution(Protocol):
+    """Half vectors of microfacets: D with ``int D cos_h = 1``; how they are sampled, and its solid-angle density."""
+
+    def density(self, pair: Pair) -> Array: ...
+
+    def pdf_h(self, pair: Pair) -> Array: ...
+
+    def sample_h(self, surface: Frame, u: Array) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Blinn(Parameters):
+    """Blinn's distribution, ``D = (e+2)/(2 pi) cos_h^e``; pbrt's roughness is ``1/e``."""
+
+    exponent: Any
+    scalars: ClassVar[tuple[str, ...]] = ("exponent",)
+
+    def density(self, pair: Pair) -> Array:
+        e = self.exponent
+        return (e + 2) / TWO_PI * pair.power_h(e)
+
+    def pdf_h(self, pair: Pair) -> Array:
+        return (self.exponent + 1) * pair.power_h(self.exponent) / TWO_PI
+
+    def sample_h(self, surface: Frame, u: Array) -> Array:
+        return to_world(square_to_power(u, self.exponent), surface.n)
+
+
+@dataclass(frozen=True, eq=False)
+class Anisotropic(Parameters):
+    """Ashikhmin and Shirley's distribution, exponents `u` and `v` along the two tangents."""
+
+    u: Any
+    v: Any
+    scalars: ClassVar[tuple[str, ...]] = (
+        "u",
+        "v",
+    )
+    anisotropic: ClassVar[bool] = True
+
+    def density(self, pair: Pair) -> Array:
+        return np.sqrt((self.u + 2) * (self.v + 2)) / TWO_PI * self._lobe(pair)
+
+    def pdf_h(self, pair: Pair) -> Array:
+        return np.sqrt((self.u + 1) * (self.v + 1)) / TWO_PI * self._lobe(pair)
+
+    def sample_h(self, surface: Frame, u: Array) -> Array:
+        phi = TWO_PI * u[0]  # one angle for all four quadrants: tan(phi') = sqrt((u+1)/(v+1)) tan(phi)
+        x, y = np.sqrt(self.v + 1) * np.cos(phi), np.sqrt(self.u + 1) * np.sin(phi)
+        r = 1 / np.sqrt(np.maximum(x * x + y * y, TINY))
+        x, y = x * r, y * r
+        log_cos = np.log(np.maximum(1 - u[1], TINY)) / (self.u * x * x + self.v * y * y + 1)
+        cos, sin = np.exp(log_cos), np.sqrt(-np.expm1(2 * log_cos))
+        s, t = surface.tangents
+        return s * (sin * x) + t * (sin * y) + surface.n * cos
+
+    def _lobe(self, pair: Pair) -> Array:
+        x, y = pair.half
+        x2, y2 = x * x, y * y
+        return pair.power_h((self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
+
+
+def half_vector_pdf(distribution: Distribution, pair: Pair) -> Array:
+    """Density of wi = reflect(wo, h): dh/dwi = 1/(4 wo.h)."""
+    return distribution.pdf_h(pair) / (4 * pair.cos_d) * pair.above
+
+
+def half_vector_sample(distribution: Distribution, surface: Frame, u: Array) -> Array:
+    """wi = reflect(wo, h), ``(3, N)``; some of them below the horizon."""
+    return reflect(surface, distribution.sample_h(surface, u))
+
+
+def reflect(surface: Frame, h: Array) -> Array:
+    """wo mirrored at the half vectors `h`, ``(3, N)``."""
+    return h * (2 * dot(surface.wo, h)) - surface.wo
+
+
+@dataclass(frozen=True, eq=False)
+class TrowbridgeReitz(Parameters):
+    """The distribution without masking, for other models of facets; half vectors are sampled with ``D cos_h``."""
+
+    roughness: Roughness
+
+    def density(self, pair: Pair) -> Array:
+        """D, ``(N,)``."""
+        ratio = (1 + pair.tan2_h) / (1 + self.roughness.q(pair))
+        return ratio * ratio * (INV_PI / self.roughness.area)
+
+    def pdf_h(self, pair: Pair) -> Array:
+        """Solid-angle density of `sample_h`, ``(N,)``."""
+        return self.density(pair) * pair.cos_h
+
+    def sample_h(self, surface: Frame, u: Array) -> Array:
+        """Half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha; ``u0 = r^2 / (1 + r^2)``."""
+        r = np.sqrt(u[0] / np.maximum(1 - u[0], _LEAST))
+        phi = TWO_PI * u[1]
+        s, t = self.roughness.axes(surface)
+        return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
+
+
+LEAST_ALPHA = 1e-4
+"""Least roughness that float32 directions resolve: their rounding is 1e-3 of its slopes."""
+_LEAST = np.float32(1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class Isotropic(Parameters):
+    """The same roughness `alpha` in all directions."""
+
+    alpha: Any
+    scalars: ClassVar[tuple[str, ...]] = ("alpha",)
+
+    @property
+    def area(self) -> Any:
+        """``alpha_u alpha_v``."""
+        return self.alpha * self.alpha
+
+    def q(self, pair: Pair) -> Array:
+        """Squared slope of the half vector over alpha."""
+        return pair.tan2_h / self.area
+
+    def stretched(self, surface: Frame, w: Array, cos: Array) -> Array:
+        """Length of the unit vector `w`, whose cosine is `cos`, with its tangential parts multiplied by alpha."""
+        return np.sqrt(self.area * np.maximum(1 - cos * cos, 0) + cos * cos)
+
+    def axes(self, surface: Frame) -> tuple[Array, Array]:
+        """Two orthogonal tangents, as long as the roughness along them, each ``(3, N)``."""
+        s, t = frame(surface.n)
+        return s * self.alpha, t * self.alpha
+
+
+@dataclass(frozen=True, eq=False)
+class Elliptic(Parameters):
+    """Roughness `alpha_u` along the surface's first tangent, `alpha_v` along the second."""
+
+    alpha_u: Any
+    alpha_v: Any
+    scalars: ClassVar[tuple[str, ...]] = (
+        "alpha_u",
+        "alpha_v",
+    )
+    anisotropic: ClassVar[bool] = True
+
+    @property
+    def area(self) -> Any:
+        """``alpha_u alpha_v``."""
+        return self.alpha_u * self.alpha_v
+
+    def q(self, pair: Pair) -> Array:
+        """Squared slope of the half vector over alpha."""
+        s, t = pair.surface.tangents
+        h = pair.surface.wo + pair.wi
+        x, y = dot(s, h) / self.alpha_u, dot(t, h) / self.alpha_v
+        normal = pair.cos_i_signed + pair.cos_o
+        return (x * x + y * y) / np.maximum(normal * normal, _LEAST)
+
+    def stretched(self, surface: Frame, w: Array, cos: Array) -> Array:
+        """Length of the unit vector `w`, whose cosine is `cos`, with its tangential parts multiplied by alpha."""
+        s, t = self.axes(surface)
+        x, y = dot(s, w), dot(t, w)
+        return np.sqrt(x * x + y * y + cos * cos)
+
+    def axes(self, surface: Frame) -> tuple[Array, Array]:
+        """Two orthogonal tangents, as long as the roughness along them, each ``(3, N)``."""
+        s, t = surface.tangents
+        return s * self.alpha_u, t * self.alpha_v
+
+
+Roughness = Isotropic | Elliptic
+
+
+@dataclass(frozen=True, eq=False)
+class Beckmann(Parameters):
+    """Gaussian slopes, ``D = exp(-q) / (pi alpha_u alpha_v cos_h^4)``; half vectors are sampled with ``D cos_h``."""
+
+    roughness: Roughness
+
+    def density(self, pair: Pair) -> Array:
+        """D, ``(N,)``."""
+        secant2 = 1 + pair.tan2_h
+        return np.exp(-self.roughness.q(pair)) * (secant2 * secant2) * (INV_PI / self.roughness.area)
+
+    def pdf_h(self, pair: Pair) -> Array:
+        """Solid-angle density of `sample_h`, ``(N,)``."""
+        return self.density(pair) * pair.cos_h
+
+    def sample_h(self, surface: Frame, u: Array) -> Array:
+        """Half vectors ``(3, N)``: a normal deviate of slopes in polar coordinates, stretched by alpha."""
+        r = np.sqrt(-np.log(np.maximum(1 - u[0], TINY)))
+        phi = TWO_PI * u[1]
+        s, t = self.roughness.axes(surface)
+        return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)

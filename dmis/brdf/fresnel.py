@@ -1,0 +1,91 @@
+"""Fresnel terms: dielectrics, conductors (approximate and exact), and Schlick's approximation for coats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array
+from dmis.brdf.parameters import Parameters
+
+
+def dielectric(cos: Array, eta: Array | np.float32) -> Array:
+    """Unpolarised Fresnel reflectance at relative index `eta`, exact; total internal reflection gives 1."""
+    sin2_t = (1 - cos * cos) / (eta * eta)
+    cos_t = np.sqrt(np.maximum(1 - sin2_t, 0))
+    a = (eta * cos - cos_t) / (eta * cos + cos_t + TINY)
+    b = (cos - eta * cos_t) / (cos + eta * cos_t + TINY)
+    return np.maximum((a * a + b * b) / 2, sin2_t >= 1)
+
+
+@dataclass(frozen=True)
+class Dielectric:
+    """Fresnel reflectance of a surface whose index, inside over outside, is `eta`."""
+
+    eta: float = 1.5
+
+    def __call__(self, cos: Array) -> Array:
+        return dielectric(cos, np.float32(self.eta))
+
+
+@dataclass(frozen=True)
+class Coat:
+    """Fresnel reflectance of a coat of index `eta`: from outside, whichever side of the mesh that is."""
+
+    eta: float = 1.5
+
+    def __call__(self, cos: Array) -> Array:
+        return dielectric(cos, np.float32(self.eta))
+
+
+@dataclass(frozen=True)
+class Conductor(Parameters):
+    """Fresnel reflectance of a metal, the approximate form of PBR 8.2.1.
+
+    Index `eta` and absorption `k` are RGB triples; bound to points, ``(1 or 3, N)``.
+    """
+
+    eta: Any
+    k: Any
+    colours: ClassVar[tuple[str, ...]] = (
+        "eta",
+        "k",
+    )
+
+    def __call__(self, cos: Array) -> Array:
+        eta, k = per_point(self.eta), per_point(self.k)
+        a = eta * eta + k * k
+        cos2, twice = cos * cos, 2 * eta * cos
+        parallel_base = a * cos2 + 1
+        perp_base = a + cos2
+        return ((parallel_base - twice) / (parallel_base + twice) + (perp_base - twice) / (perp_base + twice)) / 2
+
+
+Fresnel = Dielectric | Coat | Conductor
+
+
+def per_point(colour: Any) -> Array:
+    """A triple as ``(3, 1)``; what is bound to points as it is, ``(1 or 3, N)``."""
+    values = np.asarray(colour, np.float32)
+    return values[:, None] if values.ndim == 1 else values
+
+
+def fifth(x: Array) -> Array:
+    """``x^5``, of Schlick's Fresnel."""
+    x2 = x * x
+    return x2 * x2 * x
+
+
+@dataclass(frozen=True)
+class ExactConductor(Conductor):
+    """Unpolarised Fresnel reflectance of a metal in air, index ``eta + i k`` as RGB triples."""
+
+    def __call__(self, cos: Array) -> Array:
+        index = per_point(self.eta) + np.complex128(1j) * per_point(self.k)
+        cos = np.asarray(cos, np.float64)
+        cos_t = np.sqrt(1 - (1 - cos * cos) / (index * index))
+        parallel = (index * cos - cos_t) / (index * cos + cos_t + TINY)
+        perpendicular = (cos - index * cos_t) / (cos + index * cos_t + TINY)
+        return ((np.abs(parallel) ** 2 + np.abs(perpendicular) ** 2) / 2).astype(np.float32)

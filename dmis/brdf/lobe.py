@@ -1,0 +1,97 @@
+"""Protocols of lobes: what the estimator calls, and what a scene's plan asks a lobe.
+
+A lobe is a frozen dataclass that derives from `Lobe` or `DeltaLobe` and inherits their defaults; its fields may have
+any names.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.parameters import Parameters
+from dmis.brdf.texture import Image
+
+
+@runtime_checkable
+class Lobe(Parameters, Protocol):
+    """A lobe of a BSDF that is a function, and takes part in MIS.
+
+    Attributes
+    ----------
+    colours, scalars
+        The fields that may differ from point to point, see `dmis.brdf.parameters.Parameters`.
+    factor
+        The colour that the lobe is in proportion to: a lobe for which it is 0 is left out, a mixture scales it, and
+        `albedo` returns it. None: there is no such field.
+    delta
+        Whether the lobe is a Dirac delta, see `DeltaLobe`.
+    transmissive
+        Whether light comes through the surface; then `sample` is called with the normal on the side of wi.
+    """
+
+    factor: ClassVar[str | None] = None
+    delta: ClassVar[bool] = False
+    transmissive: ClassVar[bool] = False
+
+    def eval(self, pair: Pair) -> Array:
+        """Return the BSDF without the cosine, ``(1, N)``, ``(3, 1)`` or ``(3, N)``."""
+        raise NotImplementedError
+
+    def pdf(self, pair: Pair) -> Array:
+        """Return the density of `sample` per solid angle, ``(N,)``."""
+        raise NotImplementedError
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        """Sample directions ``(3, N)`` with uniform numbers `u` ``(2, N)``."""
+        raise NotImplementedError
+
+    def weight(self) -> Any:
+        """Return ``f cos_i / pdf`` if it is the same for all directions above the surface, else None."""
+        return None
+
+    def is_black(self) -> bool:
+        """Return whether the lobe reflects nothing, whatever the directions; it is left out of a scene's plan."""
+        colour = 1.0 if self.factor is None else getattr(self, self.factor)
+        return not isinstance(colour, Image) and not np.any(colour)
+
+    def albedo(self) -> Array:
+        """Return the nominal reflectance ``(3, N)``, ``(3, 1)`` or ``(1,)``: it tells surfaces apart in filters."""
+        return np.zeros(1, np.float32) if self.factor is None else getattr(self, self.factor)
+
+    def has_sides(self) -> bool:
+        """Return whether the lobe is different inside and outside, so that the winding of a mesh matters."""
+        return self.transmissive
+
+    def eta_scale(self) -> float:
+        """Return the index, inside over outside, by whose square transmitted radiance is divided; 1: it is not."""
+        return 1.0
+
+    def passed(self, surface: Frame) -> Array:
+        """Return the share of light that a transmissive lobe lets through, ``(N,)``, by which paths choose lobes."""
+        return np.full(len(surface.cos_o), np.float32(0.5))
+
+
+class DeltaLobe(Lobe, Protocol):
+    """A lobe of a single direction: it has no pdf, never enters MIS, and is followed as a ray of its own."""
+
+    delta: ClassVar[bool] = True
+
+    def scatter(self, surface: Frame) -> tuple[Array, Array]:
+        """Return directions ``(3, N)`` and factors (BSDF times cosine over probability), ``(3, N)`` or ``(3, 1)``."""
+        raise NotImplementedError
+
+    def eval(self, pair: Pair) -> Array:
+        """Return 0, the value of a delta at all directions but one, ``(1, N)``."""
+        return np.zeros((1, pair.wi.shape[1]), np.float32)
+
+    def pdf(self, pair: Pair) -> Array:
+        """Return 0, because no other technique finds the direction, ``(N,)``."""
+        return np.zeros(pair.wi.shape[1], np.float32)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        """Return the directions of `scatter`, ``(3, N)``."""
+        return self.scatter(surface)[0]

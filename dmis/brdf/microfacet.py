@@ -1,0 +1,117 @@
+"""Microfacet reflection: Torrance–Sparrow with any distribution of half vectors, and GGX with visible normals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array, dot, normalise
+from dmis.brdf.cosines import ONE, Frame, Pair
+from dmis.brdf.distributions import (
+    Distribution,
+    Roughness,
+    TrowbridgeReitz,
+    half_vector_pdf,
+    half_vector_sample,
+    reflect,
+)
+from dmis.brdf.fresnel import Fresnel
+from dmis.brdf.lobe import Lobe
+from dmis.samplers.warp import TWO_PI
+
+
+@dataclass(frozen=True, eq=False)
+class Microfacet(Lobe):
+    """Torrance-Sparrow: ``f = R D G F / (4 cos_i cos_o)``, sampled through its half-vector distribution.
+
+    Some sampled directions fall below the horizon, so the pdf integrates to less than 1 (to 0.6 for a Blinn
+    exponent of 10 at 80 degrees). They count as samples of value zero.
+    """
+
+    reflectance: Any
+    distribution: Distribution
+    fresnel: Fresnel | None = None
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    factor: ClassVar[str | None] = "reflectance"
+
+    def eval(self, pair: Pair) -> Array:
+        # D G / (4 cos_i cos_o), with G = min(1, 2 cos_h min(cos_i, cos_o) / cos_d)
+        shadowing = np.minimum(np.minimum(pair.cos_i, pair.cos_o) * pair.cos_h * 2 / pair.cos_d, ONE)
+        out = self.distribution.density(pair) * shadowing / np.maximum(4 * pair.cos_i * pair.cos_o, TINY)
+        if self.fresnel is not None:
+            out = out * self.fresnel(pair.cos_d)
+        return self.reflectance * out
+
+    def pdf(self, pair: Pair) -> Array:
+        return half_vector_pdf(self.distribution, pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        return half_vector_sample(self.distribution, surface, u)
+
+    def albedo(self) -> Array:
+        """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
+        return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
+
+
+_LEAST = np.float32(1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class GGX(Lobe):
+    """``f = R D G2 F / (4 cos_i cos_o)``, sampled through visible half vectors.
+
+    ``f cos_i / pdf = R F G2 / G1`` is never more than R. Some of the directions fall below the horizon, so the pdf
+    integrates to less than 1.
+    """
+
+    reflectance: Any
+    roughness: Roughness
+    fresnel: Fresnel | None = None
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    factor: ClassVar[str | None] = "reflectance"
+
+    def eval(self, pair: Pair) -> Array:
+        """BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
+        o, i = self._stretched(pair, pair.surface.wo, pair.cos_o), self._stretched(pair, pair.wi, pair.cos_i)
+        # G2 / (4 cos_i cos_o) without the division by cosines: L = (|w'| - cos) / (2 cos)
+        out = (
+            TrowbridgeReitz(self.roughness).density(pair)
+            * pair.above
+            / np.maximum(2 * (o * pair.cos_i + i * pair.cos_o), _LEAST)
+        )
+        if self.fresnel is not None:
+            out = out * self.fresnel(pair.cos_d)
+        return self.reflectance * out
+
+    def pdf(self, pair: Pair) -> Array:
+        """Density of `sample`: D_wo over ``4 wo.h``, ``(N,)``."""
+        o = self._stretched(pair, pair.surface.wo, pair.cos_o)
+        return TrowbridgeReitz(self.roughness).density(pair) * pair.above / np.maximum(2 * (pair.cos_o + o), _LEAST)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        """Directions ``(3, N)``: wo mirrored at half vectors that it can see."""
+        return reflect(surface, visible(self.roughness, surface, u))
+
+    def _stretched(self, pair: Pair, w: Array, cos: Array) -> Array:
+        return self.roughness.stretched(pair.surface, w, cos)
+
+    def albedo(self) -> Array:
+        """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
+        return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
+
+
+def visible(roughness: Roughness, surface: Frame, u: Array) -> Array:
+    """Half vectors that wo can see, ``(3, N)``, on its side of the surface, whichever that is.
+
+    Stretched by alpha, facets are a hemisphere. Light along the stretched wo is reflected by a hemisphere uniformly
+    into the directions whose cosine is above ``-wo'_z``: so half vectors come from a uniform direction in that cap.
+    """
+    s, t = roughness.axes(surface)
+    v = normalise(np.stack([dot(s, surface.wo), dot(t, surface.wo), np.abs(surface.cos_o)]))
+    below = u[0] * (1 + v[2])  # 1 - z of the direction in the cap
+    r = np.sqrt(np.maximum(below * (2 - below), 0))
+    phi = TWO_PI * u[1]
+    x, y, z = r * np.cos(phi) + v[0], r * np.sin(phi) + v[1], (1 - u[0]) * (1 + v[2])
+    return normalise(s * x + t * y + surface.n * np.copysign(z, surface.cos_o))

@@ -1,0 +1,281 @@
+"""Materials that are one reflection model of the literature: its glossy lobe over a diffuse base.
+
+A glossy lobe of reflectance `ks`, over Lambert's of `kd` if that is not black. Parameters are numbers, RGB triples or
+`dmis.brdf.texture.Image`; one out of its range is a ValueError that names it. What the models are, and where they come
+from: `dmis.brdf.phong`, `dmis.brdf`, `dmis.ggx`, `dmis.brdf.coated_diffuse`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
+from dmis.brdf.coated_diffuse import CoatedBase
+from dmis.brdf.cosines import SHARPEST
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.distributions import (
+    LEAST_ALPHA,
+    Anisotropic,
+    Beckmann,
+    Blinn,
+    Distribution,
+    Elliptic,
+    Isotropic,
+    Roughness,
+)
+from dmis.brdf.fresnel import Coat, Conductor, Dielectric, Fresnel
+from dmis.brdf.lobe import Lobe
+from dmis.brdf.materials import Material, black, index, triple
+from dmis.brdf.microfacet import GGX, Microfacet
+from dmis.brdf.phong import BlinnPhong, Lafortune
+from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
+from dmis.brdf.specular import SpecularReflection
+from dmis.brdf.texture import LEAST, number, within
+from dmis.brdf.ward import Ward
+
+
+def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
+    """Phong's cosine lobe about the mirror direction, normalised; see `dmis.brdf.phong.Lafortune`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    """
+    return _over(kd, ks, Lafortune(ks, _power("exponent", exponent)), "phong")
+
+
+def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -1.0, c_n: float = 0.9) -> Material:
+    """Lafortune's cosine lobe; its direction is wo with its tangential part times `c_t`, its normal part times `c_n`.
+
+    ``c_t = -1`` with ``c_n < 1`` is off-specular, ``c_t > 0`` sends light back to where it came from. Put several
+    lobes in one `Material` to fit a measured surface.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    c_t, c_n
+        In [-1, 1] and (0, 1].
+    """
+    reason = "the lobe's peak grows with its power"
+    c_t = number("c_t", c_t, "in [-1, 1]", reason, -1, 1)
+    c_n = number("c_n", c_n, "in (0, 1]", reason, LEAST, 1)
+    return _over(kd, ks, Lafortune(ks, _power("exponent", exponent), c_t, c_n), "lafortune")
+
+
+def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
+    """A cosine lobe of the half vector without masking, normalised; see `dmis.brdf.phong.BlinnPhong`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    """
+    return _over(kd, ks, BlinnPhong(ks, Blinn(_power("exponent", exponent))), "blinnphong")
+
+
+def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -> Material:
+    """Ward's Gaussian lobe with bounded albedo; anisotropic if `alpha_v` is given; see `dmis.brdf.ward.Ward`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    """
+    return _over(kd, ks, Ward(ks, Beckmann(spread(alpha, alpha_v))), "ward")
+
+
+def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any = None) -> Material:
+    """Ashikhmin and Shirley's model as in their paper: diffuse base, and a coat of normal reflectance `ks`.
+
+    `n_u` and `n_v` are the exponents along the two tangents, the same if `n_v` is None. `substrate` is pbrt's variant,
+    whose coat has a slightly larger factor.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the coat at normal incidence, likewise.
+    n_u, n_v
+        Positive, numbers or an `Image`.
+    """
+    black("kd", kd), black("ks", ks)
+    distribution: Distribution = Blinn(_power("n_u", n_u))
+    if n_v is not None:
+        distribution = Anisotropic(_power("n_u", n_u), _power("n_v", n_v))
+    return Material((BlendBase(kd, ks), AshikhminShirley(ks, distribution)), "ashikhminshirley")
+
+
+def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel: Fresnel | None = None) -> Material:
+    """V-shaped facets with Blinn's distribution; `fresnel` None reflects everything; see
+    `dmis.brdf.microfacet.Microfacet`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    exponent
+        Of the cosine: positive, a number or an `Image`.
+    fresnel
+        `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
+    """
+    return _over(kd, ks, Microfacet(ks, Blinn(_power("exponent", exponent)), fresnel), "torrancesparrow")
+
+
+def cook_torrance(
+    kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
+) -> Material:
+    """V-shaped facets with Beckmann's distribution; the paper's factor 1/pi is 1/4 here, which conserves energy.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    fresnel
+        `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
+    """
+    return _over(kd, ks, Microfacet(ks, Beckmann(spread(alpha, alpha_v)), fresnel), "cooktorrance")
+
+
+def ggx(
+    kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
+) -> Material:
+    """Facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.ggx`.
+
+    Parameters
+    ----------
+    kd
+        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
+    ks
+        Reflectance of the glossy lobe, likewise.
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    fresnel
+        `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
+    """
+    return _over(kd, ks, GGX(ks, spread(alpha, alpha_v), fresnel), "ggx")
+
+
+def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, eta: float = 1.5) -> Material:
+    """Glass with facets that have the distribution of Trowbridge and Reitz; see `dmis.rough_glass`.
+
+    What comes through it is light that falls upon its far side: behind glass that has two surfaces, that takes path
+    tracing. `dmis.brdf.materials.glass` is smooth.
+
+    Parameters
+    ----------
+    kr, kt
+        Factors of the reflected and of the refracted part: numbers, RGB triples or `Image`, in [0, 1].
+    alpha, alpha_v
+        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
+        the two tangents.
+    eta
+        Index of refraction, inside over outside: positive, and not 1, where there is no surface.
+    """
+    eta = index("eta", eta)
+    if eta == 1:
+        raise ValueError("eta must not be 1, because facets would not refract; got 1")
+    facets = spread(alpha, alpha_v)
+    lobes: tuple[Lobe, ...] = ()
+    if not black("kr", kr):
+        lobes += (RoughReflection(kr, facets, Dielectric(eta)),)
+    if not black("kt", kt):
+        lobes += (RoughTransmission(kt, facets, eta),)
+    return Material(lobes, "glass")
+
+
+def coated_diffuse(
+    kd: Any = 0.5, alpha: float = 0.0, eta: float = 1.5, thickness: float = 0.0, bounces: int | None = None
+) -> Material:
+    """A Lambertian base under a dielectric coat, with all reflections between the two; see `dmis.brdf.coated_diffuse`.
+
+    Parameters
+    ----------
+    kd
+        Reflectance of the base: a number, an RGB triple or an `Image`, from 0 to 1; black leaves the lobe out.
+    alpha
+        Roughness of the coat, a number up to 10; 0 is smooth, and then its outer side is a mirror.
+    eta
+        Index of refraction of the coat, inside over outside, 1 to 100; 1 reflects nothing.
+    thickness
+        Optical thickness of the coat, which absorbs, up to 1000; 0 is clear.
+    bounces
+        How many reflections by the base count; None: all.
+    """
+    alpha, eta, thickness = (
+        number(name, value, f"from {least} to {most}", "what crosses the coat is tabulated", least, most)
+        for name, value, least, most in (
+            ("alpha", alpha, 0, 10),
+            ("eta", eta, 1, 100),
+            ("thickness", thickness, 0, 1000),
+        )
+    )
+    if 0 < alpha < LEAST_ALPHA:
+        raise ValueError(f"alpha must be 0 or at least {LEAST_ALPHA:g}, what float32 directions resolve; got {alpha}")
+    if bounces is not None and not (isinstance(bounces, int | np.integer) and bounces >= 1):
+        raise ValueError(f"bounces must be an integer, at least 1, because the first is what is seen; got {bounces}")
+    within("kd", kd, "in [0, 1]", "it is reflected again and again", 0, 1)
+    lobes: tuple[Lobe, ...] = ()
+    if not black("kd", kd):
+        lobes = (CoatedBase(kd, eta, alpha if eta > 1 else 0.0, thickness, bounces),)
+    if eta > 1:
+        lobes += (GGX(1.0, spread(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
+    return Material(lobes, "coateddiffuse")
+
+
+def _over(kd: Any, ks: Any, lobe: Lobe, name: str) -> Material:
+    """A glossy lobe of reflectance `ks` and a Lambert lobe, without those that are black; also checks its Fresnel."""
+    fresnel = getattr(lobe, "fresnel", None)
+    if isinstance(fresnel, Conductor):
+        triple("eta of fresnel", fresnel.eta), triple("k of fresnel", fresnel.k)
+    elif isinstance(fresnel, Dielectric | Coat):
+        index("eta of fresnel", fresnel.eta)
+    elif fresnel is not None and not callable(fresnel):
+        raise ValueError(f"fresnel must be a Dielectric or Conductor, because it takes cosines, or None; got {fresnel}")
+    lobes: tuple[Lobe, ...] = () if black("kd", kd) else (Lambert(kd),)
+    return Material(lobes if black("ks", ks) else (*lobes, lobe), name)
+
+
+def _power(name: str, exponent: Any) -> Any:
+    rule = f"positive and finite, at most {SHARPEST:g}"
+    return number(name, exponent, rule, "the lobe is a cosine to this power", LEAST, SHARPEST, image=True)
+
+
+def spread(alpha: Any, alpha_v: Any = None) -> Roughness:
+    """Roughness alpha along both tangents; equal in all directions if `alpha_v` is None."""
+    u = _alpha("alpha", alpha)
+    return Isotropic(u) if alpha_v is None else Elliptic(u, _alpha("alpha_v", alpha_v))
+
+
+def _alpha(name: str, alpha: Any) -> Any:
+    rule = f"positive and finite, at least {LEAST_ALPHA:g}"
+    return number(name, alpha, rule, "float32 directions resolve no less", LEAST_ALPHA, image=True)

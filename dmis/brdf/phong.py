@@ -1,0 +1,100 @@
+"""Phong lobes: Lafortune's normalised Phong and Blinn–Phong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array, dot, normalise
+from dmis.brdf.cosines import SHARP, Frame, Pair
+from dmis.brdf.distributions import Blinn, half_vector_pdf, half_vector_sample
+from dmis.brdf.lobe import Lobe
+from dmis.samplers.warp import TWO_PI, power, square_to_power, to_world
+
+_LEAST = np.float32(1e-10)  # of cosines and their products at the horizon
+_NEARLY_1 = np.float32(1 - 1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class Lafortune(Lobe):
+    """A generalised cosine lobe, ``f = R (n+2)/(2 pi) max(0, C wo . wi)^n``; Phong's is that of ``C = (-1, -1, 1)``.
+
+    C multiplies the tangential part of wo by `c_t`, its normal part by `c_n`: the lobe lies about C wo, which need not
+    be the mirror direction. It is sampled with the power cosine about C wo, and is a power cosine itself: what is left
+    in the weight is the cosine, and ``|C wo|^n``. Reflects at most R as long as \\|c_t\\| and c_n are at most 1.
+
+    Sources: Phong 1975; Lafortune and Willems, "Using the Modified Phong Reflectance Model for Physically Based
+    Rendering", 1994 (the factor); Lafortune, Foo, Torrance and Greenberg 1997 (C).
+    """
+
+    reflectance: Any
+    exponent: Any
+    c_t: float = -1.0
+    c_n: float = 1.0
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    scalars: ClassVar[tuple[str, ...]] = ("exponent",)
+    factor: ClassVar[str | None] = "reflectance"
+
+    def eval(self, pair: Pair) -> Array:
+        """BRDF without the cosine; 0 below the shading horizon."""
+        lobe = self._lobe(pair, True) * pair.above
+        return self.reflectance * ((self.exponent + 2) / TWO_PI * lobe)
+
+    def pdf(self, pair: Pair) -> Array:
+        """Density of `sample`, ``(N,)``."""
+        return (self.exponent + 1) / TWO_PI * self._lobe(pair, False) * pair.above
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        """Directions about C wo, ``(3, N)``."""
+        return to_world(square_to_power(u, self.exponent), normalise(self._towards(surface)))
+
+    def _towards(self, surface: Frame) -> Array:
+        """C wo, ``(3, N)``, kept from vanishing, which it would at the horizon if c_t = 0."""
+        return surface.wo * self.c_t + surface.n * ((self.c_n - self.c_t) * np.maximum(surface.cos_o, _LEAST))
+
+    def _lobe(self, pair: Pair, scaled: bool) -> Array:
+        """Cosine between C wo and wi to the exponent; times that power of \\|C wo\\| if `scaled`, ``(N,)``."""
+        tangential, normal = self.c_t * self.c_t - 1, self.c_n * self.c_n - 1
+        cos2_o = pair.cos_o * pair.cos_o
+        beyond = tangential * (1 - cos2_o) + normal * cos2_o  # |C wo|^2 - 1
+        if np.max(self.exponent) <= SHARP:
+            across = pair.cos_io - pair.cos_i_signed * pair.cos_o
+            cos = np.clip(self.c_t * across + self.c_n * (pair.cos_i_signed * pair.cos_o), 0, 1)
+            return power(cos if scaled else cos / np.sqrt(np.maximum(1 + beyond, TINY)), self.exponent)
+        # a cosine near 1 is rounded by more than the width of the lobe, see `Pair.power_h`: 1 - cos = |a - b|^2 / 2
+        away = normalise(self._towards(pair.surface)) - pair.wi
+        log_cos = np.log1p(-np.minimum(dot(away, away) / 2, _NEARLY_1))
+        return np.exp((log_cos + np.log1p(np.maximum(beyond, -_NEARLY_1)) / 2 if scaled else log_cos) * self.exponent)
+
+
+@dataclass(frozen=True, eq=False)
+class BlinnPhong(Lobe):
+    """``f = R c cos_h^n``, with c such that a white one reflects everything at normal incidence.
+
+    ``c = (n+2)(n+4) / (8 pi (n + 2^(-n/2)))``; often rounded to ``(n+8) / (8 pi)``. Away from the normal it darkens,
+    as the square of the cosine for large n: it lacks the microfacets' ``1 / (4 cos_i cos_o)``. Sampled through half
+    vectors with ``(n+1)/(2 pi) cos_h^n``.
+
+    Source: Blinn 1977.
+    """
+
+    reflectance: Any
+    distribution: Blinn
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    factor: ClassVar[str | None] = "reflectance"
+
+    def eval(self, pair: Pair) -> Array:
+        """BRDF without the cosine; 0 below the shading horizon."""
+        n = self.distribution.exponent
+        scale = (n + 2) * (n + 4) / (4 * TWO_PI * (n + np.exp2(-n / 2)))
+        return self.reflectance * (scale * pair.power_h(n) * pair.above)
+
+    def pdf(self, pair: Pair) -> Array:
+        """Density of `sample`, ``(N,)``."""
+        return half_vector_pdf(self.distribution, pair)
+
+    def sample(self, surface: Frame, u: Array) -> Array:
+        """Directions ``(3, N)``."""
+        return half_vector_sample(self.distribution, surface, u)

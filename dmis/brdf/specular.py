@@ -1,0 +1,74 @@
+"""Mirror reflection and refraction: lobes that are Dirac deltas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.brdf.cosines import Frame
+from dmis.brdf.fresnel import Dielectric, Fresnel, dielectric
+from dmis.brdf.lobe import DeltaLobe
+
+
+@dataclass(frozen=True, eq=False)
+class SpecularReflection(DeltaLobe):
+    """A perfect mirror. A delta lobe: it has no pdf, never enters MIS, and is followed as a ray of its own."""
+
+    reflectance: Any
+    fresnel: Fresnel | None = None
+    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    factor: ClassVar[str | None] = "reflectance"
+
+    def scatter(self, surface: Frame) -> tuple[Array, Array]:
+        """Direction ``(3, N)`` and the factor (BRDF times cosine over probability) ``(3, N)`` or ``(3, 1)``."""
+        wi = surface.n * (2 * surface.cos_o) - surface.wo
+        if self.fresnel is None:
+            return wi, self.reflectance
+        if isinstance(self.fresnel, Dielectric):
+            return wi, self.reflectance * dielectric(surface.cos_o, index(self.fresnel.eta, surface.outside))
+        return wi, self.reflectance * self.fresnel(surface.cos_o)
+
+    def albedo(self) -> Array:
+        """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
+        return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
+
+    def has_sides(self) -> bool:
+        """Return whether the reflectance of the two sides differs."""
+        return isinstance(self.fresnel, Dielectric)
+
+
+@dataclass(frozen=True, eq=False)
+class SpecularTransmission(DeltaLobe):
+    """Perfect refraction into a medium of relative index `eta`, a delta lobe.
+
+    `eta` is inside over outside; ``surface.outside`` tells on which side wo is. Radiance is scaled by 1/eta^2, as
+    physics has it, unless `scaled` is False, as in pbrt-v2: then it is the same on both sides.
+    """
+
+    transmittance: Any
+    eta: float = 1.5
+    scaled: bool = True
+    colours: ClassVar[tuple[str, ...]] = ("transmittance",)
+    factor: ClassVar[str | None] = "transmittance"
+    transmissive: ClassVar[bool] = True
+
+    def scatter(self, surface: Frame) -> tuple[Array, Array]:
+        """Direction ``(3, N)`` and factor ``(3, N)``; total internal reflection gives factor 0."""
+        eta = index(self.eta, surface.outside)
+        cos_o, ratio = surface.cos_o, 1 / eta
+        cos_t = np.sqrt(np.maximum(1 - (1 - cos_o * cos_o) * ratio * ratio, 0))
+        wi = surface.n * (ratio * cos_o - cos_t) - surface.wo * ratio
+        passed = 1 - dielectric(cos_o, eta)
+        return wi, self.transmittance * (passed * ratio * ratio if self.scaled else passed)
+
+    def eta_scale(self) -> float:
+        """Return the index by whose square radiance is divided inside, see `dmis.brdf.lobe.Lobe.eta_scale`."""
+        return self.eta if self.scaled else 1.0
+
+
+def index(eta: float, outside: Array) -> Array:
+    """Index of refraction beyond the surface over index on wo's side."""
+    return np.where(outside, np.float32(eta), np.float32(1 / eta))

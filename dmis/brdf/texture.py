@@ -1,0 +1,191 @@
+"""Textures: constants, images, and products of them, evaluated for batches of surface points.
+
+A parameter of a lobe is a plain number, an RGB triple, or an `Image`; `within` and `number` check it. Products are
+folded when they are made (`scale`), because bilinear interpolation is linear: a scaled image costs no more than an
+image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from dmis.base.vectors import Array
+
+Wrap = Literal["repeat", "black", "clamp"]
+LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+"""Of parameters that must be positive, and finite: lobes are computed in float32."""
+LARGEST = 1e15
+"""Of scale and offset: times coordinates of a mesh (`dmis.base.validate.FARTHEST`) and texels they are below 3e38
+still."""
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A bilinear image texture.
+
+    Parameters
+    ----------
+    texels
+        ``(H, W, C)`` linear values, C = 1 or 3, row 0 at t = 0. Three equal channels are stored as one.
+    scale, offset
+        ``(s, t) = uv * scale + offset``; within `LARGEST`.
+    wrap
+        What lies outside [0, 1): ``repeat``, ``black`` or ``clamp``.
+    """
+
+    texels: Array
+    scale: tuple[float, float] = (1.0, 1.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    wrap: Wrap = "repeat"
+    outside: ClassVar[float] = 0.0
+    """What a lookup finds outside of an image whose wrap is black."""
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.texels)
+        if given.dtype.kind in "ui" and given.size and given.max() > 1:
+            raise ValueError(
+                "texels must be linear values, mostly in [0, 1]; divide those of 8 bits by 255, and make them linear; "
+                f"got {given.dtype} up to {given.max()}"
+            )
+        if given.dtype.kind not in "fbui":
+            raise ValueError(f"texels must be an array of numbers; got {self.texels!r}")
+        texels = np.asarray(given, np.float32)
+        if texels.ndim != 3 or texels.shape[2] not in (1, 3) or texels.size == 0:
+            raise ValueError(f"texels must have shape (H, W, 1) or (H, W, 3); got {texels.shape}")
+        if not np.isfinite(texels).all():
+            raise ValueError("texels must be finite, because one bad texel spoils every pixel that sees it")
+        for name, values in (("scale", self.scale), ("offset", self.offset)):
+            if not (np.abs(values) <= LARGEST).all():
+                raise ValueError(f"{name} must be within {LARGEST:g}, because lookups are in float32; got {values}")
+        if self.wrap not in ("repeat", "black", "clamp"):
+            raise ValueError(f"wrap must be 'repeat', 'black' or 'clamp'; got {self.wrap!r}")
+        if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
+            texels = texels[..., :1]
+        object.__setattr__(self, "texels", np.ascontiguousarray(texels))
+
+    @cached_property
+    def _rows(self) -> Array:
+        """One row per texel, those of a border around the image included; three channels are padded to four.
+
+        A lookup reads all channels of a texel from one place in memory, and needs no wrap mode.
+        """
+        modes: Any = {"repeat": "wrap", "black": "constant", "clamp": "edge"}
+        channels = self.texels.shape[2]
+        bordered = np.pad(self.texels, ((1, 1), (1, 1), (0, 0)), modes[self.wrap]).reshape(-1, channels)
+        return np.pad(bordered, ((0, 0), (0, channels // 2)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickles leave out what can be made again."""
+        return {name: value for name, value in self.__dict__.items() if name != "_rows"}
+
+    def __call__(self, uv: Array) -> Array:
+        """Values ``(C, N)`` at texture coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
+        s = uv[0] * np.float32(self.scale[0]) + np.float32(self.offset[0])
+        t = uv[1] * np.float32(self.scale[1]) + np.float32(self.offset[1])
+        return self.at(s - np.floor(s), t - np.floor(t)) if self.wrap == "repeat" else self.at(s, t)
+
+    def at(self, s: Array, t: Array) -> Array:
+        """Values ``(C, N)`` at coordinates in the image, `s` and `t` ``(N,)``; in [0, 1] if it repeats."""
+        height, width, channels = self.texels.shape
+        x, y = s * width - np.float32(0.5), t * height - np.float32(0.5)
+        if self.wrap != "repeat":
+            x, y = np.clip(x, -1, width), np.clip(y, -1, height)
+        j, i = np.minimum(np.floor(x), width - 1), np.minimum(np.floor(y), height - 1)
+        fx, fy = x - j, y - i
+        gx, gy = 1 - fx, 1 - fy
+        below = width + 2
+        corner = (i.astype(np.int32) + 1) * below + j.astype(np.int32) + 1
+        out = self._gather(corner, gx * gy, channels)
+        out += self._gather(corner + 1, fx * gy, channels)
+        out += self._gather(corner + below, gx * fy, channels)
+        out += self._gather(corner + (below + 1), fx * fy, channels)
+        return out
+
+    def _gather(self, row: np.ndarray, weight: Array, channels: int) -> Array:
+        """Texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
+        return np.multiply(self._rows.take(row, axis=0).T[:channels], weight, order="C")
+
+
+Parameter = float | tuple[float, ...] | Array | Image
+"""What a lobe's parameter may be in a scene description."""
+
+
+def scale(a: Parameter, b: Parameter) -> Parameter:
+    """The product of two parameters, folded into one constant or one image.
+
+    Raises
+    ------
+    ValueError
+        If both are images: their product is not bilinear, and no scene has needed it.
+    """
+    if isinstance(a, Image) and isinstance(b, Image):
+        raise ValueError("the product of two image textures is not supported; bake it into one image")
+    if isinstance(b, Image):
+        a, b = b, a
+    if isinstance(a, Image):
+        return replace(a, texels=a.texels * np.asarray(b, np.float32))
+    return tuple(np.atleast_1d(np.asarray(a, float) * np.asarray(b, float)).tolist())
+
+
+def within(
+    name: str,
+    value: Any,
+    rule: str,
+    reason: str,
+    least: float = 0.0,
+    most: float = MOST,
+    *,
+    rgb: bool = True,
+    image: bool = True,
+) -> Array:
+    """The numbers that a parameter consists of: ``(1,)`` or ``(3,)`` of a constant, the texels of an image.
+
+    Parameters
+    ----------
+    name, value
+        The parameter.
+    rule, reason
+        For the message: ``NAME must be RULE, because REASON; got VALUE``.
+    least, most
+        Bounds of all of the numbers.
+    rgb, image
+        Whether there may be three channels, and an `Image`.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of bounds or NaN, or there are too few or too many.
+    """
+    textured = isinstance(value, Image)
+    if isinstance(value, str):
+        raise ValueError(f"{name} must be {_KINDS[rgb, image]}, because {reason}; got {value!r}")
+    numbers: Array = value.texels if textured else np.asarray(value, float).reshape(-1)
+    if (textured and not image) or numbers.shape[-1] not in ((1, 3) if rgb else (1,)):
+        rule = _KINDS[rgb, image]
+    elif textured and value.wrap == "black" and not least <= value.outside <= most:
+        rule += ", an image with another wrap than black"
+    elif (numbers >= least).all() and (numbers <= most).all():
+        return numbers
+    if textured:
+        value = f"an image {numbers.shape} from {numbers.min():g} to {numbers.max():g}"
+    raise ValueError(f"{name} must be {rule}, because {reason}; got {value}")
+
+
+_KINDS = {
+    (False, False): "a number",
+    (True, False): "a number or an RGB triple",
+    (False, True): "a number or an image of one channel",
+    (True, True): "a number, an RGB triple or an image",
+}
+
+
+def number(
+    name: str, value: Any, rule: str, reason: str, least: float, most: float = MOST, *, image: bool = False
+) -> Any:
+    """A float, or an `Image` of one channel if there may be an image, that is `within` bounds."""
+    numbers = within(name, value, rule, reason, least, most, rgb=False, image=image)
+    return value if isinstance(value, Image) else float(numbers[0])

@@ -1,0 +1,323 @@
+"""Commands of the command line: ``python -m dmis render | compare | info | bench``.
+
+Bad input ends with exit code 2 and one message. An interrupted command ends with 130, and its message has the command
+that resumes it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import platform
+import re
+import shlex
+import sys
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+from dmis import __version__
+from dmis.base import malloc
+from dmis.base.atomic_files import check_writable, replacing
+from dmis.base.plugins import load_plugin
+from dmis.cli.arguments import make_parser
+from dmis.estimator.settings import Settings
+from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
+from dmis.experiment.oracle import make_oracle
+from dmis.experiment.reference import make_reference
+from dmis.experiment.speed.bench import HEADER, bench
+from dmis.experiment.speed.embree_floor import embree_seconds
+from dmis.formats.load_scene import SHIPPED, load_scene
+from dmis.image import check_image, write_png
+from dmis.pipeline.passes import Progress
+from dmis.pipeline.render import render
+from dmis.pipeline.result import Result, write_image
+from dmis.scene.rescale import suited
+from dmis.scene.scene import Scene
+
+CLUSTER_TIMEOUT = 30.0
+"""Seconds to wait for a Dask scheduler to answer, and again for its first worker."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    options = make_parser().parse_args(arguments)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: print(f"dmis: warning: {message}", file=sys.stderr)  # type: ignore[assignment]
+            for file in options.plugin:
+                load_plugin(file)
+            return _COMMANDS[options.command](options)
+    except (ValueError, OSError) as error:
+        print(f"dmis: error: {error}", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        print(f"dmis: error: there is not enough memory: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"dmis: interrupted{_how_to_resume(options, arguments)}", file=sys.stderr)
+        return 130
+
+
+def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
+    """Return what an interrupted command has saved, and the command that resumes it."""
+    if options.command == "compare":
+        return f"; finished renders are kept in {options.output}. Run the same command to resume."
+    if options.command != "render":
+        return ""
+    path, words = options.checkpoint, ["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)]
+    if path is None:
+        command = shlex.join([*words, "--checkpoint", str(Path(options.output).with_suffix(".checkpoint"))])
+        return (
+            f"; nothing is kept. With --checkpoint finished tiles are kept, and the same command resumes:\n  {command}"
+        )
+    if not Path(path).exists():
+        return ""
+    command = shlex.join(words)
+    return f"; finished tiles are kept in {path}. Run the same command to resume:\n  {command}"
+
+
+def _load(options: argparse.Namespace) -> Scene:
+    """Return the scene that the options name."""
+    return load_scene(
+        options.scene, resolution=options.resolution, dialect=options.dialect, outside=options.allow_outside
+    )
+
+
+def _compare(options: argparse.Namespace) -> int:
+    """Run ``compare`` and return its exit code."""
+    if not 1 <= options.seeds <= 10_000:
+        raise ValueError(f"--seeds must be from 1 to 10000; got {options.seeds}")
+    rules = parse_rules(options.rules)
+    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
+    check_output(options.output)  # before the reference is rendered
+    scene = _load(options)
+    if options.verbose:
+        print(_description(scene), flush=True)
+    with _ProgressBar(options.quiet) as progress:
+        if options.reference is not None:
+            reference = load_reference(options.reference)
+        else:
+            reference = make_reference(
+                scene, options.reference_spp, settings=settings, threads=options.threads, progress=progress
+            )
+        seeds = range(options.seed, options.seed + options.seeds)
+        oracle = None
+        if options.oracle_spp is not None:
+            oracle = make_oracle(
+                scene, options.oracle_spp, settings=settings, threads=options.threads, progress=progress
+            )
+        comparison = compare(
+            scene, rules, options.spp, seeds, reference, options.output,
+            settings=replace(settings, sampler=options.sampler), oracle=oracle, threads=options.threads,
+            progress=_print_run if options.verbose else progress,
+        )  # fmt: skip
+    missing = [(rule, n) for n in options.spp for rule in rules if (rule, n) not in comparison.runs]
+    for rule, n in missing:
+        print(
+            f"dmis: {rule} is left out at {n} samples per pixel, because its pilot needs as many: use a larger --spp",
+            file=sys.stderr,
+        )
+    if not options.quiet:
+        print(summary(comparison.runs))
+        for name in ("results.csv", "report.html"):
+            if (options.output / name).exists():
+                print(options.output / name)
+    return 0
+
+
+def _print_run(rule: str, done: int, total: int) -> None:
+    """Print a line about a finished render."""
+    print(f"{time.strftime('%H:%M:%S')} [{done}/{total}] {rule}", flush=True)
+
+
+def _render(options: argparse.Namespace) -> int:
+    """Run ``render`` and return its exit code."""
+    output = Path(options.output)
+    if output.suffix.lower() not in (".exr", ".png"):
+        raise ValueError(f"-o must end in .exr (or .png for a preview); got {output}")
+    if options.png is not None and Path(options.png).suffix.lower() != ".png":
+        raise ValueError(f"--png must end in .png; got {options.png}")
+    files = [path for path in (output, options.png, options.stats, options.checkpoint) if path is not None]
+    check_image(output)
+    for path in files:
+        check_writable(path)
+    names = [Path(path).resolve() for path in (*files, options.scene)]
+    if repeated := [path for path in files if names.count(Path(path).resolve()) > 1]:
+        raise ValueError(f"files to write must differ from each other and from the scene; got {repeated[0]} twice")
+    threads = options.threads or options.workers or os.cpu_count() or 1
+    scene = _load(options)
+    for path in files:
+        check_writable(path, 32 * math.prod(scene.camera.resolution) + 2**16)  # eight channels and their description
+    with _cluster(options.cluster) as executor, _ProgressBar(options.quiet) as progress:
+        result = render(
+            scene,
+            options.rule,
+            options.spp,
+            seed=options.seed,
+            sampler=options.sampler,
+            settings=Settings(
+                shading_samples=options.shading_samples,
+                lights=options.lights,
+                integrator=options.integrator,
+                max_depth=options.max_depth,
+            ),
+            threads=options.threads,
+            workers=options.workers,
+            executor=executor,
+            progress=progress,
+            checkpoint=options.checkpoint,
+        )
+    write_image(output, result)
+    if options.png:
+        write_png(options.png, result.image)
+    if options.stats:
+        peak_bytes = malloc.peak()  # before the Embree-only run, which keeps the rays of some tiles
+        embree_floor = embree_seconds(scene, result.tiles, threads)
+        with replacing(options.stats) as partial:
+            partial.write_text(json.dumps(_stats(result, embree_floor, peak_bytes, threads), indent=2) + "\n")
+    if not options.quiet:
+        seconds = result.seconds["total"]
+        rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
+        rule = result.provenance["rule"]
+        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_fireflies(result)}")
+    if options.verbose:
+        print("\n".join([f"  {_description(scene)}", *_time_and_rays(result)]))
+    return 0
+
+
+def _description(scene: Scene) -> str:
+    """Return the name, resolution and plan of a scene."""
+    width, height = scene.camera.resolution
+    unseen = 0 if scene.seeing is None else int((~scene.seeing).sum())
+    empty = f" ({unseen:,} of them see no surface or light and are not sampled)" if unseen else ""
+    return f"scene {scene.name}: {width}x{height} pixels{empty}, {scene.describe()}"
+
+
+def _time_and_rays(result: Result) -> list[str]:
+    """Return lines with the seconds of each stage, the rays of each kind and the mean share of light samples."""
+    stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
+    rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
+    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.weight.mean():.0%}"]
+
+
+def _fireflies(result: Result) -> str:
+    """Return the number of pixels that look like fireflies, as the end of a sentence; empty if there are none."""
+    number = int(result.fireflies.sum())
+    return f"; {number} pixel{'s look' if number > 1 else ' looks'} like fireflies" if number else ""
+
+
+@contextmanager
+def _cluster(address: str | None) -> Iterator[Executor | None]:
+    """Yield an executor on the Dask cluster at `address`, or None if there is no address."""
+    if address is None:
+        yield None
+        return
+    if "://" not in address and not re.fullmatch(r"([^\s:/]+|\[[\da-fA-F:.]+\]):\d{1,5}", address):
+        raise ValueError(
+            f"--cluster must be the address of a Dask scheduler, HOST:PORT or tcp://HOST:PORT; got {address}"
+        )
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError("--cluster needs Dask: pip install 'dmis[cluster]'") from error
+    try:
+        client = Client(address, timeout=CLUSTER_TIMEOUT, set_as_default=False)
+    except OSError as error:
+        raise ValueError(f"no Dask scheduler answers at {address}: {error}. Start one with: dask scheduler") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT)
+        except TimeoutError as error:
+            raise ValueError(
+                f"the Dask scheduler at {address} has no workers. Start one with: dask worker {address}"
+            ) from error
+        yield client.get_executor(pure=False)
+
+
+def _stats(result: Result, embree_floor: float, peak_bytes: int, threads: int) -> dict[str, object]:
+    """Return the content of the ``--stats`` file, see docs/cli.md."""
+    samples = int(result.image.shape[0] * result.image.shape[1] * result.provenance["spp"])
+    seconds = result.seconds["total"]
+    return {
+        "seconds": seconds,
+        "seconds_by_stage": dict(result.seconds),
+        "samples": samples,
+        "samples_per_second": samples / seconds,
+        "rays": dict(result.rays),
+        "fireflies": int(result.fireflies.sum()),
+        "embree_seconds": embree_floor,
+        "peak_rss_bytes": peak_bytes,
+        "threads": threads,
+        "provenance": dict(result.provenance),
+    }
+
+
+def _info(options: argparse.Namespace) -> int:
+    """Run ``info`` and return its exit code."""
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "trimesh", "embreex", "OpenEXR"))
+    print(
+        f"dmis {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}\n{packages}"
+    )
+    if options.scene:
+        begin = time.perf_counter()
+        loaded = _load(options)
+        scene, _ = suited(loaded)
+        scene.prepare()
+        added = sum(part.mesh.triangles for part in scene.parts) - sum(part.mesh.triangles for part in loaded.parts)
+        refined = f"\n  {added:,} triangles added: huge ones are split near small bodies" if added else ""
+        print(f"\n{_description(scene)}{refined}\nread and built in {time.perf_counter() - begin:.2f} s")
+    return 0
+
+
+def _bench(options: argparse.Namespace) -> int:
+    """Run ``bench`` and return its exit code."""
+    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
+    with _ProgressBar(False) as progress:
+        speeds = bench(
+            options.scenes or SHIPPED, parse_rules(options.rules), options.resolution, options.spp,
+            options.threads, options.repeats, options.seed, settings, progress,
+        )  # fmt: skip
+    print(HEADER, *(speed.row() for speed in speeds), sep="\n")
+    return 0
+
+
+class _ProgressBar:
+    """Progress bar on standard error if that is a terminal; it prints nothing into a log."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._bar = None
+        self._show = not quiet and sys.stderr.isatty()
+
+    def __enter__(self) -> Progress | None:
+        if not self._show:
+            return None
+        try:
+            from tqdm import tqdm
+        except ImportError:
+            return None
+        self._bar = tqdm(unit=" samples", unit_scale=True, leave=False)
+        return self._update
+
+    def _update(self, stage: str, done: int, total: int) -> None:
+        """Show the progress of a stage."""
+        if self._bar is not None:
+            self._bar.total, self._bar.n = total, done
+            self._bar.set_description(stage, refresh=False)
+            self._bar.refresh()
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+_COMMANDS = {"render": _render, "compare": _compare, "info": _info, "bench": _bench}
+if __name__ == "__main__":
+    sys.exit(main())

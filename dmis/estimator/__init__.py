@@ -1,0 +1,1 @@
+"""Direct lighting and paths by multiple importance sampling."""

@@ -1,0 +1,148 @@
+"""Division of shading samples between techniques: systematic rounding, or at random for teaching.
+
+A camera sample carries S shading samples. A share ``w`` of a pixel's ``n = S spp`` shading samples goes to the first
+technique (light sampling), ``1 - w`` to the second (BRDF sampling). K > 2 techniques have shares ``w_1 .. w_K`` of sum
+1, a point of the simplex. See `shares` for how both are written.
+
+The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes
+to the first technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one
+sample of each technique per camera sample. Of more than two techniques, those behind the first divide what it leaves
+in the same way, each with an offset of its own.
+
+Estimates are divided by the nominal shares, not by the realised counts: every slot belongs to the first
+technique with probability w over the offset, whatever its neighbours do, so the estimate is unbiased even where a
+technique's count happens to be 0.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dmis.base.vectors import Array
+
+Allocation = Literal["systematic", "random"]
+
+
+def shares(w: Array | float) -> tuple[Array | float, ...]:
+    """Shares of all techniques: ``(w, 1 - w)`` of a number or ``(N,)``, the rows of ``(K, N)`` or ``(K, 1)``."""
+    return tuple(w) if np.ndim(w) == 2 else (w, 1 - w)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """How each camera sample's shading samples are divided.
+
+    Attributes
+    ----------
+    per_technique
+        How many go to each technique but the last, which has the rest: ``(N,)`` int8, or one int for all camera
+        samples.
+    samples_before
+        How many of its pixel's shading samples went to each technique before this camera sample, ``(K, N)``; None if
+        the same number goes there every time, or at random, or if it was not tracked.
+    """
+
+    per_technique: tuple[np.ndarray | int, ...]
+    samples_before: np.ndarray | None = None
+
+    @property
+    def first(self) -> np.ndarray | int:
+        """How many go to the first technique."""
+        return self.per_technique[0]
+
+    def take(self, index: np.ndarray) -> Counts:
+        """Those of the camera samples `index`."""
+        samples_before = None if self.samples_before is None else self.samples_before.take(index, axis=1)
+        return Counts(tuple(n if isinstance(n, int) else n.take(index) for n in self.per_technique), samples_before)
+
+
+def allocate(
+    w: Array | float,
+    shading_samples: int,
+    pixel: np.ndarray,
+    number: np.ndarray,
+    offset: Array,
+    rng: np.random.Generator | None,
+    track_sequence: bool = True,
+) -> Counts:
+    """Divide the shading samples of N camera samples.
+
+    Parameters
+    ----------
+    w
+        See `shares`: ``(P,)`` or ``(K, P)`` for P pixels, or one number or ``(K, 1)`` for all of them.
+    shading_samples
+        S, shading samples per camera sample.
+    pixel, number
+        Pixel of each camera sample, and number of the sample within it, ``(N,)``.
+    offset
+        Random offsets of the systematic rounding in [0, 1), ``(P,)`` for two techniques, ``(K - 1, P)`` for more.
+    rng
+        None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
+        model of MIS), with numbers from here.
+    track_sequence
+        Whether to count `Counts.samples_before`, which only samplers with a sequence ask for.
+    """
+    parts = shares(w)
+    if (np.ndim(w) == 0 or np.shape(w)[1:] == (1,)) and (rng is None or any(np.all(share == 1) for share in parts)):
+        whole = [float(shading_samples * np.max(share)) for share in parts[:-1]]
+        if all(n.is_integer() for n in whole):
+            return Counts(tuple(int(n) for n in whole))
+    if rng is not None:
+        u = rng.random((shading_samples, len(pixel)), dtype=np.float32)
+        bounds = (_of_samples(np.asarray(bound), pixel) for bound in itertools.accumulate(parts[:-1]))
+        below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
+        return Counts(tuple(np.diff(below, axis=0, prepend=np.int8(0))))
+    per_technique: list[np.ndarray] = []
+    samples_before: list[np.ndarray] = []
+    slot, left = number * shading_samples, np.asarray(shading_samples)
+    for k, (share, of_pixel) in enumerate(zip(parts[:-1], np.atleast_2d(offset), strict=True)):
+        fraction = np.asarray(share, np.float64)  # of what the techniques before it have left
+        if k:
+            rest = np.sum(np.broadcast_arrays(*parts[k:]), axis=0, dtype=np.float64)
+            fraction = np.divide(fraction, rest, out=np.zeros_like(rest), where=rest > 0)
+        fraction, start = _of_samples(fraction, pixel), of_pixel.take(pixel)
+        before, after = ((n * fraction + start).astype(np.int32) for n in (slot, slot + left))  # rounded down
+        per_technique.append(after - before)
+        samples_before.append(before)
+        slot, left = slot - before, left - per_technique[-1]
+    return Counts(
+        tuple(n.astype(np.int8) for n in per_technique), np.stack([*samples_before, slot]) if track_sequence else None
+    )
+
+
+def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
+    """What camera samples have of what their pixels have, ``(P,)``; or of what all have."""
+    return of_pixels if of_pixels.size == 1 else of_pixels.take(pixel)
+
+
+def rounding(shares: Sequence[float], shading_samples: int) -> Array:
+    """Covariance of the shares of a camera sample's S shading samples that techniques really get, ``(K, K)``, after
+    systematic rounding by `allocate`.
+    """
+    wanted = np.asarray(shares, np.float64)
+    covariance = np.zeros((len(wanted), len(wanted)))
+    for probability, counts in _roundings(tuple(wanted), shading_samples):
+        off = np.array(counts) / shading_samples - wanted
+        covariance += probability * np.outer(off, off)
+    return covariance
+
+
+def _roundings(shares: tuple[float, ...], n: int) -> Iterator[tuple[float, tuple[int, ...]]]:
+    """All ways to round n times the shares, and their probabilities."""
+    if len(shares) == 1:
+        yield 1.0, (n,)
+        return
+    rest = sum(shares)
+    exact = n * shares[0] / rest if rest > 0 else 0.0
+    low = math.floor(exact + 1e-9)
+    for count, probability in ((low, 1 - exact + low), (low + 1, exact - low)):
+        if probability > 1e-9:
+            for other, counts in _roundings(shares[1:], n - count):
+                yield probability * other, (count, *counts)

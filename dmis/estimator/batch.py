@@ -1,0 +1,53 @@
+"""A batch: camera samples that are shaded together, what they need for it, and what is written down of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.allocation import Counts
+from dmis.estimator.records import Record
+from dmis.estimator.settings import Settings
+from dmis.intersect import RayCaster
+from dmis.samplers.streams import Sampler
+from dmis.scene.scene import Scene
+
+
+@dataclass(eq=False)
+class Batch:
+    """One block of camera samples of one tile, and what is needed to shade it.
+
+    Attributes
+    ----------
+    w
+        Share of the first technique, ``(N,)`` or one number; of K > 2 techniques all shares, ``(K, N)`` or ``(K, 1)``.
+    counts
+        How many shading samples of each camera sample go to each technique; falling for the first, so that those with
+        the same number are a slice at the first surface, and nothing needs to be gathered.
+    rng
+        For choices that are not two-dimensional draws.
+    rays
+        Rays traced so far, by kind.
+    records
+        Where shading samples are written down for statistics; None: nowhere.
+    control
+        Coefficient of the control variate, ``(3, N)``, see `dmis.fit.control_variate`; None: there is none.
+    """
+
+    scene: Scene
+    caster: RayCaster
+    settings: Settings
+    sampler: Sampler
+    rng: np.random.Generator
+    w: Array
+    counts: Counts
+    rays: Counter[str] = field(default_factory=Counter)
+    records: list[Record] | None = None
+    control: Array | None = None
+
+
+MORE, CONTINUE = -1, -2
+"""In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""

@@ -1,0 +1,173 @@
+"""Batching: what makes the estimator fast, apart from what it computes.
+
+Samples of a technique are merged or cut into batches whose arrays stay in the cache. Batches shrink as soon as
+possible: only directions that meet a light on the reflecting side are evaluated, only those that would contribute are
+traced. What is dropped is exactly zero. Where camera samples are in order, selections are slices, which copy nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from dmis.base.selection import Index, Selection, compose, indices, size, take
+from dmis.base.vectors import Array, dot
+from dmis.estimator import technique
+from dmis.estimator.allocation import Counts
+from dmis.estimator.batch import MORE, Batch
+from dmis.estimator.samples import Samples, Vertices
+from dmis.estimator.technique import SampledLight
+from dmis.light.light_sample import Seen
+from dmis.scene.shading_points import Surface
+
+POINTS = 2**17
+"""Surface points of a group that are shaded at a time: many more take memory, and are not faster."""
+MERGED = 2**15
+"""Largest merged batch, in shading samples: larger ones are slower than several, because they leave the cache."""
+SHADOW_END = np.float32(1 - 1e-4)
+"""Occlusion rays end a little before the light, whose own surface must not shadow it."""
+
+
+def point_chunks(index: Index | None, n: int) -> Iterator[Selection | None]:
+    """Yield the selection `index` of n points (None: all) in parts of at most `POINTS`."""
+    number = size(index, n)
+    if number <= POINTS:
+        if number:
+            yield index
+        return
+    edges = np.linspace(0, number, -(-number // POINTS) + 1).astype(int).tolist()
+    for begin, end in itertools.pairwise(edges):
+        yield slice(begin, end) if index is None else index[begin:end]
+
+
+def shading_samples(
+    batch: Batch, vertices: Vertices, light: SampledLight, index: Selection | None, key: tuple[int, ...]
+) -> Iterator[Samples]:
+    """Yield S shading samples of each of the vertices `index`, divided between the techniques, in batches.
+
+    Parameters
+    ----------
+    key
+        Tells the random numbers of this light at these vertices apart from others.
+    """
+    settings = batch.settings
+    camera_sample = compose(vertices.sample, index)
+    w, counts = batch.w, batch.counts
+    per_technique = [count if isinstance(count, int) else take(count, camera_sample) for count in counts.per_technique]
+    per_technique.append(settings.shading_samples - sum(per_technique))
+    w, control = take(w, camera_sample), take_optional(batch.control, camera_sample)
+    n = size(index, vertices.radiance.shape[1])
+    for k, (name, count) in enumerate(zip(settings.techniques, per_technique, strict=True)):
+        sampling = technique.find(name)
+        ordered = not vertices.path and (k == 0 or len(per_technique) == 2)  # as camera samples are
+        for merged in merged_samples(batch, count, n, ordered):
+            u = [
+                draw_numbers(batch, counts, (key, k, i), compose(camera_sample, points), sampling.numbers)
+                for i, points in merged
+            ]
+            sample_index, points = merged[0]
+            if len(merged) > 1:
+                points = joined_selections(n, *(selection for _, selection in merged))
+            vertex = compose(index, points)
+            surface = vertices.surface.take(vertex)
+            light_sample = sampling.sample(surface, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
+            beta = take_optional(control, points)
+            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(w, points), beta)
+
+
+def merged_samples(
+    batch: Batch, count: Array | int, n: int, ordered: bool
+) -> Iterator[list[tuple[int, Selection | None]]]:
+    """Yield sample indices of a technique that n points sample `count` times, each with the points that have it.
+
+    If they are `ordered`, counts only fall, or only rise. Sample indices of few points come together, to be one batch;
+    but one by one where statistics tell them apart.
+    """
+    merged: list[tuple[int, Selection | None]] = []
+    total, apart = 0, batch.records is not None or n == 1  # of a single point, `take` makes a constant
+    for i in range(batch.settings.shading_samples):
+        points: Selection | None
+        if isinstance(count, int):
+            points = None if i < count else slice(0, 0)
+        else:
+            points = prefix_or_suffix(count > i) if ordered else indices(count > i)
+        number = size(points, n)
+        if number == 0:
+            break
+        if merged and (apart or total + number > MERGED):
+            yield merged
+            merged, total = [], 0
+        merged.append((i, points))
+        total += number
+    if merged:
+        yield merged
+
+
+def joined_selections(n: int, *selections: Selection | None) -> Index:
+    """Selections from n points, one after the other."""
+    every = np.arange(n)
+    return np.concatenate([take(every, selection) for selection in selections])
+
+
+def prefix_or_suffix(condition: np.ndarray) -> slice | None:
+    """Where `condition` holds, which is at the beginning or at the end; None if it holds everywhere."""
+    length, number = len(condition), np.count_nonzero(condition)
+    if number == length:
+        return None
+    return slice(0, number) if condition[0] else slice(length - number, length)
+
+
+def draw_numbers(
+    batch: Batch,
+    counts: Counts,
+    place: tuple[tuple[int, ...], int, int],
+    camera_sample: Selection | None,
+    numbers: int = 2,
+) -> Array:
+    """Draw uniform numbers for one shading sample of each of the camera samples, ``(numbers, N)``.
+
+    Structured samplers spread the numbers of a pixel over all its samples of one technique, so where counts are
+    uneven, a sample's place in its technique's sequence is the number of samples before it.
+
+    Parameters
+    ----------
+    place
+        Key of light and path, technique index, sample index.
+    """
+    key, k, i = place
+    if numbers > 2:
+        parts = [draw_numbers(batch, counts, (key, k, i), camera_sample) for key in (key, (*key, MORE))]
+        return np.concatenate(parts)[:numbers]
+    if counts.samples_before is None:
+        return batch.sampler.draw((*key, k, i), camera_sample)
+    return batch.sampler.draw((*key, k), camera_sample, take(counts.samples_before[k], camera_sample) + i)
+
+
+def facing_light(surface: Surface, light_sample: Seen) -> Index | None:
+    """Indices of directions that meet the light and leave the triangle on the side of wo; None: all of them."""
+    if 2 * np.count_nonzero(light_sample.emits) < len(light_sample.emits):  # few, as of BRDF samples and a small light
+        met = np.flatnonzero(light_sample.emits)
+        return met[dot(take(surface.ng, met), take(light_sample.wi, met)) > 0]
+    return indices(light_sample.emits & (dot(surface.ng, light_sample.wi) > 0))
+
+
+def unoccluded(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:
+    """V: whether nothing stands between the points and the light, ``(N,)`` bool; rays are counted as `kind`."""
+    batch.rays[kind] += wi.shape[1]
+    return ~batch.caster.occluded(origin, wi, np.broadcast_to(distance * SHADOW_END, wi.shape[1:]))
+
+
+def take_optional(values: Array | None, index: Selection | None) -> Array | None:
+    """`take` that lets None through."""
+    return None if values is None else take(values, index)
+
+
+def accumulate(total: Array, value: Array, index: Selection | None) -> None:
+    """Add `value` ``(3, K)`` to the columns `index` of `total` (None: all of them), repeated ones included."""
+    if index is None or isinstance(index, slice):
+        total[:, index or slice(None)] += value
+        return
+    for row, values in zip(total, value, strict=True):
+        np.add.at(row, index, values)

@@ -1,0 +1,192 @@
+"""Combiners: how the shading samples of all techniques become one estimate, by name.
+
+A combiner gives each sample its weight (`Combiner.weight`). That is all of it for heuristics (`dmis.estimator.mis`) and
+for frozen weights. One that needs all samples of a pixel observes their records and corrects the pixel afterwards
+(`Combiner.collector`); one with a control variate has coefficients that a pilot learned (`control_variate`). What a
+combiner needs of the settings is in its attributes, so that no other module depends on its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+
+from dmis.base.selection import Index, take
+from dmis.base.vectors import Array
+from dmis.estimator import mis
+from dmis.estimator.mis import Heuristic
+from dmis.estimator.optimal_mis import Optimal, Progressive
+from dmis.estimator.records import Record
+
+
+class Collector(Protocol):
+    """Sums over the shading samples of a tile, from which the means of its pixels are corrected.
+
+    Attributes
+    ----------
+    stages
+        Into how many stages the camera samples of a pixel are divided, see `dmis.estimator.optimal_mis.slot`.
+    """
+
+    stages: int
+
+    def add(self, records: Sequence[Record], pixel: Array, first: Array, shading_samples: int) -> None:
+        """Add one block, see `dmis.estimator.optimal_mis.Optimal.add`."""
+        ...
+
+    def correction(self) -> Array:
+        """Return what is added to the mean of each pixel, ``(3, P)``."""
+        ...
+
+
+@dataclass(frozen=True)
+class Combiner:
+    """A combiner of MIS samples; with the defaults, a heuristic at the shares that samples were taken with.
+
+    Attributes
+    ----------
+    name
+        Its name in options and tables.
+    heuristic
+        Weights the samples; variance curves are those of this heuristic.
+    exponent
+        Of the densities in the heuristic's weights, 1 for balance; None if it is no power of them.
+    has_curves
+        Whether those variance curves are its own, so that combiners can be chosen by them.
+    two_techniques
+        Whether it needs two techniques.
+    exact_densities
+        Whether it needs techniques whose densities are known.
+    fits_pixels
+        Whether it fits all samples of each light in a pixel, which therefore have one share.
+    independent
+        Whether it needs independent samples.
+    control_variate
+        Whether it needs coefficients of a control variate, from a pilot.
+    share_range
+        Least and largest share of the first technique.
+    """
+
+    name: str
+    heuristic: Heuristic = mis.balance
+    exponent: float | None = 1.0
+    has_curves: bool = True
+    two_techniques: bool = False
+    exact_densities: bool = False
+    fits_pixels: bool = False
+    independent: bool = False
+    control_variate: bool = False
+    share_range: tuple[float, float] = (0.0, 1.0)
+
+    def weight(self, shares: Sequence[Array | float], pdf: Sequence[Array], k: int) -> Array:
+        """Return ``W / (w_k p_k)`` of samples of technique k, the factor of f in their estimate, ``(N,)``.
+
+        Parameters
+        ----------
+        shares, pdf
+            w_j and p_j of all techniques, each of the latter ``(N,)``.
+        """
+        return self.heuristic([w * p for w, p in zip(shares, pdf, strict=True)], k)
+
+    def collector(self, w: Array | float, samples: Array) -> Collector | None:
+        """Return sums that correct pixels, see `dmis.estimator.optimal_mis.Optimal`; None: weights are all there is."""
+        return None
+
+
+@dataclass(frozen=True)
+class Frozen(Combiner):
+    """Weights of equal counts, whatever the shares: ``W = p_k / (p_l + p_b)``.
+
+    A sample's estimate is ``W f / (w_k p_k)``, which is balance at the densities ``w_k p_l`` and ``w_k p_b``. With n
+    samples in fixed shares its variance is ``(s_l^2 / w + s_b^2 / (1 - w)) / n``, s being standard deviations of
+    ``W f / p_k``: least, ``(s_l + s_b)^2 / n``, at Neyman's allocation ``w = s_l / (s_l + s_b)``, and there never more
+    than at equal counts. Sources: Sbert, Havran and Szirmay-Kalos 2016, whose estimator this is with the rule
+    ``neyman``; Neyman 1934. Needs no statistics, costs nothing. Known failures: where a share is 0 a part of f is
+    missing, a bias (hence `share_range`); rules that learn w for balance, such as ``second-moment``, minimise another
+    variance.
+    """
+
+    name: str = "frozen"
+    has_curves: bool = False
+    two_techniques: bool = True
+    share_range: tuple[float, float] = (0.05, 0.95)
+
+    def weight(self, shares: Sequence[Array | float], pdf: Sequence[Array], k: int) -> Array:
+        """See `Combiner.weight`; the share of technique k stands for all, so that it cancels in W."""
+        return super().weight([shares[k]] * len(shares), pdf, k)
+
+
+@dataclass(frozen=True)
+class OptimalMIS(Combiner):
+    """Balance, and a correction of each pixel by the optimal weights, see `dmis.estimator.optimal_mis`."""
+
+    name: str = "optimal"
+    has_curves: bool = False
+    two_techniques: bool = True
+    exact_densities: bool = True
+    fits_pixels: bool = True
+
+    def collector(self, w: Array | float, samples: Array) -> Collector:
+        """Return the sums of the direct form, or of the progressive one if samples are `independent`."""
+        return (Progressive if self.independent else Optimal)(w, samples)
+
+
+SPECIAL = {
+    combiner.name: combiner
+    for combiner in (
+        Frozen(),
+        OptimalMIS(),
+        OptimalMIS("optimal-progressive", independent=True),
+        Combiner("controlled", has_curves=False, two_techniques=True, exact_densities=True, control_variate=True),
+    )
+}
+"""Combiners that are more than a heuristic, by name. ``controlled`` has a control variate."""
+
+
+@cache
+def combiner_by_name(name: str) -> Combiner:
+    """Return a combiner: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (threshold 0.1),
+    ``cutoff-0.5``, or one of `SPECIAL`.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name, or its number is out of range.
+    """
+    if name in SPECIAL:
+        return SPECIAL[name]
+    if name == "balance":
+        return Combiner(name)
+    if name == "maximum":
+        return Combiner(name, mis.maximum, exponent=None)
+    kind, dash, text = name.partition("-")
+    try:
+        number = float(text) if dash else None
+    except ValueError:
+        number = np.nan
+    if kind == "power" and number == number:
+        beta = 2.0 if number is None else number
+        return Combiner(name, mis.power(beta), exponent=beta)
+    if kind == "cutoff" and number == number:
+        return Combiner(name, mis.cutoff(0.1 if number is None else number), exponent=None)
+    raise ValueError(
+        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen, optimal, "
+        f"optimal-progressive or controlled; got {name!r}"
+    )
+
+
+def control_variate(k: int, w: Array, n: int, lit: Index | None, pdf: Sequence[Array]) -> Array:
+    """Return ``g = (p_l - p_b) / p_w`` of n samples of technique k, ``(n,)``, whose mean over all samples is 0.
+
+    `pdf` are p_l and p_b of the samples `lit`; in the directions of the others, which meet no light, the density of the
+    other technique is 0: g is 1 / w or -1 / (1 - w). See `dmis.fit.control_variate`.
+    """
+    w = np.broadcast_to(w, n)
+    g = 1 / w if k == 0 else -1 / (1 - w)
+    w, (p_l, p_b) = take(w, lit), pdf
+    g[slice(None) if lit is None else lit] = (p_l - p_b) / (w * p_l + (1 - w) * p_b)
+    return g

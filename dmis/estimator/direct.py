@@ -1,0 +1,130 @@
+"""Direct lighting: what surface points reflect of the lights, by multiple importance sampling.
+
+The radiance reflected at p towards wo is the integral over wi of::
+
+    f = f_r(wo, wi) L(wi) |n.wi| V(wi)                                  (docs/theory.md, Eq. 1)
+
+with the BRDF f_r, the light's radiance L, and the visibility V, 0 or 1. Each light is sampled by two techniques or
+more, S shading samples in all. With the densities p_l of light sampling, p_b of BRDF sampling, and the share w of
+light samples, the balance heuristic estimates the integral by the mean over the shading samples of::
+
+    f / p_w,    p_w = w p_l + (1 - w) p_b                               (Veach 1997, Eq. 9.8; docs/theory.md, Eq. 8)
+
+and any other combiner by that of ``W f / (w_k p_k)``, W being its MIS weight of a sample of technique k.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmis.base.selection import Index, Selection, compose, indices, size, take
+from dmis.base.vectors import Array, dot
+from dmis.brdf.cosines import Pair
+from dmis.estimator import technique
+from dmis.estimator.allocation import shares
+from dmis.estimator.batch import Batch
+from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded
+from dmis.estimator.combiner import combiner_by_name, control_variate
+from dmis.estimator.samples import Samples, Vertices, record_samples
+from dmis.light.light import DeltaLight
+
+
+def add_direct_light(batch: Batch, vertices: Vertices) -> None:
+    """Add the light that the vertices reflect: of all lights, or of one that is picked for each vertex."""
+    plan = batch.scene.plan
+    lights = (*plan.sampled, *plan.deltas)
+    picked = None
+    if batch.settings.lights == "one" and len(lights) > 1:
+        picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)
+    # 1 / P(light): a light that is picked with probability 1 / n stands for n
+    over_probability = np.float32(1 if picked is None else len(lights))
+    for number, light in enumerate(lights):
+        index = None if picked is None else indices(picked == number)
+        if index is not None and len(index) == 0:
+            continue
+        if light.delta:
+            headlight = not vertices.path and number - len(plan.sampled) in plan.headlights
+            _add_delta_light(batch, vertices, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
+            continue
+        key = (*vertices.path, number + len(lights) * vertices.beyond)
+        for samples in shading_samples(batch, vertices, light, index, key):  # type: ignore[arg-type]
+            _add_samples(batch, vertices, samples, over_probability)
+
+
+def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probability: np.float32) -> None:
+    """Add ``f / p_w / S`` of each shading sample to its vertex."""
+    settings, k, light_sample = batch.settings, samples.technique_index, samples.light_sample
+    techniques = [technique.find(name) for name in settings.techniques]
+    over_s = over_probability / np.float32(settings.shading_samples)
+    lit = facing_light(samples.surface, light_sample)  # elsewhere f = 0
+    if lit is not None and len(lit) == 0:
+        _add_control_variate(vertices, samples, lit, [np.zeros(0, np.float32)] * len(techniques), over_s)
+        return
+    surface, wi, w = samples.surface.take(lit), take(light_sample.wi, lit), take(samples.w, lit)
+    directions = Pair(surface, wi)
+
+    # p_l, p_b: the density of every technique in the sampled direction, whichever picked it
+    light_pdf = take(light_sample.pdf, lit)
+    pdf = [sampling.pdf(surface, directions, light_pdf) for sampling in techniques]
+    accepted = pdf[k] > 0  # others count as samples of value 0
+
+    # 1 / p_w,  p_w = w p_l + (1 - w) p_b   (Veach 1997, Eq. 9.8);  of other heuristics  W / (w_k p_k)
+    over_p_w = combiner_by_name(settings.combiner).weight(shares(w), pdf, k)
+
+    # f_r |n.wi| / p_w / S: what f / p_w would be with L = V = 1
+    weighted_cosine = over_p_w * directions.cos_i
+    weighted_cosine *= over_s
+    unlit = surface.eval(directions) * (weighted_cosine * accepted)
+
+    # V, where the rest is not 0
+    visible: Selection | None = indices((unlit if len(unlit) == 1 else unlit.max(axis=0, keepdims=True))[0] > 0)
+    f_over_p_w = np.zeros((3, 0), np.float32)
+    if size(visible, 1):
+        shadow_ray = take(surface.p, visible), take(wi, visible), take(take(light_sample.distance, lit), visible)
+        visible = compose(visible, indices(unoccluded(batch, techniques[k].rays, *shadow_ray)))
+        lit_and_visible = compose(lit, visible)
+
+        # f / p_w / S,  f = f_r L |n.wi| V; L, such as a sky's, is looked up only where V = 1
+        f_over_p_w = take(unlit, visible) * light_sample.radiance_at(lit_and_visible)
+        accumulate(vertices.radiance, f_over_p_w, compose(samples.vertex, lit_and_visible))
+
+    if batch.records is not None or samples.control is not None:
+        pdf_all = [np.where(accepted, p, np.float32(j == k)) for j, p in enumerate(pdf)]
+        if batch.records is not None:
+            record_samples(batch, vertices, samples, lit, np.stack(pdf_all), f_over_p_w, visible)
+        _add_control_variate(vertices, samples, lit, pdf_all, over_s)
+
+
+def _add_control_variate(
+    vertices: Vertices, samples: Samples, lit: Index | None, pdf: list[Array], over_s: np.float32
+) -> None:
+    """Add ``-beta g / S``, ``g = (p_l - p_b) / p_w``, of every sample; `pdf` are the densities of the samples `lit`."""
+    if samples.control is not None:
+        g = control_variate(samples.technique_index, samples.w, len(samples), lit, pdf)
+        accumulate(vertices.radiance, -(samples.control * over_s) * g, samples.vertex)
+
+
+def _add_delta_light(
+    batch: Batch,
+    vertices: Vertices,
+    light: DeltaLight,
+    index: Selection | None,
+    over_probability: np.float32,
+    traced: bool,
+) -> None:
+    """Add ``f_r L |n.wi| V`` of a light that has a single direction, which no other technique finds."""
+    surface = vertices.surface.take(index)
+    light_sample = light.sample(surface.p)
+    lit: Selection | None = indices(light_sample.emits & (dot(surface.ng, light_sample.wi) > 0))
+    visible: np.ndarray | bool = True
+    if traced and size(lit, 1):
+        shadow_ray = take(surface.p, lit), take(light_sample.wi, lit), take(light_sample.distance, lit)
+        visible = unoccluded(batch, "delta", *shadow_ray)
+        if 2 * np.count_nonzero(visible) < len(visible):  # few: to gather them takes less time than to shade all
+            lit, visible = compose(lit, np.flatnonzero(visible)), True
+    if not size(lit, 1):
+        return
+    surface = surface.take(lit)
+    directions = Pair(surface, take(light_sample.wi, lit))
+    reflected = surface.eval(directions) * (directions.cos_i * over_probability) * light_sample.radiance_at(lit)
+    accumulate(vertices.radiance, reflected * visible, compose(index, lit))

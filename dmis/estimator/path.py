@@ -1,0 +1,215 @@
+"""Rays that go on from a surface: through mirrors and glass, or along a path that a BRDF scatters.
+
+*Direct lighting* follows every delta lobe of a surface, each as a batch of its own. *Path tracing* continues with one
+direction per point, picked among the lobes, so that paths do not branch; all that go on from one depth are one batch.
+Light is gathered at each surface by the same mixture of techniques (next-event estimation with MIS), so what a
+continued ray meets counts as emission only if a delta lobe sent it: other directions had it in their mixture.
+
+A path's throughput is ``f_r cos / pdf`` multiplied along it. From depth `ROULETTE` on it survives with the probability
+q of its largest throughput, at most 1, and counts 1 / q times (Russian roulette, Arvo and Kirk 1990): unbiased, because
+its contribution is right in the mean whatever q is. Inside of glass throughput is divided by eta^2, which it gets back
+where it leaves; so q takes it times eta^2 there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from dmis.base.selection import Selection, compose, indices, take
+from dmis.base.vectors import Array, dot
+from dmis.brdf.cosines import Pair
+from dmis.brdf.specular import index as index_beyond
+from dmis.scene.shading_points import Surface
+
+Way = int | Literal["glossy", "through"]
+"""How light comes to a surface: by one of the delta lobes, or by glossy lobes of one side or the other."""
+ROULETTE = 3
+"""Depth from which on paths of little throughput are ended at random."""
+
+
+@dataclass(eq=False)
+class Rays:
+    """Rays in flight.
+
+    Attributes
+    ----------
+    sample
+        Camera sample numbers, ``(N,)``; None: all, in order.
+    throughput
+        What they will be multiplied by, ``(3, N)``; None: nothing.
+    depth
+        Surfaces that scattered them.
+    path
+        What led here, to tell random numbers apart.
+    sees
+        Whether lights that they meet count, ``(N,)`` bool, or one for all.
+    """
+
+    origin: Array
+    direction: Array
+    sample: Selection | None
+    throughput: Array | None
+    depth: int
+    path: tuple[int, ...]
+    sees: np.ndarray | bool = True
+
+
+def scatter(surface: Surface, lobe: Any) -> tuple[Array, Array, Array]:
+    """Origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on."""
+    wi, factor = lobe.scatter(surface)
+    # p lies on wo's side of the surface; what goes through begins on the other
+    through = dot(surface.ng, wi) < 0
+    return surface.p - surface.ng * (2 * surface.epsilon * through), wi, np.broadcast_to(factor, wi.shape)
+
+
+def bounce(
+    surface: Surface,
+    sample: Selection | None,
+    throughput: Array | None,
+    depth: int,
+    u: Array,
+    rng: np.random.Generator,
+    last: bool = False,
+) -> Rays | None:
+    """Continue the paths at N points, each in one direction; None if none goes on.
+
+    Parameters
+    ----------
+    sample, throughput, depth
+        Of the rays that came here.
+    u
+        Uniform numbers for directions, ``(2, N)``.
+    rng
+        For the choice among lobes, and for roulette.
+    last
+        Whether only lights that a delta lobe shows still count.
+    """
+    n = len(surface.cos_o)
+    ways = _ways(surface)
+    if not ways:
+        return None
+    if len(ways) == 1:  # nothing to choose, nothing to put together
+        origin, direction, factor = _follow(surface, ways[0], u)
+        sees: np.ndarray | bool = isinstance(ways[0], int)
+    else:
+        origin, direction, factor = np.empty((3, 3, n), np.float32)
+        sees = np.zeros(n, bool)
+        for way, index, chance in _choose(surface, ways, n, rng):
+            at: Any = slice(None) if index is None else index
+            p, wi, of_way = _follow(surface.take(index), way, take(u, index))
+            for out, value in zip((origin, direction, factor), (p, wi, of_way / chance), strict=True):
+                out[:, at] = value
+            sees[at] = isinstance(way, int)
+    if throughput is not None:
+        factor = factor * throughput
+    largest = factor.max(axis=0)
+    alive = largest > 0
+    if depth + 1 >= ROULETTE:
+        survival = np.minimum(largest * _scaled(surface, direction), np.float32(1))
+        alive &= rng.random(n, dtype=np.float32) < survival
+        factor = factor / np.maximum(survival, np.float32(1e-30))
+    if last:
+        alive &= sees
+    index = indices(alive)
+    if index is not None and len(index) == 0:
+        return None
+    origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
+    sees = sees if isinstance(sees, bool) else take(sees, index)
+    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), sees)
+
+
+def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
+    """By what the throughput of rays that go on in `direction` has been divided because they are inside of glass."""
+    scales = (lobe.eta_scale() for lobe in (*surface.through, *surface.delta))
+    eta = next((eta for eta in scales if eta != 1), None)
+    if eta is None:
+        return np.float32(1)
+    inside = surface.outside == (dot(surface.ng, direction) < 0)
+    return np.where(inside, np.float32(eta * eta), np.float32(1))
+
+
+def _ways(surface: Surface) -> list[Way]:
+    """How light can come to the surface."""
+    ways: list[Way] = list(range(len(surface.delta)))
+    if surface.glossy:
+        ways.append("glossy")
+    if surface.through:
+        ways.append("through")
+    return ways
+
+
+def _follow(surface: Surface, way: Way, u: Array) -> tuple[Array, Array, Array]:
+    """Origins, directions and factors, each ``(3, N)``, of rays that go one way."""
+    if isinstance(way, int):
+        return scatter(surface, surface.delta[way])
+    if way == "through":
+        surface = surface.beyond()
+    wi = surface.sample(u)
+    return surface.p, wi, _reflected(surface, wi)
+
+
+def merge(parts: Sequence[Rays], samples: int) -> Rays:
+    """Rays of one depth as one batch, part after part; there are `samples` camera samples."""
+    if len(parts) == 1:
+        return parts[0]
+    every = np.arange(samples)
+    sample = np.concatenate([take(every, p.sample) for p in parts])
+    fields = zip(*((p.origin, p.direction, _throughput(p)) for p in parts), strict=True)
+    origin, direction, throughput = (np.concatenate(f, axis=1) for f in fields)
+    sees = parts[0].sees
+    if not isinstance(sees, bool) or any(p.sees is not sees for p in parts):
+        sees = np.concatenate([np.broadcast_to(p.sees, p.origin.shape[1]) for p in parts])
+    return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, sees)
+
+
+def _throughput(rays: Rays) -> Array:
+    return np.ones(rays.origin.shape, np.float32) if rays.throughput is None else rays.throughput
+
+
+def _reflected(surface: Surface, wi: Array) -> Array:
+    """``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
+    pair = Pair(surface, wi)
+    if len(surface.glossy) == 1 and (weight := surface.glossy[0].weight()) is not None:
+        factor = (pair.above & surface.faces(pair)).astype(np.float32)
+        return np.broadcast_to(weight * factor, wi.shape)
+    pdf = surface.pdf(pair)
+    accepted = (pdf > 0) & surface.faces(pair)
+    factor = pair.cos_i / np.where(accepted, pdf, 1) * accepted
+    return np.broadcast_to(surface.eval(pair) * factor, wi.shape)
+
+
+def _choose(
+    surface: Surface, ways: list[Way], n: int, rng: np.random.Generator
+) -> list[tuple[Way, Selection | None, Array | np.float32]]:
+    """Divide the points among the ways: which, points, probability.
+
+    Delta lobes are picked in proportion to the power that they reflect or let through, glossy ones share what is left
+    of 1, and get at least a tenth. Of that, what a smooth surface would let through goes to those of light that comes
+    through.
+    """
+    wanted = np.zeros((len(ways), n), np.float32)
+    for k, lobe in enumerate(surface.delta):
+        wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
+        if (eta := lobe.eta_scale()) != 1:  # radiance is divided by eta^2, power is not
+            wanted[k] *= index_beyond(eta, surface.outside) ** 2
+    left = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
+    if surface.through:
+        passed = np.clip(surface.through[0].passed(surface), np.float32(0.1), np.float32(0.9))
+        wanted[-1] = left * passed if surface.glossy else left
+        left = left * (1 - passed)
+    if surface.glossy:
+        wanted[ways.index("glossy")] = left
+    cumulative = np.cumsum(wanted, axis=0)
+    total = np.maximum(cumulative[-1], np.float32(1e-30))
+    chosen = np.minimum((cumulative <= rng.random(n, dtype=np.float32) * total).sum(axis=0), len(ways) - 1)
+    out: list[tuple[Way, Selection | None, Array | np.float32]] = []
+    for k, way in enumerate(ways):
+        index = indices(chosen == k)
+        if index is None or len(index):
+            chance = np.maximum(take(wanted[k] / total, index), np.float32(1e-30))
+            out.append((way, index, chance))
+    return out

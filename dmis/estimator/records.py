@@ -1,0 +1,55 @@
+"""Records of shading samples, and the protocol of statistics that are gathered from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from dmis.base.selection import Selection
+from dmis.base.vectors import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Shading samples of one technique whose directions meet a light.
+
+    Attributes
+    ----------
+    technique_index
+        k, number of the technique, 0 for the first.
+    key
+        Which light, in the last place, counted on for light that comes through a rough surface; before it, by way of
+        which delta lobes, or in path tracing the number of surfaces before.
+    sample_index
+        Which of the camera sample's samples of this technique it is, from 0.
+    sample
+        Numbers of their camera samples, ``(N,)``, each at most once; None: all, in order.
+    value
+        What each would estimate alone, ``W f / (w_k p_k)``, with the throughput of its path, ``(3, N)``; 0 where
+        something is in between.
+    pdf
+        Densities of all techniques in its direction, ``(K, N)``.
+    """
+
+    technique_index: int
+    key: tuple[int, ...]
+    sample_index: int
+    sample: Selection | None
+    value: Array
+    pdf: Array
+
+
+class Statistic(Protocol):
+    """What is gathered from the shading samples of a tile; made with its number of pixels and of shading samples.
+
+    `dmis.variance.curves.Curves` is one.
+    """
+
+    def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
+        """Take in one block: `count` camera samples of every pixel, sample-major, their radiance ``(3, N)``."""
+        ...
+
+    def sums(self) -> Mapping[str, Array]:
+        """Results by name, one per pixel in the last axis, which are summed over patches: `dmis.base.patches.PATCH`."""
+        ...

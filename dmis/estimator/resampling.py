@@ -1,0 +1,71 @@
+"""Product sampling by resampling: of M light samples take one, in proportion to what it would reflect if it were seen.
+
+Candidates x_j come from light sampling; with the target ``g = mean over channels of f_r L |n.wi|``, which leaves out
+visibility, x_k is taken in proportion to the weights ``v_j = g(x_j) / p_l(x_j)``. Then for any f that is 0 where g is 0
+
+    E[f(x_k) / p_l(x_k) * mean(v) / v_k] = integral of f
+
+(Talbot, Cline and Egbert 2005; Burke, Ghosh and Heidrich 2005). As M grows, x_k follows the product of BRDF and light,
+at the cost of M evaluations and one occlusion ray. Known failures: shadows, of which the target knows nothing; lobes
+so sharp that no candidate falls into them, where mean(v) is a rare spike.
+
+The density of x_k has no closed form. MIS weights need none: they must add up to 1 in each direction, whatever they
+are, so that of light sampling stands in for it, and the factor ``mean(v) / v_k`` multiplies the radiance. That rules
+out whatever takes the stand-in for the density: curves of V(w) from one pilot, and the optimal combiners.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmis.base.selection import take
+from dmis.base.vectors import Array, dot
+from dmis.brdf.cosines import Pair
+from dmis.light.light import SampledLight
+from dmis.light.light_sample import Seen
+from dmis.scene.shading_points import Surface
+
+CANDIDATES = 8
+"""M: more of them gain little, because the shadows stay."""
+_PLASTIC = 1.32471795724474602596
+SHIFTS = (np.arange(CANDIDATES)[:, None] / np.array([_PLASTIC, _PLASTIC**2]) % 1).astype(np.float32)[..., None]
+"""From one candidate's numbers to the others', the R2 sequence: each is uniform, together they cover the light. The
+estimate stays unbiased, because it is linear in the candidates once the choice is averaged over.
+"""
+
+
+def resampled(surface: Surface, light: SampledLight, u: Array) -> Seen:
+    """One of M light samples for each of the points; `u` is ``(3, N)``, the last for the choice."""
+    weights = np.stack([_weight(surface, light.sample(surface.p, _shifted(u, shift))) for shift in SHIFTS])
+    cumulative = np.cumsum(weights, axis=0)
+    total = cumulative[-1]
+    chosen = np.minimum((cumulative <= u[2] * total).sum(axis=0), CANDIDATES - 1)
+    weight = np.take_along_axis(weights, chosen[None], axis=0)[0]
+    possible = weight > 0
+    factor = np.divide(total, CANDIDATES * weight, out=np.zeros_like(total), where=possible)
+    light_sample = light.sample(surface.p, _shifted(u, SHIFTS[chosen, :, 0].T))
+    return Seen(
+        light_sample.wi,
+        light_sample.distance,
+        light_sample.radiance_at(None) * factor,
+        light_sample.pdf,
+        light_sample.emits & possible,
+    )
+
+
+def _shifted(u: Array, shift: Array) -> Array:
+    """The first two rows of `u`, moved by `shift` on the torus."""
+    moved = u[:2] + shift
+    return moved - (moved >= 1)
+
+
+def _weight(surface: Surface, seen: Seen) -> Array:
+    """g / p_l, ``(N,)``."""
+    weight = np.zeros(len(seen.pdf), np.float32)
+    index = np.flatnonzero(seen.emits & (dot(surface.ng, seen.wi) > 0) & (seen.pdf > 0))
+    if len(index):
+        lit = surface.take(index)
+        pair = Pair(lit, take(seen.wi, index))
+        reflected = (lit.eval(pair) * seen.radiance_at(index)).mean(axis=0)
+        weight[index] = reflected * pair.cos_i / seen.pdf.take(index)
+    return weight

@@ -1,0 +1,105 @@
+"""Batches of path vertices, and the shading samples that are taken there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.base.selection import Selection, compose, take
+from dmis.base.vectors import Array
+from dmis.estimator.batch import Batch
+from dmis.estimator.records import Record
+from dmis.light.light_sample import Seen
+from dmis.scene.shading_points import Surface
+
+
+@dataclass(eq=False)
+class Vertices:
+    """Path vertices: N surface points of one group, and the radiance that each reflects.
+
+    Attributes
+    ----------
+    sample
+        Camera sample numbers, ``(N,)``; None: all, in order.
+    throughput
+        Of their paths up to the vertex, ``(3, N)``; None: 1.
+    path
+        Delta lobes that led here, or in path tracing the number of vertices before: keys of random numbers.
+    radiance
+        Radiance reflected or emitted towards the vertex before, ``(3, N)``, added to.
+    beyond
+        Whether `surface` is seen from the other side, see `Surface.beyond`.
+    """
+
+    surface: Surface
+    sample: Selection | None
+    throughput: Array | None
+    path: tuple[int, ...]
+    radiance: Array
+    beyond: bool = False
+
+
+@dataclass(eq=False)
+class Samples:
+    """Shading samples: N directions that one technique picked, towards one light.
+
+    Attributes
+    ----------
+    technique_index
+        k, number of the technique, from 0.
+    sample_index
+        Which of the camera sample's samples of this technique it is, from 0; of merged ones, that of the first.
+    key
+        Which light and which path, see `dmis.estimator.records.Record`.
+    vertex
+        The vertices that they belong to, in `Vertices`; a vertex may have several.
+    surface
+        Those vertices' surface points.
+    light_sample
+        Directions, and what they see of the light.
+    w
+        Shares of the techniques, as in `dmis.estimator.batch.Batch.w`.
+    control
+        Coefficient of the control variate, ``(3, N)``; None: there is none.
+    """
+
+    technique_index: int
+    sample_index: int
+    key: tuple[int, ...]
+    vertex: Selection | None
+    surface: Surface
+    light_sample: Seen
+    w: Array
+    control: Array | None = None
+
+    def __len__(self) -> int:
+        return self.light_sample.wi.shape[1]
+
+
+def record_samples(
+    batch: Batch,
+    vertices: Vertices,
+    samples: Samples,
+    lit: Selection | None,
+    pdf: Array,
+    contribution: Array,
+    visible: Selection | None,
+) -> None:
+    """Write down the samples `lit`, as they arrive at the camera, for statistics.
+
+    Parameters
+    ----------
+    pdf
+        Densities of all techniques, ``(K, L)``, of the L samples `lit`.
+    contribution, visible
+        ``W f / (w_k p_k S)``, ``(3, V)``, and which V of those L samples have it. The others' is 0.
+    """
+    assert batch.records is not None
+    value = np.zeros((3, pdf.shape[1]), np.float32)
+    value[:, slice(None) if visible is None else visible] = contribution * np.float32(batch.settings.shading_samples)
+    vertex = compose(samples.vertex, lit)
+    if vertices.throughput is not None:
+        value *= take(vertices.throughput, vertex)
+    camera_sample = compose(vertices.sample, vertex)
+    batch.records.append(Record(samples.technique_index, samples.key, samples.sample_index, camera_sample, value, pdf))

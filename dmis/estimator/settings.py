@@ -1,0 +1,123 @@
+"""How direct lighting is estimated: what can be chosen, and what goes together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from dmis.base.validate import whole
+from dmis.estimator import technique
+from dmis.estimator.combiner import combiner_by_name
+from dmis.samplers.streams import SAMPLERS
+from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
+from dmis.scene.scene import Scene
+
+MOST = 100
+"""Shading samples of a camera sample."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How direct lighting is estimated.
+
+    Parameters
+    ----------
+    shading_samples
+        S, light or BRDF samples per camera sample and light.
+    techniques
+        The techniques that share them, two or more; of two, w is the share of the first.
+    combiner
+        Heuristic that weights them, see `dmis.estimator.combiner.combiner_by_name`.
+    allocation
+        ``systematic`` or ``random``, see `dmis.estimator.allocation`.
+    lights
+        ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
+    integrator
+        ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
+        has been scattered by other surfaces too; ``auto``: what the scene's file says, or its
+        dialect's default; ``direct`` for a scene made in Python. See `resolve_auto`.
+    max_depth
+        Of ``direct``: surfaces that a camera sample may visit through mirrors and glass. Of ``path``: surfaces that
+        may scatter light on its way from a light to the camera, 1 being direct lighting; None: any number, ended by
+        Russian roulette. ``auto``: what the scene says, or else `dmis.scene.defaults.DEFAULT_DEPTH`.
+    sampler
+        ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
+    reuse_pilot
+        Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
+        if the final samples are independent, as the pilot's are; the others are more even, and a few independent ones
+        among them cost more than they bring.
+    """
+
+    shading_samples: int = 2
+    techniques: tuple[str, ...] = ("light", "brdf")
+    combiner: str = "balance"
+    allocation: str = "systematic"
+    lights: str = "all"
+    integrator: str = "auto"
+    max_depth: int | str | None = "auto"
+    sampler: str = "independent"
+    reuse_pilot: bool | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MOST))
+        if len(self.techniques) < 2:
+            raise ValueError(f"techniques must be at least two names, which share the samples; got {self.techniques}")
+        techniques = [technique.find(name) for name in self.techniques]
+        combiner = combiner_by_name(self.combiner)
+        if len(techniques) > 2 and combiner.two_techniques:
+            raise ValueError(
+                f"combiner {self.combiner} needs two techniques; got {len(techniques)}: {', '.join(self.techniques)}"
+            )
+        if combiner.exact_densities and not all(t.exact for t in techniques):
+            raise ValueError(
+                f"combiner {self.combiner} needs densities that are known, which those of technique resampled are not"
+            )
+        for option, value, allowed in (
+            ("integrator", self.integrator, ("auto", "direct", "path")),
+            ("allocation", self.allocation, ("systematic", "random")),
+            ("lights", self.lights, ("all", "one")),
+            ("sampler", self.sampler, tuple(SAMPLERS)),
+        ):
+            if value not in allowed:
+                raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")
+        if combiner.fits_pixels and self.lights != "all":
+            raise ValueError(
+                f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light"
+            )
+        if combiner.independent and self.sampler != "independent":
+            raise ValueError(
+                f"combiner {self.combiner} needs sampler independent, because structured samples depend on earlier "
+                f"ones, and so on the fit to these; got {self.sampler!r}"
+            )
+        if self.reuse_pilot not in (None, True, False):
+            raise ValueError(f"reuse_pilot must be True, False or None; got {self.reuse_pilot!r}")
+        if self.reuse_pilot is not None:
+            object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
+        if self.max_depth is None and self.integrator != "path":
+            raise ValueError(
+                "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
+            )
+        if self.max_depth not in (None, "auto"):
+            object.__setattr__(self, "max_depth", whole("max_depth", self.max_depth, 1, MAX_DEPTH, "auto or None"))
+
+    @property
+    def deepest(self) -> float:
+        """`max_depth` as a number that depths compare with; infinite for None. It must not be ``auto`` any more."""
+        return math.inf if self.max_depth is None else int(self.max_depth)
+
+
+def resolve_auto(settings: Settings, scene: Scene) -> Settings:
+    """Return `settings` with the scene's integrator and depth in place of ``auto``.
+
+    A depth that the scene names belongs to the integrator that it names. With the other integrator, or where the scene
+    names no depth, the depth is `dmis.scene.defaults.DEFAULT_DEPTH`.
+    """
+    if settings.integrator != "auto" and settings.max_depth != "auto":
+        return settings
+    integrator, max_depth = settings.integrator, settings.max_depth
+    if integrator == "auto":
+        integrator = scene.integrator or DEFAULT_INTEGRATOR
+    if max_depth == "auto":
+        named = scene.max_depth is not None and scene.integrator in (None, integrator)
+        max_depth = scene.max_depth if named else DEFAULT_DEPTH
+    return replace(settings, integrator=integrator, max_depth=max_depth)

@@ -1,0 +1,118 @@
+"""Sampling techniques: ways to pick a direction for direct lighting.
+
+Each technique is a pair of functions with the same leading arguments: ``sample`` picks directions at surface points and
+tells what they see of a light; ``pdf`` is the density, per solid angle, with which it would pick given directions,
+or, where that is not known, what stands in for it in MIS weights (`dmis.estimator.resampling`).
+Two techniques or more are mixed in `dmis.estimator.direct`; anything that has these two functions can be one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from dmis.base.vectors import Array
+from dmis.brdf.cosines import Pair
+from dmis.estimator.resampling import resampled
+from dmis.light.light import SampledLight as SampledLight
+from dmis.light.light_sample import Seen
+from dmis.samplers.warp import TWO_PI, square_to_hemisphere, to_world
+from dmis.scene.shading_points import Surface
+
+
+@dataclass(frozen=True)
+class Technique:
+    """A way to pick directions.
+
+    Attributes
+    ----------
+    name
+        Its name in options and tables.
+    rays
+        The kind under which its occlusion rays are counted.
+    sample
+        ``(surface, light, u) -> Seen``, `u` ``(numbers, N)``.
+    pdf
+        ``(surface, pair, light_pdf) -> (N,)``.
+    numbers
+        How many uniform numbers a sample needs, 2 to 4.
+    exact
+        Whether `pdf` is the density of `sample`, and no stand-in.
+    """
+
+    name: str
+    rays: str
+    sample: Callable[[Surface, SampledLight, Array], Seen]
+    pdf: Callable[[Surface, Pair, Array], Array]
+    numbers: int = 2
+    exact: bool = True
+
+
+def _light_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+    return light.sample(surface.p, u)
+
+
+def _light_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
+    return light_pdf
+
+
+def _brdf_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+    return light.hit(surface.p, surface.sample(u))
+
+
+def _brdf_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
+    return surface.pdf(pair)
+
+
+def _uniform_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+    return light.hit(surface.p, to_world(square_to_hemisphere(u), surface.n))
+
+
+def _uniform_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
+    return pair.above / TWO_PI
+
+
+LIGHT = Technique("light", "shadow", _light_sample, _light_pdf)
+BRDF = Technique("brdf", "brdf", _brdf_sample, _brdf_pdf)
+UNIFORM = Technique("uniform", "uniform", _uniform_sample, _uniform_pdf)
+RESAMPLED = Technique("resampled", "resampled", resampled, _light_pdf, numbers=3, exact=False)
+TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)}
+"""By name. `UNIFORM`, equal density over the hemisphere, is for teaching: importance sampling improves on it."""
+_OTHER_RAYS = frozenset({"camera", "delta", "specular", "guide"})
+"""Kinds of rays that are not of a technique, see `dmis.pipeline.result.Result.rays`."""
+
+
+def register_technique(technique: Technique) -> None:
+    """Make a technique known by its name, as in the rule ``simplex:light=0.5,NAME=0.5``.
+
+    Raises
+    ------
+    ValueError
+        If its name is not a word, or is that of another technique; if its kind of rays is that of other rays, or it
+        needs less than 2 or more than 4 uniform numbers.
+    """
+    name, rays = technique.name, technique.rays
+    if not name.isidentifier():
+        raise ValueError(f"a technique's name must be a word of letters, digits and _; got {name!r}")
+    if TECHNIQUES.get(name, technique) != technique:
+        raise ValueError(f"there is a technique {name!r} already; techniques are {', '.join(TECHNIQUES)}")
+    others = {other.rays for other in TECHNIQUES.values() if other.name != name}
+    if rays in others | _OTHER_RAYS or rays.startswith("bounce"):
+        raise ValueError(f"technique {name}: rays must be a kind of its own, such as {name!r}; got {rays!r}")
+    if not 2 <= technique.numbers <= 4:
+        raise ValueError(f"technique {name}: numbers must be 2 to 4; got {technique.numbers}")
+    TECHNIQUES[name] = technique
+
+
+def find(name: str) -> Technique:
+    """The technique called `name`.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    try:
+        return TECHNIQUES[name]
+    except KeyError:
+        raise ValueError(f"technique must be one of {', '.join(TECHNIQUES)}; got {name!r}") from None

@@ -1,0 +1,139 @@
+"""Tracing of camera samples: camera rays in, radiance out, one batch per bounce.
+
+Follow one camera sample: its ray meets a surface, whose emission counts; the surface reflects the lights
+(`dmis.estimator.direct`); mirrors and glass send the sample on, to be shaded where it arrives; in path tracing every
+surface does (`dmis.estimator.path`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dmis.base.selection import Selection, compose, indices, size, take
+from dmis.base.vectors import Array
+from dmis.estimator.batch import CONTINUE, Batch
+from dmis.estimator.batching import accumulate, point_chunks, take_optional
+from dmis.estimator.cost import UNSEEN
+from dmis.estimator.direct import add_direct_light
+from dmis.estimator.path import Rays, bounce, merge, scatter
+from dmis.estimator.samples import Vertices
+from dmis.intersect import Hits
+from dmis.scene.shading_points import Surface
+
+
+def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection | None = None) -> Array:
+    """Return the radiance along camera rays, by the settings' integrator.
+
+    Parameters
+    ----------
+    origin, direction
+        ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
+    coverage
+        Those that may meet something; None: all of them. The others are counted as `UNSEEN`.
+
+    Returns
+    -------
+    ``(3, N)`` float32 linear RGB.
+    """
+    total = np.zeros(direction.shape, np.float32)
+    traced = size(coverage, direction.shape[1])
+    batch.rays["camera"] += traced
+    if traced < direction.shape[1]:
+        batch.rays[UNSEEN] += direction.shape[1] - traced
+    if not traced:
+        return total
+    pending = [Rays(take(origin, coverage), take(direction, coverage), coverage, None, 0, ())]
+    while pending:
+        rays = pending.pop()
+        following: list[Rays] = []
+        for value, sample in _shade(batch, rays, following):
+            accumulate(total, value, sample)
+        if following and batch.settings.integrator == "path":
+            pending.append(merge(following, direction.shape[1]))
+        else:
+            pending += following
+    return total
+
+
+def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Array, Selection | None]]:
+    """Trace rays and shade what they meet; yields radiance ``(3, K)`` and camera sample numbers ``(K,)``.
+
+    Rays that continue the paths are appended to `following`.
+    """
+    scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
+    hits = batch.caster.closest(rays.origin, rays.direction)
+    if rays.depth:
+        kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
+        batch.rays[kind] += len(hits.prim)
+    group_of = plan.face_group.take(hits.prim)
+    if rays.sees is not False:
+        yield from _emission(batch, rays, hits)
+    last = rays.depth >= settings.deepest
+    for number, group in enumerate(plan.groups):
+        emits = group.emission is not None and rays.sees is not False
+        if not emits and (last or not group.reflects):
+            continue
+        for index in point_chunks(indices(group_of == number), len(group_of)):
+            surface, emission = scene.surface(group, hits, index, rays.direction)
+            sample, throughput = compose(rays.sample, index), take_optional(rays.throughput, index)
+            # L_o = L_e + integral of f   (docs/theory.md, Eq. 1)
+            out = np.zeros(surface.wo.shape, np.float32)
+            if emits and emission is not None:
+                out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
+            if group.glossy and not last:
+                add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out))
+            if group.through and not last:
+                far = surface.beyond()
+                add_direct_light(batch, Vertices(far, sample, throughput, rays.path, out, beyond=True))
+            if throughput is not None:
+                out *= throughput
+            yield out, sample
+            if not last:
+                following += _continue(batch, rays, surface, sample, throughput)
+
+
+def _emission(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Selection | None]]:
+    """Yield the radiance of lights that belong to no group: of skies, and of lights that overlap where they are hit."""
+    plan = batch.scene.plan
+    if plan.environment:
+        missed = indices((hits.prim < 0) & rays.sees)
+        if missed is None or len(missed):
+            for light in plan.environment:
+                sky = light.radiance(take(rays.direction, missed))
+                if rays.throughput is not None:
+                    sky = sky * take(rays.throughput, missed)
+                yield sky, compose(rays.sample, missed)
+    if plan.coincident is not None:
+        emission, met = batch.scene.overlapping_emission(hits, rays.direction)
+        emission = emission * take(np.asarray(rays.sees), met)
+        if rays.throughput is not None:
+            emission = emission * take(rays.throughput, met)
+        yield emission, compose(rays.sample, met)
+
+
+def _continue(
+    batch: Batch, rays: Rays, surface: Surface, sample: Selection | None, throughput: Array | None
+) -> Iterator[Rays]:
+    """Yield the rays that go on from the points of one group: a path's one per point, else one per delta lobe."""
+    settings = batch.settings
+    ends = rays.depth + 1 >= settings.deepest
+    if settings.integrator == "path":
+        if ends and not (surface.delta and batch.scene.plan.visible):
+            return  # the light that one more surface would send was gathered here
+        if not (surface.glossy or surface.through or surface.delta):
+            return
+        u = batch.sampler.draw((*rays.path, CONTINUE), sample)
+        continued = bounce(surface, sample, throughput, rays.depth, u, batch.rng, last=ends)
+        if continued is not None:
+            yield continued
+        return
+    for k, lobe in enumerate(surface.delta if not ends else ()):
+        origin, direction, factor = scatter(surface, lobe)
+        if throughput is not None:
+            factor = factor * throughput
+        index = indices(factor.max(axis=0) > 0)
+        if index is None or len(index):
+            origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
+            yield Rays(origin, direction, compose(sample, index), factor, rays.depth + 1, (*rays.path, k))

@@ -1,0 +1,1 @@
+"""Experiments: references, errors, comparisons of rules, reports, speed."""

@@ -1,0 +1,246 @@
+"""Comparison of rules on a scene, as ``python -m dmis compare`` runs it: table, plot of error against time, report."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dmis.base.atomic_files import check_folder, check_package, check_writable
+from dmis.base.vectors import Array
+from dmis.estimator.settings import Settings
+from dmis.experiment import alarm
+from dmis.experiment.convergence import gains
+from dmis.experiment.oracle import Oracle, cached_oracle
+from dmis.experiment.reference import Reference
+from dmis.experiment.runs import Budget, Run, measure
+from dmis.experiment.table import Comparison, Results, conditions
+from dmis.fit.registry import RULES, make_rule
+from dmis.fit.rule import settle
+from dmis.image import read_exr
+from dmis.pipeline.result import Result, write_image
+from dmis.scene.scene import Scene
+
+PLOT_FILES = ("convergence.png", "report.html")
+"""Files of a comparison that need matplotlib."""
+
+
+def parse_rules(text: str) -> list[str]:
+    """Return the rules of a text that separates them by commas, such as ``balance,thesis:patch=8,filter=none``.
+
+    Commas also separate the options of a rule: a name of a rule begins a new one. ``all`` stands for every rule with
+    its defaults.
+
+    Raises
+    ------
+    ValueError
+        If the text names something that is not a rule, or an option that its rule does not have.
+    """
+    rules: list[str] = []
+    for item in text.split(","):
+        name = item.partition(":")[0].strip()
+        if name == "all":
+            rules += [rule for rule in RULES if rule not in ("fixed", "uniform")]
+        elif name in RULES or not rules:
+            rules.append(item.strip())
+        else:
+            rules[-1] += f",{item.strip()}"
+    for rule in rules:
+        make_rule(rule)
+    return list(dict.fromkeys(rules))
+
+
+def load_reference(path: Path) -> Reference:
+    """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it holds no image of three finite channels.
+    """
+    if path.suffix == ".npy":
+        if not path.is_file():
+            raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
+        try:
+            image: Array = np.lib.format.open_memmap(path, mode="r")  # no pickles, no memory for a wrong header
+        except Exception as error:  # a damaged header may raise anything
+            raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
+        layers = {"RGB": image}
+    else:
+        layers, _ = read_exr(path)
+    first = layers.get("first", layers.get("RGB"))
+    second = layers.get("second", first)
+    if first is None or second is None or any(half.ndim != 3 or half.shape[2] != 3 for half in (first, second)):
+        raise ValueError(f"reference {path} must hold an image of three channels, or two halves first and second")
+    if not all(np.issubdtype(half.dtype, np.floating) and np.isfinite(half).all() for half in (first, second)):
+        raise ValueError(f"reference {path} must hold finite numbers, because errors are measured against them")
+    return Reference(np.array(first), np.array(second), 0)
+
+
+def check_output(folder: str | os.PathLike[str]) -> None:
+    """Check that a comparison can be written into `folder`, before anything is rendered for it.
+
+    Warns
+    -----
+    UserWarning
+        If matplotlib cannot be imported, so that plot and report are left out.
+
+    Raises
+    ------
+    OSError
+        If a file of the comparison cannot be written.
+    ValueError
+        If the package that writes its images cannot be imported.
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    if folder.exists():
+        for name in ("results.csv", "comparison.json", *PLOT_FILES):
+            check_writable(folder / name)
+    check_folder(folder / "images")
+    check_package("OpenEXR", "a comparison, which keeps images as EXR,", "pip install OpenEXR")
+    try:
+        import dmis.experiment.report.plots  # noqa: F401
+    except ImportError as error:
+        warnings.warn(
+            f"{' and '.join(PLOT_FILES)} are left out ({error}). Install it and repeat the call: it adds them and "
+            f"renders nothing again",
+            stacklevel=1,  # the same place for every caller: a command that checks before `compare` warns once
+        )
+
+
+def compare(
+    scene: Scene,
+    rules: Sequence[str],
+    spp: Sequence[int],
+    seeds: Sequence[int],
+    reference: Reference,
+    folder: str | os.PathLike[str],
+    *,
+    settings: Settings | None = None,
+    oracle: Oracle | None = None,
+    threads: int | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Comparison:
+    """Render a scene with several rules, numbers of samples and seeds, and write table, plot and report into `folder`.
+
+    ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` (with matplotlib only) follow
+    at the end. The balance heuristic is always measured, as the baseline. A rule whose pilot does not fit into a number
+    of samples is left out there. Rows that are in ``results.csv`` are not rendered again.
+
+    Parameters
+    ----------
+    rules, spp, seeds
+        Rules with options, camera samples per pixel (pilot included) and seeds: all combinations are rendered.
+    reference
+        Image that errors are measured against.
+    folder
+        Output directory; an existing comparison in it is resumed.
+    settings, threads, progress
+        See `dmis.experiment.runs.measure`; the reference has the same settings.
+    oracle
+        Oracle of the maps of regret. Default: that of the cache, if it has one.
+
+    Raises
+    ------
+    ValueError
+        If the reference is of another size, or ``results.csv`` was measured under other conditions, or the package
+        that writes images is missing.
+    OSError
+        If a file of `folder` cannot be written.
+    """
+    rules = tuple(dict.fromkeys(("balance", *rules)))
+    folder = Path(folder)
+    _check_sizes(scene, reference, oracle)
+    _check_rules_and_output(rules, settings, folder)
+    results = Results(folder, conditions(scene, reference, threads, settings), rules)
+    budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).pilot.values()) < n]
+    measure(
+        scene, budgets, seeds, reference,
+        settings=settings, threads=threads, done=tuple(results.runs),
+        keep=_image_writer(results), record=results.append, progress=progress,
+    )  # fmt: skip
+    rows = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
+    runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in budgets}
+    oracle = oracle or _oracle_from_cache(scene, settings)
+    comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
+    _draw(comparison, folder)
+    return comparison
+
+
+def _check_sizes(scene: Scene, reference: Reference, oracle: Oracle | None) -> None:
+    """Check that reference and oracle have the resolution of the scene."""
+    width, height = scene.camera.resolution
+    if reference.first.shape[:2] != (height, width):
+        raise ValueError(
+            f"reference must be of {width}x{height} pixels, like the scene; got {reference.first.shape[1::-1]}"
+        )
+    if oracle is not None and oracle.variance.shape[1:] != (-(-height // oracle.patch), -(-width // oracle.patch)):
+        rows, columns = oracle.variance.shape[1:]
+        raise ValueError(
+            f"oracle must cover {width}x{height} pixels; got {columns}x{rows} patches of {oracle.patch} pixels"
+        )
+
+
+def _check_rules_and_output(rules: Sequence[str], settings: Settings | None, folder: Path) -> None:
+    """Check that the files can be written and that every rule accepts the settings."""
+    check_output(folder)
+    for rule in rules:
+        settle(make_rule(rule), rule, settings or Settings())
+
+
+def _oracle_from_cache(scene: Scene, settings: Settings | None) -> Oracle | None:
+    """Return the cached oracle of a scene; it does not depend on the sampler."""
+    default_sampler = Settings().sampler
+    return cached_oracle(scene, settings=settings and replace(settings, sampler=default_sampler))
+
+
+def _image_writer(results: Results) -> Callable[[Budget, Result], None]:
+    """Return a function that writes the image of a budget's first render, unless an earlier call has one."""
+    written = {(run.rule, run.spp) for run in results.runs}
+
+    def write(budget: Budget, result: Result) -> None:
+        """Write the image of a budget, once."""
+        if budget not in written:
+            results.image(budget).parent.mkdir(exist_ok=True)
+            write_image(results.image(budget), result)
+            written.add(budget)
+
+    return write
+
+
+def _draw(comparison: Comparison, folder: Path) -> None:
+    """Write plot and report of a comparison, if matplotlib can be imported."""
+    try:
+        from dmis.experiment.report.page import write_report
+        from dmis.experiment.report.plots import convergence
+    except ImportError:
+        return  # the table is there without matplotlib
+    convergence(comparison, folder / "convergence.png")
+    write_report([comparison], folder / "report.html")
+
+
+def summary(runs: Mapping[Budget, Sequence[Run]]) -> str:
+    """Return a table in Markdown with the error and time of each budget and rule, over those of the balance heuristic.
+
+    Ratios of the mean squared error have 95 % confidence intervals over the seeds. A line follows if the mean of an
+    image is not that of the reference, see `dmis.experiment.alarm`.
+    """
+    lines = ["| spp | rule | MSE | MSE / balance | seconds | time / balance |", "|---|---|---|---|---|---|"]
+    rows = gains(runs)
+    base = {gain.spp: gain.seconds for gain in rows if gain.rule == "balance"}
+    for g in rows:
+        interval = "" if np.isnan(g.interval) else f" ± {g.interval:.3f}"
+        lines.append(
+            f"| {g.spp} | {g.rule} | {g.mse:.3e} | {g.over_balance:.3f}{interval} | {g.seconds:.2f} "
+            f"| {g.seconds / base[g.spp]:.2f} |"
+        )
+    if warning := alarm.summary(run for by_seed in runs.values() for run in by_seed):
+        lines += ["", warning]
+    return "\n".join(lines)

@@ -1,0 +1,222 @@
+"""Error against run time: slopes, efficiency, speed-up at equal error and error ratio in equal time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.experiment.metrics import holm_levels, log_ratio, mean_and_error, ratio
+from dmis.experiment.runs import Budget, Run, median_seconds
+
+Axis = Literal["spp", "rays", "seconds"]
+"""Axis that errors are plotted over: camera samples per pixel, rays, or wall seconds."""
+
+
+class Interval(NamedTuple):
+    """Ratio with the ends of its 95 % confidence interval; NaN if unknown."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Error and time of a rule at one budget, over those of the balance heuristic.
+
+    Attributes
+    ----------
+    mse, over_balance, interval
+        Mean over seeds; its ratio to that of the balance heuristic at the same budget, and half the width of the 95 %
+        confidence interval (`nan` for one seed). Both are `nan` if the balance heuristic has no error above 0.
+    seconds, cpu_seconds, overhead
+        Medians over seeds, and the share of the seconds that pilot and fit take.
+    rays
+        Mean over seeds.
+    error_time
+        Mean over seeds of mean squared error times CPU seconds, over that of the balance heuristic, see `error_times`.
+    equal_error
+        Seconds that the balance heuristic needs for the same error, over those of the rule.
+    equal_time
+        Mean squared error of the balance heuristic in the same seconds, over that of the rule.
+    extrapolated
+        Whether either lies outside of the budgets that the balance heuristic was measured at.
+    """
+
+    rule: str
+    spp: int
+    mse: float
+    over_balance: float
+    interval: float
+    relmse: float
+    seconds: float
+    cpu_seconds: float
+    overhead: float
+    rays: float
+    error_time: Interval
+    equal_error: float
+    equal_time: float
+    extrapolated: bool
+
+    @property
+    def wins(self) -> bool:
+        """Whether the whole interval of error times CPU seconds is below that of the balance heuristic."""
+        return self.error_time.high < 1
+
+    @property
+    def efficiency(self) -> float:
+        """Efficiency 1 / (MSE seconds), which does not depend on the number of samples.
+
+        NaN if the estimate of the MSE is below 0, which happens if the reference is as noisy as the image.
+        """
+        return 1 / (self.mse * self.seconds) if self.mse > 0 else float("nan" if self.mse else "inf")
+
+
+def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis) -> tuple[Array, Array]:
+    """Return the points of a rule's line of error against samples, rays or seconds, fewest samples first.
+
+    Returns
+    -------
+    x
+        Values on the axis, ``(B,)``: seconds are medians over seeds, and rays are means.
+    mse
+        Mean squared errors by seed, ``(K, B)``.
+    """
+    budgets = [by_seed for (name, _), by_seed in sorted(runs.items(), key=lambda item: item[0][1]) if name == rule]
+    x = {
+        "spp": [by_seed[0].spp for by_seed in budgets],
+        "rays": [np.mean([run.rays for run in by_seed]) for by_seed in budgets],
+        "seconds": [median_seconds(by_seed) for by_seed in budgets],
+    }[axis]
+    return np.array(x, np.float64), np.array([[run.mse for run in by_seed] for by_seed in budgets]).T
+
+
+def slope(x: Array, mse: Array) -> tuple[float, float]:
+    """Return the slope of log RMSE over log `x` by least squares, and its standard error; it is -1/2 for N^-1/2.
+
+    Parameters
+    ----------
+    x
+        Samples, rays or seconds, ``(B,)``.
+    mse
+        Mean squared errors by seed, ``(K, B)``.
+
+    Returns ------- The slope of the root of the mean over seeds, and its standard error by the jackknife, which leaves
+    out one seed at a time. They are `nan` if they are unknown: for one budget, for budgets with the same time, for
+    errors below zero; the standard error also for one seed.
+    """
+    value = _log_slope(x, mse.mean(axis=0))
+    seeds = len(mse)
+    if seeds < 2:
+        return value, float("nan")
+    others = np.array([_log_slope(x, np.delete(mse, k, axis=0).mean(axis=0)) for k in range(seeds)])
+    return value, float(np.sqrt((seeds - 1) * others.var()))
+
+
+def _log_slope(x: Array, mse: Array) -> float:
+    """Return the slope of log RMSE over log `x`, NaN if it is unknown."""
+    if not (x > 0).all() or not (mse > 0).all():
+        return float("nan")
+    log = np.log(x)
+    if np.ptp(log) < 1e-9:  # means of the same times may differ in their last digit
+        return float("nan")
+    return float(np.polyfit(log, np.log(mse) / 2, 1)[0])
+
+
+def interpolate_log_log(x: Array, y: Array, at: float) -> tuple[float, bool]:
+    """Return y at `at` by linear interpolation in log-log, and whether `at` lies between the points.
+
+    Before the first point and after the last, y falls as 1 / x. `nan` if a value is not above 0.
+
+    Parameters
+    ----------
+    x, y
+        Points in any order, ``(B,)``.
+    """
+    if not ((x > 0).all() and (y > 0).all() and at > 0):
+        return float("nan"), False
+    order = np.argsort(x)
+    x, y = x[order], y[order]
+    nearest = np.clip(at, x[0], x[-1])
+    value = np.exp(np.interp(np.log(nearest), np.log(x), np.log(y))) * nearest / at
+    return float(value), bool(x[0] <= at <= x[-1])
+
+
+def error_times(rules: Sequence[Sequence[Run]], baseline: Sequence[Run]) -> list[Interval]:
+    """Return the mean squared error times CPU seconds of each of `rules` over that of `baseline`.
+
+    That is the inverse of the ratio of efficiencies, ``1 / (V T)``, which does not depend on the number of samples
+    if error falls as 1 / N.
+
+    Parameters
+    ----------
+    rules, baseline
+        Runs with one number of samples, one per seed, in the same order of seeds: those of one seed are rendered in
+        turns, so what slows the machine down slows both.
+
+    Returns
+    -------
+    Ratios of means over seeds, with Student's intervals of their logarithms (`dmis.experiment.metrics.log_ratio`): the
+    scatter of error and of time are both in them. Intervals of several rules have the levels of Holm
+    (`dmis.experiment.metrics.holm_levels`). The ends are NaN for one seed, because one run does not show the scatter
+    of times; all is NaN for errors that are not above 0, or without CPU seconds.
+    """
+    from scipy.stats import t  # imported where used: scipy.stats takes half a second
+
+    products = [np.array([run.mse * run.cpu_seconds for run in runs]) for runs in (baseline, *rules)]
+    logs = np.array([log_ratio(values, products[0]) for values in products[1:]]).reshape(-1, 2)
+    degrees, (value, error) = max(1, len(baseline) - 1), logs.T
+    with np.errstate(divide="ignore", invalid="ignore"):  # the same runs under two names have no scatter
+        p = np.nan_to_num(2 * t.sf(np.abs(value / error), degrees), nan=1.0)
+    half = t.isf(holm_levels(p) / 2, degrees) * error
+    return [Interval(*ends) for ends in np.exp([value, value - half, value + half]).T.tolist()]
+
+
+def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
+    """Return the `Gain` of every rule and budget in their order; the balance heuristic must be among them."""
+    seconds, errors = line(runs, "balance", "seconds")
+    baseline = errors.mean(axis=0)
+    products = _error_times_by_budget(runs)
+    gains_of_budgets = []
+    for (rule, spp), by_seed in runs.items():
+        mse, _ = mean_and_error(np.array([run.mse for run in by_seed]))
+        time = median_seconds(by_seed)
+        equal_error_seconds, between = interpolate_log_log(baseline, seconds, mse)
+        equal_time_mse, within = interpolate_log_log(seconds, baseline, time)
+        base, over_balance, interval = np.array([run.mse for run in runs["balance", spp]]), np.nan, np.nan
+        if base.mean() > 0:  # the error of a black image is 0, and its estimate may be below 0 for a noisy reference
+            over_balance, interval = ratio(np.array([run.mse for run in by_seed]), base)
+        gains_of_budgets.append(
+            Gain(
+                rule=rule,
+                spp=spp,
+                mse=mse,
+                over_balance=over_balance,
+                interval=interval,
+                relmse=float(np.mean([run.relmse for run in by_seed])),
+                seconds=time,
+                cpu_seconds=float(np.median([run.cpu_seconds for run in by_seed])),
+                overhead=float(np.median([run.overhead / run.seconds for run in by_seed])),
+                rays=float(np.mean([run.rays for run in by_seed])),
+                error_time=products[rule, spp],
+                equal_error=equal_error_seconds / time,
+                equal_time=equal_time_mse / mse if mse > 0 else float("nan"),
+                extrapolated=not (between and within),
+            )
+        )
+    return gains_of_budgets
+
+
+def _error_times_by_budget(runs: Mapping[Budget, Sequence[Run]]) -> dict[Budget, Interval]:
+    """Return `error_times` of all budgets; rules with the same number of samples are one family of tests."""
+    by_budget = {}
+    for spp in dict.fromkeys(spp for _, spp in runs):
+        rules = [rule for rule, n in runs if n == spp and rule != "balance"]
+        intervals = error_times([runs[rule, spp] for rule in rules], runs["balance", spp])
+        by_budget[("balance", spp)] = Interval(1.0, np.nan, np.nan)
+        by_budget |= {(rule, spp): interval for rule, interval in zip(rules, intervals, strict=True)}
+    return by_budget

@@ -1,0 +1,246 @@
+"""Oracle: converged variance curves of an image, the best weights by them, and the regret of other weights.
+
+The curves V(w) are those of `dmis.variance.curves`, from a pilot of thousands of samples per pixel with its own random
+numbers, cached on disk like references. They give the error of any weight map without rendering it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from dmis import __version__
+from dmis.base.atomic_files import check_writable, replacing
+from dmis.base.patches import patch_mean, patch_sum
+from dmis.base.validate import whole
+from dmis.base.vectors import Array
+from dmis.estimator.cost import camera_sample
+from dmis.estimator.settings import Settings, resolve_auto
+from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
+from dmis.fit.curve_minimum import weighed
+from dmis.fit.second_moment import Learned
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.passes import Progress
+from dmis.pipeline.render import render
+from dmis.scene.scene import Scene
+from dmis.variance.curves import GRID, HALF
+
+LAYOUT = 2
+"""Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
+HARM_LIMIT = 1.02
+"""Ratio of the variance of a weight to that of w = 1/2 above which the weight counts as harmful."""
+
+
+@dataclass(frozen=True, eq=False)
+class Oracle:
+    """Converged curves V(w) of an image, for one combiner.
+
+    Attributes
+    ----------
+    variance
+        Variance of a camera sample at the shares of `dmis.variance.curves.GRID`, per patch, ``(G, rows, columns)``, of
+        the mean of the channels' radiance.
+    cost
+        Cost of a camera sample at these shares, ``(G,)``, see `dmis.estimator.cost`.
+    patch
+        Side of a patch in pixels.
+    spp
+        Samples per pixel of the pilot.
+    shape
+        ``(H, W)`` of the image: patches at its border may be smaller, and count for less; None: all are whole.
+    """
+
+    variance: Array
+    cost: Array
+    patch: int
+    spp: int
+    shape: tuple[int, int] | None = None
+
+    @cached_property
+    def _share(self) -> Array:
+        """Share of the image's pixels in each patch, ``(rows, columns)``."""
+        rows, columns = self.variance.shape[1:]
+        area = patch_sum(np.ones(self.shape or (rows * self.patch, columns * self.patch)), self.patch)
+        return area / area.sum()
+
+    def _mean(self, values: Array) -> float:
+        """Return the mean over the image of values per patch."""
+        return float((values * self._share).sum())
+
+    def best(self, costly: bool = False) -> Array:
+        """Return the weight of least variance per patch, ``(rows, columns)``.
+
+        If `costly`, return the map of least variance of the image times its cost, with the same number of samples in
+        all patches.
+        """
+        return GRID[self._best(costly)]
+
+    def _best(self, costly: bool) -> np.ndarray:
+        """Return the indices in the grid of `best`."""
+        best = self.variance.argmin(axis=0)
+        for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
+            variance = np.take_along_axis(self.variance, best[None], axis=0)[0]
+            price = self._mean(variance) / self._mean(self.cost[best])
+            best = weighed(self.variance, self.cost, price).argmin(axis=0)
+        return best
+
+    def at(self, weight: Array | float) -> Array:
+        """Return the variance of a camera sample per patch at a weight map ``(H, W)``, or at one weight for all."""
+        rows, columns = self.variance.shape[1:]
+        w = (
+            np.full((rows, columns), float(weight))
+            if np.ndim(weight) == 0
+            else patch_mean(np.asarray(weight), self.patch)
+        )
+        k = np.clip(np.searchsorted(GRID, w, "right") - 1, 0, len(GRID) - 2)
+        t = (w - GRID[k]) / (GRID[k + 1] - GRID[k])
+        low, high = (np.take_along_axis(self.variance, i[None], axis=0)[0] for i in (k, k + 1))
+        return low + t * (high - low)
+
+    def saving(self, weight: Array, combined: Oracle | None = None) -> float:
+        """Return the share of the best weights' saving over w = 1/2 that a weight map reaches.
+
+        It is 1 for the oracle and 0 for w = 1/2; NaN if no weight saves anything.
+        `combined` is the oracle of the combiner that the weights are used with; None: this one. With another one the
+        share may be more than 1.
+        """
+        half = self._mean(self.variance[HALF])
+        best_saving = half - self._mean(self.variance.min(axis=0))
+        return (half - self._mean((combined or self).at(weight))) / best_saving if best_saving > 0 else float("nan")
+
+    def limit(self, costly: bool = False) -> float:
+        """Return the variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in
+        equal time by the cost model, without a pilot. 1 where there is no variance.
+        """
+        half = self._mean(self.variance[HALF])
+        if not half > 0:
+            return 1.0
+        if costly:
+            best = self._best(costly)
+            variance = self._mean(np.take_along_axis(self.variance, best[None], axis=0)[0])
+            return float(variance / half * self._mean(self.cost[best]) / self.cost[HALF])
+        return self._mean(self.variance.min(axis=0)) / half
+
+    def spread_evenly(self) -> float:
+        """Return the variance with samples per patch in proportion to its root, over that with even samples.
+
+        That is ``mean(sqrt V)^2 / mean(V)`` at w = 1/2 and equal samples; 1 if there is no variance.
+        """
+        # n ~ sqrt(V)   (docs/theory.md, Eq. 20)
+        half = np.maximum(self.variance[HALF], 0)
+        return self._mean(np.sqrt(half)) ** 2 / self._mean(half) if half.any() else 1.0
+
+    def limit_with_counts(self) -> float:
+        """Return variance times cost with the best weights and allocation, over that with w = 1/2 and even samples.
+
+        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot, see `dmis.fit.curve_minimum.weighed`; 1 if there is
+        no variance.
+        """
+        half = self._mean(self.variance[HALF])
+        if not half > 0:
+            return 1.0
+        least = weighed(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
+        return float(self._mean(np.sqrt(least)) ** 2 / (half * self.cost[HALF]))
+
+    def regret(self, weight: Array) -> Array:
+        """Return the variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
+        excess = self.at(weight) - self.variance.min(axis=0)
+        return np.divide(excess, self.variance[HALF], out=np.zeros_like(excess), where=self.variance[HALF] > 0)
+
+    def harm(self, weight: Array, combined: Oracle | None = None) -> tuple[float, float]:
+        """Return the share of lit patches that a weight map harms, and its standard error; 0 if no patch is lit.
+
+        A patch is harmed if its variance is more than `HARM_LIMIT` times that of w = 1/2. `combined` as in `saving`.
+        """
+        lit = self.variance[HALF] > 0
+        if not lit.any():
+            return 0.0, 0.0
+        harmed = ((combined or self).at(weight) > HARM_LIMIT * self.variance[HALF])[lit]
+        return float(harmed.mean()), float(harmed.std() / np.sqrt(harmed.size))
+
+
+def make_oracle(
+    scene: Scene,
+    spp: int = 2048,
+    patch: int = 4,
+    *,
+    combiner: str = "balance",
+    settings: Settings | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Oracle:
+    """Return the oracle of `scene`, rendered at the first call and read from the cache afterwards.
+
+    Parameters
+    ----------
+    spp
+        Samples per pixel, an even number.
+    patch
+        Side of a patch in pixels, a multiple of 4.
+    combiner
+        Heuristic of the curves; the random numbers are the same for all.
+    settings, folder, threads, progress
+        See `dmis.experiment.reference.make_reference`.
+    """
+    spp, patch = whole("spp", spp, 1), whole("patch", patch, 1)
+    path = _path(scene, spp, patch, settings, folder, combiner)
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_writable(path)
+        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False, combiner=combiner)
+        checkpoint = path.with_suffix(".checkpoint")
+        result = render(
+            scene, rule, spp + 1, seed=REFERENCE_SEED + 2, settings=settings,
+            threads=threads, progress=progress, checkpoint=checkpoint,
+        )  # fmt: skip
+        rays = json.dumps(result.provenance["pilot_rays"])
+        with replacing(path) as partial, open(partial, "wb") as archive:
+            np.savez(archive, variance=result.maps["variances"].astype(np.float32), rays=np.array(rays))
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+            rays_by_kind: Mapping[str, int] = json.loads(str(arrays["rays"]))
+            variance = arrays["variance"].astype(np.float64)
+    except Exception as error:  # a damaged archive may raise anything
+        raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
+    settings = resolve_auto(settings or Settings(), scene)
+    s, shape = settings.shading_samples, scene.camera.resolution[::-1]
+    cost = camera_sample(rays_by_kind, GRID, 2 * s, s, settings.techniques)
+    return Oracle(variance, cost, patch, spp, shape)
+
+
+def cached_oracle(
+    scene: Scene,
+    patch: int = 4,
+    *,
+    settings: Settings | None = None,
+    folder: str | os.PathLike[str] | None = None,
+) -> Oracle | None:
+    """Return the cached oracle of `scene` with most samples (a power of two up to 16384), or None."""
+    for spp in (2**k for k in range(14, 5, -1)):
+        if _path(scene, spp, patch, settings, folder).exists():
+            return make_oracle(scene, spp, patch, settings=settings, folder=folder)
+    return None
+
+
+def _path(
+    scene: Scene,
+    spp: int,
+    patch: int,
+    settings: Settings | None,
+    folder: str | os.PathLike[str] | None,
+    combiner: str = "balance",
+) -> Path:
+    """Return the path of an oracle in the cache."""
+    width, height = scene.camera.resolution
+    combiners = [] if combiner == "balance" else [combiner]
+    key = json.dumps([__version__, LAYOUT, fingerprint(scene), spp, patch, *settings_key(settings), *combiners])
+    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
+    return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"

@@ -1,0 +1,128 @@
+"""References: converged images as two independent halves, cached on disk.
+
+``mean[(x - r1)(x - r2)]`` has the expectation of the squared error against the exact image, free of the reference's own
+noise (`dmis.experiment.metrics.mse`), because the errors of the halves are independent of each other and of x.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmis.base.validate import whole
+from dmis.base.vectors import Array
+from dmis.estimator.settings import Settings
+from dmis.image import check_image, read_exr, write_exr
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.job import MAX_SPP
+from dmis.pipeline.passes import Progress
+from dmis.pipeline.render import render
+from dmis.scene.scene import Scene
+
+REFERENCE_SEED = 2**31
+"""First seed of references and oracles, far from the seeds of renders."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Converged image of a scene, as two independent halves.
+
+    Attributes
+    ----------
+    first, second
+        ``(H, W, 3)`` float32 linear RGB.
+    spp
+        Camera samples per pixel of each half.
+    """
+
+    first: Array
+    second: Array
+    spp: int
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the halves, ``(H, W, 3)`` float64."""
+        return (self.first.astype(np.float64) + self.second) / 2
+
+    @property
+    def mse(self) -> float:
+        """Mean squared error of `mean`: a quarter of the mean squared difference of the halves."""
+        return float(((self.first.astype(np.float64) - self.second) ** 2).mean() / 4)
+
+
+def make_reference(
+    scene: Scene,
+    spp: int = 2048,
+    *,
+    rule: str = "balance",
+    settings: Settings | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Reference:
+    """Return the reference of `scene`, rendered with Sobol points at the first call and read from the cache later.
+
+    Parameters
+    ----------
+    spp
+        Camera samples per pixel of each half.
+    rule
+        Rule that renders it; every rule converges to the same image.
+    settings
+        Settings such as the integrator, see `dmis.pipeline.render.render`.
+    folder
+        Folder of the cache. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
+    threads, progress
+        See `dmis.pipeline.render.render`. An interrupted half is resumed.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or another process is rendering the same reference.
+    OSError
+        If it cannot be written.
+    """
+    spp = whole("spp", spp, 1, MAX_SPP)
+    width, height = scene.camera.resolution
+    key = json.dumps([fingerprint(scene), width, height, spp, rule, *settings_key(settings)])
+    import hashlib  # imported where used: it brings OpenSSL
+
+    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
+    path = cache_folder(folder) / f"{scene.name}-{width}x{height}-{spp}spp-{digest}.exr"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_image(path)
+        halves = [
+            render(
+                scene,
+                rule,
+                spp,
+                seed=REFERENCE_SEED + k,
+                sampler="sobol",
+                settings=settings,
+                threads=threads,
+                progress=progress,
+                checkpoint=path.with_suffix(f".{k}.checkpoint"),
+            ).image
+            for k in range(2)
+        ]
+        write_exr(path, {"first": halves[0], "second": halves[1]}, {"spp": str(spp)})
+    layers, _ = read_exr(path)
+    return Reference(layers["first"], layers["second"], spp)
+
+
+def settings_key(settings: Settings | None) -> list[dict[str, Any]]:
+    """Return settings as a part of the key of a cached file, without `reuse_pilot`; empty for the default settings."""
+    relevant = replace(settings or Settings(), reuse_pilot=None)
+    return [] if relevant == Settings() else [asdict(relevant)]
+
+
+def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
+    """Return `folder` if given, or ``DMIS_CACHE``, or ``dmis`` in the user's cache folder."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(folder or os.environ.get("DMIS_CACHE") or Path(home) / "dmis")

@@ -1,0 +1,184 @@
+"""Plots of a report: error lines, maps and images, as SVG and as PNG in data URIs (extra ``plot``)."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dmis import plot
+from dmis.base.patches import patch_mean
+from dmis.base.vectors import Array
+from dmis.experiment.convergence import Axis, line
+from dmis.experiment.oracle import Oracle
+from dmis.experiment.runs import Budget, Run
+from dmis.image import encode_png
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from dmis.experiment.table import Comparison
+
+RULE_COLOURS = (
+    "#808080",
+    "#d55e00",
+    "#2b8cd6",
+    "#00a17a",
+    "#c565b0",
+    "#d9a200",
+    "#8a6fd1",
+    "#b0413e",
+    "#4fb3bf",
+    "#7d8f1f",
+)
+"""Colours of rules in their order, the balance heuristic first; distinct on white and on black."""
+RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆"}
+"""Markers of rules, in plots and as characters; the marker changes each time that all colours are used."""
+INK = "#010203"
+"""Placeholder of the colour of the page's text in `error_svg`."""
+AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "seconds"}
+
+
+def line_style(index: int) -> tuple[str, str]:
+    """Return the colour and marker of a rule, by its index in the order of rules."""
+    marker = list(RULE_MARKS)[index // len(RULE_COLOURS) % len(RULE_MARKS)]
+    return RULE_COLOURS[index % len(RULE_COLOURS)], marker
+
+
+def error_lines(
+    axis: Axes, runs: Mapping[Budget, Sequence[Run]], over: Axis, oracle: Oracle | None = None, ink: str = "0.35"
+) -> None:
+    """Draw the root mean squared error of every rule over samples, rays or seconds, log-log.
+
+    Lines are the root of the mean over seeds, bands go from the lowest to the highest seed. Dotted: the slope of
+    N^-1/2. Dashed: the error of the best weights by the oracle, in the time and rays of the balance heuristic.
+    """
+    lows = []
+    for k, rule in enumerate(dict.fromkeys(rule for rule, _ in runs)):
+        x, mse = line(runs, rule, over)
+        colour, mark = line_style(k)
+        errors = mse.mean(axis=0), mse.min(axis=0), mse.max(axis=0)
+        mean, low, high = (np.sqrt(np.where(error > 0, error, np.nan)) for error in errors)
+        axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+        axis.plot(x, mean, color=colour, marker=mark, markersize=4, linewidth=1.6, label=rule)
+        lows += [(at, error * np.sqrt(at)) for at, error in zip(x, low, strict=True)]
+        if rule == "balance" and oracle is not None:
+            mark = "" if len(x) > 1 else "x"  # a single point has no line
+            best = mean * np.sqrt(oracle.limit())
+            axis.plot(x, best, color=ink, linestyle="--", linewidth=1.1, marker=mark, label="best weights")
+    ends = np.array([min(x for x, _ in lows), max(x for x, _ in lows)])
+    axis.set_xlabel(AXIS_LABELS[over])
+    axis.set_ylabel("RMSE (linear RGB)")
+    if not any(error > 0 for _, error in lows):
+        axis.text(0.5, 0.5, "no error above zero", ha="center", transform=axis.transAxes)
+        return
+    reference_line = 0.8 * min(error for _, error in lows if error > 0) / np.sqrt(ends)
+    axis.plot(ends, reference_line, color=ink, linestyle=":", linewidth=1.1, label="N^(-1/2)")
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.grid(alpha=0.25, which="both", linewidth=0.5)
+    _few_ticks(axis)
+
+
+def _few_ticks(axis: Axes) -> None:
+    """Label an axis at 1, 2 and 5 times powers of ten, more densely if its range is within one power."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    def number(value: float, _: int) -> str:
+        """Return a tick label."""
+        return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
+
+    for side, (low, high) in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
+        times = (1, 2, 5) if high > 10 * low else (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+        side.set_major_locator(LogLocator(subs=times, numticks=12))
+        side.set_major_formatter(FuncFormatter(number))
+        side.set_minor_formatter(NullFormatter())
+
+
+def convergence(comparison: Comparison, path: Path) -> None:
+    """Write the plot of errors over seconds and rays, with its caption, as a PNG file."""
+    figure, axes = plot.canvas(1, 2, 12, 5)
+    overs: tuple[Axis, ...] = ("seconds", "rays")
+    for axis, over in zip(axes[0], overs, strict=True):
+        error_lines(axis, comparison.runs, over, comparison.oracle)
+    axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of both
+    plot.save(
+        figure,
+        path,
+        f"{comparison.scene}: error against time and rays",
+        f"""Root mean squared error against the reference, mean over {comparison.seeds} seed(s); bands go from the
+        lowest to the highest seed. Time is from the pilot to the last sample, fit included. Dotted: N^-1/2. Errors
+        that are estimated below zero, because the reference is noisy, are left out.""",
+    )
+
+
+def error_svg(comparison: Comparison, over: Axis) -> str:
+    """Return `error_lines` as an SVG element with the page's colour and fonts."""
+    import matplotlib
+
+    sides = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
+    style: dict[str, Any] = dict.fromkeys(sides, INK)
+    style |= {"svg.fonttype": "none", "svg.hashsalt": f"{comparison.scene} {over}", "font.size": 9.5}
+    style |= {"axes.spines.top": False, "axes.spines.right": False}
+    with matplotlib.rc_context(style):  # type: ignore[arg-type]
+        figure, axes = plot.canvas(1, 1, 5.4, 3.9)
+        error_lines(axes[0, 0], comparison.runs, over, comparison.oracle, INK)
+        file = io.StringIO()
+        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
+    drawing = file.getvalue()
+    drawing = drawing[drawing.index("<svg") :]
+    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, flags=re.S)
+    drawing = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", drawing)  # HTML needs none, and the report must not have addresses
+    drawing = re.sub(r'<g id="[^"]*"', "<g", drawing)
+    label = html.escape(f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}")
+    drawing = re.sub(
+        r'<svg[^>]*?viewBox="([^"]*)"[^>]*>',
+        lambda match: f'<svg viewBox="{match[1]}" role="img" aria-label="{label}">',
+        drawing,
+    )
+    return drawing.replace(INK, "currentColor")
+
+
+def png(pixels: Array) -> str:
+    """Return an image ``(H, W, 3)`` or ``(H, W)`` uint8 as a PNG in a data URI."""
+    return "data:image/png;base64," + base64.b64encode(encode_png(pixels)).decode("ascii")
+
+
+def linear_png(image: Array) -> str:
+    """Return linear RGB ``(H, W, 3)`` as a PNG of its half floats, in a data URI.
+
+    The PNG has twice the height: high bytes above, low bytes below.
+    """
+    bits = np.clip(np.nan_to_num(image), -65504, 65504).astype(np.float16).view(np.uint16)
+    return png(np.concatenate([bits >> 8, bits & 255]).astype(np.uint8))
+
+
+def map_png(values: Array, palette: str, low: float, high: float) -> str:
+    """Return a map ``(H, W)`` in the colours of matplotlib's `palette` as a PNG in a data URI; NaN is grey."""
+    import matplotlib
+
+    colours = matplotlib.colormaps[palette].with_extremes(bad="#808080")
+    shares = np.ma.masked_invalid((np.asarray(values, np.float64) - low) / (high - low))
+    return png(colours(shares, bytes=True)[..., :3])
+
+
+def palette_colours(palette: str, count: int = 256) -> list[str]:
+    """Return colours of matplotlib's `palette` from one end to the other, ``#rrggbb``."""
+    import matplotlib
+    from matplotlib.colors import to_hex
+
+    return [to_hex(colour) for colour in matplotlib.colormaps[palette](np.linspace(0, 1, count))]
+
+
+def variance_ratio(layers: Mapping[str, Array], baseline: Mapping[str, Array], patch: int = 4) -> Array:
+    """Return the estimated variance of an image over that of another, per patch; NaN where that of the other is 0."""
+    variance, base = (
+        patch_mean(image["variance"].astype(np.float64).mean(axis=2), patch) for image in (layers, baseline)
+    )
+    return np.divide(variance, base, out=np.full_like(base, np.nan), where=base > 0)

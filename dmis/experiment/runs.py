@@ -1,0 +1,177 @@
+"""Runs of several rules on one scene, over several seeds, with their errors against one reference.
+
+Rules take turns seed by seed, so that a slower machine slows all of them. Pilot and fit are part of a
+rule's budget and of its time.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dmis.estimator.settings import Settings
+from dmis.experiment import alarm
+from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
+from dmis.experiment.reference import Reference
+from dmis.fit.registry import make_rule
+from dmis.pipeline.render import render
+from dmis.pipeline.result import Result
+from dmis.scene.scene import Scene
+
+Budget = tuple[str, int]
+"""Rule as text, and camera samples per pixel, its pilot included."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Time and error of one render.
+
+    Attributes
+    ----------
+    rays
+        Number of rays of all kinds.
+    pilot_seconds, fit_seconds, render_seconds
+        Wall times of the three stages.
+    mse, mse_error
+        Mean squared error over pixels and channels, and its standard error, see
+        `dmis.experiment.metrics.mean_over_blocks`.
+    cpu_seconds
+        CPU seconds of all threads of this process, from the call of `render` to its return.
+    mean_z
+        Mean of the image less that of the reference, in standard errors, see `dmis.experiment.alarm.mean_z`.
+    """
+
+    rule: str
+    spp: int
+    seed: int
+    rays: int
+    pilot_seconds: float
+    fit_seconds: float
+    render_seconds: float
+    mse: float
+    mse_error: float
+    relmse: float
+    cpu_seconds: float = float("nan")
+    mean_z: float = float("nan")
+
+    @property
+    def overhead(self) -> float:
+        """Wall seconds of pilot and fit."""
+        return self.pilot_seconds + self.fit_seconds
+
+    @property
+    def seconds(self) -> float:
+        """Wall seconds from the pilot to the last sample."""
+        return self.overhead + self.render_seconds
+
+
+def measure(
+    scene: Scene,
+    budgets: Sequence[Budget],
+    seeds: Sequence[int],
+    reference: Reference,
+    *,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    done: Iterable[Run] = (),
+    keep: Callable[[Budget, Result], None] | None = None,
+    record: Callable[[Run], None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> dict[Budget, list[Run]]:
+    """Render `scene` with every rule, budget and seed, and measure time and error of each render.
+
+    Parameters
+    ----------
+    settings
+        Settings of all rules, see `dmis.pipeline.render.render`.
+    done
+        Runs of an earlier call, which are not rendered again.
+    keep
+        Called with each budget and its result, before `record`.
+    record
+        Called with each run as soon as it is finished.
+    progress
+        Called as ``progress(rule, done, total)`` after each render.
+
+    Returns
+    -------
+    The runs of each budget, in the order of the seeds.
+
+    Warns
+    -----
+    dmis.experiment.alarm.ReferenceWarning
+        Once for each rule whose image has another mean than the reference, see `dmis.experiment.alarm`.
+    """
+    runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
+    finished = {(run.rule, run.spp, run.seed): run for run in done}
+    total = len(runs) * len(seeds)
+    alarmed: set[str] = set()
+    for k, seed in enumerate(seeds):
+        for n, (rule, spp) in enumerate(runs):
+            run = finished.get((rule, spp, seed))
+            if run is None:
+                scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
+                begin = time.process_time()
+                result = render(scene, rule, spp, seed=seed, settings=settings, threads=threads)
+                run = _run_of(result, rule, spp, seed, time.process_time() - begin, reference)
+                if keep:
+                    keep((rule, spp), result)
+                if record:
+                    record(run)
+            if rule not in alarmed and alarm.raises_alarm(run):
+                alarmed.add(rule)
+                warnings.warn(alarm.ReferenceWarning(alarm.message(run)), stacklevel=2)
+            runs[rule, spp].append(run)
+            if progress:
+                progress(rule, k * len(runs) + n + 1, total)
+    return runs
+
+
+def _run_of(result: Result, rule: str, spp: int, seed: int, cpu_seconds: float, reference: Reference) -> Run:
+    """Return time and error of a render."""
+    mse, error = mean_over_blocks(squared_error(result.image, reference.first, reference.second))
+    return Run(
+        rule=rule,
+        spp=spp,
+        seed=seed,
+        rays=sum(result.rays.values()),
+        pilot_seconds=result.seconds["pilot"],
+        fit_seconds=result.seconds["fit"],
+        render_seconds=result.seconds["render"],
+        mse=mse,
+        mse_error=error,
+        relmse=relmse(result.image, reference.first, reference.second),
+        cpu_seconds=cpu_seconds,
+        mean_z=alarm.mean_z(result.image, reference, spp),
+    )
+
+
+def on_cpu(runs: Sequence[Run]) -> list[Run]:
+    """Return `runs` with CPU seconds in place of wall seconds, divided between the stages in the same proportions.
+
+    Wall time depends on the other load of a machine; on one thread of an idle machine both are the same.
+    """
+    stages = "pilot_seconds", "fit_seconds", "render_seconds"
+    shares = (run.cpu_seconds / run.seconds for run in runs)
+    return [replace(run, **{s: share * getattr(run, s) for s in stages}) for run, share in zip(runs, shares)]
+
+
+def median_seconds(runs: Sequence[Run]) -> float:
+    """Return the median of the seconds of `runs`."""
+    return float(np.median([run.seconds for run in runs]))
+
+
+def spp_in_time(seconds: float, runs: Sequence[Run]) -> int:
+    """Return the camera samples per pixel with which the rule of `runs` would take `seconds`, rounded to the nearest.
+
+    Pilot and fit take the same time as in `runs`; the final samples take time in proportion to their number, which is
+    at least one. The result is an estimate: render with it, and compare the times.
+    """
+    pilot = sum(make_rule(runs[0].rule).pilot.values())
+    overhead = float(np.median([run.overhead for run in runs]))
+    seconds_per_sample = float(np.median([(run.seconds - run.overhead) / (run.spp - pilot) for run in runs]))
+    return pilot + max(1, round((seconds - overhead) / seconds_per_sample))

@@ -1,0 +1,1 @@
+"""Speed of renders, compared with the time of their Embree calls alone."""

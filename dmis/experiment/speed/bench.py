@@ -1,0 +1,190 @@
+"""Speed of renders against the Embree floor, as ``python -m dmis bench`` measures it.
+
+The floor of a render is the time of its Embree calls alone (`dmis.experiment.speed.embree_floor`). Machines differ and
+their speed varies; the ratio of total to floor, measured in turns, is the cost that NumPy adds.
+"""
+
+from __future__ import annotations
+
+import cProfile
+import pstats
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+
+import numpy as np
+
+from dmis.estimator.settings import Settings
+from dmis.experiment.speed.embree_floor import embree_seconds
+from dmis.fit.registry import make_rule
+from dmis.formats.load_scene import load_scene
+from dmis.pipeline.render import render
+from dmis.pipeline.result import Result
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.scene.scene import Scene
+
+HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | Embree alone | total / floor | range |
+|---|---|---|---|---|---|---|---|---|"""
+PARTS = {
+    "embree": {"intersect.py": {"closest", "occluded"}},
+    "random numbers": {"streams.py": {"draw", "start", "stream", "make_sampler"}},
+    "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "samples.py": {"record_samples"}},
+    "film": {"moments.py": {"of", "merge"}},
+}
+"""Functions whose time, with that of their callees, is one part of a tile's time; the rest is shading."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Times of several renders of a scene with one rule.
+
+    Attributes
+    ----------
+    samples
+        Number of camera samples of one render.
+    rays
+        Number of rays of one render, by kind.
+    seconds, floor
+        Wall seconds of each render, and of its Embree calls alone.
+    pilot, fit
+        Shares of pilot and fit in the time of a render, medians.
+    parts
+        Share of each of `PARTS`, and of shading, in the tiles of the last render.
+    """
+
+    scene: str
+    rule: str
+    threads: int
+    samples: int
+    rays: dict[str, int]
+    seconds: list[float]
+    floor: list[float]
+    pilot: float
+    fit: float
+    parts: dict[str, float]
+
+    @property
+    def ratios(self) -> list[float]:
+        """Ratio of total time to floor of each render."""
+        return [total / floor for total, floor in zip(self.seconds, self.floor)]
+
+    def row(self) -> str:
+        """Return the row of the table below `HEADER`."""
+        seconds, floor = statistics.median(self.seconds), statistics.median(self.floor)
+        rays = sum(self.rays.values())
+        return (
+            f"| {self.scene} | {self.rule} | {self.samples / seconds / 1e6:.2f} | {rays / seconds / 1e6:.2f} "
+            f"| {rays / self.samples:.2f} | {seconds:.2f} | {floor:.2f} | {statistics.median(self.ratios):.2f} "
+            f"| {min(self.ratios):.2f} – {max(self.ratios):.2f} |"
+        )
+
+
+def bench(
+    sources: Sequence[str],
+    rules: Sequence[str],
+    resolution: tuple[int, int],
+    spp: int,
+    threads: int = 1,
+    repeats: int = 3,
+    seed: int = 0,
+    settings: Settings | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Speed]:
+    """Render every scene with every rule `repeats` times, in turns, each time followed by its Embree calls alone.
+
+    Parameters
+    ----------
+    sources
+        Names or files of scenes, see `dmis.formats.load_scene.load_scene`.
+    settings
+        Settings of all rules, see `dmis.pipeline.render.render`.
+    progress
+        Called as ``progress(case, done, total)`` after each render.
+
+    Raises
+    ------
+    ValueError
+        If there is no repeat, or no sample beside the pilot of a rule.
+    """
+    if repeats < 1:
+        raise ValueError(f"repeats must be at least 1; got {repeats}")
+    for rule in rules:  # before the first render, so that no finished one is lost
+        if spp <= (pilot := sum(make_rule(rule).pilot.values())):
+            raise ValueError(f"spp must be more than the pilot's {pilot} camera samples of rule {rule}; got {spp}")
+    scenes = [load_scene(source, resolution=resolution) for source in sources]
+    cases = [(scene, rule) for scene in scenes for rule in rules]
+    runs: list[list[tuple[Mapping[str, float], float]]] = [[] for _ in cases]
+    last: list[Result] = []
+    for k in range(repeats):
+        for n, (scene, rule) in enumerate(cases):
+            result = render(scene, rule, spp, seed=seed + k, settings=settings, threads=threads)
+            runs[n].append((result.seconds, embree_seconds(scene, result.tiles, threads)))
+            if k == repeats - 1:
+                last.append(result)
+            if progress:
+                progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
+    return [_speed(*case, spp, threads, times, result) for case, times, result in zip(cases, runs, last)]
+
+
+def _speed(
+    scene: Scene, rule: str, spp: int, threads: int, runs: Sequence[tuple[Mapping[str, float], float]], last: Result
+) -> Speed:
+    """Return the times of the renders of one case."""
+    height, width = last.image.shape[:2]
+    pilot, fit = (statistics.median(times[stage] / times["total"] for times, _ in runs) for stage in ("pilot", "fit"))
+    return Speed(
+        scene=scene.name,
+        rule=rule,
+        threads=threads,
+        samples=height * width * spp,
+        rays=dict(last.rays),
+        seconds=[times["total"] for times, _ in runs],
+        floor=[floor for _, floor in runs],
+        pilot=pilot,
+        fit=fit,
+        parts=time_by_part(scene, last.tiles),
+    )
+
+
+def time_by_part(scene: Scene, tiles: Sequence[Tile], limit: float = 10.0) -> dict[str, float]:
+    """Return the shares of `PARTS` and of shading in the time of `tiles`; they add up to 1.
+
+    Tiles of all passes are rendered in a random order under Python's profiler, for about `limit` seconds.
+    """
+    profile = cProfile.Profile(time.thread_time)
+    end = time.perf_counter() + limit
+    for k in np.random.default_rng(0).permutation(len(tiles)):
+        profile.runcall(render_tile, scene, tiles[k])
+        if time.perf_counter() > end:
+            break
+    seconds = dict.fromkeys((*PARTS, "shading"), 0.0)
+    for (file, _, function), (_, _, _, inclusive, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
+        name = PurePath(file).name
+        if name == "tile.py" and function == "render_tile":
+            seconds["shading"] += inclusive
+        for part, files in PARTS.items():
+            if "dmis" in file and function in files.get(name, ()):
+                seconds[part] += inclusive
+    total = seconds["shading"]
+    seconds["shading"] -= sum(seconds[part] for part in PARTS)
+    return {part: time_of_part / total for part, time_of_part in seconds.items()}
+
+
+def peak_memory(source: str, rule: str, resolution: tuple[int, int], spp: int, threads: int = 2) -> int:
+    """Return the peak resident memory in bytes of a process that loads a scene and renders it (POSIX)."""
+    code = (
+        "import dmis, dmis.base.malloc; "
+        f"dmis.render(dmis.load_scene({source!r}, resolution={resolution!r}), {rule!r}, {spp}, threads={threads}); "
+        "print(dmis.base.malloc.peak())"
+    )
+    return int(fresh_python(code))
+
+
+def fresh_python(code: str) -> str:
+    """Return the output of a new Python process that runs `code`, which must be trusted."""
+    import subprocess
+
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -1,0 +1,231 @@
+"""Files of a comparison, from which an interrupted one is resumed.
+
+``results.csv`` has a row for each render, ``comparison.json`` the conditions of the measurement, ``images/`` an EXR
+file for each rule and budget.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import re
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmis import __version__
+from dmis.base.atomic_files import replacing
+from dmis.base.vectors import Array
+from dmis.estimator.settings import Settings, resolve_auto
+from dmis.experiment.oracle import Oracle
+from dmis.experiment.reference import Reference
+from dmis.experiment.runs import Budget, Run
+from dmis.fit.registry import make_rule
+from dmis.image import read_exr
+from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
+from dmis.scene.scene import Scene
+
+COLUMNS = (
+    "scene", "rule", "spp", "seed", "rays", "pilot_seconds", "fit_seconds", "render_seconds", "seconds",
+    "mse", "relmse", "mse_over_balance", "mse_error", "cpu_seconds",
+    "mean_z",
+)  # fmt: skip
+
+
+def conditions(
+    scene: Scene, reference: Reference, threads: int | None, settings: Settings | None = None
+) -> dict[str, Any]:
+    """Return what all rows of a table must share: scene, reference, settings, threads, and the code of dmis."""
+    settings = resolve_auto(settings or Settings(), scene)
+    halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
+    return {
+        "dmis": __version__,
+        "package_hash": package_hash(),
+        "scene": scene.name,
+        "scene_hash": fingerprint(scene),
+        "resolution": list(scene.camera.resolution),
+        "reference": halves.hexdigest()[:16],
+        "threads": threads or os.cpu_count() or 1,
+        **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()},
+    }
+
+
+def definition(rule: str) -> str:
+    """Return a short hash of a rule: of its options, and of its class if dmis does not ship it."""
+    return digest(make_rule(rule), f"rule {rule}")
+
+
+def cells(scene: str, run: Run, balance: Run) -> list[str]:
+    """Return the cells of a row: `run`, over that of the balance heuristic with the same samples and seed."""
+    seconds = (run.pilot_seconds, run.fit_seconds, run.render_seconds, run.seconds)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
+        over_balance = np.divide(run.mse, balance.mse)
+    return [
+        scene, run.rule, str(run.spp), str(run.seed), str(run.rays), *(f"{t:.4f}" for t in seconds),
+        f"{run.mse:.6g}", f"{run.relmse:.6g}", f"{over_balance:.5f}", f"{run.mse_error:.3g}",
+        f"{run.cpu_seconds:.4f}", f"{run.mean_z:.3f}",
+    ]  # fmt: skip
+
+
+class Results:
+    """Table ``results.csv`` in `folder`, which is created if it does not exist.
+
+    Parameters
+    ----------
+    about
+        Conditions of the measurement, see `conditions`.
+    rules
+        Rules that will be measured.
+
+    Raises
+    ------
+    ValueError
+        If the folder has rows that were measured under other conditions, or of a rule that has changed since, or rows
+        that cannot be read.
+    """
+
+    def __init__(self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = ()) -> None:
+        self.folder, self.about = folder, {**about, "rules": {rule: definition(rule) for rule in rules}}
+        folder.mkdir(parents=True, exist_ok=True)
+        self._path = folder / "results.csv"
+        self.runs = self._read()
+        self._beside("comparison.json", json.dumps(self.about, indent=2) + "\n")
+        text = io.StringIO()
+        csv.writer(text).writerow(COLUMNS)
+        self._beside("results.csv", text.getvalue() + "".join(self._row(run) for run in self.runs))
+
+    def append(self, run: Run) -> None:
+        """Add and write a row; the balance heuristic with the same samples and seed must have one."""
+        self.runs.append(run)
+        with open(self._path, "a", newline="", encoding="utf-8") as file:
+            file.write(self._row(run))
+
+    def image(self, budget: Budget) -> Path:
+        """Return the path of the image of a budget."""
+        rule, spp = budget
+        name = re.sub(r"[^A-Za-z0-9.=-]+", "-", rule)
+        if name != rule.replace(":", "-").replace(",", "-") or len(name) > 120:  # another rule may have the same name
+            name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
+        return self.folder / "images" / f"{name}-{spp}spp.exr"
+
+    def layers(self, budgets: Iterable[Budget]) -> dict[Budget, dict[str, Array]]:
+        """Return the images of `budgets` that exist, with their layers RGB, weight, variance, samples."""
+        return {budget: read_exr(self.image(budget))[0] for budget in budgets if self.image(budget).exists()}
+
+    def _row(self, run: Run) -> str:
+        """Return the line of ``results.csv`` of a run."""
+        base = next(r for r in self.runs if (r.rule, r.spp, r.seed) == ("balance", run.spp, run.seed))
+        text = io.StringIO()
+        csv.writer(text).writerow(cells(self.about["scene"], run, base))
+        return text.getvalue()
+
+    def _read(self) -> list[Run]:
+        """Return the runs that ``results.csv`` has, without a last line that an interruption has cut."""
+        if not self._path.exists():
+            return []
+        with open(self._path, newline="", encoding="utf-8") as file:
+            whole, _, _ = file.read().rpartition("\n")
+        if not whole:
+            return []
+        self._compare_conditions()
+        rows = csv.reader(whole.splitlines())
+        if (header := tuple(next(rows))) != COLUMNS:
+            raise self._refuse(f"has the columns {','.join(header)} in place of {','.join(COLUMNS)}")
+        runs = []
+        for line, row in enumerate(rows, 2):
+            try:
+                runs.append(_run(row))
+            except ValueError as error:
+                raise self._refuse(f"cannot be read in line {line} ({error})") from error
+        balanced = {(run.spp, run.seed) for run in runs if run.rule == "balance"}
+        return [run for run in runs if (run.spp, run.seed) in balanced]
+
+    def _compare_conditions(self) -> None:
+        """Check that the rows were measured under the same conditions and with the same rules."""
+        try:
+            before = json.loads((self.folder / "comparison.json").read_text("utf-8"))
+        except (OSError, ValueError) as error:
+            raise self._refuse("has no readable comparison.json with the conditions of its measurement") from error
+        rules = before.get("rules", {})
+        if changed := [name for name, now in self.about["rules"].items() if rules.get(name, now) != now]:
+            raise self._refuse(f"was measured with another rule {', '.join(changed)}: its options or its class changed")
+        self.about["rules"] = rules | self.about["rules"]
+        now = {name: value for name, value in self.about.items() if name != "rules"}
+        differences = [f"{k} was {before.get(k)}, now is {v}" for k, v in now.items() if before.get(k) != v]
+        if differences:
+            raise self._refuse(f"was measured under other conditions: {'; '.join(differences)}")
+
+    def _refuse(self, reason: str) -> ValueError:
+        """Return the error that refuses the table."""
+        return ValueError(f"{self._path} {reason}; remove it, or choose another directory")
+
+    def _beside(self, name: str, text: str) -> None:
+        """Write a file of the folder; an interruption leaves the previous one complete."""
+        with replacing(self.folder / name) as partial:
+            partial.write_text(text, "utf-8", newline="")
+
+
+def _run(row: list[str]) -> Run:
+    """Return the run of a row of ``results.csv``."""
+    if len(row) != len(COLUMNS):
+        raise ValueError(f"{len(row)} values for {len(COLUMNS)} columns")
+    value = dict(zip(COLUMNS, row, strict=True))
+    return Run(
+        rule=value["rule"],
+        spp=int(value["spp"]),
+        seed=int(value["seed"]),
+        rays=int(value["rays"]),
+        pilot_seconds=float(value["pilot_seconds"]),
+        fit_seconds=float(value["fit_seconds"]),
+        render_seconds=float(value["render_seconds"]),
+        mse=float(value["mse"]),
+        mse_error=float(value["mse_error"]),
+        relmse=float(value["relmse"]),
+        cpu_seconds=float(value["cpu_seconds"]),
+        mean_z=float(value["mean_z"]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Runs of several rules on one scene, with their images; `dmis.experiment.report.page` shows it as a page.
+
+    Attributes
+    ----------
+    about
+        Conditions of the measurement, see `conditions`.
+    runs
+        Runs of each rule and budget, in the order of the seeds, as in ``results.csv``.
+    pictures
+        One image of each rule and budget, with the layers RGB, weight, variance, samples.
+    oracle
+        Oracle of the scene; None: not rendered.
+    """
+
+    about: Mapping[str, Any]
+    runs: Mapping[Budget, Sequence[Run]]
+    pictures: Mapping[Budget, Mapping[str, Array]]
+    reference: Reference
+    oracle: Oracle | None
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene."""
+        return str(self.about["scene"])
+
+    @property
+    def rules(self) -> list[str]:
+        """Rules in their order, the balance heuristic first."""
+        return list(dict.fromkeys(rule for rule, _ in self.runs))
+
+    @property
+    def seeds(self) -> int:
+        """Number of seeds."""
+        return max(len(by_seed) for by_seed in self.runs.values())

@@ -1,0 +1,1 @@
+"""Weight rules: pilot statistics in, shares of samples out."""

@@ -1,0 +1,62 @@
+"""Which heuristic combines the final samples best, from the curves of several that one pilot told.
+
+Each heuristic has weights that are best for it (`dmis.variance.curves`), so what counts is the error times time that
+each reaches with its own. It is estimated from patches of `SIDE` pixels: large enough that noise in their curves, of
+which the least is taken, flatters none; and one choice for the whole image, because within an image the same one won
+almost everywhere in all scenes that were measured. The balance heuristic is never much worse than another whose
+weights are not negative (Veach and Guibas 1995); the power heuristic is better where one technique has nearly all of
+the integrand to itself: then weights need not go as far from w = 1/2, which saves rays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.combiner import combiner_by_name
+
+SIDE = 16
+"""Of patches, in pixels."""
+SURE = 3.0
+"""Standard errors of a gain for which the first heuristic is left: more than for a patch's weight, because a mistake
+is made in the whole image.
+"""
+
+
+def check_choice(names: Sequence[str]) -> None:
+    """Refuse combiners that have no curves of their own to choose by."""
+    for name in names:
+        if not combiner_by_name(name).has_curves:
+            raise ValueError(
+                f"combiners to choose from must be heuristics: balance, power, maximum or cutoff; got {name!r}"
+            )
+    if len(set(names)) < len(names):
+        raise ValueError(f"combiners to choose from must differ; got {', '.join(names)}")
+
+
+def choose(variance: Array, cost: Array, area: Array, counts: bool) -> int:
+    """The heuristic with the least error times time: its index.
+
+    The first is left only for a gain of more than `SURE` standard errors. These are taken from the squares of the
+    patches' gains, as if their mean were 0: too large, so that a gain in a few patches alone, which may be a few rare
+    samples, is not sure.
+
+    Parameters
+    ----------
+    variance, cost
+        Of a camera sample at the best weights of each heuristic, ``(H, rows, columns)``.
+    area
+        Of patches, in pixels, ``(rows, columns)``.
+    counts
+        Whether patches have numbers of samples in proportion to ``sqrt(V / C)``: error times time is ``(sum sqrt(V
+        C))^2``. Else it is ``sum V sum C``.
+    """
+    v, c = variance * (area / area.sum()), cost * (area / area.sum())
+    of_patches = np.sqrt(v * c) if counts else v * c.sum(axis=(1, 2), keepdims=True)
+    gains = of_patches - of_patches[0]
+    total, error = gains.sum(axis=(1, 2)), np.sqrt((gains * gains).sum(axis=(1, 2)))
+    sure = total < -SURE * error
+    sure[0] = True
+    return int(np.where(sure, total, np.inf).argmin())

@@ -1,0 +1,76 @@
+"""The rule of a map that the user brings: shares and numbers of samples for each pixel, without a pilot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.fit.rule import Fit, Pilot, Rule
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Given(Rule):
+    """Use the given shares of light samples, and camera samples in the given proportion.
+
+    The combiner and everything else are those of the `dmis.estimator.settings.Settings` that `render` is given.
+
+    Parameters
+    ----------
+    weight
+        Share of light samples in [0, 1]: one number, or ``(H, W)`` for each pixel of the image, row 0 on top.
+    samples
+        Camera samples of each pixel in proportion, ``(H, W)``, of any positive scale; the mean over the image is the
+        `spp` of `render`. None: the same everywhere.
+
+    Raises
+    ------
+    ValueError
+        If a share is not in [0, 1], numbers of samples are negative, not finite or all 0, or the two maps differ in
+        shape. `render` refuses maps that are not of the shape of the image.
+    """
+
+    weight: Array | float = 0.5
+    samples: Array | None = None
+
+    def __post_init__(self) -> None:
+        weight = np.array(self.weight, np.float64)
+        if weight.ndim not in (0, 2):
+            raise ValueError(f"weight must be one number or of shape (height, width); got shape {weight.shape}")
+        inside = (weight >= 0) & (weight <= 1)
+        if not inside.all():
+            raise ValueError(f"weight must be in [0, 1], the share of light samples; got {weight[~inside].flat[0]:g}")
+        weight.flags.writeable = False
+        object.__setattr__(self, "weight", weight if weight.ndim else float(weight))
+        if self.samples is None:
+            return
+        samples = np.array(self.samples, np.float64)
+        if samples.ndim != 2 or weight.shape not in ((), samples.shape):
+            raise ValueError(
+                f"samples must be of shape (height, width), that of weight if this is a map; got shape {samples.shape} "
+                f"and weight of shape {weight.shape}"
+            )
+        if not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
+            raise ValueError(
+                f"samples must be finite, not negative and not all 0, because they are camera samples in proportion; "
+                f"got {samples.min():g} to {samples.max():g}"
+            )
+        samples.flags.writeable = False
+        object.__setattr__(self, "samples", samples)
+
+    def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
+        """Return the given maps; there is no pilot."""
+        return Fit(self.weight, samples=self.samples)
+
+    def __repr__(self) -> str:
+        return f"Given(weight={_short(self.weight)}, samples={_short(self.samples)})"
+
+
+def _short(value: Array | float | None) -> str:
+    """Return a number as it is, and shape and range of a map."""
+    if isinstance(value, np.ndarray):
+        return f"<{' x '.join(map(str, value.shape))}, {value.min():g} to {value.max():g}>"
+    return repr(value)

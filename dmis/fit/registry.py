@@ -1,0 +1,178 @@
+"""Weight rules by name: `RULES`, `register_rule` for one's own, and `make_rule`, which reads ``name:option=value``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Container
+from dataclasses import replace
+from functools import partial
+from inspect import Parameter, signature
+from typing import Any
+
+from dmis.estimator.technique import TECHNIQUES
+from dmis.fit.fixed import Fixed
+from dmis.fit.rule import Rule, complete_rule
+from dmis.fit.second_moment import Learned
+from dmis.fit.simplex import Simplex
+from dmis.fit.thesis import Thesis
+
+
+def _simplex(**options: Any) -> Rule:
+    shares = {name: options.pop(name) for name in tuple(options) if name in TECHNIQUES}
+    if not shares:
+        return Simplex(**options)
+    if wrong := options.keys() - {"combiner", "sampler"}:
+        raise ValueError(
+            f"rule simplex with shares that are given has the options combiner, sampler; got {', '.join(sorted(wrong))}"
+        )
+    if len(shares) < 2:
+        raise ValueError(f"rule simplex needs shares of at least two techniques; got {', '.join(shares)}")
+    w = tuple(shares.values())
+    rule = Fixed(w, techniques=tuple(shares), **options)
+    return rule if len(w) > 2 else replace(rule, w=w[0])
+
+
+_RELATIVES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis", "linear")
+RULES: dict[str, Callable[..., Rule]] = {
+    "balance": Fixed,
+    "fixed": Fixed,
+    "pbrt": lambda **options: Fixed(**{"combiner": "power", **options}),
+    "one-sample": lambda **options: Fixed(**{"allocation": "random", **options}),
+    "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
+    "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
+    "thesis": Thesis,
+    "second-moment": partial(Learned, "second-moment", combiner="balance+power"),
+    **{name: partial(Learned, name, shrink=False) for name in _RELATIVES},
+    "simplex": _simplex,
+    "auto": partial(Learned, "second-moment", counts=True, split=True, reuse=False),
+}
+"""Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
+``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),
+``resampled:W`` (`dmis.estimator.resampling` in the place of light sampling), ``thesis``; ``second-moment`` and its
+relatives in the literature, see `dmis.fit.second_moment`; ``simplex:light+brdf+resampled``, weights of several
+techniques, see `dmis.variance.simplex_curves`, and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``,
+the best of them all.
+"""
+_SHIPPED = frozenset(RULES)
+_RESERVED = {"all": "compare has it for every rule"}
+_REST = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
+
+
+def register_rule(name: str, cls: Callable[..., Any]) -> None:
+    """Add a rule by name, so that `render`, `compare` and the command line find it as text, ``name:option=value``.
+
+    Parameters
+    ----------
+    name
+        Letters and digits, words joined by hyphens, such as ``quieter-patches``.
+    cls
+        Class of the rule: one that derives from `dmis.fit.rule.Rule`, or a plain one with a method ``fit``; or a
+        function that returns a rule. Its arguments, such as the fields of a dataclass, are the rule's options: each
+        has a default, and those whose default is a number, a string, True or False may be given as text. The class of
+        a name may be defined anew, as a notebook cell that runs twice does.
+
+    Raises
+    ------
+    ValueError
+        If the name is not of this form or is taken, an argument has no default, or `cls` makes no rule.
+    """
+    if not isinstance(name, str) or not re.fullmatch("[A-Za-z][A-Za-z0-9]*(-[A-Za-z0-9]+)*", name):
+        raise ValueError(f"name of a rule must be letters, digits and hyphens, such as my-rule; got {name!r}")
+    if not callable(cls):
+        raise ValueError(
+            f"rule {name} must be a class with a method fit, or a function that returns a rule; got {cls!r}. "
+            f"Write dmis.register_rule({name!r}, MyRule)"
+        )
+    if name in _RESERVED:
+        raise ValueError(f"name of a rule must not be {name}, because {_RESERVED[name]}. Choose another name")
+    if name in _SHIPPED or (name in RULES and _origin(RULES[name]) != _origin(cls)):
+        owner = "dmis" if name in _SHIPPED else ".".join(_origin(RULES[name]))
+        raise ValueError(f"name of a rule must be new; {name!r} is taken by {owner}. Choose another name")
+    try:
+        required = [key for key, p in signature(cls).parameters.items() if p.default is p.empty and p.kind not in _REST]
+    except ValueError:  # some classes of C have no signature
+        required = []
+    if required:
+        raise ValueError(
+            f"rule {name} must have a default for every option, because its name alone is a rule; "
+            f"{', '.join(required)} of {_origin(cls)[1]} has none. Write {required[0]}=..."
+        )
+    complete_rule(cls())
+    RULES[name] = cls
+
+
+def _origin(cls: Any) -> tuple[str, str]:
+    """Return module and name of a class or function."""
+    return cls.__module__, getattr(cls, "__qualname__", repr(cls))
+
+
+def make_rule(text: Rule | str | Any) -> Rule:
+    """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
+
+    A bare value is the rule's first option. A rule object stays as it is; one of a plain class gets the defaults of
+    `Rule`.
+
+    Parameters
+    ----------
+    text
+        A name of `RULES`, a colon, and options ``name=value`` separated by commas.
+
+    Returns
+    -------
+    Rule
+        What `dmis.pipeline.render.render` takes.
+
+    Raises
+    ------
+    ValueError
+        If it is neither, there is no such rule or option, or a value does not fit.
+    """
+    if not isinstance(text, str):
+        return complete_rule(text)
+    name, _, rest = text.strip().partition(":")
+    if name not in RULES:
+        raise ValueError(
+            f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}. "
+            f"dmis.register_rule adds one"
+        )
+    convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
+    types = _option_types(name, convert)
+    if name in ("balance", "pbrt", "uniform"):
+        types.pop("w")
+    if name in _SHIPPED:
+        types.pop("objective", None)
+    if name == "simplex":
+        types |= dict.fromkeys(TECHNIQUES, float)
+    options: dict[str, Any] = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals and types:
+            key, value = next(iter(types)), item
+        if key not in types:
+            known = f"the options {', '.join(types)}" if types else "no options"
+            raise ValueError(f"rule {name} has {known}; got {key!r}")
+        try:
+            options[key] = convert[types[key]](value)
+        except ValueError:
+            kind_of = "yes or no" if types[key] is bool else f"of type {types[key].__name__}"
+            first = "" if equals else f", of which a value without a name is the first; there are {', '.join(types)}"
+            raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}{first}") from None
+    return complete_rule(RULES[name](**options))
+
+
+def _option_types(name: str, readable: Container[type]) -> dict[str, type]:
+    """Return the types of a rule's options by name: those of the defaults, yes or no where these are None."""
+    arguments = signature(type(RULES[name]())) if name in _SHIPPED else signature(RULES[name])
+    types = {
+        key: bool if p.default is None else type(p.default)
+        for key, p in arguments.parameters.items()
+        if p.kind not in _REST
+    }
+    return {key: kind for key, kind in types.items() if kind in readable}
+
+
+def _yes_or_no(text: str) -> bool:
+    words = {"yes": True, "true": True, "on": True, "1": True, "no": False, "false": False, "off": False, "0": False}
+    if text.lower() not in words:
+        raise ValueError(text)
+    return words[text.lower()]

@@ -1,0 +1,172 @@
+"""Section 3 of the thesis (Seo 2014), the rule ``thesis``: weights from a parabola through three pilot variances.
+
+1. Pilot: a few camera samples per pixel at each of w = 0 (BRDF sampling), 1/2 and 1 (light sampling).
+2. Variance: the sample variances of the pixels, averaged over square patches.
+3. Parabola: ``a2 w^2 + a1 w + a0`` through the points (w_i, y_i), by least squares, Eqs. 3.2-3.4.
+4. Minimum: ``w = -a1 / (2 a2)``, Eq. 3.5, clipped to [0, 1].
+5. Filter: a 5x5 Gaussian over the weights of the patches, Sec. 3.4.
+
+`Thesis.fit` has these steps in this order. Letters are those of docs/theory.md, "The thesis's rule".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dmis.base.color import luminance
+from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.vectors import Array
+from dmis.filter import check_taps, gaussian
+from dmis.fit.rule import Fit, Pilot, Rule, of_final
+
+STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
+"""Case of a patch: the parabola's minimum was used; it lay outside [0, 1], and the nearer end was used; the parabola
+has no minimum, and the best pilot weight was used; the variances were zero, equal or not finite, and w = 1/2 was used.
+"""
+
+
+@dataclass(frozen=True)
+class Thesis(Rule):
+    """Choose weights by a parabola through three pilot variances per patch: Seo's thesis (2014), Sec. 3.
+
+    Parameters
+    ----------
+    patch
+        Side of a patch in pixels (the thesis tries 4 to 32).
+    spp, strategies
+        Pilot samples at each weight, at least 2 (the thesis: 2 or 4); number of weights, odd (the thesis: 3).
+    channels
+        Variance that is fitted: of ``luminance``, or ``rgb``, the mean of the three.
+    filter, size, sigma
+        ``gaussian`` or ``none``; taps on a side, odd, and standard deviation of the Gaussian, in patches.
+    reuse
+        Whether the pilot's samples are part of the image.
+    combiner, sampler
+        Of the final samples; an empty sampler is that of the settings.
+
+    Notes
+    -----
+    The maps of its `Fit` are ``status`` (see `STATUS`), ``raw`` and ``patch``, the weights before and after the
+    filter, and ``variances``, those of the pilot, ``(strategies, rows, columns)``.
+
+    Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance. The
+    thesis does not say what happens without a minimum in [0, 1] (here: `STATUS`), which variance of a colour is meant,
+    what the sigma of the Gaussian is, or whether the pilot's samples enter the image: hence the options. Their
+    defaults are those that give the thesis's Table 4.1, see ``docs/reproduction.md``.
+    """
+
+    patch: int = 16
+    spp: int = 2
+    strategies: int = 3
+    channels: str = "luminance"
+    filter: str = "gaussian"
+    size: int = 5
+    sigma: float = 1.0
+    reuse: bool = False
+    combiner: str = "balance"
+    sampler: str = ""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.patch <= 65535:
+            raise ValueError(f"patch must be 1 to 65535 pixels; got {self.patch}")
+        if self.spp < 2:
+            raise ValueError(
+                f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
+            )
+        if not 3 <= self.strategies <= 101 or self.strategies % 2 == 0:
+            raise ValueError(
+                f"strategies must be odd, at least 3 and at most 101, because a parabola has three coefficients and "
+                f"w = 1/2 is among them; got {self.strategies}"
+            )
+        if self.channels not in ("luminance", "rgb"):
+            raise ValueError(f"channels must be luminance or rgb; got {self.channels!r}")
+        if self.filter not in ("gaussian", "none"):
+            raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
+        check_taps(self.size)
+        if not 0 < self.sigma < np.inf:
+            raise ValueError(f"sigma must be positive and finite; got {self.sigma}")
+        if self.filter == "gaussian":
+            import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
+
+    @property
+    def pilot(self) -> Mapping[float, int]:
+        """Camera samples per pixel at w = 0, 1/2, 1, or at more weights in equal steps."""
+        return {k / (self.strategies - 1): self.spp for k in range(self.strategies)}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Settings of the final samples."""
+        return {"combiner": self.combiner} | of_final(self.sampler, self.reuse)
+
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        """Return the weight of each pixel, from the pilot at each weight w_i."""
+        w = np.array(list(pilot))
+        moments = [p.moments for p in pilot.values()]
+        # y_i = mean over the patch's pixels of s^2,  s^2 = sum (x - mean x)^2 / (n - 1)
+        y = np.stack([patch_mean(self._grey(m.variance()), self.patch) for m in moments])
+        # a2 w^2 + a1 w + a0 through (w_i, y_i), minimum -a1 / (2 a2); points count by their degrees of freedom n - 1
+        raw, status = parabola_minimum(w, y, trust=np.array([float(np.mean(m.n)) - 1 for m in moments]))
+        # weight_p = sum_q g(p - q) raw_q,  g(d) ~ exp(-|d|^2 / (2 sigma^2)) over size x size patches
+        weight = gaussian(raw, self.sigma, self.size // 2) if self.filter == "gaussian" else raw
+        maps = {"status": status, "raw": raw, "patch": weight, "variances": y}
+        return Fit(patch_spread(weight, self.patch, moments[0].mean.shape[:2]), maps)
+
+    def _grey(self, variance: Array) -> Array:
+        return luminance(variance) if self.channels == "luminance" else variance.mean(axis=-1)
+
+
+def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> tuple[Array, np.ndarray]:
+    """Return the minimum over [0, 1] of the least-squares parabola through (w, variance): thesis Eqs. 3.2-3.5.
+
+    Parameters
+    ----------
+    w
+        At least three distinct weights, ``(n,)``; the parabola meets three points exactly.
+    variance
+        ``(n, ...)``.
+    trust
+        Positive weights of the points in the fit, ``(n,)``, such as the degrees of freedom of the variances; None:
+        all equal.
+
+    Returns
+    -------
+    weight
+        In [0, 1], shape ``variance.shape[1:]``.
+    status
+        int8, see `STATUS`.
+    """
+    if len(np.unique(w)) < 3:
+        raise ValueError(f"a parabola needs at least three distinct weights; got {w.tolist()}")
+    trust = np.ones(len(w)) if trust is None else np.asarray(trust, float)
+    if trust.shape != np.shape(w) or not (trust > 0).all():
+        raise ValueError(f"trust must hold one positive number for each of {len(w)} weights; got {trust.tolist()}")
+
+    # y_i / max |y_i|, of scale 1; 0 without a signal: y_i not finite, or max y_i - min y_i <= 1e-12 max |y_i|
+    y = variance.reshape(len(w), -1)
+    signal = np.isfinite(y).all(axis=0)
+    scale = np.where(signal, np.abs(y).max(axis=0), 0)
+    with np.errstate(invalid="ignore"):  # infinite variances are no signal already; their range is NaN
+        signal &= np.ptp(y, axis=0) > 1e-12 * scale
+    y = np.where(signal, y / np.where(signal, scale, 1), 0)
+
+    # min over a of sum_i trust_i (a2 w_i^2 + a1 w_i + a0 - y_i)^2   (Eqs. 3.2-3.4), in v = w - 1/2 for its rounding:
+    # a2 w^2 + a1 w + a0 = a2 v^2 + b1 v + b0,  b1 = a1 + a2
+    # of three points at w = 0, 1/2, 1:  a2 = 2 (y_0 + y_1 - 2 y_h),  a1 = -3 y_0 + 4 y_h - y_1
+    v, root = w - 0.5, np.sqrt(trust / trust.max())[:, None]
+    powers = np.stack([v**2, v, np.ones_like(v)], axis=1)
+    (a2, b1, _), *_ = np.linalg.lstsq(root * powers, root * y, rcond=None)
+
+    # w = -a1 / (2 a2) = 1/2 - b1 / (2 a2)   (Eq. 3.5), where a2 > 0
+    convex = signal & (a2 > 1e-12)
+    minimum = 0.5 - b1 / np.where(convex, 2 * a2, 1)
+
+    # outside [0, 1] the nearer end; not convex: the w_i of the least y_i; no signal: 1/2
+    best = w[y.argmin(axis=0)]
+    weight = np.where(convex, np.clip(minimum, 0, 1), np.where(signal, best, 0.5))
+    outside = convex & ((minimum < 0) | (minimum > 1))
+    status = np.select([~signal, ~convex, outside], [3, 2, 1], 0).astype(np.int8)
+    return weight.reshape(variance.shape[1:]), status.reshape(variance.shape[1:])

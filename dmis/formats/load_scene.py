@@ -1,0 +1,186 @@
+"""Loading of scenes: pbrt files, the scenes that come with the library, and meshes with materials from Python.
+
+>>> scene = load_scene("teapot-area-light", resolution=(256, 256))
+>>> scene = load_scene("bunny.ply", material=plastic(), lights=[PointLight((2, -2, 3), (9, 9, 9))])
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dmis.brdf.materials import Material, matte
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, read_mesh
+from dmis.light.environment import EnvironmentLight
+from dmis.light.light import AreaLight, Light
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene, SceneWarning
+
+if TYPE_CHECKING:
+    import trimesh
+
+_HERE = Path(__file__).resolve().parent.parent
+_FOLDER = _HERE / "_scenes" if (_HERE / "_scenes").is_dir() else _HERE.parent / "scenes"  # of a wheel; of a checkout
+SHIPPED = tuple(sorted(path.stem for path in _FOLDER.glob("*.pbrt")))
+"""Names of the scenes that come with the library."""
+
+
+def load_scene(
+    source: str | os.PathLike[str] | Mesh | trimesh.Trimesh | trimesh.Scene,
+    resolution: tuple[int, int] | None = None,
+    *,
+    camera: Camera | None = None,
+    lights: Sequence[Light] | None = None,
+    material: Material | Mapping[str, Material] | None = None,
+    dialect: str | None = None,
+    outside: bool = False,
+) -> Scene:
+    """Load a scene from a file or by name, or make one of a mesh.
+
+    Parameters
+    ----------
+    source
+        A pbrt file, the name of a scene that comes with the library (`SHIPPED`), a GLB, OBJ, PLY or STL file,
+        or a mesh. A pbrt scene is complete; for a mesh the camera, lights and material are arguments.
+    resolution
+        ``(width, height)`` in place of the file's or the camera's.
+    camera
+        Default: looks down at the whole mesh from an oblique angle, 640x480; z is up, but y in a GLB file, as glTF has
+        it.
+    lights
+        Area lights also get a visible surface that blocks light and reflects none. Default: a sky of radiance 1 in
+        every direction, under which an unoccluded white surface has radiance 1.
+    material
+        One for all, or, for a trimesh scene, by the names of its geometries. Default: matte grey, with a warning that
+        names the materials, textures, colours and lights of a mesh file, which are not read.
+    dialect
+        Dialect of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: detected from the words of the file.
+    outside
+        Whether a pbrt file may name files outside of its folder.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the source is none of these, a scene has no such name, a file cannot be read, a geometry has no material, or
+        a camera, lights or a material are given for a pbrt scene. `dmis.formats.pbrt.tokens.PbrtError` is one of these.
+
+    Warns
+    -----
+    SceneWarning
+        If a mesh file holds materials and none is given, or an image is to be on a mesh without texture coordinates.
+        `dmis.formats.pbrt.reader.PbrtWarning` is one of these.
+    """
+    unread: tuple[str, ...] = ()
+    if isinstance(source, str | os.PathLike):
+        path = Path(source)
+        suffix = path.suffix.lower()
+        if suffix not in MESH_SUFFIXES:
+            for name, value in (("camera", camera), ("lights", lights), ("material", material)):
+                if value is not None:
+                    raise ValueError(f"{name} must not be given for {path}, because a pbrt scene has its own")
+            from dmis.formats.pbrt.read import (
+                read_pbrt,  # imported where used: it takes a fifth of the time of all of dmis
+            )
+
+            path = path if suffix == ".pbrt" else _shipped(path)
+            return read_pbrt(path, resolution, dialect=dialect, outside=outside)
+        if isinstance(material, Mapping):
+            raise ValueError(
+                f"material must be one Material for {path}, because the geometries of a file are joined; "
+                f"load_scene(trimesh.load(...)) takes one for each name"
+            )
+        mesh, unread = read_mesh(path)
+        if unread and material is None:
+            text = f"{path}: {', '.join(unread)} ignored, all is matte grey; give load_scene a material"
+            warnings.warn(SceneWarning(text), stacklevel=2)
+        named, title, up = {"": mesh}, path.stem, "y" if suffix == ".glb" else "z"
+    else:
+        named, title, up = _meshes(source), "scene", "z"
+    parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
+    if isinstance(lights, Light):
+        raise ValueError(f"lights must be a sequence of lights; got {lights!r} alone")
+    if lights is None:
+        lights = [EnvironmentLight(np.ones((16, 32, 3)))]
+    parts += [light_part(light) for light in lights if light.mesh() is not None]  # type: ignore[arg-type]
+    if camera is None:
+        camera = _look_at_all(list(named.values()), up)
+    if resolution is not None:
+        camera = replace(camera, resolution=resolution)
+    return Scene(camera, tuple(parts), tuple(lights), title, unread=unread)
+
+
+def light_part(light: AreaLight) -> Part:
+    """Return the visible surface of an area light, which emits its radiance and reflects nothing."""
+    mesh = light.mesh()
+    if mesh is None:
+        raise ValueError(f"light must have a visible surface; {type(light).__name__}.mesh() returns None")
+    return Part(Mesh(mesh.vertices, mesh.faces), matte(0), light)
+
+
+def _shipped(name: Path) -> Path:
+    """Return the file of the scene `name` that comes with the library."""
+    if str(name) in SHIPPED:
+        return _FOLDER / f"{name}.pbrt"
+    raise ValueError(
+        f"a scene must be a file ending in {', '.join(('.pbrt', *MESH_SUFFIXES))}, or one of the scenes that come with "
+        f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(name)!r}"
+    )
+
+
+def _meshes(source: Any) -> dict[str, Mesh]:
+    """Return the meshes of a source by their geometries' names; names of instances end in a zero byte and a number."""
+    import trimesh
+
+    if isinstance(source, Mesh):
+        return {"": source}
+    if isinstance(source, trimesh.Trimesh):
+        return {"": from_trimesh(source)}
+    if not isinstance(source, trimesh.Scene):
+        raise ValueError(f"source must be a path, a name, a Mesh, or of trimesh; got {type(source).__name__}")
+    meshes = {}
+    for k, node in enumerate(source.graph.nodes_geometry):
+        matrix, name = source.graph[node]
+        name = str(name)
+        if isinstance(source.geometry[name], trimesh.Trimesh):
+            alone = trimesh.Scene()
+            alone.add_geometry(source.geometry[name], geom_name=name, transform=matrix)
+            meshes[f"{name}\0{k}"] = from_trimesh(alone)
+    if not meshes:
+        raise ValueError("source must hold triangles to be seen; got a trimesh scene without any")
+    return meshes
+
+
+def _material_of(name: str, material: Material | Mapping[str, Material] | None) -> Material:
+    """Return the material of the geometry `name`."""
+    if material is None:
+        return _DEFAULT
+    if isinstance(material, Material):
+        return material
+    if not isinstance(material, Mapping):
+        raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
+    if name not in material:
+        names = ", ".join(map(repr, material)) or "none"
+        raise ValueError(f"material must have an entry for the geometry {name!r}; given are: {names}")
+    return material[name]
+
+
+_DEFAULT = matte()
+
+
+def _look_at_all(meshes: list[Mesh], up: str) -> Camera:
+    """Return a camera that sees the sphere about the bounding box, with one axis `up`."""
+    low, high = np.min([m.bounds[0] for m in meshes], axis=0), np.max([m.bounds[1] for m in meshes], axis=0)
+    centre, radius, fov = (low + high) / 2, np.linalg.norm(high - low) / 2, 40.0
+    towards, axis = ((0.45, -0.75, 0.48), (0, 0, 1)) if up == "z" else ((0.45, 0.48, 0.75), (0, 1, 0))
+    eye = centre + np.array(towards) / np.linalg.norm(towards) * radius / np.sin(np.radians(fov / 2))
+    return Camera.look_at(tuple(eye.tolist()), tuple(centre.tolist()), axis, fov=fov)

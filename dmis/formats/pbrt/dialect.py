@@ -1,0 +1,222 @@
+"""The dialects of the pbrt format as data: their names, their defaults, and the words that tell them apart.
+
+Directives and words that all dialects share are not listed here. The materials, lights and spectra of a dialect are in
+the tables of `dmis.formats.pbrt.materials`, `dmis.formats.pbrt.lights` and `dmis.formats.pbrt.spectra`, by its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from dmis.samplers.pixel_filter import PixelFilter
+
+_NUMERIC = {"integer": 1, "float": 1, "point": 3, "vector": 3, "normal": 3, "rgb": 3, "blackbody": 2}
+_SPECTRAL = {"color": 3, "xyz": 3}
+_LATER = {"point2": 2, "vector2": 2, "point3": 3, "vector3": 3, "normal3": 3}
+SAME_TYPE = {"point3": "point", "vector3": "vector", "normal3": "normal", "vector2": "point2"}
+"""Types of v3 and v4 that rename types of v2."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dialect:
+    """Names, types and defaults of a dialect.
+
+    Attributes
+    ----------
+    name
+        v2, v3 or v4.
+    types
+        Types of parameters that hold numbers, with how many each.
+    directives
+        Directives that not all dialects have.
+    film
+        Names of the film that makes an image.
+    film_size
+        Width and height where the Film line has none.
+    fixed
+        Parameters that change the image, by directive, with the only supported value.
+    radius
+        Names of a pixel filter's half widths.
+    filter
+        The filter of a file without a PixelFilter line; None: a box of one pixel.
+    levels
+        Names of the number of subdivisions; the first one present counts.
+    t_up
+        Whether the first row of a texture's image is t = 1, not 0.
+    global_names
+        Whether textures and named materials outlive the block that defines them.
+    beyond
+        Number of scattering surfaces beyond ``maxdepth`` of a path integrator.
+    overrides
+        Whether parameters in a Shape line replace those of its material.
+    bare_words
+        Whether true and false may stand without quotes.
+    ends
+        Whether WorldEnd must close the world.
+    """
+
+    name: str
+    types: Mapping[str, int]
+    directives: frozenset[str]
+    film: tuple[str, ...] = ("image",)
+    film_size: tuple[int, int] = (1280, 720)
+    fixed: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    radius: tuple[str, str] = ("xwidth", "ywidth")
+    filter: PixelFilter | None = None
+    levels: tuple[str, ...] = ("levels",)
+    t_up: bool = True
+    global_names: bool = False
+    beyond: int = 0
+    overrides: bool = True
+    bare_words: bool = False
+    ends: bool = True
+
+
+V2 = Dialect(
+    "v2",
+    types=_NUMERIC | _SPECTRAL,
+    directives=frozenset({"SurfaceIntegrator", "VolumeIntegrator", "Renderer", "Volume"}),
+    film_size=(640, 480),
+    levels=("nlevels",),
+    t_up=False,
+    beyond=1,
+)
+V3 = Dialect(
+    "v3",
+    types=_NUMERIC | _SPECTRAL | _LATER,
+    directives=frozenset({"Integrator", "MakeNamedMedium", "MediumInterface"}),
+    fixed={"Film": {"scale": 1.0, "maxsampleluminance": float("inf")}},
+    levels=("levels", "nlevels"),
+)
+V4 = Dialect(
+    "v4",
+    types=_NUMERIC | _LATER | {"blackbody": 1},
+    directives=frozenset({*V3.directives, "Attribute", "ColorSpace", "Import", "Option"}),
+    film=("rgb", "gbuffer", "spectral"),
+    fixed={
+        "Film": {"iso": 100.0, "sensor": "cie1931", "whitebalance": 0.0, "maxcomponentvalue": float("inf")},
+        "Camera": {"shutteropen": 0.0, "shutterclose": 1.0},
+        "Integrator": {"regularize": False},
+        "Option": {"disablepixeljitter": False, "forcediffuse": False, "disabletexturefiltering": False},
+    },
+    radius=("xradius", "yradius"),
+    filter=PixelFilter("gaussian", (1.5, 1.5), 0.5),
+    global_names=True,
+    overrides=False,
+    bare_words=True,
+    ends=False,
+)
+DIALECTS = {dialect.name: dialect for dialect in (V2, V3, V4)}
+V1_MATERIALS = ("bluepaint", "brushedmetal", "clay", "felt", "primer", "skin")
+"""Materials that only pbrt-v1 has."""
+V1_PARAMETERS = {"Camera": ("hither", "yon"), "Film": ("premultiplyalpha", "writefrequency")}
+"""Parameters that only pbrt-v1 has, by directive."""
+_EARLIER = ("matte", "plastic", "metal", "mirror", "glass", "substrate", "uber", "translucent")
+_V4_MATERIALS = (
+    "diffuse",
+    "conductor",
+    "dielectric",
+    "coateddiffuse",
+    "coatedconductor",
+    "diffusetransmission",
+    "thindielectric",
+    "interface",
+)
+_SHARED = {
+    **dict.fromkeys(V2.directives, "v2"),
+    **dict.fromkeys(V3.directives, "v3 v4"),
+    **dict.fromkeys(V4.directives - V3.directives, "v4"),
+    **dict.fromkeys(_LATER, "v3 v4"),
+    **dict.fromkeys(_SPECTRAL, "v2 v3"),
+    "WorldEnd": "v2 v3",
+}
+"""Dialects that have a directive or a type of parameter."""
+_NAMES = {
+    "Camera": {"realistic": "v3 v4", "spherical": "v4", "environment": "v2 v3"},
+    "Film": {"image": "v2 v3", **dict.fromkeys(V4.film, "v4")},
+    "Sampler": {
+        **dict.fromkeys(("adaptive", "bestcandidate"), "v2"),
+        **dict.fromkeys(("lowdiscrepancy", "random"), "v2 v3"),
+        **dict.fromkeys(("02sequence", "maxmindist"), "v3"),
+        **dict.fromkeys(("sobol",), "v3 v4"),
+        **dict.fromkeys(("independent", "paddedsobol", "pmj02bn", "zsobol"), "v4"),
+    },
+    "Accelerator": {"grid": "v2"},
+    "Integrator": {
+        **dict.fromkeys(("directlighting", "whitted"), "v3"),
+        **dict.fromkeys(("bdpt", "mlt", "sppm", "volpath"), "v3 v4"),
+        **dict.fromkeys(("function", "lightpath", "randomwalk", "simplepath", "simplevolpath"), "v4"),
+    },
+    "Shape": {
+        **dict.fromkeys(("cone", "heightfield", "hyperboloid", "nurbs", "paraboloid"), "v2 v3"),
+        **dict.fromkeys(("curve", "plymesh"), "v3 v4"),
+        "bilinearmesh": "v4",
+    },
+    "Material": {
+        **dict.fromkeys((*V1_MATERIALS, "shinymetal"), "v2"),
+        **dict.fromkeys(_EARLIER, "v2 v3"),
+        **dict.fromkeys(("disney", "fourier"), "v3"),
+        **dict.fromkeys(("", "none", "hair"), "v3 v4"),
+        **dict.fromkeys(_V4_MATERIALS, "v4"),
+    },
+    "AreaLightSource": {"area": "v2 v3"},
+}
+"""Dialects that have a directive with this first string; those of a material also in MakeNamedMaterial."""
+_PARAMETERS = {
+    "Camera": dict.fromkeys(V1_PARAMETERS["Camera"], "v2"),
+    "Film": {
+        **dict.fromkeys(V1_PARAMETERS["Film"], "v2"),
+        **dict.fromkeys(("scale", "maxsampleluminance"), "v3"),
+        "diagonal": "v3 v4",
+        **dict.fromkeys(("iso", "sensor", "whitebalance", "maxcomponentvalue"), "v4"),
+    },
+    "PixelFilter": dict.fromkeys(("xwidth", "ywidth", "alpha"), "v2 v3")
+    | dict.fromkeys(("xradius", "yradius", "sigma"), "v4"),
+    "LightSource": dict.fromkeys(("nsamples", "mapname"), "v2 v3")
+    | dict.fromkeys(("filename", "illuminance", "power", "portal"), "v4")
+    | {"samples": "v3"},
+    "AreaLightSource": {"nsamples": "v2 v3", "samples": "v3", "twosided": "v3 v4", "power": "v4"},
+    "Shape": {"nlevels": "v2 v3", "levels": "v3 v4"},
+    "Material": {"remaproughness": "v3 v4"},
+    "MakeNamedMaterial": {"remaproughness": "v3 v4"},
+}
+"""Dialects that have a parameter of a directive."""
+
+
+def detect(tokens: Iterable[Any]) -> tuple[Dialect, tuple[str, ...]]:
+    """Return the dialect by which to read a file, and the names of all dialects that fit its words.
+
+    The words of the file `tokens` rule dialects out until one remains. If several remain, the first of them is a guess.
+    The reader refuses a word that contradicts earlier ones. Without WorldEnd a file that is not of v2 is of v4.
+    """
+    remaining, directive, before = set(DIALECTS), "", ""
+    for token in tokens:
+        for names in _marks(token, directive, before):
+            remaining = remaining & set(names.split()) or remaining
+        if len(remaining) == 1:
+            break
+        if token.kind == "word" and token.text[0].isalpha():
+            directive = token.text
+        before = before if token.kind == "open" else token.text
+    if "v2" not in remaining and len(remaining) > 1:  # no WorldEnd: v3 has one
+        remaining = {"v4"}
+    fits = tuple(sorted(remaining))
+    return DIALECTS[fits[0]], fits
+
+
+def _marks(token: Any, directive: str, before: str) -> Iterator[str]:
+    """Yield the dialects that a token fits, in the parameters of `directive` and behind the token `before`."""
+    if token.kind == "word":
+        yield _SHARED.get(token.text, "v2 v3 v4")
+    if token.kind != "string":
+        return
+    if before == directive:
+        yield _NAMES.get(directive, {}).get(token.name, "v2 v3 v4")
+    elif directive == "MakeNamedMaterial" and before == '"string type"':
+        yield _NAMES["Material"].get(token.name, "v2 v3 v4")
+    else:
+        kind, _, name = token.name.strip().partition(" ")
+        yield _SHARED.get(kind, "v2 v3 v4") if name else "v2 v3 v4"
+        yield _PARAMETERS.get(directive, {}).get(name.strip(), "v2 v3 v4")

@@ -1,0 +1,163 @@
+"""Scenes from files of pbrt-v2, v3 and v4.
+
+`read_pbrt` reads the text format of pbrt: M. Pharr and G. Humphreys, *Physically Based Rendering*, 2nd edition,
+appendix B, and the common subset of the formats of the 3rd and 4th edition. A line that is unknown or not supported is
+an error that names file, line and token, so that no wrong image is rendered in silence; one warning names the options
+and parameters that are not used because they do not change the expected image. The later dialects mean other things by
+the same words, so a file is read by the rules of one dialect (`dmis.formats.pbrt.dialect`): the one that its words
+belong to, or an argument. ``plymesh`` is read in all dialects. docs/scenes.md lists what is read.
+
+Deviations of pbrt-v2 from the textbook, which only this reader knows:
+
+* Camera space is left-handed, x right, y up, z forward, and so is what ``LookAt`` makes.
+* ``plastic`` and ``uber`` take their Fresnel reflectance from inside: it is total beyond 42 degrees at index 1.5.
+* A Blinn exponent is at most 10000, so a roughness is at least 1e-4. Negative reflectances become 0, those above 1
+  stay, with a warning; sigma is brought to [0, 90], and what ``shinymetal`` reflects is at most 1. (Opacity is at most
+  1 here, too; above, pbrt-v2 lets negative light through.)
+* A texture in the Material line beats a constant in the Shape line, which beats a constant in the Material line. A
+  named material takes what it lacks from the Material line that stands then, and nothing from Shape lines.
+* ``from`` of a point light is added in world space, after the current transform.
+* An area light emits on one side: disks, spheres and cylinders along their normals, triangles along their winding in
+  world space; ReverseOrientation turns both. That is pbrt-v2's rule for points it samples on a light. For triangles
+  that a ray hits it takes dp/du x dp/dv, turned by transforms that change handedness too, so that a mirrored mesh, or
+  mirrored texture coordinates, have two bright sides. Here the sampled side holds for both.
+* pbrt-v2 samples a disk or sphere with its radius from object space, which is wrong under any scaling. Here uniform
+  scaling is right, and other scaling is an error. Disks and spheres with parts cut out must not emit.
+* Refracted radiance is not divided by eta^2: a lamp in a ball of glass is as bright as outside of it.
+* The outside of glass is the side of the vertex normals of triangles, else of dp/du x dp/dv. ReverseOrientation turns
+  it, and so does a transform that changes handedness. A shape of glass that emits on its inner side is an error.
+* Vertex normals of ``loopsubdiv`` are opposite to the winding of its faces, in v3 and v4 as well.
+* The first row of an image is t = 0 and, in a map of infinite light, +z. A texel is (scale * texel) ^ gamma; a float
+  texture takes the luminance. Images are bilinear here; pbrt-v2 blurs textures by a texel, and resamples images whose
+  sides are no powers of 2.
+* ``maxdepth`` m of path tracing lets m + 1 surfaces scatter light. (One thing is not followed: a light that is seen by
+  way of exactly m + 1 mirrors is black in pbrt-v2.)
+* Without a PixelFilter line the filter is a box of one pixel. Other filters are smooth here, and taken from a table of
+  16 x 16 values in pbrt-v2 and v3.
+
+Deviations of v3 and v4 are described in the modules: sides of lights and glass in `dmis.formats.pbrt.parts`, colours in
+`dmis.formats.pbrt.spectra`, materials and lights in `dmis.formats.pbrt.materials` and `dmis.formats.pbrt.lights`.
+
+File names are relative to the folder of the file that they stand in, else to that of the file read first, and must not
+lead out of the latter unless the caller allows it.
+
+The modules: `dmis.formats.pbrt.dialect` (dialects as data), `dmis.formats.pbrt.tokens` and `dmis.formats.pbrt.cursor`
+(text), `dmis.formats.pbrt.parameters` (values), `dmis.formats.pbrt.directives`, `dmis.formats.pbrt.transforms` and
+`dmis.formats.pbrt.world` (lines), `dmis.formats.pbrt.reader` (state and scene), `dmis.formats.pbrt.objects`
+(textures, materials and lights of v2), `dmis.formats.pbrt.materials`, `dmis.formats.pbrt.lights` and
+`dmis.formats.pbrt.spectra` (by dialect), `dmis.formats.pbrt.shapes` (meshes), `dmis.formats.pbrt.quadrics` (their
+tessellation), `dmis.formats.pbrt.parts` (sides, parts, area lights).
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dmis.formats.pbrt.dialect import DIALECTS, Dialect, detect
+from dmis.formats.pbrt.directives import MAX_FILES, carry_out
+from dmis.formats.pbrt.reader import PbrtWarning, Reader
+from dmis.formats.pbrt.tokens import Source, Token, tokens_of
+from dmis.scene.camera import Camera
+from dmis.scene.scene import Scene
+
+
+def read_pbrt(
+    path: str | os.PathLike[str],
+    resolution: tuple[int, int] | None = None,
+    *,
+    dialect: str | None = None,
+    outside: bool = False,
+) -> Scene:
+    """Read a pbrt scene file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    resolution
+        ``(width, height)`` in place of the file's. The field of view belongs to the shorter side, so a change of shape
+        shows more or less on the longer one.
+    dialect
+        ``v2``, ``v3`` or ``v4``. Default: the one that the file's own words fit; if they fit several, the first of
+        them, with a warning.
+    outside
+        Whether the scene may read files outside of its folder. Links count as where they lead.
+
+    Returns
+    -------
+    Scene
+        Its name is the file's; its `source` says which dialect the file was read by, and why. Shapes of one material
+        make one part, or a few: flat and smooth ones are kept apart, and so are those with and without texture
+        coordinates.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    PbrtError
+        If it is malformed, or asks for what is not supported. The message begins ``FILE:LINE: token TOKEN:``.
+    ValueError
+        If the resolution or the dialect is not one, or the file is too large.
+
+    Warns
+    -----
+    PbrtWarning
+        Once each, if something in the file was not used, if reflectances exceed 1, if the dialect is a guess, and if
+        the file has words of pbrt-v1 and lacks a PixelFilter line, whose default is another one there.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no scene file {path}")
+    if resolution is not None:
+        resolution = Camera(np.eye(4), 90.0, resolution).resolution
+    if dialect is not None and dialect not in DIALECTS:
+        raise ValueError(f"dialect must be one of {', '.join(DIALECTS)}; got {dialect!r}")
+    source = Source.read(path, outside)
+    candidates: tuple[str, ...]
+    chosen, candidates = detect(_words(source)) if dialect is None else (DIALECTS[dialect], ())
+    source = replace(source, dialect=chosen)
+    reader = Reader(source, resolution)
+    with np.errstate(all="ignore"):  # what is not finite is refused where it matters
+        carry_out(reader, source)
+        scene = reader.scene()
+    if len(candidates) > 1:
+        warnings.warn(PbrtWarning(_guessed(path, chosen, candidates)), stacklevel=2)
+    reader.warn(stacklevel=2)
+    reason = "guess" if len(candidates) > 1 else "file" if candidates else "caller"
+    return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
+
+
+def _words(source: Source) -> Iterator[Token]:
+    """Yield the tokens of a file and of those it includes, each file once; the reader reports files that fail."""
+    read = {source.path.resolve()}
+    open_files = [tokens_of(source)]
+    before = ""
+    while open_files:
+        token = next(open_files[-1], None)
+        if token is None:
+            open_files.pop()
+            continue
+        yield token
+        if before in ("Include", "Import") and token.kind == "string":
+            with suppress(ValueError, OSError):
+                path = token.file(token.name)
+                if path.resolve() not in read and len(read) < MAX_FILES:
+                    read.add(path.resolve())
+                    open_files.append(tokens_of(token.source.include(path)))
+        before = token.text
+
+
+def _guessed(path: Path, dialect: Dialect, fits: tuple[str, ...]) -> str:
+    """Return the text of the warning that the dialect is a guess."""
+    others = " or ".join(f"dialect={name!r} (--dialect {name})" for name in fits)
+    return (
+        f"{path}: read as pbrt-{dialect.name}, which is a guess: the words of the file fit {' and '.join(fits)}, whose "
+        f"images differ (the integrator and the film where no line names them, materials, textures); give {others}"
+    )

@@ -1,0 +1,232 @@
+"""Shapes of pbrt files: their meshes in object space, made from the parameters of Shape lines.
+
+Quadrics keep their formula until the camera is known, which decides how finely they are tessellated
+(`dmis.formats.pbrt.quadrics`). `dmis.formats.pbrt.parts` turns shapes into parts of a scene and lights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Floats
+from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.quadrics import choose_grids
+from dmis.formats.pbrt.tokens import Token, blame
+from dmis.geometry import mesh_files, subdivision
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
+from dmis.scene.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A shape of a pbrt file with its mesh, its transform and its place in the file.
+
+    Attributes
+    ----------
+    token
+        The directive, for errors.
+    kind
+        Its class: trianglemesh, sphere, ...
+    mesh
+        Triangles in object space; of a quadric a coarse tessellation, until `tessellate_quadrics`.
+    to_world
+        4x4 matrix.
+    reverse
+        Whether ReverseOrientation is on.
+    mirrored
+        Whether the transform of the Shape line changes handedness; that of an instance does not count.
+    size
+        Of an analytic disk (height, radius) or sphere (0, radius) that is whole; else None.
+    quadric
+        The surface of a sphere, disk or cylinder; else None.
+    """
+
+    token: Token
+    kind: str
+    mesh: Mesh
+    to_world: Floats
+    reverse: bool
+    mirrored: bool
+    size: tuple[float, float] | None = None
+    quadric: Quadric | None = None
+
+
+def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:
+    """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform."""
+    if name.name not in _SHAPES or (name.name == "bilinearmesh" and name.source.dialect.name != "v4"):
+        names = ", ".join(kind for kind in _SHAPES if kind != "bilinearmesh" or name.source.dialect.name == "v4")
+        raise name.error(f"a shape must be one of {names}; others are not supported, export them as a trianglemesh")
+    for alpha in ("alpha", "shadowalpha"):
+        parameter = parameters.items.get(alpha)
+        if parameter is not None and parameter.kind == "float" and parameters.number(alpha, 1) == 1:
+            continue
+        parameters.refuse(alpha, "alpha is not supported: cut the holes into the mesh and remove the parameter")
+    for displaced in ("displacement", "emissionfilename"):
+        parameters.refuse(displaced, f"{displaced} is not supported; remove the parameter")
+    parameters.refuse("S", "tangents are not supported; remove the parameter")
+    with blame(name):
+        surface, size = _SHAPES[name.name](parameters)
+        quadric = surface if isinstance(surface, Quadric) else None
+        mesh = surface.mesh(*surface.lines(8)) if isinstance(surface, Quadric) else surface
+    return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), size, quadric)
+
+
+_Surface = tuple[Mesh | Quadric, tuple[float, float] | None]
+
+
+def _triangles(p: Parameters) -> _Surface:
+    points = _points(p)
+    if "indices" not in p.items and len(points) == 3 and p.directive.source.dialect.name == "v4":
+        faces = np.arange(3, dtype=np.int32)[None]
+    else:
+        faces = p.indices(len(points))
+    normals = p.table("N", "normal", 3)
+    uv = p.table("uv", ("float", "point2"), 2)
+    st = p.table("st", ("float", "point2"), 2)
+    uv = st if uv is None else uv
+    for name, table in (("N", normals), ("st" if uv is st else "uv", uv)):
+        if table is not None and len(table) != len(points):
+            raise p.items[name].token.error(f"each of the {len(points)} points needs one {name}; got {len(table)}")
+    return Mesh(points, faces, None if normals is None else mesh_files.repair_normals(points, faces, normals), uv), None
+
+
+def _loop(p: Parameters) -> _Surface:
+    scheme = p.string("scheme", "loop")
+    if scheme != "loop":
+        raise p.items["scheme"].token.error(f"the scheme of subdivision must be loop; got {scheme!r}")
+    points = _points(p)
+    names = p.directive.source.dialect.levels
+    levels = p.integer(next((name for name in names if name in p.items), names[0]), 3)
+    mesh = subdivision.loop_subdivide(points, p.indices(len(points)), levels)
+    assert mesh.normals is not None
+    # all versions of pbrt take S x T over a ring that runs clockwise: normals opposite to the winding
+    return replace(mesh, normals=-mesh.normals), None
+
+
+def _file(p: Parameters) -> _Surface:
+    name = p.string("filename")
+    token = p.items["filename"].token
+    if not name.lower().endswith(".ply"):
+        raise token.error(f"a plymesh must be a .ply file; got {name!r}")
+    with blame(token):
+        return mesh_files.load_mesh(token.file(name)), None
+
+
+def _sphere(p: Parameters) -> _Surface:
+    radius = p.number("radius", 1)
+    if not radius > 0:
+        raise ValueError(f"radius must be positive; got {radius}")
+    low, high = sorted((p.number("zmin", -radius), p.number("zmax", radius)))
+    phimax = p.number("phimax", 360)
+    whole = low <= -radius and high >= radius and phimax == 360
+    return spherical(radius, low, high, phimax), (0.0, radius) if whole else None
+
+
+def _disk(p: Parameters) -> _Surface:
+    height, radius = p.number("height", 0), p.number("radius", 1)
+    inner, phimax = p.number("innerradius", 0), p.number("phimax", 360)
+    whole = inner == 0 and phimax == 360
+    return circular(height, radius, inner, phimax), (height, radius) if whole else None
+
+
+def _cylinder(p: Parameters) -> _Surface:
+    low, high = sorted((p.number("zmin", -1), p.number("zmax", 1)))
+    return cylindrical(p.number("radius", 1), low, high, p.number("phimax", 360)), None
+
+
+def _bilinear(p: Parameters) -> _Surface:
+    """Return parallelograms as two triangles each; other bilinear patches, curved or with bilinear uv, are errors."""
+    points = _points(p)
+    table = p.table("indices", "integer", 4)
+    if table is None and len(points) != 4:
+        raise p.missing("indices", "integer")
+    quads = np.arange(4)[None] if table is None else table.astype(np.int64)
+    if quads.min() < 0 or quads.max() >= len(points):
+        raise p.items["indices"].token.error(f"indices must be from 0 to {len(points) - 1}, the last point")
+    p.refuse("N", "normals of a bilinearmesh are not supported; use a trianglemesh")
+    corners = points[quads]
+    gap = corners[:, 0] + corners[:, 3] - corners[:, 1] - corners[:, 2]
+    if not np.allclose(gap, 0, atol=1e-6 * np.abs(corners - corners[:, :1]).max()):
+        raise p.items["P"].token.error("the patches of a bilinearmesh must be parallelograms; others are not supported")
+    uv = p.table("uv", ("float", "point2"), 2)
+    if uv is not None and len(uv) != len(points):
+        raise p.items["uv"].token.error(f"each of the {len(points)} points needs one uv; got {len(uv)}")
+    uvs = (
+        np.tile([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], (len(quads), 1)) if uv is None else uv[quads.ravel()]
+    )
+    bent = uvs[0::4] + uvs[3::4] - uvs[1::4] - uvs[2::4]
+    if not np.allclose(bent, 0, atol=1e-6 * max(1.0, float(np.abs(uvs).max()))):
+        raise p.items["uv"].token.error("the uv of each patch of a bilinearmesh must be a parallelogram, too")
+    faces = (4 * np.arange(len(quads))[:, None, None] + [[0, 1, 3], [0, 3, 2]]).reshape(-1, 3)
+    return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uvs), None
+
+
+_SHAPES: dict[str, Callable[[Parameters], _Surface]] = {
+    "trianglemesh": _triangles,
+    "plymesh": _file,
+    "loopsubdiv": _loop,
+    "sphere": _sphere,
+    "disk": _disk,
+    "cylinder": _cylinder,
+    "bilinearmesh": _bilinear,
+}
+QUADRICS = ("sphere", "disk", "cylinder")
+"""Kinds of shapes that are quadrics."""
+
+
+def _points(p: Parameters) -> Floats:
+    points = p.table("P", "point", 3)
+    if points is None:
+        raise p.missing("P", "point")
+    return points
+
+
+def mirrors(matrix: Floats) -> bool:
+    """Return whether a matrix (4, 4) changes handedness."""
+    return bool(np.linalg.det(matrix[:3, :3]) < 0)
+
+
+def tessellate_quadrics(
+    shapes: Sequence[Shape], lamps: int, camera: Camera, most: int
+) -> tuple[list[Shape], dict[str, Any] | None]:
+    """Return the shapes, with quadrics tessellated as the camera needs, and a report; see `dmis.formats.pbrt.quadrics`.
+
+    The first `lamps` of the shapes emit. `most` is the largest number of triangles. The report is None if there is no
+    quadric, else it has their number ``shapes``, their ``triangles``, their largest error in ``pixels`` (of spheres
+    that emit: ``lamp_pixels``), and in ``radii``.
+    """
+    curved = [
+        (shape.quadric, shape.to_world, k < lamps and shape.kind == "sphere" and not shape.reverse)
+        for k, shape in enumerate(shapes)
+        if shape.quadric is not None
+    ]
+    if not curved:
+        return list(shapes), None
+    others = sum(shape.mesh.triangles for shape in shapes if shape.quadric is None)
+    grids = choose_grids(curved, camera, most - others)
+    meshes: dict[tuple[object, ...], Mesh] = {}  # instances of one shape share a mesh
+    remaining = iter(grids)
+    finished = []
+    for shape in shapes:
+        if shape.quadric is not None:
+            grid = next(remaining)
+            key = id(shape.quadric), grid.u.tobytes(), grid.v.tobytes()
+            if key not in meshes:
+                meshes[key] = shape.quadric.mesh(grid.u, grid.v)
+            shape = replace(shape, mesh=meshes[key])
+        finished.append(shape)
+    errors = [
+        [grid.pixels for grid, (*_, lamp) in zip(grids, curved, strict=True) if lamp is kind] for kind in (False, True)
+    ]
+    return finished, {
+        "shapes": len(grids),
+        "triangles": sum(shape.mesh.triangles for shape in finished if shape.quadric is not None),
+        "pixels": max(errors[False], default=0.0),
+        "lamp_pixels": max(errors[True], default=0.0),
+        "radii": max(grid.radii for grid in grids),
+    }

@@ -1,0 +1,104 @@
+"""Spectra of pbrt files as linear RGB, by dialect.
+
+pbrt-v2 and v3 turn every spectrum into RGB without a white balance; v3 has integrals and a scale of black bodies of its
+own (`_v3_sampled`, `_v3_blackbody`). pbrt-v4 keeps spectra and looks at the film in the end; here they become RGB at
+once. What a surface or a metal has is balanced, so that a constant spectrum stays the same constant, and what a light
+has is brought to the luminance 1, as v4 does before its ``scale``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from dmis.base.color import LUMINANCE, Rgb, blackbody_to_rgb, spectrum_to_rgb
+from dmis.base.vectors import Floats
+from dmis.brdf.materials import COPPER_ETA, COPPER_K
+
+_GOLD_ETA, _GOLD_K = (0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214)
+_WIEN = 2.8977721e6
+"""Displacement constant, nm K."""
+
+
+@cache
+def _white() -> Floats:
+    """Return the RGB of a constant spectrum before white balance; computed where needed, because it imports SciPy."""
+    return np.array(spectrum_to_rgb([555.0], [1.0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Functions by which a dialect converts spectra to RGB: tables, black bodies, and spectra by name."""
+
+    sampled: Callable[[npt.ArrayLike, npt.ArrayLike], Rgb]
+    blackbody: Callable[..., Rgb]
+    named: Callable[[], dict[str, Rgb]]
+
+
+def luminous(rgb: Rgb) -> Rgb:
+    """Return a colour scaled to luminance 1.
+
+    Raises
+    ------
+    ValueError
+        If the luminance is not positive.
+    """
+    y = float(LUMINANCE @ np.asarray(rgb))
+    if not y > 0:
+        raise ValueError(f"the spectrum of a light must have a positive luminance, to which it is scaled; got {y:g}")
+    return _times(rgb, 1 / y)
+
+
+def _times(rgb: Rgb, factor: float | Floats) -> Rgb:
+    """Return the product of a colour and a factor, one number or one per channel."""
+    r, g, b = (np.asarray(rgb) * factor).tolist()
+    return r, g, b
+
+
+def _v3_sampled(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
+    """Return the RGB of a table in pbrt-v3, which integrates over 470 nm in 471 steps."""
+    return _times(spectrum_to_rgb(wavelengths, values), 470 / 471)
+
+
+def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
+    """Return the RGB of a black body in pbrt-v3, which scales the brightest wavelength to 1, not 555 nm."""
+    rgb = blackbody_to_rgb(temperature, scale)
+    if temperature == 0:
+        return rgb
+    peak = _WIEN / temperature
+    with np.errstate(all="ignore"):  # a colour that is not finite is refused by the light that gets it
+        c2 = 1.4388e7 / temperature
+        brightest = (555 / peak) ** 5 * np.exp(c2 / 555 - c2 / peak) * np.expm1(-c2 / 555) / np.expm1(-c2 / peak)
+        return _times(rgb, 470 / 471 / brightest)
+
+
+def _v4_sampled(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
+    return _times(spectrum_to_rgb(wavelengths, values), 1 / _white())
+
+
+def _v4_blackbody(temperature: float) -> Rgb:
+    return luminous(blackbody_to_rgb(temperature))
+
+
+@cache
+def _v4_named() -> dict[str, Rgb]:
+    balance = 1 / _white()
+    metals = {"Cu": (COPPER_ETA, COPPER_K), "Au": (_GOLD_ETA, _GOLD_K)}
+    named = {
+        f"metal-{metal}-{what}": _times(value, balance)
+        for metal, values in metals.items()
+        for what, value in zip(("eta", "k"), values, strict=True)
+    }
+    return named | {"stdillum-D65": (1.0, 1.0, 1.0)}
+
+
+SPECTRA = {
+    "v2": Spectra(spectrum_to_rgb, blackbody_to_rgb, dict),
+    "v3": Spectra(_v3_sampled, _v3_blackbody, dict),
+    "v4": Spectra(_v4_sampled, _v4_blackbody, _v4_named),
+}
+"""Conversions of spectra by the name of the dialect."""

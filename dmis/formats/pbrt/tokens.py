@@ -1,0 +1,171 @@
+"""Tokens of pbrt files with their places, the paths of files that they name, and errors that name file, line and token.
+
+A list of plain numbers is one token and becomes an array in one step, so large meshes cost little more than their
+characters. `dmis.formats.pbrt.cursor` walks over the tokens.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dmis.base.vectors import Floats
+from dmis.formats.pbrt.dialect import V2, Dialect
+
+MAX_TEXT = 2**30
+"""Most characters of all files of a scene together, and of each."""
+_TOKEN = re.compile(
+    r"""(?: \s++ | \#[^\n]*+ )*+                                        # blanks and comments
+    (?: (?P<list> \[ (?: [-+.0-9eE\s]++ | \#[^\n]*+ )*+ \] )            # of numbers alone
+      | (?P<string> "[^"\n]*+" )
+      | (?P<open> \[ ) | (?P<close> \] )
+      | (?P<word> [^\s"\[\]\#]++ )
+      | (?P<broken> "[^\n]*+ )                                          # a string without an end
+      | (?P<end> \Z ) )""",
+    re.VERBOSE,
+)
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+
+class PbrtError(ValueError):
+    """Error about a pbrt file that is malformed or not supported; the message names file, line and token."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Text and dialect of a file. File names in it are relative to `folders`, in order, and must be within `root`."""
+
+    path: Path
+    text: str
+    folders: tuple[Path, ...]
+    root: Path | None = None
+    dialect: Dialect = V2
+
+    @classmethod
+    def read(cls, path: Path, outside: bool = False) -> Source:
+        """Read `path`, the first file of a scene; files named in it must be below its folder unless `outside`."""
+        root = None if outside else path.parent.resolve()
+        return cls(path, _text(path), (path.parent,), root)
+
+    def include(self, path: Path) -> Source:
+        """Read a file that this one names: names in it are relative to its own folder, else to the first file's."""
+        folders = dict.fromkeys([path.parent, self.folders[-1]])
+        return replace(self, path=path, text=_text(path), folders=tuple(folders))
+
+
+class Token(NamedTuple):
+    """A piece of a file; `kind` is list, string, word, open, close or end."""
+
+    kind: str
+    text: str
+    source: Source
+    start: int
+
+    @property
+    def line(self) -> int:
+        """Line number, from 1."""
+        return self.source.text.count("\n", 0, self.start) + 1
+
+    @property
+    def name(self) -> str:
+        """The text of a string without its quotes."""
+        return self.text[1:-1]
+
+    def error(self, message: str) -> PbrtError:
+        """Return an error with the file, the line and the text of this token."""
+        text = " ".join(self.text[:200].split()) or "end of file"
+        if len(text) > 60:
+            text = f"{text[:57]}..."
+        return PbrtError(f"{self.source.path}:{self.line}: token {text}: {message}")
+
+    def file(self, name: str) -> Path:
+        """Return the path of the existing file `name`, relative to the folders of this token's file."""
+        if "\0" in name:
+            raise self.error("a file name must not hold a zero character")
+        root = self.source.root
+        for folder in self.source.folders:
+            path = folder / name
+            try:
+                if not path.is_file():
+                    continue
+                inside = root is None or path.resolve().is_relative_to(root)
+            except OSError as error:
+                raise self.error(f"the file {name[:60]!r} cannot be looked for: {error.strerror}") from error
+            if not inside:
+                raise self.error(
+                    f"the file {name!r} is outside of the scene's folder {root}, which a scene must not reach "
+                    "unless that is allowed (outside=True, --allow-outside)"
+                )
+            return path
+        raise self.error(f"there is no file {name!r} in {' or '.join(str(folder) for folder in self.source.folders)}")
+
+
+@contextmanager
+def blame(token: Token) -> Iterator[None]:
+    """Raise errors of the block again as errors about `token`, with its place in the file."""
+    try:
+        yield
+    except PbrtError:
+        raise
+    except (ValueError, OSError) as error:
+        raise token.error(str(error)) from error
+
+
+def tokens_of(source: Source) -> Iterator[Token]:
+    """Yield the tokens of a file, the last of which is its end."""
+    for match in _TOKEN.finditer(source.text):
+        kind = match.lastgroup or "end"
+        token = Token(kind, match[kind], source, match.start(kind))
+        if kind == "broken":
+            raise token.error('this string has no end: a closing quote " is missing on its line')
+        yield token
+        if kind == "end":
+            break
+
+
+def _text(path: Path) -> str:
+    """Read the text of a file of at most `MAX_TEXT` bytes."""
+    if path.stat().st_size > MAX_TEXT:
+        raise ValueError(f"a file must have at most {MAX_TEXT} bytes, because it is kept in memory; got {path}")
+    return path.read_text(encoding="utf-8", errors="replace")
+
+
+def is_number(token: Token) -> bool:
+    """Return whether a token is a number without brackets."""
+    return token.kind == "word" and _NUMBER.fullmatch(token.text) is not None
+
+
+def number_of(token: Token) -> float:
+    """Return the value of a number token."""
+    value = float(token.text)
+    if not np.isfinite(value):
+        raise token.error("a number must be finite; this one is too large")
+    return value
+
+
+def numbers_of(token: Token) -> Floats:
+    """Return the values of a list token."""
+    text = token.text[1:-1]
+    if "#" in text:
+        text = re.sub(r"#[^\n]*", "", text)
+    try:
+        values = np.array(text.split(), np.float64)
+    except ValueError:
+        bad = next(word for word in text.split() if not _NUMBER.fullmatch(word))
+        raise _within(token, bad).error("a number is expected here") from None
+    if not np.isfinite(values).all():
+        bad = text.split()[int(np.argmin(np.isfinite(values)))]
+        raise _within(token, bad).error("a number must be finite; this one is too large")
+    return values
+
+
+def _within(token: Token, word: str) -> Token:
+    """Return the token of a word in a list token."""
+    match = re.compile(rf"(?<![^\s\[]){re.escape(word)}(?![^\s\]])").search(token.source.text, token.start)
+    return Token("word", word, token.source, match.start() if match else token.start)

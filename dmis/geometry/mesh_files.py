@@ -1,0 +1,195 @@
+"""Meshes from files (OBJ, PLY, STL, GLB, ...), read by trimesh."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dmis.base.vectors import Floats
+from dmis.geometry import wavefront
+from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals, weld
+
+if TYPE_CHECKING:
+    import trimesh
+
+MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
+"""Extensions that :func:`load_mesh` reads."""
+MAX_FILE_BYTES = 2**31
+"""Largest mesh file."""
+MAX_FACES = 2**25
+"""Most triangles of a mesh file, all instances counted."""
+
+
+def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
+    """Convert a trimesh object to a `Mesh`; the geometries of a scene are placed by its graph and joined.
+
+    Normals are kept if the object has some: from its file, or because a caller has read them, since trimesh computes
+    missing normals on demand and keeps them. `load_mesh` keeps those of the file only. Geometries that the graph
+    mirrors keep their outside, as glTF defines it. Raises a ValueError if there are no triangles.
+    """
+    import trimesh
+
+    if isinstance(mesh, trimesh.Scene):
+        sizes = {name: len(getattr(geometry, "faces", ())) for name, geometry in mesh.geometry.items()}
+        if sum(sizes[mesh.graph[node][1]] for node in mesh.graph.nodes_geometry) > MAX_FACES:
+            raise ValueError(f"mesh must have at most {MAX_FACES} triangles, because instances are copied")
+        meshes = []
+        for node in mesh.graph.nodes_geometry:
+            matrix, name = mesh.graph[node]
+            if isinstance(mesh.geometry[name], trimesh.Trimesh):
+                placed = from_trimesh(mesh.geometry[name]).transformed(matrix)
+                if np.linalg.det(matrix[:3, :3]) < 0:
+                    placed = Mesh(placed.vertices, placed.faces[:, ::-1], placed.normals, placed.uv)
+                meshes.append(placed)
+        if not meshes:
+            raise ValueError("mesh must hold triangles, because only they can be hit; got a scene without any")
+        return concatenate(meshes)
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        raise ValueError(f"mesh must be a trimesh.Trimesh with faces, or a Scene of them; got {mesh!r}")
+    vertices, faces, normals = np.asarray(mesh.vertices), np.asarray(mesh.faces), None
+    if "vertex_normals" in mesh._cache:
+        normals = repair_normals(vertices, faces, np.array(mesh.vertex_normals))
+    return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
+
+
+def repair_normals(vertices: Floats, faces: npt.NDArray[Any], normals: Floats) -> Floats:
+    """Return `normals` (V, 3) with zeros and NaN, which exporters write, replaced by means of the faces' normals.
+
+    The replacements are on the side of the other normals, whatever the winding.
+    """
+    invalid = np.asarray(~(np.isfinite(normals).all(axis=1) & normals.any(axis=1)))[:, None]
+    if not invalid.any():
+        return normals
+    valid_normals = np.where(invalid, 0, normals)
+    against = np.einsum("fkc,fc->f", valid_normals[faces], flat_normals(vertices, faces)) < 0
+    return np.where(invalid, vertex_normals(vertices, np.where(against[:, None], faces[:, ::-1], faces)), normals)
+
+
+def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
+    """Read a GLB, OBJ, PLY or STL file.
+
+    Parameters
+    ----------
+    path
+        The file; its extension names the format.
+    smooth
+        None: shading normals if the file has them. True: shading normals of the file, else means over all faces that
+        meet at a *position* (in STL no two faces share a vertex). False: no shading normals.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the extension is unknown, or the file cannot be read or holds no triangles. Both messages name the file.
+    """
+    return read_mesh(path, smooth)[0]
+
+
+def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple[Mesh, tuple[str, ...]]:
+    """Read a mesh file, see `load_mesh`, and return summaries of its ignored contents: "3 materials (wood, glass)"."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        raise ValueError(f"mesh file {path} must have one of the extensions {' '.join(MESH_SUFFIXES)}; got {suffix!r}")
+    if not path.is_file():
+        raise FileNotFoundError(f"mesh file {path} does not exist")
+    import trimesh
+
+    try:
+        data = _read_bytes(path)
+        if suffix == ".glb":
+            _check_glb(data)
+        if suffix == ".ply":  # names that trimesh does not know
+            header, end, rest = data.partition(b"end_header")
+            data = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t") + end + rest
+        obj = wavefront.read_obj(data) if suffix == ".obj" else None
+        # The file may name other files, anywhere. With bytes alone trimesh cannot find them.
+        bare: dict[str, Any] = {"skip_materials": True} if suffix == ".ply" else {}  # an image
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            loaded: Any = trimesh.load(
+                io.BytesIO(data if obj is None else obj.text), file_type=suffix[1:], process=False, **bare
+            )  # process=True would merge and reorder vertices
+            mesh = from_trimesh(loaded)
+        if obj is not None:
+            wavefront.check_triangles(obj.triangles, mesh.vertices[mesh.faces])
+        unread = _unread(suffix, data, obj)
+    except Exception as error:  # trimesh's readers let errors of any type through
+        reason = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
+        if path.stat().st_size == 0:
+            reason = "it is empty"
+        if isinstance(error, ImportError):  # of the package with which trimesh guesses encodings
+            reason = "it is neither binary nor text of the format"
+        raise ValueError(f"mesh file {path} cannot be read as {suffix[1:].upper()}: {reason}") from error
+    if smooth is None or smooth == (mesh.normals is not None):
+        return mesh, unread
+    normals = None
+    if smooth:
+        same = weld(mesh.vertices)
+        normals = vertex_normals(mesh.vertices, same[mesh.faces])[same]
+    return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv), unread
+
+
+def _unread(suffix: str, data: bytes, obj: wavefront.Obj | None) -> tuple[str, ...]:
+    """Return summaries of the materials, textures, lights and colours of a file, which are not read."""
+    kinds: dict[str, list[str]] = {}  # their names, "" if they have none
+    colours = False
+    if suffix == ".glb":
+        gltf = _glb_json(data)
+        for kind in ("material", "texture"):
+            kinds[kind] = [str(entry.get("name", "")) for entry in gltf.get(f"{kind}s", [])]
+        kinds["light"] = [""] * len(gltf.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", []))
+        primitives = (primitive for mesh in gltf.get("meshes", []) for primitive in mesh.get("primitives", []))
+        colours = any("COLOR_0" in primitive.get("attributes", {}) for primitive in primitives)
+    elif suffix == ".ply":
+        header = data[: data.find(b"end_header")].decode("latin-1").splitlines()
+        words = [line.split() for line in header]
+        kinds["texture"] = [" ".join(line[2:]) for line in words if line[:2] == ["comment", "TextureFile"]]
+        kinds["material"] = [""] * sum(int(line[2]) for line in words if line[:2] == ["element", "material"])
+        colours = any(line[:1] == ["property"] and line[-1] in ("red", "diffuse_red") for line in words)
+    elif obj is not None:
+        kinds["material"], colours = list(obj.materials), obj.coloured
+    summaries = [_summary(kind, names) for kind, names in kinds.items() if names]
+    return (*summaries, "colours") if colours else tuple(summaries)
+
+
+def _summary(kind: str, names: list[str]) -> str:
+    """Return the number of things of one kind, and the names of the first four: "3 materials (wood, glass, lamp)"."""
+    few = [name if len(name) <= 40 else f"{name[:37]}..." for name in names if name][:4]
+    more = ", ..." if len(names) > len(few) else ""
+    examples = f" ({', '.join(few)}{more})" if few else ""
+    return f"{len(names)} {kind}{'s' if len(names) > 1 else ''}{examples}"
+
+
+def _read_bytes(path: Path) -> bytes:
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise ValueError(f"a mesh file must have at most {MAX_FILE_BYTES} bytes; it has {path.stat().st_size}")
+    return path.read_bytes()
+
+
+def _check_glb(data: bytes) -> None:
+    """Raise a ValueError for a GLB file of another version, or with an array of more elements than the file has bytes.
+
+    trimesh would fill such an array with zeros.
+    """
+    magic, version = struct.unpack_from("<4sI", data)
+    if magic != b"glTF" or version != 2:
+        got = f"version {version} of it" if magic == b"glTF" else "another format"
+        raise ValueError(f"it must be binary glTF of version 2; got {got}, convert it")
+    accessors = _glb_json(data).get("accessors", [])
+    if wrong := [a["count"] for a in accessors if not 0 <= a["count"] <= len(data)]:
+        raise ValueError(f"it must not have an array of more elements than its {len(data)} bytes; got {wrong[0]}")
+
+
+def _glb_json(data: bytes) -> dict[str, Any]:
+    """Return the JSON description of a GLB file."""
+    (length,) = struct.unpack_from("<I", data, 12)
+    description: dict[str, Any] = json.loads(data[20 : 20 + length])
+    return description

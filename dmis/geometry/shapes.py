@@ -1,0 +1,202 @@
+"""Meshes of analytic shapes: bicubic Bézier patches, pbrt's quadrics (sphere, cylinder, disk) and parallelograms.
+
+Parameters have pbrt's names and meaning, so that a number in a scene file is the same number here. Angles are degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dmis.base.validate import direction, positive, vector, whole
+from dmis.base.vectors import Floats
+from dmis.geometry.mesh import Mesh, vertex_normals, weld
+
+
+def bezier_patches(control: npt.ArrayLike, divisions: int = 16) -> Mesh:
+    """Tessellate bicubic Bézier patches, with analytic normals.
+
+    Parameters
+    ----------
+    control
+        Control points of P patches, (P, 4, 4, 3). u runs along axis 1, v along axis 2, and dp/du x dp/dv is outside.
+    divisions
+        Quads along a side of a patch, >= 1.
+
+    Returns
+    -------
+    Mesh
+        P·2·divisions² triangles, less those without area; uv are each patch's (u, v). Patches that share a boundary
+        curve share its points to the last bit. Where a tangent vanishes, at a pole, the normal is the limit inside.
+    """
+    net = np.asarray(control, np.float64)
+    if net.ndim != 4 or net.shape[1:] != (4, 4, 3) or not len(net) or not np.isfinite(net).all():
+        raise ValueError(f"control must be finite, of shape (P, 4, 4, 3), P >= 1, 16 points a patch; got {net.shape}")
+    t = np.linspace(0, 1, whole("divisions", divisions, 1) + 1)
+    cubic = np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])  # Bernstein, row i for t^i
+    power = np.vander(t, 4, increasing=True)
+    basis = power @ cubic, power[:, :3] @ (cubic[1:] * [[1], [2], [3]]), power[:, :2] @ (cubic[2:] * [[2], [6]])
+
+    def derivative(i: int, j: int) -> Floats:
+        return np.einsum("ui,vj,pijk->puvk", basis[i], basis[j], net, optimize=True)
+
+    pu, pv, puv = derivative(1, 0), derivative(0, 1), derivative(1, 1)
+    normal = np.cross(pu, pv)
+    # Where the normal vanishes: the direction in which it grows towards the inside of the patch.
+    sign = np.where(t < 0.5, 1.0, -1.0)[:, None]
+    growth = sign[:, None] * (np.cross(derivative(2, 0), pv) + np.cross(pu, puv))
+    growth += sign * (np.cross(puv, pv) + np.cross(pu, derivative(0, 2)))
+    length = np.linalg.norm(normal, axis=3, keepdims=True)
+    least = 1e-9 * length.max(axis=(1, 2), keepdims=True)
+    normal = np.where(length > least, normal, growth)
+    normal[np.linalg.norm(normal, axis=3) <= least[..., 0]] = 0
+    return _grid(derivative(0, 0), normal, np.stack(np.broadcast_arrays(t[:, None], t), axis=2))
+
+
+def sphere(
+    radius: float = 1,
+    zmin: float | None = None,
+    zmax: float | None = None,
+    phimax: float = 360,
+    segments: int = 256,
+) -> Mesh:
+    """Return the mesh of a sphere about the origin, from height `zmin` to `zmax`, up to azimuth `phimax`; normals out.
+
+    `segments` quads go around a full circle. The heights default to the poles and are clamped to them. uv are pbrt's:
+    azimuth, and polar angle from `zmin` to `zmax`.
+    """
+    quadric = spherical(radius, zmin, zmax, phimax)
+    return quadric.mesh(*quadric.lines(segments))
+
+
+def cylinder(radius: float = 1, zmin: float = -1, zmax: float = 1, phimax: float = 360, segments: int = 256) -> Mesh:
+    """Return the mesh of an open cylinder about z, up to azimuth `phimax`; normals out; uv are azimuth and height."""
+    quadric = cylindrical(radius, zmin, zmax, phimax)
+    return quadric.mesh(*quadric.lines(segments))
+
+
+def disk(
+    height: float = 0, radius: float = 1, innerradius: float = 0, phimax: float = 360, segments: int = 256
+) -> Mesh:
+    """Return the mesh of a disk or ring at z = `height`, up to azimuth `phimax`; normal +z.
+
+    uv are pbrt's: azimuth, and radius from the rim to the centre.
+    """
+    quadric = circular(height, radius, innerradius, phimax)
+    return quadric.mesh(*quadric.lines(segments))
+
+
+@dataclass(frozen=True, eq=False)
+class Quadric:
+    """A quadric of pbrt in object space: a map from (u, v) in [0, 1]^2, which a grid of lines tessellates.
+
+    Attributes
+    ----------
+    radius
+        Radius of the circle about the z axis, or of the sphere.
+    phimax
+        Degrees that u spans about the z axis.
+    at
+        Function of azimuths in radians and v, (A, B) each; it returns points (A, B, 3), and normals (A, B, 3) or None
+        for those of the triangles.
+    start, arc
+        Of a sphere: the polar angle at v = 0, and the decrease of the polar angle up to v = 1, in radians; else 0.
+    """
+
+    radius: float
+    phimax: float
+    at: Callable[[Floats, Floats], tuple[Floats, Floats | None]]
+    start: float = 0.0
+    arc: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.phimax <= 360:
+            raise ValueError(f"phimax must be above 0 and at most 360 degrees; got {self.phimax}")
+
+    def lines(self, segments: int) -> tuple[Floats, Floats]:
+        """Return lines u (A,) and v (B,) of an even grid with `segments` quads around a full circle."""
+        columns = int(np.ceil(whole("segments", segments, 3) * self.phimax / 360))
+        return np.linspace(0, 1, columns + 1), np.linspace(0, 1, max(1, segments // 2 if self.arc else 1) + 1)
+
+    def points(self, u: Floats, v: Floats) -> tuple[Floats, Floats | None, Floats]:
+        """Return points (A, B, 3), normals (A, B, 3) or None, and uv (A, B, 2) where lines u (A,) and v (B,) meet."""
+        uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=2)
+        return *self.at(np.radians(self.phimax) * uv[..., 0], uv[..., 1]), uv
+
+    def mesh(self, u: Floats, v: Floats) -> Mesh:
+        """Return the mesh of the triangles between lines u (A,) and v (B,), both from 0 to 1; uv are (u, v)."""
+        return _grid(*self.points(u, v))
+
+
+def spherical(radius: float = 1, zmin: float | None = None, zmax: float | None = None, phimax: float = 360) -> Quadric:
+    """Return the quadric of `sphere`, which tessellates it."""
+    low, high = -positive("radius", radius) if zmin is None else zmin, radius if zmax is None else zmax
+    bottom, top = (float(np.arccos(np.clip(z / radius, -1, 1))) for z in (low, high))
+    if not bottom > top:
+        raise ValueError(f"zmin must be below zmax on a sphere of radius {radius}, else it is empty; got {low}, {high}")
+
+    def at(phi: Floats, v: Floats) -> tuple[Floats, Floats]:
+        theta = bottom + v * (top - bottom)
+        normal = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=2)
+        return radius * normal, normal
+
+    return Quadric(radius, phimax, at, bottom, bottom - top)
+
+
+def cylindrical(radius: float = 1, zmin: float = -1, zmax: float = 1, phimax: float = 360) -> Quadric:
+    """Return the quadric of `cylinder`, which tessellates it."""
+    positive("radius", radius)
+    if not zmin < zmax:
+        raise ValueError(f"zmin must be below zmax, else the cylinder is empty; got {zmin}, {zmax}")
+
+    def at(phi: Floats, v: Floats) -> tuple[Floats, Floats]:
+        normal = np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=2)
+        return radius * normal + [0, 0, zmin] + [0, 0, zmax - zmin] * v[..., None], normal
+
+    return Quadric(radius, phimax, at)
+
+
+def circular(height: float = 0, radius: float = 1, innerradius: float = 0, phimax: float = 360) -> Quadric:
+    """Return the quadric of `disk`, which tessellates it."""
+    if not 0 <= innerradius < positive("radius", radius):
+        raise ValueError(f"innerradius must be at least 0 and less than the radius {radius}; got {innerradius}")
+
+    def at(phi: Floats, v: Floats) -> tuple[Floats, None]:
+        r = radius + v * (innerradius - radius)
+        return np.stack([r * np.cos(phi), r * np.sin(phi), 0 * r + height], axis=2), None
+
+    return Quadric(radius, phimax, at)
+
+
+def quad(corner: npt.ArrayLike, u: npt.ArrayLike, v: npt.ArrayLike) -> Mesh:
+    """Return the mesh of a parallelogram with sides `u`, `v` (3,) from `corner` (3,).
+
+    The normal is u x v; uv are (0, 0) at the corner and (1, 1) opposite to it.
+    """
+    corner, u, v = vector("corner", corner), vector("u", u), vector("v", v)
+    direction("u x v", np.cross(u, v))
+    uv = np.array([[[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [1.0, 1.0]]])
+    return _grid(corner + uv[..., :1] * u + uv[..., 1:] * v, None, uv)
+
+
+def _grid(points: Floats, normals: Floats | None, uv: Floats) -> Mesh:
+    """Triangulate a grid of points (A, B, 3), or P of them (P, A, B, 3); outside is the first axis times the second.
+
+    Points equal up to rounding become equal, so that no ray passes between triangles; triangles that lose their area
+    are dropped. A zero normal is replaced by the mean of the triangles' normals.
+    """
+    index = np.arange(points.size // 3).reshape(-1, *uv.shape[:2])
+    a, b, c, d = index[:, :-1, :-1], index[:, 1:, :-1], index[:, 1:, 1:], index[:, :-1, 1:]
+    faces = np.stack([a, b, c, a, c, d], axis=3).reshape(-1, 3)
+    points = points.reshape(-1, 3)
+    same = weld(points)
+    corner = same[faces]
+    faces = faces[(corner != np.roll(corner, 1, axis=1)).all(axis=1)]
+    if normals is not None:
+        normals = normals.reshape(-1, 3)
+        nonzero = normals.any(axis=1, keepdims=True)
+        normals = normals if nonzero.all() else np.where(nonzero, normals, vertex_normals(points, faces))
+    return Mesh(points[same], faces, normals, np.tile(uv.reshape(-1, 2), (len(index), 1)))

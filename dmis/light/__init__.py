@@ -1,0 +1,1 @@
+"""Lights: area lights, the environment, and lights of a single direction."""

@@ -1,0 +1,205 @@
+"""Light from infinitely far away, given by a latitude-longitude map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from dmis.base.color import LUMINANCE
+from dmis.base.selection import Selection, take
+from dmis.base.vectors import Array
+from dmis.brdf.texture import Image
+from dmis.light.light import InfiniteLight, scaled
+from dmis.light.light_sample import FAR, Rgb, Seen, rgb
+from dmis.samplers.warp import INV_PI, TWO_PI, atan2
+
+INV_TWO_PI = INV_PI / 2
+TWO_PI_SQUARED = np.float32(2 * np.pi**2)
+SEARCH = 8
+"""Texels that are tried one after the other, from where a guide table points, before a binary search."""
+POLE = np.float32(1e-9)
+"""The least sin(theta) that a density is divided by."""
+
+
+class _SeenSky(Seen):
+    """What is seen of an environment; its map is looked up only for the directions that turn out to matter."""
+
+    def __init__(self, light: EnvironmentLight, wi: Array, s: Array, t: Array, pdf: Array) -> None:
+        self.wi, self.pdf, self.emits = wi, pdf, pdf > 0
+        self.distance = np.full(1, FAR)
+        self._light, self._s, self._t = light, s, t
+
+    def radiance_at(self, index: Selection | None) -> Array:
+        return self._light._lookup(take(self._s, index), take(self._t, index))
+
+    @cached_property
+    def radiance(self) -> Array:  # type: ignore[override]
+        return self.radiance_at(None)
+
+
+@dataclass(frozen=True, eq=False)
+class EnvironmentLight(InfiniteLight):
+    """Light from infinitely far away, from a latitude-longitude map.
+
+    Parameters
+    ----------
+    texels
+        ``(H, W, 3)`` linear radiance; row 0 is +z, column 0 begins at azimuth 0 (the +x axis), bilinear in between.
+    to_world
+        3x3 rotation from the map's frame to the world.
+    scale
+        RGB factor.
+    compensation
+        Share of the samples, in [0, 1), that are drawn in proportion to what exceeds the sky's mean radiance (Karlik
+        et al. 2019): BRDF samples see the even part of a sky well enough, and light samples may look for the rest.
+        Below 1, so that light sampling alone still reaches every direction.
+
+    Notes
+    -----
+    Directions are sampled from a piecewise-constant density over texels, proportional to the mean luminance of the
+    bilinear interpolant in the texel (its 1/8, 3/4, 1/8 stencil in both directions) times sin(theta): it is positive
+    wherever the radiance is. ``p(wi) = p(u, v) / (2 pi^2 sin theta)``.
+    """
+
+    texels: Array
+    to_world: Array | None = None
+    scale: Rgb = (1.0, 1.0, 1.0)
+    compensation: float = 0.0
+
+    def __post_init__(self) -> None:
+        texels = np.asarray(self.texels, np.float32)
+        if texels.ndim != 3 or texels.shape[2] != 3 or texels.size == 0:
+            raise ValueError(f"texels must have shape (H, W, 3); got {texels.shape}")
+        if not np.isfinite(texels).all() or (texels < 0).any():
+            raise ValueError("texels must be finite and not negative, because they are radiance")
+        if not 0 <= self.compensation < 1:
+            raise ValueError(
+                f"compensation must be in [0, 1), so that light samples reach all of the sky; got {self.compensation}"
+            )
+        _ = self._data, self._distribution, self._guide
+
+    @cached_property
+    def _data(self) -> tuple[Image, Array | None]:
+        """The scaled map as a texture; rotation from the map to the world, None if there is nothing to rotate."""
+        texels, factor = np.asarray(self.texels, np.float32), rgb("scale", self.scale)[:, 0]
+        if (factor != 1).any():  # maps are large
+            brightest = texels.max(axis=(0, 1)).astype(float) * factor
+            if not (brightest <= np.finfo(np.float32).max).all():
+                raise ValueError(
+                    f"texels times scale must be below 3.4e38, the largest float32; got {brightest.tolist()}"
+                )
+            texels = texels * factor
+        rotation = np.eye(3) if self.to_world is None else np.asarray(self.to_world, float)
+        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
+            raise ValueError(f"to_world must be a 3x3 rotation (or reflection); got {rotation.tolist()}")
+        return Image(texels), None if (rotation == np.eye(3)).all() else rotation.astype(np.float32)
+
+    @cached_property
+    def _distribution(self) -> tuple[Array, Array]:
+        """Cumulative probability at the edges of texels in row order, ``(H * W + 1,)`` float64 from 0 on; texel
+        densities over (u, v).
+        """
+        height, width, _ = self.texels.shape
+        texels = np.broadcast_to(self._data[0].texels.astype(float), (height, width, 3))
+        luminance = texels @ LUMINANCE
+        around = np.pad(luminance, ((0, 0), (1, 1)), mode="wrap")
+        luminance = (around[:, :-2] + 6 * around[:, 1:-1] + around[:, 2:]) / 8
+        around = np.pad(luminance, ((1, 1), (0, 0)), mode="wrap")
+        luminance = (around[:-2] + 6 * around[1:-1] + around[2:]) / 8
+        sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
+        weight = luminance * sine
+        total = weight.sum()
+        excess = np.maximum(luminance - total / (sine.sum() * width), 0) * sine
+        if not total > 0:
+            weight, total = np.ones_like(weight), float(weight.size)
+        elif self.compensation and excess.sum() > 0:
+            weight = (1 - self.compensation) * weight / total + self.compensation * excess / excess.sum()
+            total = weight.sum()
+        edges = np.concatenate([[0.0], np.cumsum(weight.reshape(-1) / total)])
+        return edges, (weight / total * weight.size).astype(np.float32).reshape(-1)
+
+    def sample(self, p: Array, u: Array) -> Seen:
+        """Directions towards bright texels, `u` ``(2, N)``; `p` only matters for its shape."""
+        height, width, _ = self.texels.shape
+        edges = self._distribution[0]
+        # float32 numbers are 2^-24 apart, wider than a dark texel's share: u1 fills the gaps
+        u0 = u[0].astype(np.float64) + u[1].astype(np.float64) * 2.0**-24
+        texel = self._texel(u0)
+        low = edges.take(texel)
+        share = edges.take(texel + 1) - low
+        within = np.clip((u0 - low) / np.maximum(share, 1e-300), 0, 1).astype(np.float32)
+        row = texel // width
+        s = ((texel - row * width).astype(np.float32) + within) * np.float32(1 / width)
+        t = (row.astype(np.float32) + u[1]) * np.float32(1 / height)
+        phi, theta = TWO_PI * s, np.float32(np.pi) * t
+        sin = np.sin(theta)
+        local = np.stack([sin * np.cos(phi), sin * np.sin(phi), np.cos(theta)])
+        density = (share * (height * width)).astype(np.float32)
+        return _SeenSky(self, self._rotate(local), s, t, density / (TWO_PI_SQUARED * np.maximum(sin, POLE)))
+
+    def _rotate(self, w: Array, back: bool = False) -> Array:
+        """Directions from the map's frame to the world's, or back."""
+        rotation = self._data[1]
+        if rotation is None:
+            return w
+        return (rotation.T if back else rotation) @ w
+
+    @cached_property
+    def _guide(self) -> np.ndarray:
+        """Where the search for u may begin: the texel of ``k / n`` for k = 0 ... n - 1, with n texels."""
+        cdf = self._distribution[0][1:]
+        first = np.searchsorted(cdf, np.arange(len(cdf)) / len(cdf), side="right")
+        return np.minimum(first, len(cdf) - 1).astype(np.int32)
+
+    def _texel(self, u: Array) -> np.ndarray:
+        """The first texel whose cumulative probability exceeds `u` ``(N,)``: what a binary search would find.
+
+        A guide table (Chen and Asau 1974) is within a texel or two of it most of the time, at a fraction of the cost.
+        """
+        cdf = self._distribution[0][1:]
+        last = len(cdf) - 1
+        texel = self._guide.take((u * len(cdf)).astype(np.int32))
+        behind = np.flatnonzero(cdf.take(texel) <= u)
+        for _ in range(SEARCH):
+            texel[behind] = np.minimum(texel[behind] + 1, last)
+            behind = behind[cdf.take(texel.take(behind)) <= u.take(behind)]
+        texel[behind] = np.searchsorted(cdf, u.take(behind), side="right")
+        return np.minimum(texel, last)
+
+    def hit(self, p: Array, wi: Array) -> Seen:
+        """What unit directions `wi` ``(3, N)`` see of the sky: every one sees something."""
+        height, width, _ = self.texels.shape
+        s, t, sin = self._coordinates(wi)
+        column = np.minimum((s * width).astype(np.int32), width - 1)
+        row = np.minimum((t * height).astype(np.int32), height - 1)
+        density = self._distribution[1].take(row * width + column)
+        return _SeenSky(self, wi, s, t, density / (TWO_PI_SQUARED * np.maximum(sin, POLE)))
+
+    def brightness(self, length: float) -> float:
+        """Return the largest radiance."""
+        texels = np.broadcast_to(np.asarray(self.texels).max(axis=(0, 1)).astype(float), 3)
+        return float((texels * self.scale).max())
+
+    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
+        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
+        return replace(self, scale=scaled(self.scale, gain))
+
+    def radiance(self, wi: Array) -> Array:
+        """Radiance ``(3, N)`` from unit directions `wi` ``(3, N)``."""
+        s, t, _ = self._coordinates(wi)
+        return self._lookup(s, t)
+
+    def _lookup(self, s: Array, t: Array) -> Array:
+        """Radiance ``(3, N)`` at map coordinates."""
+        return np.broadcast_to(self._data[0].at(s, t), (3, len(s)))
+
+    def _coordinates(self, wi: Array) -> tuple[Array, Array, Array]:
+        """Map coordinates s, t in [0, 1) and sin(theta)."""
+        x, y, z = self._rotate(wi, back=True)
+        sin = np.sqrt(x * x + y * y)
+        s = atan2(y, x) * INV_TWO_PI
+        s = s - np.floor(s)
+        return s, atan2(sin, z) * INV_PI, sin

@@ -1,0 +1,1 @@
+"""Rendering: pilot, fit, final pass; tiles, executors, checkpoints, results."""

@@ -1,0 +1,57 @@
+"""Whole numbers of camera samples from the shares that a rule asks for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.settings import MOST
+
+LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
+"""Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
+
+
+def divided(samples: int, shading_samples: int, split: float) -> tuple[int, int]:
+    """Camera samples and shading samples of each for a budget of `samples` camera samples with `shading_samples` each,
+    if they are to have `split` times as many: the numbers near these that use the most of the budget, and no more.
+    """
+    found = []
+    for n in {max(1, math.floor(samples / split)), max(1, math.ceil(samples / split))}:
+        each = max(1, min(samples * shading_samples // n, MOST))
+        found.append((-n * each, abs(each - shading_samples * split), n, each))
+    return min(found)[2:]
+
+
+def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
+    """Whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2, int32.
+
+    Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
+    keeps their mean.
+
+    Raises
+    ------
+    ValueError
+        If a share is not positive and finite, or there are more samples than `LEVELS` has.
+    """
+    if spp > LEVELS[-1]:
+        raise ValueError(f"camera samples must be at most {LEVELS[-1]} per pixel where a rule divides them; got {spp}")
+    if not (np.isfinite(share).all() and (share > 0).all()):
+        raise ValueError("samples of a fit must be positive and finite, because every pixel needs some")
+    least, most = min(2, spp), LEVELS[-1]
+    values, pixels = np.unique(share, return_counts=True)
+    low_scale, high_scale = 0.0, most / values[0]
+    # what the limits take or give is shared by the others: bisection, until all are at the least or nothing is between
+    while high_scale * values[-1] > least and low_scale < (scale := (low_scale + high_scale) / 2) < high_scale:
+        enough = np.clip(values * scale, least, most) @ pixels >= spp * share.size
+        low_scale, high_scale = (low_scale, scale) if enough else (scale, high_scale)
+    out = np.empty(share.shape, np.int32)
+    passed = rng.random()
+    for row, found in zip(share, out, strict=True):
+        wanted = np.clip(row.astype(float) * high_scale, least, most)
+        low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
+        steps = np.cumsum(np.append(passed, (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])))
+        found[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
+        passed = steps[-1]
+    return out

@@ -1,0 +1,153 @@
+"""Camera samples of a tile: cut into batches that stay in the cache, and ordered by their allocation to techniques."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dmis.base.selection import compose
+from dmis.base.vectors import Array
+from dmis.estimator.allocation import Counts, allocate
+from dmis.estimator.optimal_mis import slot
+from dmis.estimator.records import Record
+from dmis.estimator.settings import Settings
+
+
+@dataclass(frozen=True, eq=False)
+class SampleBlock:
+    """Camera samples `first` to ``first + count`` of each of some `pixels` of a tile."""
+
+    pixels: np.ndarray
+    first: int
+    count: int
+
+    def camera_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pixel of each camera sample and its number within the pixel, sample-major."""
+        numbers = np.arange(self.first, self.first + self.count)
+        return np.tile(self.pixels, self.count), np.repeat(numbers, len(self.pixels))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSamples:
+    """N camera samples of one batch and the allocation of their shading samples.
+
+    Attributes
+    ----------
+    pixel, number
+        Pixel of each camera sample in the tile, and its number within the pixel, ``(N,)``.
+    slot
+        Pixel and stage of each as one number, ``(N,)``, see `dmis.estimator.optimal_mis.slot`.
+    counts
+        Shading samples of each technique, descending for the first technique, as `dmis.estimator.batch.Batch` needs.
+    order
+        Positions of the camera samples in the blocks, ``(N,)``; None: the order of the blocks.
+    """
+
+    pixel: np.ndarray
+    number: np.ndarray
+    slot: np.ndarray
+    counts: Counts
+    order: np.ndarray | None
+
+    def restore_order(self, values: Array, records: Sequence[Record] | None) -> tuple[Array, Sequence[Record]]:
+        """Return `values` ``(3, N)`` of the camera samples, and `records` of them, in the order of the blocks."""
+        records = records or []
+        if self.order is None:
+            return values, records
+        restored = np.empty_like(values)
+        for restored_channel, channel in zip(restored, values, strict=True):
+            restored_channel[self.order] = channel
+        return restored, [replace(record, sample=compose(self.order, record.sample)) for record in records]
+
+
+class SampleAllocation:
+    """Divides the shading samples of a tile's camera samples between techniques, see `dmis.estimator.allocation`.
+
+    Parameters
+    ----------
+    shares
+        As `pixel_shares` returns them.
+    spp
+        Camera samples of each pixel, ``(P,)`` or one number.
+    pixels
+        P, number of pixels of the tile.
+    stages
+        Number of stages that the combiner takes the samples of a pixel in; each has random offsets of its own.
+    rng
+        Source of the offsets, and of techniques that are picked at random.
+    """
+
+    def __init__(
+        self,
+        shares: Array,
+        spp: np.ndarray | int,
+        pixels: int,
+        settings: Settings,
+        stages: int,
+        rng: np.random.Generator,
+    ) -> None:
+        self._shares = shares if stages == 1 or shares.ndim == 0 else np.tile(shares, stages)
+        self._spp, self._pixels, self._stages = spp, pixels, stages
+        self._shading_samples = settings.shading_samples
+        techniques = len(settings.techniques)
+        self._offset = rng.random((stages * pixels,) if techniques == 2 else (techniques - 1, stages * pixels))
+        self._random_allocation = rng if settings.allocation == "random" else None
+        self._track_sequence = settings.sampler != "independent"
+
+    def camera_samples(self, blocks: Sequence[SampleBlock]) -> CameraSamples:
+        """Return the camera samples of `blocks` in the order of their counts for the first technique, descending."""
+        pixel, number = (
+            np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
+        )
+        slots = slot(pixel, number, self._spp, self._pixels, self._stages)
+        counts = allocate(
+            self._shares,
+            self._shading_samples,
+            slots,
+            number,
+            self._offset,
+            self._random_allocation,
+            self._track_sequence,
+        )
+        if isinstance(counts.first, int):
+            return CameraSamples(pixel, number, slots, counts, None)
+        order = descending_order(counts.first)
+        return CameraSamples(pixel.take(order), number.take(order), slots.take(order), counts.take(order), order)
+
+
+def pixel_shares(w: Array | float) -> Array:
+    """Return the shares of the pixels as an array, ``(P,)`` or ``(K, P)``; of no dimension or ``(K, 1)`` if all pixels
+    have the same.
+    """
+    shares = np.asarray(w, np.float32)
+    if shares.ndim == 0 or (shares != shares[..., :1]).any():
+        return shares
+    return shares[0] if shares.ndim == 1 else shares[:, :1]
+
+
+def descending_order(counts: np.ndarray) -> np.ndarray:
+    """Return the stable order that sorts whole numbers `counts` ``(N,)`` of a small range from the largest down."""
+    return np.concatenate([np.flatnonzero(counts == n) for n in range(counts.max(), counts.min() - 1, -1)])
+
+
+def sample_batches(spp: np.ndarray | int, pixels: int, size: int) -> Iterator[list[SampleBlock]]:
+    """Yield all camera samples of a tile in batches of nearly equal size, about `size`, as blocks.
+
+    Each block has the same samples of all its pixels. With one number `spp` there is one block in a batch; otherwise
+    pixels drop out where their samples end, and blocks end there.
+    """
+    stops = [0, *np.unique(spp).tolist()]
+    active = [np.flatnonzero(np.broadcast_to(spp, pixels) >= stop) for stop in stops[1:]]
+    begins = np.cumsum([0, *(np.diff(stops) * [len(a) for a in active])])
+    edges = np.linspace(0, begins[-1], max(1, round(begins[-1] / size)) + 1)
+    cuts = [
+        np.rint(np.clip((edges - begin) / len(of), 0, stop - start)).astype(int) + start
+        for begin, of, (start, stop) in zip(begins[:-1], active, itertools.pairwise(stops), strict=True)
+    ]
+    for k in range(len(edges) - 1):
+        blocks = [SampleBlock(of, cut[k], cut[k + 1] - cut[k]) for of, cut in zip(active, cuts, strict=True)]
+        if blocks := [block for block in blocks if block.count]:
+            yield blocks

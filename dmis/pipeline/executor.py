@@ -1,0 +1,245 @@
+"""Where tiles are rendered: threads, processes of this machine, or a cluster; and how the scene gets there.
+
+A worker gets the scene once, however many tiles it renders. Threads share it. Processes read it from a temporary
+file. On a Dask cluster it is a task whose result is copied to all workers, from worker to worker; one that joins later
+gets it with its first tile. Any other executor gets it with every tile.
+
+Tiles whose worker died are rendered again: by Dask's scheduler (as often as its ``allowed-failures`` says), or in a new
+pool of processes, if the pool is ours.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import platform
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Generator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor, as_completed
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dmis import __version__
+from dmis.base.malloc import keep
+from dmis.base.plugins import load_plugin, loaded_plugins
+from dmis.pipeline.tile import Rendered, Tile, render_tile
+from dmis.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+
+PATIENCE = 2.0
+"""Seconds after the death of a process within which its pool knows of it."""
+ATTEMPTS = 3
+"""New pools in a row in which not one tile was finished, after which we give up."""
+
+
+class Workers:
+    """An executor with the scene at its workers.
+
+    Parameters
+    ----------
+    executor
+        None: an own one, of `processes`, or else of `threads` (default: one per processor).
+    """
+
+    def __init__(
+        self, scene: Scene, executor: Executor | None = None, threads: int | None = None, processes: int | None = None
+    ) -> None:
+        keep()  # threads that are there already have their arenas
+        self._processes, self._fruitless = processes, 0
+        self._file: Path | None = None
+        self._own = executor is None
+        self._executor = executor or ThreadPoolExecutor(threads or os.cpu_count() or 1)
+        self._scene: Any = scene  # what every tile carries in the scene's place
+        if _is_processes(executor) or (executor is None and processes):
+            with tempfile.NamedTemporaryFile(prefix="dmis-scene-", delete=False) as file:
+                pickle.dump(scene, file)
+            self._scene = self._file = Path(file.name)
+            if executor is None:
+                self._executor = self._pool()
+        elif _is_dask(executor):
+            self._scene = _send(executor, scene)
+
+    def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, Rendered], None, None]:
+        """Rendered tiles as they come, in any order; submitted in the order given.
+
+        Raises
+        ------
+        ChildProcessError
+            If workers died, or the cluster was lost, and no one is left to try again.
+        """
+        while tiles:
+            lost, reason = yield from self._round(tiles)
+            if reason is not None:
+                self._recover(lost, reason, len(lost) < len(tiles))
+            tiles = lost
+
+    def close(self, now: bool = False) -> None:
+        """Let go of the scene, and end the executor if it is our own; do not wait for running tiles if `now`."""
+        if self._own:
+            self._executor.shutdown(wait=not now, cancel_futures=now)
+        if self._file is not None:
+            self._file.unlink(missing_ok=True)
+        self._scene = None
+
+    def _round(
+        self, tiles: Sequence[Tile]
+    ) -> Generator[tuple[Tile, Rendered], None, tuple[list[Tile], Exception | None]]:
+        """Every tile once; returns those that were lost, and why."""
+        waiting: dict[Future[Rendered], Tile] = {}
+        lost: list[Tile] = []
+        reason: Exception | None = None
+        over = threading.Event()
+        try:
+            for k, tile in enumerate(tiles):
+                try:
+                    waiting[self._executor.submit(_render, self._scene, tile, __version__)] = tile
+                except BrokenExecutor as error:
+                    reason = error
+                    lost.extend(tiles[k:])
+                    break
+            if _is_processes(self._executor):
+                threading.Thread(target=_watch, args=(self._executor, over), daemon=True).start()
+            for future in as_completed(list(waiting)):
+                tile = waiting.pop(future)
+                try:
+                    rendered = future.result()
+                except _losses() as error:
+                    reason = error
+                    lost.append(tile)
+                else:
+                    yield tile, rendered
+        finally:
+            over.set()
+            for future in waiting:
+                future.cancel()
+        return lost, reason
+
+    def _recover(self, lost: Sequence[Tile], reason: Exception, fruitful: bool) -> None:
+        self._fruitless = 0 if fruitful else self._fruitless + 1
+        if self._own and self._processes and self._fruitless < ATTEMPTS:
+            self._executor.shutdown(wait=False)
+            self._executor = self._pool()
+            return
+        first = lost[0]
+        again, hint = "", ", or if the scheduler of a cluster does"
+        if self._own:
+            again = f"in {ATTEMPTS} new pools in a row "
+            hint = "; or, in a script, if what starts the rendering is not under `if __name__ == '__main__':`"
+        raise ChildProcessError(
+            f"{len(lost)} tiles were lost {again}with the workers that rendered them, the first at rows "
+            f"{first.rows[0]} to {first.rows[1]}, columns {first.columns[0]} to {first.columns[1]} "
+            f"({type(reason).__name__}: {reason}). Tiles are lost if memory runs out{hint}. "
+            "Finished ones are kept if there is a checkpoint"
+        ) from reason
+
+    def _pool(self) -> ProcessPoolExecutor:
+        assert self._file is not None
+        import multiprocessing  # imported where used: threads do without
+        from concurrent.futures import ProcessPoolExecutor
+
+        context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
+        return ProcessPoolExecutor(
+            self._processes, context, initializer=_start, initargs=(self._file, loaded_plugins())
+        )
+
+
+def _render(scene: Scene | Path, tile: Tile, version: str) -> Rendered:
+    """What a worker does."""
+    if version != __version__:
+        raise ValueError(
+            f"all machines must have the same version of dmis, because the image depends on it; "
+            f"{version} asked, and {platform.node()} has {__version__}"
+        )
+    keep()
+    return render_tile(_read(scene) if isinstance(scene, Path) else scene, tile)
+
+
+@lru_cache(maxsize=1)
+def _read(path: Path) -> Scene:
+    return _load(path.read_bytes())
+
+
+def _load(data: bytes) -> Scene:
+    scene: Scene = pickle.loads(data)
+    return scene
+
+
+def _start(file: Path, plugins: Sequence[Path]) -> None:
+    """A worker process begins: Ctrl-C is for the process that started it, and it ends when that one does. It knows the
+    plugins of that process.
+    """
+    import multiprocessing
+    from multiprocessing.connection import wait
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            wait([parent.sentinel])
+            file.unlink(missing_ok=True)
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    for plugin in plugins:
+        load_plugin(plugin)
+
+
+def _watch(pool: Any, over: threading.Event) -> None:
+    """End a pool of processes that does not know that one of them died, unless all tiles are `over`.
+
+    One that is killed while it sends a result leaves half a message, and the pool waits for the rest: the pipe is open
+    as long as the other processes are there, and there is an end of it in this process.
+    """
+    from multiprocessing.connection import wait
+
+    processes = list((pool._processes or {}).values())
+    while not wait([process.sentinel for process in processes], timeout=0.5):
+        if over.is_set():
+            return
+    if over.wait(PATIENCE) or pool._broken:
+        return
+    for process in processes:
+        process.kill()
+    pool._result_queue._writer.close()
+
+
+def _is_processes(executor: Executor | None) -> bool:
+    if executor is None:
+        return False
+    from concurrent.futures import ProcessPoolExecutor
+
+    return isinstance(executor, ProcessPoolExecutor)
+
+
+def _is_dask(executor: Executor | None) -> bool:
+    return type(executor).__module__.partition(".")[0] == "distributed"
+
+
+def _send(executor: Any, scene: Scene) -> Any:
+    """The scene as the result of a task, at all workers there are.
+
+    A task, and not ``scatter``: what was scattered cannot be made again when the workers that have it are gone.
+    """
+    import dask
+
+    client = executor._client
+    for plugin in loaded_plugins():
+        client.upload_file(str(plugin))  # to workers that join later, too
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+        future = client.submit(_load, pickle.dumps(scene), pure=False)
+    if client.scheduler_info(n_workers=1)["workers"]:
+        client.replicate([future])
+    return future
+
+
+def _losses() -> tuple[type[Exception], ...]:
+    """What a future raises whose worker died or whose cluster is gone."""
+    distributed = sys.modules.get("distributed")
+    return (BrokenExecutor, CancelledError, *((distributed.KilledWorker,) if distributed else ()))

@@ -1,0 +1,88 @@
+"""The film of a pass: moments of all pixels, accumulated tile by tile as tiles arrive or are read from a checkpoint."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.base.patches import PATCH
+from dmis.base.vectors import Array
+from dmis.pipeline.tile import Rendered, Tile
+
+
+@dataclass(frozen=True, eq=False)
+class FilmTile:
+    """A rendered tile as the film and a checkpoint keep it.
+
+    Attributes
+    ----------
+    pass_, number, rows, columns
+        As in `Tile`.
+    mean, root
+        As in `dmis.variance.moments.Film`, ``(rows, columns, 3)`` float32.
+    rays, sums
+        As in `Rendered`.
+    """
+
+    pass_: int
+    number: int
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    mean: Array
+    root: Array
+    rays: Mapping[str, int]
+    sums: Mapping[str, Array]
+
+    @classmethod
+    def of(cls, tile: Tile, rendered: Rendered) -> FilmTile:
+        """Return the film tile of a rendered tile, its moments rounded to float32."""
+        with np.errstate(over="ignore"):  # infinite pixels are refused once the image is complete
+            mean, root = (a.astype(np.float32) for a in (rendered.moments.mean, np.sqrt(rendered.moments.m2)))
+        return cls(tile.pass_, tile.number, tile.rows, tile.columns, mean, root, dict(rendered.rays), rendered.sums)
+
+
+@dataclass(eq=False)
+class PassFilm:
+    """The film of one pass over the image.
+
+    Attributes
+    ----------
+    mean, root
+        As in `dmis.variance.moments.Film`, ``(H, W, 3)`` float32.
+    done
+        Whether each tile was merged, by its number, ``(tiles,)``.
+    rays
+        Rays traced in the merged tiles, by kind.
+    sums
+        Sums of the pass's statistic over patches of `PATCH` pixels, ``(..., ceil(H / PATCH), ceil(W / PATCH))``.
+    """
+
+    mean: np.ndarray
+    root: np.ndarray
+    done: np.ndarray
+    rays: Counter[str]
+    sums: dict[str, np.ndarray]
+
+    @classmethod
+    def empty(cls, resolution: tuple[int, int], tiles: int) -> PassFilm:
+        """Return a film of `resolution` (width, height) into which none of its `tiles` is merged."""
+        width, height = resolution
+        mean, root = (np.zeros((height, width, 3), np.float32) for _ in range(2))
+        return cls(mean, root, np.zeros(tiles, bool), Counter(), {})
+
+    def merge_tile(self, tile: FilmTile) -> None:
+        """Write the pixels and sums of a tile to their places, and count its rays."""
+        area = slice(*tile.rows), slice(*tile.columns)
+        self.mean[area], self.root[area] = tile.mean, tile.root
+        corner = tile.rows[0] // PATCH, tile.columns[0] // PATCH
+        for name, values in tile.sums.items():
+            if name not in self.sums:
+                shape = (-(-n // PATCH) for n in self.mean.shape[:2])
+                self.sums[name] = np.zeros((*values.shape[:-2], *shape))
+            rows, columns = (slice(c, c + n) for c, n in zip(corner, values.shape[-2:], strict=True))
+            self.sums[name][..., rows, columns] = values
+        self.rays.update(tile.rays)
+        self.done[tile.number] = True

@@ -1,0 +1,232 @@
+"""A render job: everything that is checked and decided before the first ray.
+
+`Job.of` takes the arguments of `dmis.pipeline.render.render`, does every check once, and holds the rule, the settings
+of pilot and final pass, the pilot's samples and the statistic that the pilot gathers. `Job.final_pass` turns a rule's
+fit into the final pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dmis import __version__
+from dmis.base.validate import whole
+from dmis.base.vectors import Array
+from dmis.estimator import technique
+from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.records import Statistic
+from dmis.estimator.settings import MOST, Settings, resolve_auto
+from dmis.fit import control_variate
+from dmis.fit.fixed import Fixed
+from dmis.fit.registry import make_rule
+from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, settle
+from dmis.pipeline.budget import LEVELS, divided, whole_samples
+from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
+from dmis.pipeline.tile import layout
+from dmis.samplers.streams import stream
+from dmis.scene.rescale import suited
+from dmis.scene.scene import Scene
+
+MIN_SPP_TO_LEARN = 16
+"""Camera samples per pixel from which on a pilot pays."""
+MAX_SPP = 2**20
+"""Largest number of camera samples per pixel."""
+
+
+@dataclass(frozen=True, eq=False)
+class FinalPass:
+    """The final pass: what a rule's fit comes to in whole samples.
+
+    Attributes
+    ----------
+    fit
+        The fit, its weights within the range of the combiner, its factor of shading samples that of `settings`.
+    settings
+        Estimator settings, with the combiner and the shading samples of the fit.
+    samples
+        Camera samples per pixel, one number or ``(H, W)``.
+    control
+        Coefficients of the control variate, ``(H, W, 3)``; None: there is none.
+    """
+
+    fit: Fit
+    settings: Settings
+    samples: Array | int
+    control: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A render whose arguments passed every check.
+
+    Attributes
+    ----------
+    scene
+        The scene in units and at a place that float32 holds; its radiance times `gain` is that of the given scene.
+    rule, rule_text
+        The rule, and its text in messages and in the provenance.
+    spp, seed
+        Camera samples per pixel, the pilot's included; seed.
+    settings
+        Estimator settings of the final pass, before the fit.
+    pilot_settings
+        Estimator settings of the pilot, see `pilot_settings`.
+    statistic
+        Makes the statistic that the pilot gathers; None: the moments of the pixels alone.
+    provenance
+        What is known of the image before it is rendered; plain JSON data.
+    """
+
+    scene: Scene
+    gain: float
+    rule: Rule
+    rule_text: str
+    spp: int
+    seed: int
+    settings: Settings
+    pilot_settings: Settings
+    statistic: Callable[[int, int], Statistic] | None
+    provenance: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings: Settings) -> Job:
+        """Return the job of these arguments of `dmis.pipeline.render.render`; a ValueError if one is not right."""
+        if not isinstance(scene, Scene):
+            raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
+        spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
+        float32_scene, gain = suited(scene)
+        rule = _default_rule(spp, settings) if rule is None else rule
+        rule_text = rule if isinstance(rule, str) else repr(rule)
+        rule = make_rule(rule)
+        settings = resolve_auto(settle(rule, rule_text, settings), float32_scene)
+        if settings.reuse_pilot is None:
+            settings = replace(settings, reuse_pilot=settings.sampler == "independent")
+        _check_rule(rule, rule_text, settings)
+        statistic = rule.statistic
+        if combiner_by_name(settings.combiner).control_variate:
+            statistic = control_variate.statistic(rule.pilot, statistic)
+        pilot_spp = sum(rule.pilot.values())
+        if spp <= pilot_spp:
+            raise ValueError(
+                f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
+                f"of rule {rule_text}; got {spp}"
+            )
+        provenance = {
+            "dmis": __version__,
+            "scene": scene.name,
+            "scene_hash": fingerprint(scene),
+            **({"source": dict(scene.source)} if scene.source else {}),
+            "resolution": list(scene.camera.resolution),
+            "rule": rule_text,
+            "spp": spp,
+            "seed": seed,
+            "settings": asdict(settings),
+        }
+        learning = pilot_settings(settings, rule.pilot, statistic is not None)
+        return cls(
+            float32_scene, gain, rule, rule_text, spp, seed, settings, learning, statistic, provenance
+        )  # fmt: skip
+
+    @property
+    def pilot_samples(self) -> dict[Any, int]:
+        """Camera samples per pixel that the pilot renders at each weight, in ascending order of the weights.
+
+        With a statistic a camera sample has as many times the shading samples as there are techniques, and there are
+        as many times fewer.
+        """
+        factor = 1 if self.statistic is None else len(self.settings.techniques)
+        return {w: int(n if factor == 1 else n // factor) for w, n in sorted(self.rule.pilot.items())}
+
+    @property
+    def final_spp(self) -> int:
+        """Camera samples per pixel that the pilot leaves of the budget."""
+        return self.spp - sum(self.rule.pilot.values())
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """What a checkpoint's tiles depend on: the provenance, the rule's content, the layout of tiles, the code."""
+        layout_and_code = {"tiles": layout(self.settings), "package_hash": package_hash()}
+        return {**self.provenance, "rule_hash": digest(self.rule, "rule"), **layout_and_code}
+
+    def final_pass(self, pilot: Mapping[Any, Pilot]) -> FinalPass:
+        """Return the final pass that the rule fits to the `pilot`, the whole samples of its budget included."""
+        settings = self.settings
+        controlled = combiner_by_name(settings.combiner).control_variate
+        fit = self.rule.fit({w: control_variate.without(p) for w, p in pilot.items()} if controlled else pilot)
+        height_width = self.scene.camera.resolution[::-1]
+        check_fit(fit, height_width, len(settings.techniques) if self.rule.multi_technique else 2)
+        combiner = fit.combiner or settings.combiner
+        share_range = combiner_by_name(combiner).share_range
+        if share_range != (0, 1):
+            fit = replace(fit, weight=np.clip(fit.weight, *share_range))
+        mean_spp, shading_samples = divided(self.final_spp, settings.shading_samples, fit.split)
+        fit = replace(fit, split=shading_samples / settings.shading_samples)
+        samples: Array | int = mean_spp
+        if fit.samples is not None:
+            samples = whole_samples(np.asarray(fit.samples), mean_spp, stream(self.seed, len(pilot), 2**31))
+        settings = replace(settings, combiner=combiner, shading_samples=shading_samples)
+        control = control_variate.coefficients(pilot[0.5], fit.weight) if controlled else None
+        return FinalPass(fit, settings, samples, control)
+
+
+def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool) -> Settings:
+    """Return the settings that a pilot is rendered with.
+
+    Its samples are independent, as statistics assume, and combined by the balance heuristic, whose terms are f / p_w,
+    however the final samples are drawn and combined. If `paired`, because a statistic is gathered, a camera sample has
+    twice the shading samples, and there are half as many camera samples: two independent estimates at one point tell
+    the variance over the pixel from the variance at the point. For K techniques to have two samples each, there are K
+    times the shading samples in as many times fewer camera samples.
+
+    Raises
+    ------
+    ValueError
+        If a number of samples is odd, and must not be.
+    """
+    settings = replace(settings, combiner="balance", allocation="systematic", sampler="independent")
+    if not paired:
+        return settings
+    techniques = len(settings.techniques)
+    for name, n in (("shading_samples", settings.shading_samples), *(("pilot samples", n) for n in pilot.values())):
+        if n % 2:
+            raise ValueError(f"{name} must be even for rules that learn from two halves of them; got {n}")
+        if name != "shading_samples" and n % techniques:
+            raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
+    return replace(settings, shading_samples=techniques * settings.shading_samples)
+
+
+def _default_rule(spp: int, settings: Settings) -> Rule | str:
+    """Return ``auto`` where its pilot pays and its statistic exists, else the balance heuristic of the `settings`."""
+    s = settings.shading_samples
+    if MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2 and s % 2 == 0 and 2 * s <= MOST and _densities_known(settings):
+        return "auto"
+    rule = Fixed(0.5, settings.combiner, settings.techniques, settings.allocation)
+    return "balance" if rule == Fixed() else rule
+
+
+def _check_rule(rule: Rule, rule_text: str, settings: Settings) -> None:
+    """Refuse a rule that does not go with the techniques or the allocation of the settings, by a ValueError."""
+    if len(settings.techniques) > 2 and not rule.multi_technique:
+        raise ValueError(
+            f"rule {rule_text} divides samples between two techniques; got {', '.join(settings.techniques)}, which "
+            f"rule simplex divides them between"
+        )
+    if rule.statistic is not None and not rule.multi_technique and not _densities_known(settings):
+        raise ValueError(
+            f"rule {rule_text} learns from densities, and that of technique resampled is not known; rules that learn "
+            f"from variances, such as thesis, and fixed weights do without"
+        )
+    if rule.statistic is not None and settings.allocation == "random":
+        raise ValueError(
+            f"rule {rule_text} learns variances at shares that are kept, and allocation random keeps none; rules that "
+            f"gather no statistic, such as thesis, and fixed weights go with it"
+        )
+
+
+def _densities_known(settings: Settings) -> bool:
+    """Return whether every technique has a density that is known exactly."""
+    return all(technique.find(name).exact for name in settings.techniques)

@@ -1,0 +1,168 @@
+"""Rendering with a rule: pilot, fit, final pass, one image.
+
+`dmis.pipeline.job` checks the arguments and decides what is rendered, `dmis.pipeline.pass_runner` renders it. The
+budget `spp` includes the pilot. Pilot and final image are both unbiased. Where the pilot is part of the image they are
+averaged with weights fixed beforehand, their camera samples: so the result is unbiased although the weights were
+learned. (Weighting by estimated variance would not be.) Each of them is a pass over the image (`dmis.pipeline.passes`).
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.cost import UNSEEN
+from dmis.estimator.settings import Settings
+from dmis.fit.rule import Rule
+from dmis.pipeline.job import FinalPass, Job
+from dmis.pipeline.pass_runner import PassRunner
+from dmis.pipeline.passes import Progress
+from dmis.pipeline.result import Result
+from dmis.scene.scene import Scene
+from dmis.variance.moments import Film
+
+
+def render(
+    scene: Scene,
+    rule: Rule | str | None = None,
+    spp: int = 128,
+    *,
+    seed: int = 0,
+    sampler: str | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+) -> Result:
+    """Render `scene`.
+
+    Parameters
+    ----------
+    rule
+        A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.fit.registry.RULES`. None:
+        ``auto``, or ``balance``, with the techniques and the combiner of `settings`, for fewer than 16 samples or tens
+        of thousands, for a number of shading samples that is odd or very large, or with the technique ``resampled``.
+    spp
+        Camera samples per pixel, the rule's pilot included.
+    seed
+        Not negative. The image depends on it, on nothing in the machine.
+    sampler
+        Shorthand for ``settings.sampler``. The pilot is always independent, because a sample variance assumes it.
+    settings
+        Estimator settings. A rule has some of its own, such as its combiner; it is an error to ask for others here.
+    threads
+        Number of threads if neither workers nor an executor are given; default: one per processor.
+    workers
+        Number of processes in place of threads. Tiles of one that dies are rendered again. A script must then start
+        from under ``if __name__ == "__main__":``.
+    executor
+        Where tiles are rendered in place of these: any `concurrent.futures.Executor`, Dask's
+        ``Client.get_executor(pure=False)`` among them. It is not shut down.
+    progress
+        Called in this thread after each tile.
+    checkpoint
+        A file that every finished tile is saved to; if it exists, rendering goes on from it. It is removed at the
+        end.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, settings and rule disagree, a rule's weights are none, or the checkpoint is
+        damaged, in use, or belongs to a different image; or if a pixel comes out as infinite or NaN, which never is in
+        an image.
+    OSError
+        If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
+    """
+    settings = settings or Settings()
+    job = Job.of(scene, rule, spp, seed, settings if sampler is None else replace(settings, sampler=sampler))
+    with PassRunner(job, checkpoint, progress, executor, threads, workers) as run:
+        job.scene.prepare()
+        times = [time.perf_counter()]
+        pilot = run.pilot()  # samples
+        times.append(time.perf_counter())
+        final_pass = job.final_pass(pilot)  # variance, fit, filter
+        films = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if job.settings.reuse_pilot else []
+        pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
+        del pilot  # its statistics are large, and nothing else of them is needed
+        times.append(time.perf_counter())
+        final = run.final(final_pass)  # samples again
+        times.append(time.perf_counter())
+    # weights are the budgets: those of adaptive samples depend on the pilot, and would bias the mean
+    image, deviation = _average([(final, job.final_spp), *films], job.gain)
+    run.finish()
+    return _result(job, run, final_pass, (image, deviation), times, pilot_rays)
+
+
+def _result(
+    job: Job,
+    run: PassRunner,
+    final: FinalPass,
+    image: tuple[Array, Array],
+    times: Sequence[float],
+    pilot_rays: Counter[str],
+) -> Result:
+    """Return the image and its deviation with its share map, sample map, seconds, rays and provenance."""
+    rays = {kind: number for kind, number in run.rays.items() if kind != UNSEEN}
+    shape = image[0].shape[:2]
+    samples = job.spp - job.final_spp + np.float32(final.fit.split) * np.asarray(final.samples, np.float32)
+    stages = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
+    return Result(
+        image=image[0],
+        deviation=image[1],
+        weight=_map(_first(final.fit.weight), shape),
+        samples=_map(samples, shape),
+        seconds={**stages, "total": times[-1] - times[0]},
+        rays=rays,
+        maps=final.fit.maps,
+        provenance={
+            **job.provenance, "combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(pilot_rays)
+        },
+        tiles=tuple(run.passes.tiles),
+    )  # fmt: skip
+
+
+def _average(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
+    """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.
+
+    They take the place of the first of them, and are worked out row by row, because images are large. Both are in the
+    units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
+    The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
+    """
+    total = sum(n for _, n in parts)
+    image, deviation = parts[0][0].mean, parts[0][0].root
+    shape = image.shape
+    for row in range(len(image)):
+        mean, variance = np.zeros((2, *shape[1:]))
+        for part, n in parts:
+            share = n / total
+            mean += part.mean[row] * share
+            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*shape[:2], 1))[row]
+            freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
+            variance += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
+        mean *= gain
+        if not (np.abs(mean) <= np.finfo(np.float32).max).all():
+            most = np.abs(mean).max()
+            raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
+        with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
+            image[row], deviation[row] = mean, np.sqrt(variance) * gain
+    return image, deviation
+
+
+def _map(values: Array | float, shape: tuple[int, int]) -> Array:
+    """Return a number or a map as a map ``(H, W)`` float32."""
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(values, np.float32), shape))
+
+
+def _first(weight: Array | float) -> Array:
+    """Return the share of the first technique from the weight of a `dmis.fit.rule.Fit`."""
+    shares = np.asarray(weight, np.float32)
+    return shares[0] if shares.ndim in (1, 3) else shares

@@ -1,0 +1,132 @@
+"""The result of a render, writing it to a file, and finding fireflies in it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmis.base.color import luminance
+from dmis.base.vectors import Array
+from dmis.image import png_of, write_exr, write_png
+from dmis.pipeline.tile import Tile
+
+FEW = 4.0
+"""A pixel of a firefly is the work of fewer than this many of its samples."""
+SPREADS = 6.0
+"""And is this many standard errors of its neighbours brighter than they are."""
+
+
+def write_image(path: str | os.PathLike[str], result: Result) -> None:
+    """Write a rendered image: ``.exr`` with all layers, or ``.png`` for a look at it.
+
+    Raises
+    ------
+    ValueError
+        If the extension is neither.
+    OSError
+        If the directory does not exist.
+    """
+    if Path(path).suffix.lower() == ".png":
+        write_png(path, result.image)
+        return
+    variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold
+    layers = {"RGB": result.image, "weight": result.weight, "variance": variance, "samples": result.samples}
+    write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """An image and how it came about.
+
+    Attributes
+    ----------
+    image
+        ``(H, W, 3)`` float32 linear RGB, row 0 on top.
+    deviation
+        ``(H, W, 3)`` float32: estimated standard deviation of `image` itself (of the mean, not of one sample); NaN at
+        one sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
+        sampler spreads them. Its square is `variance`.
+    weight
+        ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first.
+    samples
+        ``(H, W)`` float32: samples of the budget spent, pilot included, whether or not it is part of the image. Camera
+        samples, where they have as many shading samples as `settings` says; with more they count for as many.
+    seconds
+        ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
+    rays
+        Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
+        ``shadow`` (of light samples), ``brdf``, ``uniform``, ``resampled``, ``delta`` (towards lights of a single
+        direction), ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on
+        from so many surfaces); ``guide``, towards what a rule's filter is guided by.
+    maps
+        Diagnostics of the rule.
+    provenance
+        What is needed to make the image again; plain JSON data.
+    """
+
+    image: Array
+    deviation: Array
+    weight: Array
+    samples: Array
+    seconds: Mapping[str, float]
+    rays: Mapping[str, int]
+    maps: Mapping[str, np.ndarray]
+    provenance: Mapping[str, Any]
+    tiles: tuple[Tile, ...] = field(default=(), repr=False)
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        scene, rule, spp = (self.provenance.get(key, "unknown") for key in ("scene", "rule", "spp"))
+        return f"Result({scene} {width}x{height}, rule {rule}, {spp} spp, {self.seconds.get('total', 0):.1f} s)"
+
+    def _repr_png_(self) -> bytes:
+        """Return `image` as a PNG file, which notebooks show: sRGB, exposure 1, clipped."""
+        return png_of(self.image)
+
+    @property
+    def variance(self) -> Array:
+        """``(H, W, 3)`` float64: square of `deviation`, which may be beyond float32."""
+        return np.square(self.deviation, dtype=np.float64)
+
+    @property
+    def fireflies(self) -> np.ndarray:
+        """``(H, W)`` bool: pixels that look like fireflies, see `find_fireflies`."""
+        return find_fireflies(self.image, self.variance, self.samples)
+
+
+def find_fireflies(image: Array, variance: Array, samples: Array) -> np.ndarray:
+    """Which pixels look like fireflies, ``(H, W)`` bool; a matter of milliseconds, whatever the number of samples.
+
+    Two conditions, both on luminance, of which the variance is that of channels that rise and fall together. The mean
+    x of n samples with the estimated variance v of this mean is carried by ``k = 1 / (v / x^2 + 1 / n)`` samples
+    (Kish's effective number, ``(sum Y)^2 / sum Y^2``): by one, if all others are black. It must be less than `FEW`. And
+    x must exceed the median of the eight pixels around it by `SPREADS` times their median standard error, and be twice
+    as large. A small lamp that is seen directly passes the second, not the first; a dark corner that few samples reach
+    passes the first.
+
+    Parameters
+    ----------
+    image, variance
+        ``(H, W, 3)`` linear RGB, and the variance of it, see `dmis.pipeline.result.Result`. Where the variance is not
+        known, with one sample, nothing is found.
+    samples
+        Camera samples of each pixel, ``(H, W)`` or one number.
+    """
+    x, v = luminance(np.asarray(image, np.float64)), luminance(np.sqrt(np.asarray(variance, np.float64))) ** 2
+    carried = v + x * x / samples > x * x / FEW  # False where v is not a number
+    near, noise = _around(x), np.sqrt(_around(v))
+    return carried & (x > near + SPREADS * noise) & (x > 2 * near)
+
+
+def _around(values: Array) -> Array:
+    """Median of the eight neighbours in ``(H, W)``; the border is reflected."""
+    height, width = values.shape
+    wide = np.pad(values, 1, mode="reflect" if min(height, width) > 1 else "edge")
+    places = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
+    return np.asarray(np.median([wide[dy : dy + height, dx : dx + width] for dy, dx in places], axis=0))

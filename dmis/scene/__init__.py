@@ -1,0 +1,1 @@
+"""A scene: camera, parts, lights, its plan, and shading points."""

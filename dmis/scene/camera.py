@@ -1,0 +1,144 @@
+"""A pinhole camera: pixels and uniform numbers to rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dmis.base.validate import FARTHEST, direction, pair, vector, whole
+from dmis.base.vectors import TINY, Array, dot
+from dmis.image import MAX_PIXELS, MAX_SIDE
+from dmis.samplers.pixel_filter import PixelFilter
+
+
+def check_resolution(width: int, height: int) -> None:
+    """Refuse an image that is empty or too large, before memory is taken for it."""
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
+        raise ValueError(
+            f"resolution must be 1 to {MAX_SIDE} on a side and at most {MAX_PIXELS} pixels; got {width}x{height}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera.
+
+    Parameters
+    ----------
+    to_world
+        4x4 matrix from camera space (x right in the image, y up, z forward) to world space. Its determinant may
+        have either sign: pbrt's cameras are left-handed.
+    fov
+        Full angle in degrees across the shorter side of the image, in (0, 180).
+    resolution
+        ``(width, height)`` in pixels.
+    corner, frame
+        For a part of a larger image (`crop` makes one): column and row of its top left pixel there, and the larger
+        image's ``(width, height)``, across whose shorter side `fov` is meant. None: this is the whole.
+    filter
+        What pixels are means of, see `dmis.samplers.pixel_filter`; None: of themselves, a box of one pixel.
+    """
+
+    to_world: Array
+    fov: float
+    resolution: tuple[int, int]
+    corner: tuple[int, int] = (0, 0)
+    frame: tuple[int, int] | None = None
+    filter: PixelFilter | None = None
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.to_world, float)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0:
+            raise ValueError(f"to_world must be a finite invertible 4x4 matrix; got {matrix.tolist()}")
+        if np.abs(matrix[:3]).max() > FARTHEST:
+            raise ValueError(f"to_world must not have elements above {FARTHEST:g}, in float32; got {matrix.tolist()}")
+        if not 0 < self.fov < 180:
+            raise ValueError(
+                f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}"
+            )
+        for name in ("resolution", "corner") if self.frame is None else ("resolution", "corner", "frame"):
+            object.__setattr__(self, name, pair(name, getattr(self, name), whole))
+        width, height = self.resolution
+        check_resolution(width, height)
+        (left, top), (wide, high) = self.corner, self.frame or self.resolution
+        if not (0 <= left <= wide - width and 0 <= top <= high - height):
+            raise ValueError(
+                f"a crop must lie inside its frame of {wide}x{high}; got {width}x{height} at column {left}, row {top}"
+            )
+
+    def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Camera:
+        """A camera that sees the pixels ``rows[0]`` to ``rows[1] - 1``, and columns alike, of this one's image."""
+        (top, bottom), (left, right) = pair("rows", rows, whole), pair("columns", columns, whole)
+        width, height = self.resolution
+        if not (0 <= top < bottom <= height and 0 <= left < right <= width):
+            raise ValueError(
+                f"a crop must have pixels and lie inside the image of {width}x{height}; got rows {top} to {bottom}, "
+                f"columns {left} to {right}"
+            )
+        corner = self.corner[0] + left, self.corner[1] + top
+        frame = self.frame or self.resolution
+        return replace(self, resolution=(right - left, bottom - top), corner=corner, frame=frame)
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: tuple[float, float, float],
+        target: tuple[float, float, float],
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        fov: float = 45.0,
+        resolution: tuple[int, int] = (640, 480),
+    ) -> Camera:
+        """A right-handed camera at `eye` that looks at `target` (what a photograph would show)."""
+        origin = vector("eye", eye)
+        forward = vector("target", target) - origin
+        if not np.linalg.norm(forward) > 0:
+            raise ValueError(f"eye and target must differ, because they give the line of sight; got {eye} for both")
+        right = np.cross(forward, direction("up", up))
+        if not np.linalg.norm(right) > 1e-12 * np.linalg.norm(forward):
+            raise ValueError(f"up must not be parallel to the line of sight; got up {up}, eye {eye}, target {target}")
+        forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+        matrix = np.eye(4)
+        matrix[:3] = np.stack([right, np.cross(right, forward), forward, origin], axis=1)
+        return cls(matrix, fov, resolution)
+
+    @cached_property
+    def origin(self) -> Array:
+        """The pinhole, ``(3, 1)`` float32."""
+        return np.asarray(self.to_world, float)[:3, 3:].astype(np.float32)
+
+    @cached_property
+    def _affine(self) -> tuple[Array, Array, Array]:
+        """Direction of pixel coordinates (x, y) as ``a + b x + c y``."""
+        width, height = self.frame or self.resolution
+        right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
+        b, c = right * self.pixel, -up * self.pixel
+        a = forward - b * (width / 2 - self.corner[0]) - c * (height / 2 - self.corner[1])
+        return a, b, c
+
+    @property
+    def pixel(self) -> float:
+        """Side of a pixel at distance 1, in camera space."""
+        width, height = self.frame or self.resolution
+        return float(2 * np.tan(np.radians(self.fov) / 2) / min(width, height))
+
+    def raster(self, points: Array) -> tuple[Array, Array, Array, float]:
+        """Raster coordinates x and y and depth of the points ``(N, 3)`` in camera space, each ``(N,)``; and how much
+        longer than in the world a length may be there. Behind the camera x and y mean nothing."""
+        width, height = self.frame or self.resolution
+        matrix = np.linalg.inv(np.asarray(self.to_world, float)[:3, :3])
+        right, up, depth = matrix @ (np.asarray(points, float) - np.asarray(self.to_world, float)[:3, 3]).T
+        with np.errstate(divide="ignore", invalid="ignore"):  # at the camera itself x and y mean nothing either
+            x = width / 2 - self.corner[0] + right / (depth * self.pixel)
+            y = height / 2 - self.corner[1] - up / (depth * self.pixel)
+        return x, y, depth, float(np.linalg.norm(matrix, 2))
+
+    def rays(self, x: Array, y: Array) -> Array:
+        """Unit directions ``(3, N)`` through the raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""
+        a, b, c = (v.astype(np.float32)[:, None] for v in self._affine)
+        out = x * b
+        out += y * c
+        out += a
+        out *= 1 / np.sqrt(np.maximum(dot(out, out), TINY))
+        return out

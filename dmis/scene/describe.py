@@ -1,0 +1,124 @@
+"""A scene's plan in words, as ``python -m dmis info`` prints it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from dmis.light.light import Light
+from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
+from dmis.scene.groups import Group
+from dmis.scene.plan import Plan
+
+
+def describe_plan(plan: Plan) -> str:
+    """Return in words what a scene has, what it needs, how its light is sampled, and what is left out."""
+    lines = [f"{len(plan.face_row):,} triangles"]
+    left = len(plan.face_row)
+    for k, group in enumerate(plan.groups):
+        triangles = int((plan.face_group == k).sum())
+        left -= triangles
+        names = ", ".join(sorted({material.name for material in group.materials}))
+        lobes = " + ".join(type(lobe).__name__ for lobe in (*group.glossy, *group.through, *group.delta)) or "no lobes"
+        needs = ", ".join(name for name, needed in _needs((group,)) if needed) or "nothing else"
+        lines.append(
+            f"  group {k}: {len(group.materials)} x {names}: {lobes}; {triangles:,} triangles; needs {needs}; "
+            f"{_sampling(plan, group)}"
+        )
+    if left:
+        lines.append(f"  {left:,} triangles neither reflect nor emit: they only occlude")
+    for light in plan.sampled:
+        mixed = any(plan.mixes(group, light) for group in plan.groups)
+        way = "two techniques, MIS" if mixed else "no surface to sample it for, outside MIS"
+        lines.append(f"  {type(light).__name__}: {way}")
+    if plan.coincident is not None:
+        triangles = len(np.unique(plan.coincident[0].other))
+        lines.append(
+            f"  {triangles:,} triangles of lights overlap others in one plane: those that face the viewer add up"
+        )
+    for k, delta in enumerate(plan.deltas):
+        rays = ", at the pinhole: no shadow rays from camera hits" if k in plan.headlights else ""
+        lines.append(f"  {type(delta).__name__}: a single direction, outside MIS{rays}")
+    if not plan.sampled:
+        lines.append("  no light to sample by two techniques: MIS does not apply")
+    if plan.unread:
+        lines.append(f"  not read from the file: {', '.join(plan.unread)}")
+    lines.append(f"  left out: {'; '.join(_left_out(plan)) or 'nothing'}")
+    return "\n".join(lines)
+
+
+def describe_integrator(integrator: str | None, max_depth: int | None) -> str:
+    """Return a line about the integrator and depth that a scene names, or the defaults if it names none."""
+    source = "set by the scene: its file, or the dialect's default"
+    if integrator is None:
+        source = "the default, because the scene names none"
+    return f"  integrator: {integrator or DEFAULT_INTEGRATOR}, max_depth {max_depth or DEFAULT_DEPTH}, {source}"
+
+
+def describe_source(source: Mapping[str, Any]) -> Iterator[str]:
+    """Yield lines about how a scene's file was read, see `dmis.scene.scene.Scene`."""
+    if "dialect" in source:
+        reasons = {
+            "file": "by the words of the file",
+            "caller": "as the caller says",
+            "guess": "a guess, because the words of the file fit several; dialect= or --dialect settles it",
+        }
+        yield f"  dialect of pbrt: {source['dialect']}, {reasons[source['dialect_from']]}"
+    if found := source.get("quadrics"):
+        shapes = "sphere, cylinder or disk" if found["shapes"] == 1 else "spheres, cylinders and disks"
+        yield (
+            f"  {found['shapes']:,} {shapes}: {found['triangles']:,} triangles, off by at most "
+            f"{max(found['pixels'], found['lamp_pixels']):.2g} pixels of this camera, and by {found['radii']:.2g} of a "
+            f"radius"
+        )
+
+
+def _needs(groups: Iterable[Group]) -> Iterator[tuple[str, bool]]:
+    groups = tuple(groups)
+    yield "textures", any(group.textured for group in groups)
+    yield "interpolated normals", any(group.smooth for group in groups)
+    yield "tangents", any(group.anisotropic for group in groups)
+    yield "emission", any(group.emission is not None for group in groups)
+
+
+def _sampling(plan: Plan, group: Group) -> str:
+    """How the light that a group's surfaces reflect is found, kind of light by kind of light."""
+    if not (group.glossy or group.through or group.delta):
+        return "reflects nothing: no samples, paths end"
+    if not (group.glossy or group.through):
+        return "mirrored and refracted rays are followed: no light sampling, no MIS"
+    mixed = _names(light for light in plan.sampled if plan.mixes(group, light))
+    ways = [f"MIS of {mixed}"] if mixed else []
+    if plan.deltas:
+        ways.append(f"one sample of each {_names(plan.deltas)}, no BRDF sampling")
+    if group.delta:
+        ways.append("mirrored and refracted rays are followed")
+    return "; ".join(ways) or "no light: no samples"
+
+
+def _left_out(plan: Plan) -> Iterator[str]:
+    """Yield what the plan leaves out, and why."""
+    if plan.dark:
+        yield f"{_count(plan.dark, 'light')} that emit{'s' * (plan.dark == 1)} nothing"
+    if plan.dropped:
+        yield f"{_count(plan.dropped, 'lobe')} that reflect{'s' * (plan.dropped == 1)} nothing"
+    needs = [*_needs(plan.groups), ("environment lookups", bool(plan.environment))]
+    needs.append(("mirrored and refracted rays", any(group.delta for group in plan.groups)))
+    unneeded = [name for name, needed in needs if not needed]
+    if unneeded:
+        why = "nothing needs them" if not plan.unread else "the materials in place of the file's do not need them"
+        yield f"{', '.join(unneeded)}, because {why}"
+
+
+def _count(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless the number is 1."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _names(lights: Iterable[Light]) -> str:
+    """Kinds of lights, and how many of each."""
+    count = Counter(type(light).__name__ for light in lights)
+    return ", ".join(name if n == 1 else f"{n} x {name}" for name, n in count.items())

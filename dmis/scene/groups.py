@@ -1,0 +1,184 @@
+"""Parts of a scene, and groups of parts that are shaded as one batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.selection import Index
+from dmis.base.validate import direction
+from dmis.base.vectors import Array
+from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.materials import Material
+from dmis.brdf.parameters import Parameters
+from dmis.brdf.texture import Image
+from dmis.geometry.mesh import Mesh
+from dmis.light.light import AreaLight
+from dmis.scene.simplify import parameters
+
+NOTHING = 255
+"""Group number of misses, and of surfaces that neither reflect nor emit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A mesh with its material.
+
+    Parameters
+    ----------
+    mesh
+        Triangles in world space.
+    material
+        How they reflect.
+    light
+        The light whose visible surface this is; the winding of the triangles gives the bright side. None: it is none.
+    tangent
+        The direction that anisotropic lobes call u, three numbers, laid upon the surface; default: the one in which
+        the mesh's texture coordinate u grows.
+    """
+
+    mesh: Mesh
+    material: Material
+    light: AreaLight | None = None
+    tangent: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.tangent is not None:
+            direction("tangent", self.tangent)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Materials with the same kinds of lobes, shaded as one batch.
+
+    Attributes
+    ----------
+    materials
+        The materials; a part's row in the parameter tables is its position here.
+    glossy, through, delta
+        Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (then M = 1): those that
+        reflect, those of light that comes through, and those that are Dirac deltas.
+    emission
+        ``(3, M)`` radiance of the bright side; None if nothing here emits.
+    textured, smooth, anisotropic
+        Whether texture coordinates, interpolated normals, tangents are needed.
+    tangent
+        ``(3, 1)``, the same for all points; None if tangents are those of the meshes.
+    textured_light
+        The light whose emission is not in the table but computed at each point; None if there is none.
+    """
+
+    materials: tuple[Material, ...]
+    glossy: tuple[Lobe, ...]
+    through: tuple[Lobe, ...]
+    delta: tuple[DeltaLobe, ...]
+    emission: Array | None
+    textured: bool
+    smooth: bool
+    anisotropic: bool
+    tangent: Array | None = None
+    textured_light: AreaLight | None = None
+
+    @property
+    def reflects(self) -> bool:
+        """Whether there is any lobe, and not just emission."""
+        return bool(self.glossy or self.through or self.delta)
+
+    def bind(self, lobe: Any, row: Index | None, uv: Array | None) -> Any:
+        """`lobe` with the parameters of each point: rows of the tables, or texture values at `uv` ``(2, N)``."""
+        if len(self.materials) == 1 and not self.textured:
+            return lobe
+        changes: dict[str, Any] = {}
+        for name, value in parameters(lobe):
+            if isinstance(value, Image):
+                assert uv is not None
+                changes[name] = value(uv) if name in lobe.colours else value(uv)[0]
+            elif isinstance(value, Parameters):
+                changes[name] = self.bind(value, row, uv)
+            elif row is not None:
+                changes[name] = value.take(row, axis=-1)
+        return replace(lobe, **changes)
+
+
+def _shape_of(lobe: Any) -> tuple[Any, ...]:
+    """What two lobes must share to be shaded together: their types, and what is not a parameter of the point."""
+    named = dict(parameters(lobe))
+    rest = tuple(getattr(lobe, f.name) for f in fields(lobe) if f.name not in named)
+    nested = tuple(_shape_of(value) for value in named.values() if isinstance(value, Parameters))
+    return type(lobe), rest, nested
+
+
+def has_texture(lobe: Any) -> bool:
+    """Return whether a parameter of a lobe, or of the data nested in it, is an image."""
+    return any(isinstance(v, Image) or (isinstance(v, Parameters) and has_texture(v)) for _, v in parameters(lobe))
+
+
+def _anisotropic(lobe: Any) -> bool:
+    """Whether a lobe, or the data nested in it, needs tangents."""
+    return lobe.anisotropic or any(_anisotropic(v) for _, v in parameters(lobe) if isinstance(v, Parameters))
+
+
+def batch_key(part: Part) -> Any:
+    """Return a key that is equal for parts that can be shaded together; None for parts that neither reflect nor emit.
+
+    A textured light has a group of its own.
+    """
+    material = part.material
+    if not material.lobes and part.light is None:
+        return None
+    own = id(material) if any(has_texture(lobe) for lobe in material.lobes) else None
+    smooth = part.mesh.normals is not None and bool(material.lobes)
+    tangent = part.tangent if any(_anisotropic(lobe) for lobe in material.lobes) else None
+    return tuple(_shape_of(lobe) for lobe in material.lobes), own, smooth, _emitter(part.light), tangent
+
+
+def _emitter(light: AreaLight | None) -> bool | int:
+    """Return what two parts must share to emit from one table: True; of a textured light, what it is known by."""
+    return id(light) if light is not None and light.textured else light is not None
+
+
+def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Group:
+    """Return the group of the materials and lights of all parts that have the same `batch_key`."""
+    _, own, smooth, emits, tangent = key
+    materials = tuple(material for material, _ in members)
+    lobes = tuple(_tabulate(same) for same in zip(*(material.lobes for material in materials), strict=True))
+    lights = [light for _, light in members if light is not None]
+    textured_light = next((light for light in lights if light.textured), None)
+    emission = None
+    if emits:
+        anywhere = np.zeros((3, 1), np.float32)
+        # a textured light's column only says that the group emits
+        tables = [anywhere if light.textured else light.emission(anywhere) for light in lights]
+        emission = np.concatenate(tables, axis=1)
+    return Group(
+        materials,
+        tuple(lobe for lobe in lobes if not lobe.delta and not lobe.transmissive),
+        tuple(lobe for lobe in lobes if lobe.transmissive and not lobe.delta),
+        tuple(lobe for lobe in lobes if lobe.delta),
+        emission,
+        own is not None,
+        smooth,
+        any(_anisotropic(lobe) for lobe in lobes),
+        None if tangent is None else direction("tangent", tangent).astype(np.float32)[:, None],
+        textured_light,
+    )
+
+
+def _tabulate(lobes: tuple[Any, ...]) -> Any:
+    """One lobe whose parameters are tables over the materials: colours ``(1 or 3, M)``, scalars ``(M,)``."""
+    changes: dict[str, Any] = {}
+    for name, value in parameters(lobes[0]):
+        values = [getattr(lobe, name) for lobe in lobes]
+        if isinstance(value, Image):
+            changes[name] = value
+        elif isinstance(value, Parameters):
+            changes[name] = _tabulate(tuple(values))
+        elif name in lobes[0].scalars:
+            table = np.array([float(np.asarray(x).reshape(-1)[0]) for x in values], np.float32)
+            changes[name] = table if len(lobes) > 1 else table[0]
+        else:
+            table = np.stack([np.broadcast_to(np.asarray(x, np.float32).reshape(-1), 3) for x in values], axis=1)
+            changes[name] = table[:1] if (table == table[0]).all() else table
+    return replace(lobes[0], **changes)

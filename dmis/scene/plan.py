@@ -1,0 +1,126 @@
+"""A scene's plan: what it needs, worked out once, and what it can leave out.
+
+The plan puts the materials that consist of the same kinds of lobes in one `Group`: the estimator partitions hits by
+group, not by material, and reads the parameters from tables. Groups keep apart what costs: texture lookups,
+interpolated normals, tangents and emission exist only where a group has them.
+
+What is left out is provably zero, whatever the samples: lights without power, lobes that are black, images that are
+constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf.materials import Material
+from dmis.light.coincident import of_parts
+from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
+from dmis.scene import pinhole
+from dmis.scene.camera import Camera
+from dmis.scene.groups import NOTHING, Group, Part, batch_key, has_texture, make_group
+from dmis.scene.simplify import reduced
+
+
+class Plan:
+    """What a scene needs. Everything here is computed once, from the scene alone.
+
+    Parameters
+    ----------
+    unread
+        What the scene's file holds and is not read, in words.
+
+    Attributes
+    ----------
+    groups
+        The groups of materials that appear on triangles.
+    part_group
+        Group of each part, or `NOTHING`.
+    sampled, deltas
+        Lights that take part in MIS; lights that cannot. Lights without power are in neither.
+    environment
+        Infinite lights, which camera rays see where they leave the scene.
+    coincident
+        Triangles of lights that overlap other triangles in one plane, and the radiance of each pair's light, see
+        `dmis.light.coincident.of_parts`; None: there are none.
+    dark
+        How many lights have no power.
+    pinhole_offsets
+        Offsets of camera rays from the triangles that the pinhole is on, ``(K, 3)``, see `dmis.scene.pinhole`.
+    headlights
+        Positions in `deltas` of point lights at the pinhole: whatever the camera sees, they see, so camera hits
+        need no shadow rays towards them.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        parts: tuple[Part, ...],
+        lights: tuple[Light, ...],
+        epsilon: float,
+        unread: tuple[str, ...] = (),
+    ) -> None:
+        self.unread = unread
+        every = lights
+        lights = tuple(light for light in every if light.has_power())
+        self.dark = len(every) - len(lights)
+        self.sampled: tuple[SampledLight, ...] = tuple(light for light in lights if not light.delta)  # type: ignore[misc]
+        self.deltas: tuple[DeltaLight, ...] = tuple(light for light in lights if light.delta)  # type: ignore[misc]
+        self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
+        self.pinhole_offsets = pinhole.offsets(np.asarray(camera.to_world, float)[:3, 3], (part.mesh for part in parts))
+        eye = camera.origin[:, 0]
+        self.headlights = frozenset(k for k, light in enumerate(self.deltas) if light.shines_from(eye, 0.1 * epsilon))
+        keys: dict[Any, list[tuple[Material, AreaLight | None]]] = {}
+        part_keys = []
+        lean = {id(part.material): reduced(part.material) for part in parts}
+        self.dropped = sum(
+            len(material.lobes) - len(lean[id(material)].lobes)
+            for material in {id(part.material): part.material for part in parts}.values()
+        )
+        parts = tuple(
+            replace(part, material=lean[id(part.material)], light=part.light if part.light in lights else None)
+            for part in parts
+        )
+        self.coincident = of_parts(parts)
+        for part in parts:
+            key = batch_key(part)
+            part_keys.append(key)
+            members = keys.setdefault(key, [])
+            if not any(m is part.material and light is part.light for m, light in members):
+                members.append((part.material, part.light))
+        live = [key for key in keys if key is not None]
+        if len(live) >= NOTHING:
+            raise ValueError(
+                f"a scene may have at most {NOTHING - 1} groups of textured or different materials; got {len(live)}"
+            )
+        self.groups = tuple(make_group(key, keys[key]) for key in live)
+        self.part_group = [NOTHING if key is None else live.index(key) for key in part_keys]
+        face_group, face_row = [], []
+        for part, key, group in zip(parts, part_keys, self.part_group, strict=True):
+            row = next(k for k, (m, light) in enumerate(keys[key]) if m is part.material and light is part.light)
+            face_group.append(np.full(len(part.mesh.faces), group, np.uint8))
+            face_row.append(np.full(len(part.mesh.faces), row, np.int32))
+        # One entry more than there are triangles: the -1 of a miss reads the last one.
+        self.face_group = np.concatenate([*face_group, np.array([NOTHING], np.uint8)])
+        self.face_row = np.concatenate(face_row)
+
+    @property
+    def lit(self) -> bool:
+        """Whether there is any light: without, all images are black."""
+        return bool(self.sampled or self.deltas)
+
+    @property
+    def visible(self) -> bool:
+        """Whether there is a light that rays can meet."""
+        return bool(self.environment) or any(group.emission is not None for group in self.groups)
+
+    def mixes(self, group: Group, light: Light) -> bool:
+        """Whether MIS applies: the light has an extent, and the surface a lobe that is a function."""
+        return bool(group.glossy or group.through) and not light.delta
+
+
+def textures(material: Material) -> bool:
+    """Whether a material has an image that is not the same everywhere."""
+    return any(has_texture(lobe) for lobe in material.lobes) and any(has_texture(x) for x in reduced(material).lobes)

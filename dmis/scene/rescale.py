@@ -1,0 +1,119 @@
+"""Units that suit float32: a scene near its origin, of a size near 1, whose lights are near 1.
+
+float32 has 7 digits, and squares between 1e-38 and 1e38. A scene of size 1 that is a million away from the origin would
+have one digit left for its shape; one of radiance 1e30 has variances that are infinite. Neither is lost in the float64
+description that scenes have. So what is extreme is moved, and multiplied by powers of two, before float32 sees it, and
+the image is multiplied back. Triangles that are huge beside small bodies are split near these
+(`dmis.geometry.refinement`). No bit of an ordinary scene's image depends on this, and nothing is copied for it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.refinement import diagonals, refine_near_bodies
+from dmis.scene.scene import OFFSET, Scene
+
+FAR_OFF = 16
+"""Largest coordinate, in diagonals of the scene, up to which float32 positions have digits enough: a scene loses one
+digit for each factor of ten."""
+LENGTHS = 2.0**-20, 2.0**20
+"""Diagonals that stay as they are."""
+RADIANCES = 2.0**-32, 2.0**32
+"""Those of the brightest light that stay as they are: radiances of samples, their squares, and 1e9 times as much."""
+EXTENTS = 1e-12, 1e12
+"""Of lights, in diagonals of the scene."""
+LOST = 1e4
+"""Largest coordinate, in diagonals of a body, at which the ray offset is small beside the body: a hundredth of it."""
+
+
+def suited(scene: Scene) -> tuple[Scene, float]:
+    """`scene`, or one that looks the same in better units, and by what an image of it is to be multiplied.
+
+    Raises
+    ------
+    ValueError
+        If the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it, or a light is so
+        small or so large that squares of its size are beyond float32.
+    """
+    low, high = scene.bounds
+    size, reach = float(np.linalg.norm(high - low)), float(np.abs([low, high]).max())
+    if reach > 1e9 * size > 0:
+        raise ValueError(
+            f"a scene must not be further from the origin than 1e9 times its size, where its shape is rounding; got "
+            f"coordinates up to {reach:g} and a diagonal of {size:g}"
+        )
+    for light in scene.lights:
+        extent = light.extent()
+        if extent is not None and size > 0 and not EXTENTS[0] * size <= extent <= EXTENTS[1] * size:
+            raise ValueError(
+                f"a light must have {EXTENTS[0]:g} to {EXTENTS[1]:g} times the size of the scene, because float32 does "
+                f"not hold its area; got a {type(light).__name__} of {extent:g} in a scene of diagonal {size:g}. "
+                f"A smaller one is a PointLight, a larger one an EnvironmentLight"
+            )
+    origin = _origin(scene, low, high)
+    _check_small_bodies(scene, origin)
+    length = 1.0 if LENGTHS[0] <= size <= LENGTHS[1] or size == 0 else _power_of_two(size)
+    brightest = max((light.brightness(length) for light in scene.lights), default=0.0)
+    gain = 1.0 if RADIANCES[0] <= brightest <= RADIANCES[1] or brightest == 0 else _power_of_two(brightest)
+    if not origin.any() and length == gain == 1:
+        return _resolved(scene), 1.0
+    lights: dict[int, Any] = {id(light): light.rescaled(origin, length, gain) for light in scene.lights}
+    parts = tuple(
+        replace(
+            part,
+            mesh=Mesh((part.mesh.vertices - origin) / length, part.mesh.faces, part.mesh.normals, part.mesh.uv),
+            light=part.light and lights[id(part.light)],
+        )
+        for part in scene.parts
+    )
+    matrix = np.array(scene.camera.to_world, np.float64)
+    matrix[:3, 3] = (matrix[:3, 3] - origin) / length
+    camera = replace(scene.camera, to_world=matrix)
+    return _resolved(scene.changed(camera=camera, parts=parts, lights=tuple(lights.values()))), gain
+
+
+def _origin(scene: Scene, low: Array, high: Array) -> Array:
+    """Where the origin is to be, ``(3,)``: where it is; or amid the scene, or its small bodies, if they are far off."""
+    origin, small = np.zeros(3), scene.small_bodies
+    boxes = [(low, high)]
+    if len(small):
+        boxes.append((small[:, 0].min(axis=0), small[:, 1].max(axis=0)))
+    for least, largest in boxes:
+        if np.abs([least, largest]).max() > FAR_OFF * np.linalg.norm(largest - least):
+            origin = (least + largest) / 2
+    return origin
+
+
+def _check_small_bodies(scene: Scene, origin: Array) -> None:
+    """Warn where float32 does not resolve a small body, however the triangles beside it are split."""
+    small = scene.small_bodies
+    if not len(small):
+        return
+    diagonal, reach = diagonals(small), np.abs(small - origin).max(axis=(1, 2))
+    worst = int(np.argmax(reach / diagonal))
+    if reach[worst] > LOST * diagonal[worst]:
+        warnings.warn(
+            f"float32 does not resolve a body of size {diagonal[worst]:.3g} that is {reach[worst]:.3g} away from the "
+            f"origin: shadows within {OFFSET * reach[worst]:.3g} of it are lost. Render it as a "
+            f"scene without what is far away",
+            stacklevel=4,
+        )
+
+
+def _resolved(scene: Scene) -> Scene:
+    """`scene` with its huge triangles split near small bodies, see `dmis.geometry.refinement`."""
+    parts = tuple(replace(part, mesh=refine_near_bodies(part.mesh, scene.bodies)) for part in scene.parts)
+    same = all(new.mesh is old.mesh for new, old in zip(parts, scene.parts, strict=True))
+    return scene if same else scene.changed(parts=parts)
+
+
+def _power_of_two(value: float) -> float:
+    return 2.0 ** math.floor(math.log2(value))

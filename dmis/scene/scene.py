@@ -1,0 +1,322 @@
+"""A scene, frozen: a camera, parts (a mesh, its material, and the light whose surface it is) and lights.
+
+What the scene needs is worked out once by `dmis.scene.plan`; hits become surface points by the tables of
+`dmis.scene.triangle_tables`.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from copy import copy
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dmis.base.selection import Index, Selection, columns, take
+from dmis.base.validate import whole
+from dmis.base.vectors import TINY, Array, dot
+from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, small_beside
+from dmis.intersect import Hits, Intersector, RayCaster
+from dmis.light.light import Light
+from dmis.scene.camera import Camera
+from dmis.scene.coverage import pixels_that_see
+from dmis.scene.defaults import MAX_DEPTH
+from dmis.scene.describe import describe_integrator, describe_plan, describe_source
+from dmis.scene.groups import NOTHING, Group, Part
+from dmis.scene.plan import Plan, textures
+from dmis.scene.shading_points import Surface
+from dmis.scene.triangle_tables import Tables
+
+
+class SceneWarning(UserWarning):
+    """Things in a scene or in its file that do not appear in the image as they may be meant to."""
+
+
+OFFSET = 1e-6
+"""Of ray origins from the surfaces that rays leave, in extents of these: float32 positions are rounded."""
+
+
+def _extent(low: Array, high: Array) -> float:
+    """The larger of the diagonal and the largest coordinate, which sets the rounding of float32 positions."""
+    return float(max(np.linalg.norm(high - low), np.abs(low).max(), np.abs(high).max()))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A camera, parts and lights.
+
+    Parameters
+    ----------
+    camera
+        See `dmis.scene.camera.Camera`.
+    parts
+        At least one.
+    lights
+        All lights, those with a visible surface included.
+    name
+        For titles and file names.
+    integrator, max_depth
+        What the scene's file asks for, see `dmis.estimator.settings.Settings`; None if it does not say.
+    unread
+        What its file holds and is not read, in words, such as "3 materials (wood, glass, lamp)".
+    source
+        How a file was read, JSON data for the provenance of images: ``dialect`` of a pbrt file and ``dialect_from``,
+        ``file`` (its words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
+
+    Raises
+    ------
+    ValueError
+        If an argument is something else, there is no part, a part's light is not among the lights, a mesh light that is
+        not flat is no part's, or there is no such integrator or depth.
+
+    Warns
+    -----
+    SceneWarning
+        If the material of a mesh without texture coordinates has an image.
+    """
+
+    camera: Camera
+    parts: tuple[Part, ...]
+    lights: tuple[Light, ...]
+    name: str = "scene"
+    integrator: str | None = None
+    max_depth: int | None = None
+    unread: tuple[str, ...] = ()
+    source: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        width, height = self.camera.resolution
+        triangles = sum(part.mesh.triangles for part in self.parts)
+        counts = ((len(self.parts), "part"), (triangles, "triangle"), (len(self.lights), "light"))
+        contents = ", ".join(f"{n:,} {noun}{'' if n == 1 else 's'}" for n, noun in counts)
+        return f"Scene({self.name} {width}x{height}, {contents})"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.camera, Camera):
+            raise ValueError(f"camera must be a Camera; got {self.camera!r}")
+        for name, values, kind in (("parts", self.parts, Part), ("lights", self.lights, Light)):
+            found = tuple(values) if isinstance(values, Iterable) else None
+            if found is None or not all(isinstance(value, kind) for value in found):
+                raise ValueError(f"{name} must be a sequence of {name} of dmis; got {values!r}")
+            object.__setattr__(self, name, found)
+        if not self.parts:
+            raise ValueError("a scene needs at least one part, because there is nothing to see otherwise; got none")
+        if self.integrator not in (None, "direct", "path"):
+            raise ValueError(f"integrator must be direct or path, or None; got {self.integrator!r}")
+        if self.max_depth is not None:
+            object.__setattr__(self, "max_depth", whole("max_depth", self.max_depth, 1, MAX_DEPTH, "or None"))
+        for part in self.parts:
+            if part.light is not None and not any(part.light is light for light in self.lights):
+                raise ValueError(
+                    "a part's light must be among the scene's lights, because it would be seen but not sampled"
+                )
+        for light in self.lights:
+            if light.hides_itself() and not any(part.light is light for part in self.parts):
+                raise ValueError(
+                    f"a {type(light).__name__} that is not flat must be a part of the scene too, because its triangles "
+                    "may hide one another; dmis.formats.load_scene.light_part makes one of it"
+                )
+        bare = [part for part in self.parts if part.mesh.uv is None and textures(part.material)]
+        if bare:
+            text = (
+                f"scene {self.name}: {len(bare)} of {len(self.parts)} parts have an image texture and no texture "
+                f"coordinates (the first: {bare[0].material.name}, {bare[0].mesh.triangles} triangles); each of their "
+                "triangles shows the half of the image from (0, 0) over (1, 0) to (1, 1), as in pbrt; give the mesh uv"
+            )
+            warnings.warn(SceneWarning(text), stacklevel=3)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: the description. Tables and the Embree handle are rebuilt where they are used."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Scene:
+        """The scene seen through a part of the image, see `dmis.scene.camera.Camera.crop`.
+
+        Plan, tables and Embree are those of this scene, so a crop costs nothing.
+        """
+        return self.seen_by(self.camera.crop(rows, columns))
+
+    def seen_by(self, camera: Camera) -> Scene:
+        """The scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
+        known = "plan", "tables", "intersector", "epsilon", "own_epsilon"
+        return self.changed(camera=camera, **{name: getattr(self, name) for name in known})
+
+    def changed(self, **values: Any) -> Scene:
+        """A copy with other fields or tables, which are not checked: for those that follow from this scene."""
+        scene = copy(self)
+        vars(scene).update(values)
+        return scene
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest coordinates of what rays go on from, ``(3,)`` float64 each: a lamp that reflects nothing,
+        such as a sun, does not count if there is anything else."""
+        meshes = [part.mesh for part in self.parts if part.material.lobes] or [part.mesh for part in self.parts]
+        return np.min([mesh.bounds[0] for mesh in meshes], axis=0), np.max([mesh.bounds[1] for mesh in meshes], axis=0)
+
+    @cached_property
+    def epsilon(self) -> np.float32:
+        """Offset of ray origins along the geometric normal, `OFFSET` of the extent of `bounds`."""
+        return np.float32(OFFSET * _extent(*self.bounds))
+
+    @cached_property
+    def bodies(self) -> Array:
+        """Bounds ``(B, 2, 3)`` of the bodies of all parts, see `dmis.geometry.refinement`."""
+        return np.concatenate([bodies(part.mesh) for part in self.parts])
+
+    @property
+    def small_bodies(self) -> Array:
+        """Bounds ``(B, 2, 3)`` of the bodies that are small beside the scene, see `dmis.geometry.refinement`."""
+        low, high = self.bounds
+        return small_beside(float(np.linalg.norm(high - low)), self.bodies)
+
+    @cached_property
+    def own_epsilon(self) -> Array | None:
+        """Ray offset of each triangle, ``(T,)``, for scenes with `small_bodies`, which `epsilon` would begin rays far
+        above; None for others.
+
+        A part that is not large beside the smallest body has one offset, `OFFSET` of its extent. Of others each
+        triangle has `OFFSET` of the larger of its size and its largest coordinate: both set the rounding of a hit point
+        on it, and of the height above it at which Embree sees a ray begin. Both come to less than 2e-7 of that.
+        """
+        small = self.small_bodies
+        if not len(small):
+            return None
+        least = float(diagonals(small).min())
+        out = []
+        for part in self.parts:
+            extent: Any = _extent(*part.mesh.bounds)
+            if extent > SMALL_RATIO * least:
+                corners = part.mesh.vertices[part.mesh.faces]
+                edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+                extent = np.maximum(np.maximum(edges.max(axis=1), np.abs(corners).max(axis=(1, 2))), least)
+            out.append(np.broadcast_to(OFFSET * extent, len(part.mesh.faces)))
+        return np.clip(np.concatenate(out).astype(np.float32), TINY, self.epsilon)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What the scene needs, see `dmis.scene.plan.Plan`."""
+        nearest = float(self.epsilon if self.own_epsilon is None else self.own_epsilon.min())
+        return Plan(self.camera, self.parts, self.lights, nearest, self.unread)
+
+    def describe(self) -> str:
+        """Return in words what ``python -m dmis info`` prints: the plan, the integrator, how the file was read."""
+        integrator = describe_integrator(self.integrator, self.max_depth)
+        return "\n".join([describe_plan(self.plan), integrator, *describe_source(self.source)])
+
+    @cached_property
+    def seeing(self) -> np.ndarray | None:
+        """Pixels that may see something, ``(H, W)`` bool; None: all of them, see `dmis.scene.coverage`."""
+        if self.plan.environment:
+            return None
+        live = [part.mesh for part, group in zip(self.parts, self.plan.part_group, strict=True) if group != NOTHING]
+        return pixels_that_see(self.camera, live if self.plan.lit else [])
+
+    @cached_property
+    def intersector(self) -> RayCaster:
+        """Embree over all triangles of all parts, in order."""
+        offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in self.parts)])
+        vertices = np.concatenate([part.mesh.vertices for part in self.parts], dtype=np.float32)
+        faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(self.parts, offsets, strict=False)])
+        return Intersector(vertices, faces)
+
+    def prepare(self) -> None:
+        """Build now what is otherwise built when it is first needed, so that it is not part of a measured time."""
+        _ = self.plan, self.intersector, self.epsilon, self.own_epsilon, self.tables.corners, self.seeing
+        for group in self.plan.groups:
+            if group.smooth:
+                _ = self.tables.normals
+            if group.textured:
+                _ = self.tables.uv
+            if group.anisotropic and group.tangent is None:
+                _ = self.tables.dpdu
+
+    @cached_property
+    def tables(self) -> Tables:
+        """What hits are read from, see `dmis.scene.triangle_tables.Tables`."""
+        return Tables(self.parts)
+
+    def overlapping_emission(self, hits: Hits, direction: Array) -> tuple[Array, Index]:
+        """Radiance towards the viewer of the lights that overlap the triangles which rays met, in the same plane.
+
+        Only for scenes whose plan has `coincident` triangles. What the triangle itself emits is not in it.
+
+        Returns
+        -------
+        radiance
+            ``(3, K)`` float32.
+        ray
+            Their rays ``(K,)``; one ray may meet several lights.
+        """
+        assert self.plan.coincident is not None
+        overlaps, radiance = self.plan.coincident
+        ray, pair = overlaps.at(hits.prim, hits.u, hits.v)
+        normal = columns(self.tables.corners, hits.prim.take(ray))[9:]
+        facing = (dot(normal, take(direction, ray)) < 0) == overlaps.same.take(pair)
+        return radiance.take(pair.compress(facing), axis=1), ray.compress(facing)
+
+    def surface(
+        self, group: Group, hits: Hits, index: Selection | None, direction: Array
+    ) -> tuple[Surface, Array | None]:
+        """The surface points of the hits `index` (None: all), which must belong to `group`, and what they emit.
+
+        Parameters
+        ----------
+        direction
+            Unit directions of the rays that hit, ``(3, N)``, of all hits.
+
+        Returns
+        -------
+        surface
+            Its size is that of `index`.
+        emission
+            ``(3, N)`` radiance emitted towards the viewer; None if the group does not emit.
+        """
+        prim, u, v = take(hits.prim, index), take(hits.u, index), take(hits.v, index)
+        wo = -take(direction, index)
+        rows = columns(self.tables.corners, prim)
+        p = rows[3:6] * u
+        p += rows[6:9] * v
+        p += rows[:3]
+        ng = rows[9:]
+        facing = dot(ng, wo)
+        side = np.copysign(np.float32(1), facing)
+        ng = ng * side
+        epsilon = self.epsilon if self.own_epsilon is None else self.own_epsilon.take(prim)
+        p += ng * epsilon
+        n, cos_o = ng, np.abs(facing)
+        if group.smooth:
+            rows = columns(self.tables.normals, prim)
+            n = rows[3:6] * u
+            n += rows[6:9] * v
+            n += rows[:3]
+            cos_o = dot(n, wo)
+            # normalise and turn towards wo in one multiplication
+            scale = np.copysign(1 / np.sqrt(np.maximum(dot(n, n), np.float32(1e-30))), cos_o)
+            n *= scale
+            cos_o *= scale
+        row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
+        uv = dpdu = None
+        if group.textured:
+            rows = columns(self.tables.uv, prim)
+            uv = rows[2:4] * u + rows[4:6] * v + rows[:2]
+        if group.tangent is not None:
+            dpdu = group.tangent
+        elif group.anisotropic:
+            dpdu = columns(self.tables.dpdu, prim)
+        outside = facing > 0
+        emission = None
+        if group.emission is not None:
+            if group.textured_light is not None:
+                emission = group.textured_light.emission(p) * outside
+            else:
+                emission = (group.emission if row is None else group.emission.take(row, axis=1)) * outside
+        glossy = tuple(group.bind(lobe, row, uv) for lobe in group.glossy)
+        through = tuple(group.bind(lobe, row, uv) for lobe in group.through)
+        delta = tuple(group.bind(lobe, row, uv) for lobe in group.delta)
+        lobes = {"glossy": glossy, "through": through, "delta": delta}
+        found = Surface(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, epsilon=epsilon, **lobes)
+        return found, emission

@@ -1,0 +1,136 @@
+"""Means and variances of samples per pixel, which merge in any order and grouping.
+
+Means and sums of squared deviations are float64 from the first addition on (squares of float32 numbers overflow and
+underflow where the numbers do not, and one pixel may have 65536 samples in a block), and merge by Chan, Golub and
+LeVeque's formula (1983), which does not cancel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.base.vectors import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean and sum of squared deviations of n samples.
+
+    Attributes
+    ----------
+    n
+        Number of samples: the same for all entries, or an array that broadcasts to them.
+    mean
+        Their mean, any shape, float64.
+    m2
+        Sum of squared deviations from the mean, the same shape, float64.
+    """
+
+    n: int | Array
+    mean: Array
+    m2: Array
+
+    @classmethod
+    def of(cls, samples: Array) -> Moments:
+        """Return the moments over the first axis of `samples` ``(n, ...)``."""
+        # m2 = sum_i (x_i - mean)^2
+        n = len(samples)
+        mean = samples.sum(axis=0, dtype=np.float64) / n
+        deviation = samples - mean.astype(samples.dtype)
+        return cls(n, mean, np.square(deviation, dtype=np.float64).sum(axis=0))
+
+    def merge(self, other: Moments) -> Moments:
+        """Return the moments of the samples of both."""
+        # m2 = m2_a + m2_b + (mean_b - mean_a)^2 n_a n_b / n   (Chan, Golub and LeVeque 1983)
+        n = self.n + other.n
+        delta = other.mean - self.mean
+        return Moments(
+            n, self.mean + delta * (other.n / n), self.m2 + other.m2 + delta * delta * (self.n * other.n / n)
+        )
+
+    def variance(self) -> Array:
+        """Return the unbiased variance of one sample, m2 / (n - 1), float64.
+
+        Its relative standard error from n samples is ``sqrt(2 / (n - 1))`` for a normal distribution: 140 % at
+        n = 2. Rendering is worse: with a spike that one sample in a hundred hits, two samples mostly report
+        a variance far below the true one.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two samples.
+        """
+        if np.min(self.n) < 2:
+            raise ValueError(f"a variance needs at least two samples; got {np.min(self.n):g}")
+        return self.m2 / (self.n - 1)
+
+
+class PixelMoments:
+    """Accumulates the moments of P pixels from blocks of samples, each of all pixels or of some of them.
+
+    Parameters
+    ----------
+    pixels
+        P, number of pixels.
+    """
+
+    def __init__(self, pixels: int) -> None:
+        self._pixels = pixels
+        self._total: Moments | None = None
+
+    def add(self, samples: Array, pixels: np.ndarray) -> None:
+        """Add n samples of each of A `pixels` ``(A,)``, which differ and ascend; `samples` are ``(n, 3, A)``."""
+        block = Moments.of(samples)
+        total = self._total
+        if len(pixels) == self._pixels:
+            self._total = block if total is None else total.merge(block)
+            return
+        if total is None:
+            total = Moments(0, *np.zeros((2, 3, self._pixels)))
+        n, mean, m2 = np.broadcast_to(total.n, (1, self._pixels)).astype(float), total.mean, total.m2
+        merged = Moments(n[:, pixels], mean[:, pixels], m2[:, pixels]).merge(block)
+        n[:, pixels], mean[:, pixels], m2[:, pixels] = merged.n, merged.mean, merged.m2
+        self._total = Moments(n, mean, m2)
+
+    def total(self) -> Moments:
+        """Return the moments of all samples that were added, ``(3, P)``; ``(1, P)`` numbers where they differ.
+
+        Raises
+        ------
+        ValueError
+            If no samples were added.
+        """
+        if self._total is None:
+            raise ValueError("moments need samples; none were added. Call add first")
+        return self._total
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Moments of the pixels of an image, in half the memory of `Moments`.
+
+    Float32 has the seven digits of a mean of float32 samples, which is more than an estimate of a variance needs.
+    Squares may be beyond its range, so the root of m2 is stored, which is of the size of the samples.
+
+    Attributes
+    ----------
+    n
+        Number of samples, as in `Moments`.
+    mean, root
+        Mean, and root of m2, ``(H, W, 3)`` float32.
+    """
+
+    n: int | Array
+    mean: Array
+    root: Array
+
+    @property
+    def m2(self) -> Array:
+        """Sum of squared deviations, ``(H, W, 3)`` float64."""
+        return np.square(self.root, dtype=np.float64)
+
+    def variance(self) -> Array:
+        """Return the unbiased variance of one sample, see `Moments.variance`."""
+        return Moments(self.n, self.mean, self.m2).variance()

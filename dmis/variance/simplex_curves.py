@@ -1,0 +1,235 @@
+"""Variance V(w) at the shares w of K techniques, points of the simplex, from one pilot (docs/theory.md, Eq. 18a).
+
+For two techniques `dmis.variance.curves` computes the same on a finer grid.
+
+Techniques k = 1..K with shares w_k of sum 1 and densities p_k are mixed by the balance heuristic: a sample of k has
+the value ``Y_k = f F_k / p_w``, ``p_w = sum_j w_j p_j``. F_k is 1, except for techniques whose density is not known
+(`dmis.estimator.resampling`): there p_k is an approximation of the density, and the factor F_k corrects for it. With
+
+    m_k(w) = E_k[Y_k],  M2(w) = sum_k w_k E_k[Y_k^2],  sum_k w_k m_k = I
+
+a shading sample has the variance ``M2 - sum_k w_k m_k^2`` at a point y, if the numbers of samples are fixed: the
+variance within each technique, which is ``M2 - I^2 - w (1 - w) D^2`` for two. A camera sample takes the mean of S of
+them, n_k of technique k, where n_k is rounded up or down (`dmis.estimator.allocation.rounding`), so that
+
+    V(w) = Var_y(I) + E_y[M2 - sum_k w_k m_k^2] / S + sum_kl cov(n_k, n_l) / S^2 Cov_y(m_k, m_l).
+
+A pilot at equal shares gives all of that for every w. Where the density is known, E_k is estimated from the samples of
+all such techniques, weighted by p_k over their mixture: if one technique misses a light, the samples of the others find
+it. Where the density is not known, ``E_k[Y_k]`` is the mean over the samples of technique k alone.
+
+If all densities are known M2 is ``integral of f^2 / p_w``, convex in w, with one minimum. V, and M2 with an
+approximate density, need not be, so the rule takes the least value on a grid.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import cache
+
+import numpy as np
+
+from dmis.base.vectors import TINY, Array
+from dmis.estimator import allocation
+from dmis.estimator.records import Record
+from dmis.variance.curves import (
+    CURVE_BATCH,
+    CURVE_ROUNDING,
+    MIN_DENSITY_RATIO,
+    power_of_two_near,
+    product_of_halves,
+    select_pixels,
+    variance_over_y,
+)
+
+GRID_STEPS = 6
+"""Largest number of steps of the grid from one technique alone to another; `grid` rounds it down to a multiple of K."""
+SMALLEST_SHARE = 0.03
+"""Least positive share of a technique in the points of the grid near the border of the simplex."""
+
+
+@cache
+def grid(techniques: int) -> tuple[Array, np.ndarray]:
+    """Return the shares at which V is estimated, ``(K, G)``, and for each point one without zero shares, ``(G,)``.
+
+    The points are even steps over the simplex. Points on its border, which leave techniques out, have a second point
+    in its interior, where these techniques have the share `SMALLEST_SHARE`.
+
+    Returns
+    -------
+    shares
+        Points of the simplex, ``(K, G)``.
+    interior
+        Index of the interior point of each border point, and of each interior point itself, ``(G,)``.
+    """
+    # a multiple of K has the point of equal shares
+    steps = techniques * (GRID_STEPS // techniques)
+    compositions = itertools.product(range(steps + 1), repeat=techniques)
+    even = np.array([c for c in compositions if sum(c) == steps]).T / steps
+    zeros = (even == 0).sum(axis=0)
+    twins = np.where(even == 0, SMALLEST_SHARE, even * (1 - SMALLEST_SHARE * zeros))[:, zeros > 0]
+    interior = np.arange(even.shape[1])
+    interior[zeros > 0] = even.shape[1] + np.arange(twins.shape[1])
+    shares = np.concatenate([even, twins], axis=1)
+    return shares, np.concatenate([interior, np.arange(even.shape[1], shares.shape[1])])
+
+
+def baseline_point(exact: Sequence[bool]) -> int:
+    """Return the index of the point of `grid` that rules leave only for a significant gain.
+
+    It has equal shares of the techniques whose density is known (`exact`), which are the cheap ones; of all techniques
+    if fewer than two densities are known.
+    """
+    shares = np.array(exact if sum(exact) > 1 else [True] * len(exact), float)
+    return int(np.abs(grid(len(exact))[0] - (shares / shares.sum())[:, None]).sum(axis=0).argmin())
+
+
+class SimplexCurves:
+    """Sums over camera samples, per pixel, of V(w) at the points of `grid`, from pilot samples at equal shares.
+
+    `dmis.variance.curves.Curves` is the same for two techniques.
+
+    Parameters
+    ----------
+    pixels
+        Number of pixels of the tile.
+    shading_samples
+        Shading samples of each camera sample of the pilot: K S, an even number S of each technique. A final camera
+        sample has S in all.
+    exact
+        Whether the density of each technique is known, ``(K,)``.
+    """
+
+    def __init__(self, pixels: int, shading_samples: int, exact: tuple[bool, ...] = (True, True)) -> None:
+        self._exact, self._s = exact, shading_samples // len(exact)
+        self._shares, _ = grid(len(exact))
+        # cov(n_k, n_l) / S^2 of each point, as a sum of v v^T
+        self._rounding = [_projections(allocation.rounding(shares, self._s)) for shares in self._shares.T]
+        self._n = 0
+        self._curve, self._pattern, self._second = np.zeros((3, self._shares.shape[1], pixels), np.float64)
+        self._total = np.zeros(pixels, np.float64)
+
+    def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
+        """Add one block: `count` camera samples of every pixel, sample-major, and their radiance ``(3, N)``."""
+        if count < 2:
+            raise ValueError(f"curves need at least two camera samples, because they are variances; got {count}")
+        self._n += count
+        grey = radiance.mean(axis=0).reshape(count, -1)
+        self._total += count * grey.var(axis=0, ddof=1)
+        lights = list(samples_by_light(records, self._s, len(self._exact), radiance.shape[1]))
+        unit = max((power_of_two_near(x) for x, _ in lights), default=np.float32(1))
+        pixels = max(1, CURVE_BATCH // (len(self._exact) * self._s * count))
+        for begin in range(0, len(self._total) if lights else 0, pixels):
+            batch = slice(begin, begin + pixels)
+            samples = [
+                SamplesTowardsLight(select_pixels(x, batch, count) / unit, select_pixels(r, batch, count), self._exact)
+                for x, r in lights
+            ]
+            self._add(samples, batch, count, float(unit) ** 2)
+
+    def _add(self, lights: Sequence[SamplesTowardsLight], pixels: slice, count: int, unit_2: float) -> None:
+        """Add the curves of some `pixels`, from samples in units whose square is `unit_2`."""
+        for g, (shares, rounding) in enumerate(zip(self._shares.T.astype(np.float32), self._rounding, strict=True)):
+            means: Array | float = 0
+            for light in lights:
+                second, mean = light.at(shares)
+                # sum_k w_k m_k^2 at y
+                at_y = np.einsum("k,k...->...", shares, [product_of_halves(m) for m in mean])
+                # E_y[M2 - sum_k w_k m_k^2] / S
+                self._second[g, pixels] += unit_2 / self._s * second.reshape(count, -1).sum(axis=0)
+                self._curve[g, pixels] += unit_2 / self._s * (second - at_y).reshape(count, -1).sum(axis=0)
+                means = mean + means
+            # sum_kl cov(n_k, n_l) / S^2 Cov_y(m_k, m_l) = sum over v of Var_y(v . m)
+            for projection in np.einsum("ek,ktn->etn", rounding, means):
+                self._pattern[g, pixels] += unit_2 * count * variance_over_y(projection, count)
+
+    def sums(self) -> dict[str, Array]:
+        """Return the sums per pixel that are averaged over patches.
+
+        ``curve`` ``(G, P)``, its ``square``, its product ``cross`` with itself at `baseline_point`, and Var_y(I) as
+        ``position`` ``(P,)``.
+        """
+        n, techniques = max(self._n, 1), len(self._exact)
+        equal, at = baseline_point((True,) * techniques), baseline_point(self._exact)
+        curve = (self._curve + self._pattern) / n
+        rounding = CURVE_ROUNDING * self._second / n  # see `dmis.variance.curves`
+        square, cross = curve * curve + rounding * rounding, curve * curve[at]
+        cross[at] = square[at]
+        # Var_y(I) = the pilot's variance less its curve: that of equal shares with K S shading samples in place of S
+        position = (self._total - self._curve[equal] / techniques) / n
+        return {"curve": curve, "square": square, "cross": cross, "position": position}
+
+
+def samples_by_light(records: Sequence[Record], s: int, techniques: int, n: int) -> Iterator[tuple[Array, Array]]:
+    """Yield ``X = f F / q`` (the mean of its channels) and ``r_k = p_k / q`` of the pilot, one light after the other.
+
+    q is the mean of the p_k. X is ``(S, K, N)``: S samples of each technique of N camera samples. The ratios are
+    ``(S, K, K, N)``: of each sample, those of all techniques. Samples that are not recorded met no light: X is 0.
+    """
+    lights: dict[tuple[int, ...], tuple[Array, Array]] = {}
+    for record in records:
+        if record.key not in lights:
+            x, r = np.zeros((s, techniques, n), np.float32), np.zeros((s, techniques, techniques, n), np.float32)
+            r[:] = np.eye(techniques, dtype=np.float32)[..., None] * techniques
+            lights[record.key] = x, r
+        x, r = lights[record.key]
+        where = slice(None) if record.sample is None else record.sample
+        x[record.sample_index, record.technique_index, where] += record.value.mean(axis=0)
+        # r_k = p_k / q,  q = sum_j p_j / K
+        ratios = record.pdf / np.maximum(record.pdf.mean(axis=0), TINY)
+        for k, p in enumerate(ratios):
+            r[record.sample_index, record.technique_index, k, where] = p
+    yield from lights.values()
+
+
+class SamplesTowardsLight:
+    """Estimates of M2(w) and m_k(w) from the shading samples towards one light, see `samples_by_light`."""
+
+    def __init__(self, x: Array, r: Array, exact: Sequence[bool]) -> None:
+        self._exact, self._approximate = np.flatnonzero(exact), np.flatnonzero(~np.asarray(exact))
+        self._x = x.swapaxes(0, 1)
+        self._r = np.ascontiguousarray(r.transpose(2, 1, 0, 3))  # first axis: density, second: technique of the sample
+        # p_k over the mixture of the techniques of known density, which drew their samples
+        ratios = self._r[np.ix_(self._exact, self._exact)]
+        mixture = np.maximum(ratios.sum(axis=0) / max(len(ratios), 1), MIN_DENSITY_RATIO)
+        self._relative = ratios / mixture
+
+    def at(self, shares: Array) -> tuple[Array, Array]:
+        """Return the second moment and the means of shading samples at the `shares` ``(K,)``.
+
+        Returns
+        -------
+        second
+            Estimates of M2, ``(N,)``.
+        means
+            Estimates of m_k, ``(K, S, N)``; those of different S are independent.
+        """
+        techniques, rows, n = self._x.shape
+        # Y = f F / p_w = X / m,  m = p_w / q = sum_k w_k r_k
+        m = shares[0] * self._r[0]
+        for share, r in zip(shares[1:], self._r[1:], strict=True):
+            m += share * r
+        y = self._x / np.maximum(m, MIN_DENSITY_RATIO, out=m)
+        means, second = np.zeros((techniques, rows, n), np.float32), np.zeros(n, np.float32)
+        # density known: m_k = E[Y p_k / mixture], M2 = sum_k w_k E[Y^2 p_k / mixture], over samples of techniques j
+        for relative, k in zip(self._relative, self._exact, strict=True):
+            for ratio, j in zip(relative, self._exact, strict=True):
+                term = ratio * y[j]
+                means[k] += term
+                term *= y[j]
+                second += shares[k] * term.sum(axis=0)
+        means /= max(len(self._exact), 1)
+        second /= max(len(self._exact), 1)
+        # density not known: m_k = E_k[Y_k], M2 = sum_k w_k E_k[Y_k^2]
+        for k in self._approximate:
+            means[k] = y[k]
+            second += shares[k] * (y[k] * y[k]).sum(axis=0)
+        return second / rows, means
+
+
+def _projections(covariance: Array) -> Array:
+    """Return the rows v, ``(E, K)``, with which the covariance is the sum of ``v v^T``."""
+    values, vectors = np.linalg.eigh(covariance)
+    positive = values > 1e-9
+    return (vectors[:, positive] * np.sqrt(values[positive])).T.astype(np.float32)

@@ -1,0 +1,189 @@
+"""
+A zoo of reflection models, and the weight that each needs
+==========================================================
+
+Eight models, from Phong to GGX, seen from 45 degrees at about the same roughness: the lobe, what its importance
+sampling draws, and the variance of a mixture of light and BRDF samples against the share w of light samples, under a
+small, a medium and a large light in the mirror direction. Which model needs which weight?
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import qmc
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common import options
+
+import dmis
+from dmis import plot
+from dmis.brdf.cosines import Pair
+from dmis.brdf.fresnel import Dielectric
+from dmis.estimator.technique import BRDF, LIGHT
+from dmis.scene.shading_points import Surface
+
+opts, _ = options(__file__, __doc__)
+GLASS = Dielectric(1.5)
+MODELS = {
+    "Phong, n = 12": dmis.phong(ks=0.5, exponent=12),
+    "Lafortune off-specular, n = 12": dmis.lafortune(ks=0.5, exponent=12, c_n=0.7),
+    "Blinn-Phong, n = 50": dmis.blinn_phong(ks=0.5, exponent=50),
+    "Ward, alpha = 0.1, 0.4": dmis.ward(ks=0.5, alpha=0.1, alpha_v=0.4),
+    "Ashikhmin-Shirley, n = 200, 12": dmis.ashikhmin_shirley(kd=0.5, ks=0.05, n_u=200, n_v=12),
+    "Torrance-Sparrow, n = 50": dmis.torrance_sparrow(exponent=50, fresnel=GLASS),
+    "Cook-Torrance, alpha = 0.2": dmis.cook_torrance(alpha=0.2, fresnel=GLASS),
+    "GGX, alpha = 0.2": dmis.ggx(alpha=0.2, fresnel=GLASS),
+}
+LIGHTS = {"small": (2.0, "tab:blue"), "medium": (25.0, "tab:green"), "large": (40.0, "tab:red")}  # half angles, degrees
+WO = np.array([-np.sqrt(0.5), 0, np.sqrt(0.5)], np.float32)
+
+
+def surface(material, count):
+    """`count` times the same point, at the origin of a horizontal plane, with its tangent u along x."""
+    up, wo, along = (np.repeat(np.float32(v)[:, None], count, axis=1) for v in ((0, 0, 1), WO, (1, 0, 0)))
+    return Surface(
+        p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=along, glossy=material.lobes, delta=()
+    )
+
+
+# %%
+# Reflected light of unit radiance and both densities in the directions `wi` of a sample of either technique.
+def integrand(points, seen):
+    """f, p_l and p_b, each ``(N,)``; f is 0 where the light is missed or the horizon hides it."""
+    pair = Pair(points, seen.wi)
+    f = np.broadcast_to(points.eval(pair), seen.wi.shape).mean(axis=0) * pair.cos_i
+    p_l, p_b = LIGHT.pdf(points, pair, seen.pdf), BRDF.pdf(points, pair, seen.pdf)
+    return tuple(a.astype(float) for a in (f * (seen.emits & pair.above), p_l, p_b))
+
+
+# %%
+# V(w) of one sample in fixed shares, w Var_l(f/p_w) + (1-w) Var_b(f/p_w), at every w: integrals over the directions of
+# the light, outside of which f is 0, with a Sobol sequence ...
+NODES, W = opts.pick(2**10, 2**15), np.linspace(0, 1, 41)
+
+
+def curve(material, light):
+    """Variance at the weights `W`, and the value of the integral."""
+    u = np.minimum(qmc.Sobol(2, rng=np.random.default_rng(7)).random(NODES), 1 - 2**-24).T.astype(np.float32)
+    points = surface(material, NODES)
+    f, p_l, p_b = integrand(points, LIGHT.sample(points, light, u))
+    variance = []
+    for w in W:
+        g = np.divide(f, w * p_l + (1 - w) * p_b, out=np.zeros_like(f), where=f > 0)
+        density = p_b / p_l  # a mean over the light's directions times this is one over BRDF samples
+        of_brdf = (density * g * g).mean() - (density * g).mean() ** 2
+        variance.append(w * g.var() + (1 - w) * of_brdf)
+    return np.array(variance), (f / p_l).mean()
+
+
+# %%
+# ... and by brute force, from independent samples of both techniques at a few weights, to check it.
+CHECKED, rng = np.array([0.1, 0.3, 0.7, 0.9]), np.random.default_rng(1)
+
+
+def brute(material, light, w):
+    """Variance at one weight, and its standard error."""
+    total = error2 = 0.0
+    for technique, share in ((LIGHT, w), (BRDF, 1 - w)):
+        points = surface(material, NODES)
+        f, p_l, p_b = integrand(points, technique.sample(points, light, rng.random((2, NODES), dtype=np.float32)))
+        g = np.divide(f, w * p_l + (1 - w) * p_b, out=np.zeros_like(f), where=f > 0)
+        square = (g - g.mean()) ** 2
+        total += share * square.mean()
+        error2 += share**2 * square.var() / NODES
+    return total, error2**0.5
+
+
+# %%
+# For each model: a map of the hemisphere seen from above, a histogram of samples, the curves.
+def lobe_map(axis, material):
+    """BRDF times cosine over the unit disk."""
+    x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 241, dtype=np.float32)])
+    inside = x * x + y * y < 1
+    wi = np.stack([x[inside], y[inside], np.sqrt(1 - x[inside] ** 2 - y[inside] ** 2)])
+    points = surface(material, wi.shape[1])
+    pair = Pair(points, wi)
+    shown = np.ma.masked_all(x.shape)
+    shown[inside] = np.broadcast_to(points.eval(pair), wi.shape).mean(axis=0) * pair.cos_i
+    image = axis.imshow(
+        np.maximum(shown / shown.max(), 1e-3),
+        origin="lower",
+        extent=(-1, 1, -1, 1),
+        cmap="magma",
+        norm="log",
+        vmin=1e-3,
+    )
+    axis.plot(*-WO[:2], "c+", label="mirror direction")
+    axis.set_xticks([-1, 0, 1])
+    axis.set_yticks([-1, 0, 1])
+    axis.set_xlabel("x, u")
+    axis.set_ylabel("y, v")
+    return image
+
+
+def histogram(axis, material):
+    """Polar angles of sampled directions, and the density that says what they should be."""
+    count = opts.pick(2**13, 2**17)
+    wi = surface(material, count).sample(np.random.default_rng(1).random((2, count), dtype=np.float32))
+    theta = np.degrees(np.arccos(np.clip(wi[2], -1, 1)))
+    accepted = (wi[2] > 0).mean()
+    edges = np.linspace(0, 90, 46)
+    heights = np.histogram(theta, edges)[0] / (count * np.diff(edges))
+    axis.stairs(heights, edges, fill=True, color="0.8", label=f"samples, {accepted:.1%} above the horizon")
+    at, phi = np.meshgrid(np.radians(np.linspace(0.25, 89.75, 180)), np.radians(np.arange(0.5, 360)), indexing="ij")
+    w = np.stack([np.sin(at) * np.cos(phi), np.sin(at) * np.sin(phi), np.cos(at)]).reshape(3, -1).astype(np.float32)
+    points = surface(material, w.shape[1])
+    density = (points.pdf(Pair(points, w)).astype(float).reshape(at.shape) * np.sin(at)).sum(axis=1) * np.radians(1)
+    axis.plot(np.degrees(at[:, 0]), density * np.radians(1), color="black", label="pdf over a ring")
+    axis.set_xlabel("polar angle of wi (degrees)")
+    axis.set_ylabel("density (1 / degree)")
+    axis.set_ylim(0, 1.45 * heights.max())
+
+
+figure, axes = plot.canvas(4, 6, 24, 17)
+told, deviations = [], []
+for k, (name, material) in enumerate(MODELS.items()):
+    left, middle, right = axes[k % 4, 3 * (k // 4) : 3 * (k // 4) + 3]
+    image = lobe_map(left, material)
+    left.set_title(name, weight="bold")
+    histogram(middle, material)
+    best = []
+    for size, (degrees, colour) in LIGHTS.items():
+        radius = float(np.sin(np.radians(degrees)))
+        light = dmis.SphereLight((-WO[0], 0, WO[2]), radius, (1, 1, 1))
+        v, value = curve(material, light)
+        half = v[20]
+        checked, error = np.transpose([brute(material, light, w) for w in CHECKED])
+        deviations.extend((checked - np.interp(CHECKED, W, v)) / error)
+        at = v.argmin()
+        right.plot(W, v / half, color=colour, label=f"{size}, ±{degrees:g}°: best w = {W[at]:.2f}")
+        right.plot(CHECKED, checked / half, ".", color=colour)
+        right.plot(W[at], v[at] / half, "v", color=colour, markeredgecolor="black", zorder=3)
+        best.append(f"{W[at]:.2f}")
+        print(
+            f"{name:32} {size:7} best w {W[at]:.3f}; over V(1/2): V(best) {v[at] / half:.3f}, V(0) {v[0] / half:.3g}, "
+            f"V(1) {v[-1] / half:.3g}; standard deviation over mean at 1/2: {half**0.5 / value:.2f}"
+        )
+    right.set_yscale("log")
+    right.axhline(1, color="0.7", linewidth=0.8, zorder=0)
+    right.set_ylim(2e-3, 2e2)
+    right.set_xlabel("share of light samples w")
+    right.set_ylabel("V(w) / V(½)")
+    told.append(f"{name}: {', '.join(best)}")
+    for axis, where in ((left, "lower right"), (middle, "upper right"), (right, "upper center")):
+        axis.legend(fontsize=7, loc=where)
+figure.colorbar(image, ax=axes[:, 0], label="f cos / its largest value", shrink=0.4, location="left")
+deviations = np.abs(deviations)
+within = (deviations < 2).mean()
+print(f"brute force against quadrature: {within:.0%} within 2 standard errors, the largest {deviations.max():.1f}")
+opts.save(
+    figure,
+    "A zoo of reflection models, and the weight that each needs",
+    f"""Each model at a point seen from 45 degrees, from the left. Maps: BRDF times cosine over the hemisphere, from
+    above. Histograms: polar angles of {opts.pick(2**13, 2**17):,} sampled directions; the line is the pdf, integrated
+    over rings of the hemisphere. Right: variance of a sample of the balance heuristic in fixed shares, over that of
+    w = 1/2, under a sphere light in the mirror direction, whose half angle is given; lines by quadrature, dots by
+    brute force, triangles where it is least. Best w under the small, medium and large light: {"; ".join(told)}.""",
+)

@@ -1,0 +1,67 @@
+"""
+Path tracing and direct lighting
+================================
+
+What the light adds that other surfaces have scattered: each scene by direct lighting, by path tracing six surfaces
+deep, and the share of the radiance that is not direct. In the open, under a sky, it is little; in the box the ceiling
+and all shadows live by it. The last panel tells how fast the series converges: the
+mean of the image by the number of surfaces that may scatter.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common import SCENES, options, show
+
+import dmis
+from dmis import plot
+
+opts, _ = options(__file__, __doc__)
+DEPTHS = (1, 2, 3, 4, 6, 10)
+DEEP = 6
+
+# %%
+# The thesis's scenes at half of the usual size. All by auto, which learns weights for each depth anew.
+scenes = {"CORNELL": dmis.load_scene("cornell", resolution=opts.pick((24, 24), (100, 100), (200, 200)))}
+scenes |= {about.title: opts.scene(name, 2 * opts.shrink) for name, about in SCENES.items()}
+images = {}
+for title, scene in scenes.items():
+    for depth in DEPTHS if title in ("CORNELL", "KILLEROO GOLD") else (1, DEEP):
+        settings = dmis.Settings(integrator="path", max_depth=depth)
+        result = dmis.render(
+            scene, "auto", opts.spp, seed=depth, settings=settings, threads=opts.threads, progress=show(title)
+        )
+        images[title, depth] = result.image
+    print(f"{title:20} {images[title, DEEP].mean() / images[title, 1].mean():6.3f} times the light of direct lighting")
+
+# %%
+# One line for each scene: direct, paths, the share of light that bounced. The noise of both images is in the share.
+figure, axes = plot.canvas(len(scenes) + 1, 3, 13, 3.6 * (len(scenes) + 1))
+for line, title in zip(axes, scenes, strict=False):
+    direct, paths = images[title, 1], images[title, DEEP]
+    plot.picture(line[0], direct, f"{title}: direct lighting")
+    plot.picture(line[1], paths, f"{title}: paths, depth {DEEP}")
+    total = paths.mean(axis=2)
+    share = 1 - np.divide(direct.mean(axis=2), total, out=np.ones_like(total), where=total > 0)
+    shown = plot.heat(line[2], np.clip(share, 0, 1), "share of light that bounced", cmap="magma", vmin=0, vmax=1)
+    figure.colorbar(shown, ax=line[2], shrink=0.8)
+for axis in axes[-1, 1:]:
+    axis.set_visible(False)
+for title in ("CORNELL", "KILLEROO GOLD"):
+    means = np.array([images[title, depth].mean() for depth in DEPTHS])
+    axes[-1, 0].plot(DEPTHS, means / means[-1], "o-", label=title)
+axes[-1, 0].set_xlabel("surfaces that may scatter light (max_depth)")
+axes[-1, 0].set_ylabel(f"mean / mean at depth {DEPTHS[-1]}")
+axes[-1, 0].set_ylim(0, None)
+axes[-1, 0].legend(fontsize=8)
+axes[-1, 0].grid(alpha=0.3)
+opts.save(
+    figure,
+    "Path tracing and direct lighting",
+    f"""Direct lighting, path tracing {DEEP} surfaces deep, and the share of the radiance that other surfaces have
+    scattered, by the rule auto with {opts.spp} samples per pixel. Below: the mean of the image against the depth.""",
+)

@@ -1,0 +1,68 @@
+"""
+Rough glass
+===========
+
+Facets that reflect and refract: three balls of glass on tiles under a bright lamp, path traced, from almost smooth to
+frosted. Light comes to each point of the glass from both sides, and light and BRDF sampling are mixed for each; the
+weights in the last picture are learned for the first surface that a path meets. Frosted glass smears what is behind it,
+and each crossing of its surface loses the light that facets mask.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common import options, show
+
+import dmis
+from dmis import plot
+from dmis.geometry.shapes import quad, sphere
+
+opts, _ = options(__file__, __doc__)
+ALPHAS = (0.02, 0.15, 0.4)
+
+# %%
+# Balls on tiles before a wall, a lamp to the left, and a dim sky. A lamp is seen through glass only where a facet sends
+# a path to it; smooth glass would make that a caustic that paths seldom find.
+squares = (np.indices((256, 256)) // 16).sum(axis=0) % 2
+tiles = dmis.Image(np.where(squares[..., None], (0.75, 0.7, 0.6), (0.1, 0.15, 0.25)).astype(np.float32))
+lamp = dmis.QuadLight((-4, -1, 2.5), (0, 3, 0), (1, 0, 2.5), (14, 13, 12))
+sky = dmis.EnvironmentLight(np.full((2, 4, 3), 0.3, np.float32))
+floor = dmis.Part(quad((-8, -4, 0), (16, 0, 0), (0, 16, 0)), dmis.matte(tiles))
+wall = dmis.Part(quad((-8, 6, 0), (16, 0, 0), (0, 0, 10)), dmis.matte((0.5, 0.2, 0.15)))
+balls = [
+    dmis.Part(
+        sphere(0.8, segments=96).transformed([[1, 0, 0, 1.8 * k - 1.8], [0, 1, 0, 0.4], [0, 0, 1, 0.8], [0, 0, 0, 1]]),
+        dmis.rough_glass(alpha=alpha),
+    )
+    for k, alpha in enumerate(ALPHAS)
+]
+size = opts.pick((48, 24), (240, 120), (640, 320))
+camera = dmis.Camera.look_at((0, -6, 2.2), (0, 0.4, 0.75), (0, 0, 1), 28, size)
+scene = dmis.Scene(camera, (floor, wall, *balls), (lamp, sky), "rough-glass")
+
+# %%
+# Three renders of the same scene: light through the glass needs paths.
+direct = dmis.render(scene, "auto", opts.spp, settings=dmis.Settings(integrator="direct"), threads=opts.threads)
+settings = dmis.Settings(integrator="path", max_depth=12)
+paths = dmis.render(scene, "auto", opts.spp, settings=settings, threads=opts.threads, progress=show("paths"))
+for name, result in (("direct", direct), ("paths", paths)):
+    seconds = result.seconds["total"]
+    print(f"{name:8} mean radiance {result.image.mean():.3f}, {seconds:.1f} s")
+
+# %%
+# The balls show the sky and the lamp by themselves; what stands behind them is seen by paths only.
+figure, axes = plot.canvas(3, 1, 8, 11)
+plot.picture(axes[0, 0], direct.image, "direct lighting: no light that passes two surfaces")
+plot.picture(axes[1, 0], paths.image, "paths, at most 12 surfaces; alpha " + ", ".join(f"{a:g}" for a in ALPHAS))
+shown = plot.weights(axes[2, 0], paths.weight, "weights of paths")
+plot.weight_bar(figure, shown, axes[2, 0], orientation="horizontal", shrink=0.6)
+opts.save(
+    figure,
+    "Rough glass",
+    f"""Three balls of rough glass by direct lighting and by path tracing, and the weights that auto learned, with
+    {opts.spp} samples per pixel.""",
+)

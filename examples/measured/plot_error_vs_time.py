@@ -1,0 +1,60 @@
+"""
+Error against time
+==================
+
+What a rule is worth shows over time: its pilot and its fit have to be paid before its weights can pay. On the four
+scenes, the root mean squared error of every rule at four budgets over the seconds that they took, and how low the best
+weights of all would bring the balance heuristic: the oracle.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common import SCENES, options, show
+
+import dmis
+from dmis import plot
+from dmis.experiment.convergence import gains, line, slope
+from dmis.experiment.report.plots import error_lines
+
+opts, _ = options(__file__, __doc__)
+RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")
+BUDGETS = opts.pick((8, 16, 32), (16, 32, 64, 128))
+SEEDS = range(opts.pick(2, 3))
+
+# %%
+# At half of the usual size, because there is so much to render. Rules take turns, so that all meet the same machine.
+figure, axes = plot.canvas(2, 4, 22, 10, sharey="col")
+told = []
+for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
+    scene = opts.scene(name, 2 * opts.shrink)
+    reference = opts.reference(scene)
+    oracle = dmis.make_oracle(scene, opts.pick(64, 512), threads=opts.threads, progress=show(f"oracle of {name}"))
+    budgets = [(rule, spp) for spp in BUDGETS for rule in RULES]
+    runs = dmis.measure(scene, budgets, SEEDS, reference, threads=opts.threads, progress=show(name))
+    for axis, over in zip(column, ("seconds", "rays"), strict=True):
+        error_lines(axis, runs, over, oracle)
+    column[0].set_title(about.title, fontsize=11)
+
+    # %%
+    # Slopes of -1/2 are what independent samples must have; over seconds what is constant bends the lines.
+    print(f"{name}: best weights leave {oracle.limit():.3f} of the balance heuristic's variance")
+    print(f"    {'rule':14} {'slope over samples':>20} {'over seconds':>18} {'speed-up at equal error':>24}")
+    speed = {gain.rule: gain.equal_error for gain in gains(runs) if gain.spp == BUDGETS[-1]}
+    for rule in RULES:
+        (samples, error), (seconds, spread) = (slope(*line(runs, rule, over)) for over in ("spp", "seconds"))
+        print(f"    {rule:14} {samples:10.3f} ± {error:.3f}    {seconds:8.3f} ± {spread:.3f} {speed[rule]:24.2f}")
+    told.append(f"{name} {speed['thesis']:.2f} and {speed['auto']:.2f}")
+figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center")
+opts.save(
+    figure,
+    "Error against time",
+    f"""Root mean squared error over wall seconds (above; pilot and fit included) and over rays (below), at
+    {", ".join(map(str, BUDGETS))} camera samples per pixel, {len(SEEDS)} seeds, images of half the usual size. Bands
+    go from the lowest to the highest seed. Dotted: the slope of N^-1/2. Dashed: the best weights there are, in the time
+    and rays of the balance heuristic; auto can get below it, because it also spreads samples over the image. At
+    {BUDGETS[-1]} samples thesis and auto reach their errors this many times faster than the balance heuristic:
+    {"; ".join(told)}.""",
+)

@@ -1,0 +1,63 @@
+"""
+Figure 2.1: variance is noise
+=============================
+
+A Monte Carlo image is an average of random samples, so it is random itself. With n samples per pixel its variance, and
+with it the mean squared error, falls as 1/n: sixteen times as many samples leave a sixteenth of the error, and the
+grains that the eye sees are four times as faint. Everything that follows is about getting the same grain from fewer
+samples.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common import options, show, window
+
+import dmis
+from dmis import plot
+from dmis.experiment.metrics import mean_and_error, squared_error
+
+opts, _ = options(__file__, __doc__)
+
+# %%
+# The same scene twice, with few and with many samples: one light and one BRDF sample each, balance heuristic.
+scene = opts.scene("teapot-area-light")
+reference = opts.reference(scene)
+few, many = opts.pick((2, 16), (8, 128))
+images = {
+    n: dmis.render(scene, "balance", n, seed=1, threads=opts.threads, progress=show("rendering")).image
+    for n in (few, many)
+}
+
+# %%
+# The error of each pixel against two independent halves of a reference, whose own noise cancels in the mean.
+errors = {n: squared_error(image, reference.first, reference.second) for n, image in images.items()}
+mse = {n: mean_and_error(error) for n, error in errors.items()}
+for n, (mean, spread) in mse.items():
+    print(f"{n:4d} spp: MSE {mean:.3e} ± {spread:.1e}")
+print(f"ratio {mse[few][0] / mse[many][0]:.1f}, expected {many / few:.0f}")
+
+# %%
+# Left: the images. Middle: a crop, where the noise shows. Right: the error, on one scale.
+rows, columns = window(scene, (0.3, 0.6), (0.5, 0.8))
+figure, axes = plot.canvas(2, 3, 12, 7.6)
+top = plot.shared_scale([np.sqrt(np.abs(errors[few]))])
+for line, (n, image) in zip(axes, images.items(), strict=True):
+    plot.picture(line[0], image, f"{n} samples per pixel")
+    plot.mark(line[0], (rows, columns), "tab:red", "crop")
+    plot.picture(line[1], image, "crop", (rows, columns))
+    title = f"error: MSE {mse[n][0]:.2e} ± {mse[n][1]:.0e}"
+    shown = plot.heat(line[2], np.sqrt(np.abs(errors[n])), title, cmap="magma", vmin=0, vmax=top)
+figure.colorbar(shown, ax=axes[:, 2], shrink=0.8, label="|error| of linear RGB")
+opts.save(
+    figure,
+    "Figure 2.1: variance is noise",
+    f"""{scene.name} with {few} (top) and {many} (bottom) camera samples per pixel, each with one light and one BRDF
+    sample, balance heuristic. The mean squared error falls from {mse[few][0]:.2e} to {mse[many][0]:.2e}, by a factor
+    of {mse[few][0] / mse[many][0]:.1f}; {many / few:.0f} is expected, because variance falls as one over the number of
+    samples. MSE is over pixels and channels, ± one standard error.""",
+)

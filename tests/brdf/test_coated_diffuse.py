@@ -1,0 +1,272 @@
+"""A diffuse base under a coat: energy, random walks of light through the layers, tables, and scenes."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from helpers import FLOOR, Z_LIMIT, box_scene, polar, sphere_rule, surface, z_score
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.coat_interface import internal_reflectance, transmittance
+from dmis.brdf.coated_diffuse import CoatedBase
+from dmis.brdf.cosines import Pair
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.fresnel import Coat, Dielectric, dielectric
+from dmis.brdf.materials import Material
+from dmis.brdf.microfacet import GGX
+from dmis.brdf.specular import SpecularReflection
+from dmis.brdf.texture import Image
+from dmis.scene.groups import Part
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
+COS, WEIGHTS = (NODES + 1) / 2, WEIGHTS / 2
+
+
+def base(reflectance: float, *coat: float, bounces: int | None = None) -> Material:
+    """The base alone, without what the coat's outer side reflects."""
+    return Material((CoatedBase(reflectance, *coat, bounces=bounces),))
+
+
+def leaving(material: Material, degrees: float, cos: Array) -> Array:
+    """Share of the light from `degrees` that leaves per unit of the cosine, all around the normal."""
+    w = np.stack([np.sqrt(1 - cos**2), 0 * cos, cos]).astype(np.float32)
+    points = surface(material, polar(degrees), len(cos))
+    return np.broadcast_to(points.eval(Pair(points, w)), w.shape)[0].astype(float) * (2 * np.pi * cos)
+
+
+# Energy -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("eta", [1.05, 1.5, 2.5])
+@pytest.mark.parametrize("degrees", [0.0, 40.0, 70.0, 85.0, 89.0])
+def test_white_furnace(eta: float, degrees: float) -> None:
+    """A white base and a smooth clear coat reflect everything."""
+    points = surface(dmis.coated_diffuse(1, 0, eta), polar(degrees))
+    ((_, mirrored),) = [lobe.scatter(points) for lobe in points.delta]
+    diffuse = WEIGHTS @ leaving(base(1, eta), degrees, COS)
+    assert mirrored.item() + diffuse == pytest.approx(1, abs=1e-4)
+    assert diffuse == pytest.approx(transmittance(points.cos_o, eta).item(), abs=1e-5)
+
+
+@pytest.mark.parametrize("alpha", [1e-3, 0.3, 1.0])
+@pytest.mark.parametrize("degrees", [0.0, 60.0, 85.0])
+def test_rough_coats_lose_what_would_bounce_again(alpha: float, degrees: float) -> None:
+    """No more is reflected than arrives; almost everything if the coat is nearly smooth."""
+    material = dmis.coated_diffuse(1, alpha)
+    wo = polar(degrees)
+    w, weights = sphere_rule(wo * [-1, -1, 1], 1000, 200, power=4.0)
+    w, weights = np.ascontiguousarray(w[:, w[2] > 0]), weights[w[2] > 0]
+    points = surface(material, wo, w.shape[1])
+    albedo = (points.eval(Pair(points, w))[0].astype(float) * w[2]) @ weights
+    assert 0.3 < albedo < 1.001
+    assert alpha > 0.01 or albedo > 0.99
+
+
+def test_without_a_coat_the_base_is_lamberts() -> None:
+    """Index 1 reflects nothing, neither outside nor inside."""
+    for alpha in (0, 0.3):
+        made = dmis.coated_diffuse(0.7, alpha, 1.0)
+        assert len(made.lobes) == 1
+        # at the smallest cosine, 3e-4, the refracted one has lost half of its digits
+        np.testing.assert_allclose(leaving(made, 40.0, COS), leaving(Material((Lambert(0.7),)), 40.0, COS), rtol=1e-4)
+
+
+@pytest.mark.parametrize("bounces", [1, 2, 5])
+def test_bounces_are_terms_of_a_series(bounces: int) -> None:
+    """All reflections, less those after the first n, which are (R I)^n of them."""
+    again = 0.8 * internal_reflectance(1.5, 0.2, 0.01)
+    some, every = (leaving(base(0.8, 1.5, 0.2, 0.01, bounces=n), 30.0, COS) for n in (bounces, None))
+    np.testing.assert_allclose(some, every * (1 - again**bounces), rtol=1e-5)
+
+
+# Random walks -------------------------------------------------------------------------------------------------------
+
+
+def facets(wo: Array, alpha: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Facets drawn with D cos_h, and their weight before shadowing: ``wo.h / (cos_o cos_h)``."""
+    if alpha == 0:
+        return np.stack([0 * wo[0], 0 * wo[0], 1 + 0 * wo[0]]), np.ones(wo.shape[1])
+    u, phi = rng.random(wo.shape[1]), 2 * np.pi * rng.random(wo.shape[1])
+    slope = alpha * np.sqrt(u / (1 - u))
+    h = np.stack([slope * np.cos(phi), slope * np.sin(phi), 1 + 0 * slope]) / np.sqrt(1 + slope**2)
+    return h, np.maximum((wo * h).sum(axis=0), 0) / (wo[2] * h[2])
+
+
+def shadow(wo: Array, wi: Array, alpha: float) -> Array:
+    o, i = ((np.sqrt(1 + alpha**2 * (1 / w[2] ** 2 - 1)) - 1) / 2 for w in (wo, wi))
+    return 1 / (1 + o + i)
+
+
+def meet(wo: Array, eta: float, alpha: float, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+    """Light along -wo meets an interface: its way on, whether it crosses, and weights. By the rules of one facet."""
+    h, weight = facets(wo, alpha, rng)
+    cos_d = (wo * h).sum(axis=0)
+    crosses = rng.random(wo.shape[1]) >= dielectric(np.maximum(cos_d, 0), np.asarray(eta))
+    cos_t = np.sqrt(np.maximum(1 - (1 - cos_d**2) / eta**2, 0))
+    on = np.where(crosses, h * (cos_d / eta - cos_t) - wo / eta, 2 * cos_d * h - wo)
+    right = (on[2] < 0) == crosses
+    on = np.where(right & (on[2] != 0), on, [[0.0], [0.0], [1.0]])
+    return on, crosses, weight * right, shadow(wo, on, alpha)
+
+
+def walk(degrees: float, reflectance: float, coat: tuple[float, ...], bounces: int, count: int) -> tuple[Array, Array]:
+    """Cosines at which light leaves the layers, and its weight, ``(bounces, count)``; what never enters is left out."""
+    eta, alpha, thickness = coat
+    rng = np.random.default_rng(5)
+    wo = np.repeat(polar(degrees)[:, None], count, axis=1)
+    down, crosses, weight, masking = meet(wo, eta, alpha, rng)
+    weight = weight * masking * crosses * np.exp(-thickness / np.abs(down[2]))
+    cos, out = np.zeros((2, bounces, count))
+    for k in range(bounces):
+        u, phi = rng.random(count), 2 * np.pi * rng.random(count)
+        up = np.stack([np.sqrt(u) * np.cos(phi), np.sqrt(u) * np.sin(phi), np.sqrt(1 - u)])
+        weight = weight * reflectance * np.exp(-thickness / up[2])
+        # seen from inside, with the axis turned round: wo is the direction back to the base
+        on, crosses, factor, masking = meet(up, 1 / eta, alpha, rng)
+        weight = weight * factor * masking
+        cos[k], out[k] = np.where(crosses, np.abs(on[2]), 0), weight * crosses
+        weight = np.where(crosses, 0, weight * np.exp(-thickness / np.abs(on[2])))
+    return cos, out
+
+
+@pytest.mark.parametrize(
+    "coat",
+    [(1.5, 0.0, 0.0), (1.5, 0.0, 0.3), (2.2, 0.0, 0.01), (1.5, 0.3, 0.0), (1.8, 0.15, 0.05), (1.5, 0.8, 0.3)],
+)
+@pytest.mark.parametrize("degrees, reflectance", [(20.0, 0.9), (75.0, 0.5)])
+def test_random_walks(coat: tuple[float, ...], degrees: float, reflectance: float) -> None:
+    """Light that is followed from interface to interface leaves in the directions that the formula says, as often."""
+    edges = np.linspace(0, 1, 7)
+    cos, weight = walk(degrees, reflectance, coat, 40, 2**17)
+    for bounces in (1, 3, None):
+        material = base(reflectance, *coat, bounces=bounces)
+        for low, high in [(0.0, 1.0), *pairwise(edges)]:
+            expected = (high - low) * (WEIGHTS @ leaving(material, degrees, low + (high - low) * COS))
+            inside = (cos[:bounces] > low) & (cos[:bounces] <= high)
+            assert abs(z_score((weight[:bounces] * inside).sum(axis=0), expected)) < Z_LIMIT
+
+
+# Interfaces ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("eta", [1.1, 1.5, 3.0])
+def test_diffuse_light_at_a_smooth_interface(eta: float) -> None:
+    """The reflectance from inside follows from the one from outside, as the same rays go both ways."""
+    outside = WEIGHTS @ (2 * COS * dielectric(COS, np.asarray(eta)))
+    assert internal_reflectance(eta) == pytest.approx(1 - (1 - outside) / eta**2, abs=1e-6)
+    assert internal_reflectance(eta, 1e-4) == pytest.approx(internal_reflectance(eta), abs=1e-3)
+
+
+def test_reflectances_of_tables() -> None:
+    """Index 1.5: diffuse light loses 9.2 % from outside, 59.6 % from inside (Judd 1942)."""
+    assert 1 - WEIGHTS @ (2 * COS * transmittance(COS.astype(np.float32), 1.5)) == pytest.approx(0.0918, abs=1e-4)
+    assert internal_reflectance(1.5) == pytest.approx(0.5963, abs=1e-4)
+
+
+@pytest.mark.parametrize("alpha, thickness", [(1e-3, 0.0), (0.1, 0.1), (0.5, 0.0), (1.0, 0.01)])
+def test_transmittance_is_that_of_facets(alpha: float, thickness: float) -> None:
+    """The table against facets drawn with D cos_h, and no interval stands out."""
+    for degrees in (0.0, 30.0, 65.0, 85.0):
+        wo = np.repeat(polar(degrees)[:, None], 2**17, axis=1)
+        on, crosses, weight, masking = meet(wo, 1.5, alpha, np.random.default_rng(2))
+        share = weight * masking * crosses * np.exp(-thickness / np.abs(on[2]))
+        got = transmittance(np.float32([wo[2, 0]]), 1.5, alpha, thickness).item()
+        assert abs(z_score(share, got)) < Z_LIMIT or share.mean() == pytest.approx(got, abs=1e-6)
+    cos = np.linspace(0, 1, 20001, dtype=np.float32)
+    line = transmittance(cos, 1.5, alpha, thickness)
+    assert line.dtype == np.float32 and (line >= 0).all() and (line < 1).all()
+    assert np.abs(np.diff(line[200:], 2)).max() < 2e-4  # further down a nearly smooth interface is steep
+
+
+@pytest.mark.parametrize("thickness", [0.0, 0.02])
+def test_a_nearly_smooth_interface_is_smooth(thickness: float) -> None:
+    """Facets of alpha 1e-4 let through what a mirror does not reflect; 1e-4 is the error of the table."""
+    cos = np.linspace(0.01, 1, 300, dtype=np.float32)
+    smooth, rough = (transmittance(cos, 1.5, alpha, thickness) for alpha in (0.0, 1e-4))
+    np.testing.assert_allclose(rough, smooth, atol=2e-4)
+
+
+# Materials and scenes -------------------------------------------------------------------------------------------------
+
+
+def test_lobes_of_a_coat() -> None:
+    """A mirror or GGX over the base; a black base is left out."""
+    diffuse, mirror = dmis.coated_diffuse(0.5, eta=1.4).lobes
+    assert isinstance(diffuse, CoatedBase) and isinstance(mirror, SpecularReflection) and mirror.fresnel == Coat(1.4)
+    _, rough = dmis.coated_diffuse(0.5, 0.2).lobes
+    assert isinstance(rough, GGX) and rough.fresnel == Dielectric(1.5) and rough.roughness.alpha == 0.2
+    assert len(dmis.coated_diffuse(0).lobes) == 1
+    values = surface(dmis.coated_diffuse((0.1, 0.2, 0.3), 0.2), polar(20), 5)
+    assert values.eval(Pair(values, values.wo)).dtype == np.float32
+
+
+def test_both_sides_are_alike() -> None:
+    """A coat does not know which side of a mesh is outside; glass does."""
+    points = surface(dmis.coated_diffuse(), polar(70))
+    other = surface(dmis.coated_diffuse(), polar(70))
+    other.outside = ~other.outside
+    for one, two in zip(points.delta[0].scatter(points), other.delta[0].scatter(other), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_coats_have_their_own_tables_in_a_scene() -> None:
+    """Bases of one coat share a group; another index, roughness or thickness is another group. Values are as alone."""
+    made = [
+        dmis.coated_diffuse(0.2, 0.3),
+        dmis.coated_diffuse((0.6, 0.2, 0.1), 0.3),
+        dmis.coated_diffuse(0.2, 0.1),
+        dmis.coated_diffuse(0.2, 0.3, 1.8),
+        dmis.coated_diffuse(0.2, 0.3, thickness=0.5),
+        dmis.coated_diffuse(0.2, 0.3, bounces=1),
+        dmis.coated_diffuse(0.2),
+        dmis.coated_diffuse(0.9),
+        dmis.coated_diffuse(0.9, eta=1.8),
+    ]
+    scene = box_scene(made[0], extra=tuple(Part(FLOOR, material) for material in made[1:]))
+    assert scene.plan.part_group == [0, 0, 1, 2, 3, 4, 5, 5, 6]
+    for material, number in zip(made, scene.plan.part_group, strict=True):
+        group = scene.plan.groups[number]
+        row = np.full(2, [m is material for m in group.materials].index(True))
+        points = surface(material, polar(30), 2)
+        pair = Pair(points, points.wo)
+        for lobe, own in zip(group.glossy, points.glossy, strict=True):
+            got, expected = (np.broadcast_to(one.eval(pair), (3, 2)) for one in (group.bind(lobe, row, None), own))
+            np.testing.assert_allclose(got, expected, rtol=1e-6)
+
+
+def test_image_under_a_coat() -> None:
+    """The base's reflectance may be an image; each point has the value of its own."""
+    texture = Image(np.array([[[0.2, 0.4, 0.6], [0.9, 0.5, 0.1]]], np.float32))
+    (group,) = box_scene(dmis.coated_diffuse(texture, 0.2)).plan.groups
+    uv = np.float32([[0.25, 0.75], [0.5, 0.5]])
+    points = surface(dmis.coated_diffuse(0.5, 0.2), polar(30), 2)
+    pair = Pair(points, points.wo)
+    got = group.bind(group.glossy[0], None, uv).eval(pair)
+    for k, colour in enumerate(texture.texels[0]):
+        alone = surface(dmis.coated_diffuse(tuple(colour.tolist()), 0.2), polar(30)).glossy[0].eval(pair)
+        np.testing.assert_allclose(got[:, k], alone[:, k], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ({"kd": 1.2}, r"kd must be in \[0, 1\]"),
+        ({"kd": Image(np.full((1, 1, 1), 2.0))}, r"kd must be in \[0, 1\], because .* got an image \(1, 1, 1\) from 2"),
+        ({"kd": -1}, r"kd must be in \[0, 1\]"),
+        ({"alpha": 1e-6}, "alpha must be 0 or at least 0.0001"),
+        ({"alpha": np.nan}, "alpha must be from 0 to 10, because"),
+        ({"alpha": (0.1, 0.2)}, "alpha must be a number, because"),
+        ({"alpha": Image(np.ones((1, 1, 1)))}, "alpha must be a number, because"),
+        ({"eta": 0.9}, "eta must be from 1 to 100, because"),
+        ({"eta": np.nan}, "eta must be from 1 to 100, because"),
+        ({"thickness": -1}, "thickness must be from 0 to 1000, because"),
+        ({"bounces": 0}, "bounces must be an integer, at least 1"),
+        ({"bounces": 1.5}, "bounces must be an integer"),
+        ({"bounces": np.nan}, "bounces must be an integer"),
+    ],
+)
+def test_bad_parameters(arguments: dict, message: str) -> None:
+    """Errors name the parameter, the constraint and the value."""
+    with pytest.raises(ValueError, match=message):
+        dmis.coated_diffuse(**arguments)

@@ -1,0 +1,509 @@
+"""The models of the literature: sampling, densities, energy, symmetry, closed forms, and agreement in renders."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import LEVEL, Z_LIMIT, box_scene, chi2_directions, columns, polar, sphere_rule, surface, uniforms, z_score
+
+import dmis
+from dmis.base.vectors import Array, dot, normalise
+from dmis.brdf.cosines import Pair
+from dmis.brdf.distributions import Beckmann, Elliptic, Isotropic
+from dmis.brdf.fresnel import Conductor, Dielectric
+from dmis.brdf.materials import Material
+from dmis.brdf.phong import Lafortune
+from dmis.brdf.texture import Image
+from dmis.estimator.settings import Settings
+from dmis.geometry.shapes import sphere
+from dmis.light.area import QuadLight
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.samplers.warp import square_to_hemisphere
+from dmis.scene.groups import Part
+
+MODELS = {
+    "phong 5": dmis.phong(0, 1, 5),
+    "phong 1000": dmis.phong(0, 1, 1000),
+    "lafortune off-specular": dmis.lafortune(0, 1, 30, c_n=0.7),
+    "lafortune retro": dmis.lafortune(0, 1, 30, c_t=0.95, c_n=1),
+    "blinn-phong 8": dmis.blinn_phong(0, 1, 8),
+    "blinn-phong 1000": dmis.blinn_phong(0, 1, 1000),
+    "ward 0.05": dmis.ward(0, 1, 0.05),
+    "ward 0.6": dmis.ward(0, 1, 0.6),
+    "ward 0.1 0.4": dmis.ward(0, 1, 0.1, 0.4),
+    "ashikhmin-shirley 20": dmis.ashikhmin_shirley(0.6, 0.3, 20),
+    "ashikhmin-shirley 10 300": dmis.ashikhmin_shirley(0.6, 0.3, 10, 300),
+    "torrance-sparrow 20": dmis.torrance_sparrow(0, 1, 20, Dielectric(1.5)),
+    "cook-torrance 0.1": dmis.cook_torrance(0, 1, 0.1),
+    "cook-torrance 0.5": dmis.cook_torrance(0, 1, 0.5, fresnel=Dielectric(1.5)),
+    "cook-torrance 0.4 0.1": dmis.cook_torrance(0, 1, 0.4, 0.1),
+    "ggx 0.03": dmis.ggx(0, 1, 0.03),
+    "ggx 0.3": dmis.ggx(0, 1, 0.3, fresnel=Dielectric(1.5)),
+    "ggx 1": dmis.ggx(0, 1, 1.0),
+    "ggx 0.05 0.5": dmis.ggx(0, 1, 0.05, 0.5),
+    "ggx over lambert": dmis.ggx(0.4, 0.5, 0.2),
+    "coated diffuse 0.3": dmis.coated_diffuse(0.9, 0.3),
+}
+each_model = pytest.mark.parametrize("name", MODELS)
+
+
+def or_slow(usual, more):
+    """Values of a parameter: the usual ones, and more that only a slow run has."""
+    return [*usual, *(pytest.param(value, marks=pytest.mark.slow) for value in more)]
+
+
+each_angle = pytest.mark.parametrize("degrees", or_slow([40.0, 86.0], [0.0, 75.0]))
+
+
+def lobe_axis(name: str, wo: Array) -> Array:
+    """Where the lobe lies: about C wo for Lafortune's, else about the mirror direction."""
+    lobe = MODELS[name].lobes[-1]
+    c_t, c_n = (lobe.c_t, lobe.c_n) if isinstance(lobe, Lafortune) else (-1, 1)
+    axis = wo * [c_t, c_t, c_n]
+    return axis / np.linalg.norm(axis)
+
+
+def hemisphere(name: str, wo: Array, rings: int = 500, sectors: int = 200) -> tuple[Array, Array]:
+    """Quadrature over the upper hemisphere, dense about the lobe."""
+    w, weights = sphere_rule(lobe_axis(name, wo), rings, sectors, power=3.0)
+    up = w[2] > 0
+    return np.ascontiguousarray(w[:, up]), weights[up]
+
+
+def albedo(material: Material, name: str, degrees: float, azimuth: float = 25.0) -> float:
+    """Share of the light from one direction that is reflected, by quadrature."""
+    wo = polar(degrees, azimuth)
+    w, weights = hemisphere(name, wo)
+    some = surface(material, wo, w.shape[1])
+    return float((np.broadcast_to(some.eval(Pair(some, w)), w.shape).astype(float) @ (w[2] * weights)).max())
+
+
+# Sampling -----------------------------------------------------------------------------------------------------------
+
+
+@each_model
+@each_angle
+def test_samples_follow_the_density(name: str, degrees: float) -> None:
+    """Chi-square of sampled directions; those below the horizon are what the density lacks to 1."""
+    wo, count = polar(degrees), 2**16
+    points = surface(MODELS[name], wo, count)
+    wi = points.sample(uniforms(count))
+    np.testing.assert_allclose(dot(wi, wi), 1, atol=4e-6)
+
+    def pdf(w: Array) -> Array:
+        some = surface(MODELS[name], wo, w.shape[1])
+        return some.pdf(Pair(some, w))
+
+    assert chi2_directions(wi, pdf, lobe_axis(name, wo), accepted=wi[2] > 0) > LEVEL
+
+
+@each_model
+@each_angle
+def test_density_integrates_to_the_accepted_share(name: str, degrees: float) -> None:
+    """The integral of the pdf is the share of samples above the horizon; 0.001 for the cells that the horizon cuts."""
+    wo, count = polar(degrees), 2**16
+    accepted = (surface(MODELS[name], wo, count).sample(uniforms(count, 2))[2] > 0).mean()
+    w, weights = hemisphere(name, wo)
+    some = surface(MODELS[name], wo, w.shape[1])
+    mass = float(some.pdf(Pair(some, w)) @ weights)
+    assert abs(mass - accepted) < 5 * np.sqrt(accepted * (1 - accepted) / count) + 1e-3
+
+
+@each_model
+@pytest.mark.parametrize("degrees", or_slow([80.0], [20.0]))
+def test_estimates_agree_with_uniform_sampling(name: str, degrees: float) -> None:
+    """What the surface reflects of a smooth sky, by BRDF sampling, by uniform sampling and by quadrature.
+
+    Narrow lobes are left to quadrature: uniform samples almost never meet them, and a z-test would know nothing.
+    """
+    wo, count = polar(degrees), 2**18
+
+    def reflected(w: Array) -> Array:
+        some = surface(MODELS[name], wo, w.shape[1])
+        sky = 1 + 0.5 * w[0] - 0.3 * w[1] + w[2]
+        pair = Pair(some, w)
+        f = np.broadcast_to(some.eval(pair), w.shape)[1] * pair.cos_i * pair.above
+        return f.astype(float) * sky, some.pdf(pair).astype(float)
+
+    value, pdf = reflected(surface(MODELS[name], wo, count).sample(uniforms(count, 3)))
+    brdf = np.divide(value, pdf, out=np.zeros_like(value), where=pdf > 0)
+    w, weights = hemisphere(name, wo)
+    exact = reflected(w)[0] @ weights
+    # the quadrature is good to 0.1 % where the horizon cuts a wide lobe
+    assert abs(brdf.mean() - exact) < Z_LIMIT * brdf.std() / np.sqrt(count) + 1e-3 * exact
+    uniform = reflected(square_to_hemisphere(uniforms(count, 4)))[0] * (2 * np.pi)
+    if (uniform > 1e-3 * uniform.max()).mean() > 0.02:
+        assert abs(z_score(brdf, uniform)) < Z_LIMIT
+
+
+def test_uniform_sampling_is_a_test_for_most_models() -> None:
+    """The lobes that the z-test above leaves out are the narrow ones."""
+    wide = [name for name in MODELS if not name.endswith((" 1000", " 0.03"))]
+    for name in wide:
+        w = square_to_hemisphere(uniforms(2**16))
+        some = surface(MODELS[name], polar(20.0), w.shape[1])
+        f = np.broadcast_to(some.eval(Pair(some, w)), w.shape)[1] * w[2]
+        assert (f > 1e-3 * f.max()).mean() > 0.02, name
+
+
+# Energy and symmetry ------------------------------------------------------------------------------------------------
+
+
+@each_model
+@each_angle
+def test_energy(name: str, degrees: float) -> None:
+    """No white lobe reflects more than arrives, whatever the angle; the quadrature is good to 0.001."""
+    for azimuth in (25.0, 80.0):
+        assert 0 < albedo(MODELS[name], name, degrees, azimuth) <= 1.001
+
+
+@pytest.mark.parametrize("name", ["phong 5", "phong 1000", "blinn-phong 8", "blinn-phong 1000"])
+def test_normalised_lobes_reflect_everything_at_normal_incidence(name: str) -> None:
+    """Their factors are chosen so that a white surface seen from above reflects all."""
+    np.testing.assert_allclose(albedo(MODELS[name], name, 0.0), 1, atol=2e-3)
+
+
+def ward_and_duer(alpha: float, degrees: float) -> tuple[float, float]:
+    """Albedo of Ward's lobe in the two forms that the bounded one replaces: Ward's own, and Dür's."""
+    wo = polar(degrees)
+    w, weights = hemisphere("ward 0.6", wo)
+    some = surface(dmis.ward(0, 1, alpha), wo, w.shape[1])
+    pair = Pair(some, w)
+    spread = some.glossy[0].distribution.density(pair).astype(float) * pair.cos_h**4 * weights
+    cos_i, cos_o = w[2].astype(float), wo[2]
+    return (spread / (4 * np.sqrt(cos_i * cos_o)) * cos_i).sum(), (spread / (4 * cos_i * cos_o) * cos_i).sum()
+
+
+def page_table(first: str) -> dict[str, list[float]]:
+    """Numbers of the table of docs/brdfs.md whose header begins with `first`, by the first cell of each row."""
+    text = (Path(__file__).parents[2] / "docs" / "brdfs.md").read_text("utf-8")
+    lines = text[text.index(f"| {first} |") :].split("\n\n")[0].splitlines()[2:]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    numbers = [" ".join(cell for cell in row[1:] if "D" not in cell) for row in cells]
+    return {row[0]: [float(x) for x in re.findall(r"\d+\.\d+", text)] for row, text in zip(cells, numbers, strict=True)}
+
+
+PAGE = {
+    "Phong 50": dmis.phong(0, 1, 50),
+    "Blinn-Phong 50": dmis.blinn_phong(0, 1, 50),
+    "Ward 0.15": dmis.ward(0, 1, 0.15),
+    "Ashikhmin–Shirley 100, coat": dmis.ashikhmin_shirley(0, 1, 100),
+    "Torrance–Sparrow 50": dmis.torrance_sparrow(0, 1, 50),
+    "Cook–Torrance 0.2": dmis.cook_torrance(0, 1, 0.2),
+    "Cook–Torrance 0.5": dmis.cook_torrance(0, 1, 0.5),
+    "GGX 0.2": dmis.ggx(0, 1, 0.2),
+    "GGX 0.5": dmis.ggx(0, 1, 0.5),
+    "GGX 1": dmis.ggx(0, 1, 1.0),
+}
+
+
+def test_albedos_of_the_page() -> None:
+    """docs/brdfs.md gives albedo and accepted mass of white lobes, rounded to a hundredth."""
+    table = page_table("lobe")
+    assert table.keys() == PAGE.keys()
+    for name, numbers in table.items():
+        for k, degrees in enumerate((0.0, 45.0, 75.0, 85.0)):
+            wo = polar(degrees)
+            w, weights = hemisphere("ward 0.6", wo)  # about the mirror direction
+            some = surface(PAGE[name], wo, w.shape[1])
+            mass = float(some.glossy[-1].pdf(Pair(some, w)) @ weights)
+            got = albedo(PAGE[name], "ward 0.6", degrees), mass
+            np.testing.assert_allclose(got, numbers[2 * k : 2 * k + 2], atol=0.006, err_msg=name)
+
+
+def test_albedo_of_ward_against_the_forms_it_replaces() -> None:
+    """Towards grazing angles Ward's own form is too dark, Dür's reflects more than arrives, the bounded one neither."""
+    table = page_table("form")
+    for k, degrees in enumerate((0.0, 45.0, 75.0, 85.0, 89.0)):
+        original, duer = ward_and_duer(0.5, degrees)
+        bounded = albedo(dmis.ward(0, 1, 0.5), "ward 0.6", degrees)
+        got = [numbers[k] for numbers in table.values()]
+        np.testing.assert_allclose([original, duer, bounded], got, atol=0.006, rtol=0.02)
+        assert bounded < 1
+    assert original < 0.6 and duer > 5
+
+
+@pytest.mark.parametrize("alpha, degrees, expected", [(0.02, 0.0, 1.0), (0.02, 60.0, 1.0), (1.0, 0.0, None)])
+def test_smooth_ggx_reflects_everything(alpha: float, degrees: float, expected: float | None) -> None:
+    """Where light bounces once; what the roughest surface loses by bouncing once only is what a closed form says.
+
+    Straight on, ``f cos_i / pdf = G2 / G1``, and at alpha 1 both ``|w'|`` are 1.
+    """
+    made = dmis.ggx(0, 1, alpha)
+    got = albedo(made, "ggx 0.03" if alpha < 0.1 else "ggx 1", degrees)
+    if expected is None:
+        # D = 1/pi, G2/(4 cos_i) = 1/(2 (1 + cos_i)): 2 pi int cos/(2 pi (1 + cos)) dcos = 1 - log 2
+        expected = 1 - np.log(2)
+    np.testing.assert_allclose(got, expected, atol=5e-3)
+
+
+@each_model
+def test_reciprocity(name: str) -> None:
+    """``f(wo, wi) = f(wi, wo)`` for directions all over the hemisphere; exponents amplify float32 roundings."""
+    rng = np.random.default_rng(3)
+    a, b = (normalise(rng.normal(size=(3, 200))).astype(np.float32) for _ in range(2))
+    a[2], b[2] = np.abs(a[2]) + 0.05, np.abs(b[2]) + 0.05
+    b[:2, 100:] = -a[:2, 100:] + np.float32(0.02) * b[:2, 100:]
+    a, b = normalise(a), normalise(b)
+    values = []
+    for wo, wi in ((a, b), (b, a)):
+        points = surface(MODELS[name], polar(0), 200)
+        points.wo, points.cos_o = wo, wo[2]
+        values.append(np.broadcast_to(points.eval(Pair(points, wi)), (3, 200)))
+    np.testing.assert_allclose(values[0], values[1], rtol=2e-3, atol=1e-6)
+
+
+# Forms --------------------------------------------------------------------------------------------------------------
+
+
+def test_weights_are_the_closed_forms() -> None:
+    """``f cos_i / pdf`` of sampled directions: what the docstrings say is left after importance sampling."""
+    wo = polar(50.0)
+
+    def weight(material: Material) -> tuple[Array, Pair]:
+        points = surface(material, wo, 4096)
+        pair = Pair(points, points.sample(uniforms(4096)))
+        pdf = points.glossy[-1].pdf(pair)
+        ok = pair.above & (pair.cos_i > 0.01) & (pdf > 1e-3)
+        f = np.broadcast_to(points.glossy[-1].eval(pair), (3, 4096))[0]
+        keep = Pair(points.take(np.flatnonzero(ok)), np.ascontiguousarray(pair.wi[:, ok]))
+        return (f * pair.cos_i / np.maximum(pdf, 1e-30))[ok], keep
+
+    got, pair = weight(dmis.phong(0, 1, 20))
+    np.testing.assert_allclose(got, 22 / 21 * pair.cos_i, rtol=1e-3)
+    got, pair = weight(dmis.ward(0, 1, 0.3))
+    np.testing.assert_allclose(got, 2 * pair.cos_i / (pair.cos_i + pair.cos_o), rtol=1e-3)
+    got, pair = weight(dmis.ggx(0, 1, 0.4))
+    o, i = (np.sqrt(0.16 * (1 - c * c) + c * c) for c in (pair.cos_o, pair.cos_i))
+    np.testing.assert_allclose(got, pair.cos_i * (pair.cos_o + o) / (o * pair.cos_i + i * pair.cos_o), rtol=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [5.0, 60.0])
+def test_ellipses_with_equal_axes_are_circles(degrees: float) -> None:
+    """Both kinds of roughness have the same values at equal alpha; a few roundings."""
+    wi = np.stack([polar(d, a) for d in (5, 40, 80) for a in (0, 100, 210)], axis=1).astype(np.float32)
+    for make in (dmis.ward, dmis.cook_torrance, dmis.ggx):
+        one, two = (surface(make(0, 1, *alpha), polar(degrees), 9) for alpha in ((0.3,), (0.3, 0.3)))
+        assert isinstance(two.glossy[0], type(one.glossy[0]))
+        np.testing.assert_allclose(two.eval(Pair(two, wi)), one.eval(Pair(one, wi)), rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(two.pdf(Pair(two, wi)), one.pdf(Pair(one, wi)), rtol=1e-4, atol=1e-9)
+
+
+def test_beckmann_is_a_distribution_of_facets() -> None:
+    """The facets' projected area is that of the surface: ``int D cos_h = 1``."""
+    w, weights = sphere_rule(rings=2000, sectors=200, power=2.0)
+    up = w[2] > 1e-3
+    w, weights = np.ascontiguousarray(w[:, up]), weights[up]
+    for rough in (Isotropic(np.float32(0.2)), Isotropic(np.float32(0.8)), Elliptic(np.float32(0.2), np.float32(0.7))):
+        points = surface(dmis.matte(), (0, 0, 1), w.shape[1])
+        points.wo, points.cos_o = w, w[2]
+        pair = Pair(points, w)  # wi = wo = h
+        np.testing.assert_allclose(Beckmann(rough).density(pair).astype(float) @ (w[2] * weights), 1, atol=2e-3)
+
+
+def test_substrate_is_ashikhmin_shirley_with_another_factor() -> None:
+    """pbrt has n + 2 where the paper has n + 1."""
+    wi = columns(polar(45, 200.0))
+    mine, theirs = (
+        surface(dmis.ashikhmin_shirley(0.3, 0.2, 20), polar(40)),
+        surface(dmis.substrate(0.3, 0.2, 0.05, 0.05), polar(40)),
+    )
+    values = [points.glossy[1].eval(Pair(points, wi)) for points in (mine, theirs)]
+    np.testing.assert_allclose(values[1] / values[0], 22 / 21, rtol=1e-5)
+
+
+@pytest.mark.parametrize("make", [dmis.ward, dmis.cook_torrance, dmis.ggx])
+@pytest.mark.parametrize("alpha, degrees", [(1e-3, 30.0), (1e-3, 85.0), (3e-4, 60.0)])
+def test_rounding_does_not_change_a_narrow_lobe(make, alpha: float, degrees: float) -> None:
+    """The float32 density is the float64 one in the mean over its own samples, and half of them are within a tenth."""
+    wo, count = polar(degrees), 2**14
+    points = surface(make(0, 1, alpha), wo, count)
+    wi = points.sample(uniforms(count))
+    got = points.pdf(Pair(points, wi)).astype(float)
+    a, b = points.wo.astype(float), wi.astype(float)
+    a, b = a / np.linalg.norm(a, axis=0), b / np.linalg.norm(b, axis=0)
+    h = (a + b) / np.linalg.norm(a + b, axis=0)
+    q = (h[0] ** 2 + h[1] ** 2) / h[2] ** 2 / float(np.float32(alpha)) ** 2
+    if make is dmis.ggx:
+        o = np.hypot(a[2], float(np.float32(alpha)) * np.hypot(a[0], a[1]))
+        expected = 1 / (np.pi * alpha**2 * h[2] ** 4 * (1 + q) ** 2) / (2 * (a[2] + o))
+    else:
+        expected = np.exp(-q) / (np.pi * alpha**2 * h[2] ** 3) / (4 * (a * h).sum(axis=0))
+    up = wi[2] > 1e-3
+    ratio = (got / expected)[up]
+    assert abs(np.median(ratio) - 1) < 0.01 and np.mean(np.abs(ratio - 1) < 0.1) > 0.5
+
+
+EXTREME = {
+    "phong": (dmis.phong(0, 1, 0.01), dmis.phong(0, 1, 1e6)),
+    "lafortune": (dmis.lafortune(0, 1, 0.01, 1, 0.01), dmis.lafortune(0, 1, 1e6, 0, 1)),
+    "blinn-phong": (dmis.blinn_phong(0, 1, 0.01), dmis.blinn_phong(0, 1, 1e6)),
+    "ward": (dmis.ward(0, 1, 1e-4), dmis.ward(0, 1, 10.0), dmis.ward(0, 1, 1e-4, 10.0)),
+    "ashikhmin-shirley": (dmis.ashikhmin_shirley(0.5, 0.5, 0.01), dmis.ashikhmin_shirley(0.5, 1, 1e6, 0.01)),
+    "torrance-sparrow": (dmis.torrance_sparrow(0, 1, 0.01), dmis.torrance_sparrow(0, 1, 1e6)),
+    "cook-torrance": (dmis.cook_torrance(0, 1, 1e-4), dmis.cook_torrance(0, 1, 10.0, 1e-4, Dielectric())),
+    "ggx": (dmis.ggx(0, 1, 1e-4), dmis.ggx(0, 1, 10.0), dmis.ggx(0, 1, 1e-4, 10.0, Dielectric())),
+    "coated diffuse": (dmis.coated_diffuse(1), dmis.coated_diffuse(1, 1e-4), dmis.coated_diffuse(1, 10.0, 4.0, 9.0)),
+}
+
+
+@pytest.mark.parametrize("name", EXTREME)
+@pytest.mark.parametrize("degrees", [0.0, 60.0, 89.9, 89.9999, 90.0])
+def test_extreme_roughness_is_finite(name: str, degrees: float) -> None:
+    """No NaN, infinity or negative value, at the horizon, straight back, in the mirror direction, at the ends of u."""
+    wo = polar(degrees)
+    wo[2] = max(wo[2], 0)
+    special = [wo, wo * [-1, -1, 1], -wo, wo * [1, 1, -1], (0, 0, 1), (0, 0, -1), (1, 0, 0), polar(89.99999, 205.0)]
+    wi = np.concatenate([columns(v) for v in special], axis=1)
+    edge = np.float32(1 - 2**-24)
+    ends = np.array([[0, 0, edge, edge, 0.5, 0.5], [0, edge, 0, edge, 0, edge]], np.float32)
+    u = np.concatenate([ends, uniforms(1000)], axis=1)
+    for material in EXTREME[name]:
+        points = surface(material, wo, wi.shape[1])
+        many = surface(material, wo, u.shape[1])
+        sampled = many.sample(u)
+        assert np.isfinite(sampled).all()
+        np.testing.assert_allclose(dot(sampled, sampled), 1, atol=1e-5)
+        for at, w in ((points, wi), (many, sampled)):
+            pair = Pair(at, w)
+            f, pdf = np.broadcast_to(at.eval(pair), w.shape), at.pdf(pair)
+            assert np.isfinite(f).all() and (f >= 0).all()
+            assert np.isfinite(pdf).all() and (pdf >= 0).all()
+            assert not pdf[w[2] < 0].any()
+
+
+# Scenes -------------------------------------------------------------------------------------------------------------
+
+LAMP = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
+BALL = sphere(0.35, segments=16).transformed([[1, 0, 0, 0.3], [0, 1, 0, 0.1], [0, 0, 1, 0.4], [0, 0, 0, 1]])
+RENDERED = {
+    "phong": dmis.phong(0.2, 0.5, 20),
+    "lafortune": dmis.lafortune(0, 0.5, 20, c_n=0.8),
+    "blinn-phong": dmis.blinn_phong(0, 0.5, 40),
+    "ward": dmis.ward(0.1, 0.5, 0.1, 0.3),
+    "ashikhmin-shirley": dmis.ashikhmin_shirley(0.4, 0.2, 10, 100),
+    "torrance-sparrow": dmis.torrance_sparrow(0, 1, 30, Dielectric(1.5)),
+    "cook-torrance": dmis.cook_torrance(0, 0.8, 0.2),
+    "ggx": dmis.ggx(0.1, 0.8, 0.2),
+    "anisotropic ggx": dmis.ggx(0, 0.8, 0.1, 0.4),
+    "smooth coat": dmis.coated_diffuse(0.8, thickness=0.01),
+    "rough coat": dmis.coated_diffuse((0.8, 0.5, 0.2), 0.3),
+}
+
+
+OFTEN = (
+    "lafortune",
+    "ashikhmin-shirley",
+    "cook-torrance",
+    "anisotropic ggx",
+    "smooth coat",
+    "rough coat",
+)  # one of each kind of sampling
+
+
+@pytest.mark.parametrize("name", or_slow(OFTEN, [name for name in RENDERED if name not in OFTEN]))
+def test_light_and_brdf_sampling_agree_in_renders(name: str) -> None:
+    """Means over seeds of a floor and a ball: light against BRDF sampling, and each against w = 1/2."""
+    ball = Part(BALL, RENDERED[name], tangent=(0, 0, 1))
+    scene = box_scene(RENDERED[name], (LAMP,), (ball,), resolution=(8, 8))
+
+    def means(w: float, seed: int) -> Array:
+        tiles = (Tile(seed + k, 0, 0, (0, 8), (0, 8), 16, w, Settings(sampler="independent")) for k in range(30))
+        return np.array([render_tile(scene, tile).moments.mean.mean() for tile in tiles])
+
+    light, brdf, both = means(1.0, 0), means(0.0, 1000), means(0.5, 2000)
+    assert abs(z_score(light, brdf)) < Z_LIMIT
+    assert abs(z_score(light, both)) < Z_LIMIT and abs(z_score(brdf, both)) < Z_LIMIT
+
+
+def test_models_of_one_kind_share_a_group_and_textures_reach_them() -> None:
+    """Parameters are tables and textures like those of other lobes; only anisotropic ones ask for tangents."""
+    floor = Part(BALL, dmis.ggx(0, 0.5, 0.2))
+    scene = box_scene(dmis.ggx(0, 0.8, 0.1), extra=(floor,))
+    assert len({group.glossy[0].roughness.alpha.size for group in scene.plan.groups}) == 1
+    assert not any(group.anisotropic for group in scene.plan.groups)
+    assert box_scene(dmis.ggx(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
+    assert box_scene(dmis.ward(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
+    assert box_scene(dmis.cook_torrance(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
+    textured = box_scene(dmis.ggx(0, 1, Image(np.array([[[0.1], [0.5]]], np.float32))))
+    assert textured.plan.groups[0].textured
+    means = dmis.render(textured, "balance", 4, seed=1).image
+    assert np.isfinite(means).all() and means.max() > 0
+
+
+def test_tangent_of_a_part_is_laid_upon_its_surface() -> None:
+    """A narrow lobe along the given direction, wherever the mesh's own coordinates point; parts differ in theirs."""
+    material = dmis.ggx(0, 1, 0.01, 0.5)
+    for tangent in ((1.0, 0.0, 0.3), (0.0, 2.0, 0.0), (1.0, 1.0, 0.0)):
+        base = box_scene(material)
+        scene = replace(base, parts=(replace(base.parts[0], tangent=tangent),))
+        (group,) = scene.plan.groups
+        origin, down = np.float32([[0.1], [0.2], [1]]), np.float32([[0], [0], [-1]])
+        hits = scene.intersector.closest(origin, down)
+        points, _ = scene.surface(group, hits, None, down)
+        s, t = points.tangents
+        flat = np.array([*tangent[:2], 0.0]) / np.linalg.norm(tangent[:2])
+        np.testing.assert_allclose(s[:, 0], flat, atol=1e-6)
+        np.testing.assert_allclose(np.cross(points.n[:, 0], s[:, 0]), t[:, 0], atol=1e-6)
+        assert fingerprint(scene) != fingerprint(base)
+    isotropic = box_scene(dmis.ggx(0, 1, 0.1))
+    isotropic = replace(isotropic, parts=(replace(isotropic.parts[0], tangent=(1, 0, 0)),))
+    assert isotropic.plan.groups[0].tangent is None
+
+
+def test_tangent_along_the_normal_leaves_a_frame() -> None:
+    """A direction that is perpendicular to the surface says nothing of it: any frame will do, and it is unit."""
+    points = surface(dmis.ggx(0, 1, 0.1, 0.5), polar(30.0), 4, dpdu=(0, 0, 2))
+    s, t = points.tangents
+    for a, b, expected in ((s, s, 1), (t, t, 1), (s, t, 0), (s, points.n, 0)):
+        np.testing.assert_allclose(dot(a, b), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: dmis.phong(exponent=0), "exponent must be positive and finite"),
+        (lambda: dmis.phong(exponent=np.nan), "exponent must be positive and finite"),
+        (lambda: dmis.phong(exponent=(1, 2, 3)), "exponent must be a number or an image"),
+        (lambda: dmis.phong(ks=-1), "ks must be finite and not negative"),
+        (lambda: dmis.phong(ks=1.5), "ks must be at most 1, because no surface reflects more light than it gets"),
+        (lambda: dmis.ggx(kd=(0, 255, 0)), "kd must be at most 1"),
+        (lambda: dmis.ashikhmin_shirley(ks=2), "ks must be at most 1"),
+        (lambda: dmis.rough_glass(kt=2), "kt must be at most 1"),
+        (lambda: dmis.blinn_phong(exponent=-3), "exponent must be positive"),
+        (lambda: dmis.lafortune(c_n=1.2), r"c_n must be in \(0, 1\]"),
+        (lambda: dmis.lafortune(c_t=np.nan), r"c_t must be in \[-1, 1\]"),
+        (lambda: dmis.ward(alpha=0), "alpha must be positive and finite"),
+        (lambda: dmis.ward(alpha_v=1e-6), "alpha_v must be positive and finite, at least 0.0001"),
+        (lambda: dmis.ashikhmin_shirley(n_v=0), "n_v must be positive"),
+        (lambda: dmis.ashikhmin_shirley(kd=-1), "kd must be"),
+        (lambda: dmis.torrance_sparrow(exponent=np.inf), "exponent must be positive and finite"),
+        (lambda: dmis.cook_torrance(alpha=-0.1), "alpha must be positive"),
+        (lambda: dmis.ggx(alpha=Image(np.zeros((1, 1, 1)))), "alpha must be positive"),
+        (lambda: dmis.lafortune(c_t=Image(np.zeros((1, 1, 1)))), "c_t must be a number, because"),
+        (
+            lambda: dmis.ward(alpha=Image(np.dstack([[[0.1]], [[0.2]], [[0.3]]]))),
+            "alpha must be .* image of one channel",
+        ),
+        (lambda: dmis.ggx(alpha_v=(0.1, 0.2)), "alpha_v must be a number or an image of one channel"),
+        (lambda: dmis.ggx(alpha=1e39), "alpha must be positive and finite"),
+        (lambda: dmis.ggx(fresnel=Dielectric(-1.5)), "eta of fresnel must be positive and finite"),
+        (lambda: dmis.cook_torrance(fresnel=Conductor((1, np.nan, 1), (0, 0, 0))), "eta of fresnel must be finite"),
+        (lambda: dmis.cook_torrance(fresnel=Conductor((1, 1, 1), (0, 0))), "k of fresnel must be .* RGB triple"),
+        (lambda: dmis.torrance_sparrow(fresnel=1.5), "fresnel must be a Dielectric"),
+        (lambda: Part(BALL, dmis.ggx(), tangent=(0, 0, 0)), "tangent must"),
+    ],
+)
+def test_bad_parameters(make, message: str) -> None:
+    """Errors name the parameter, the constraint and the value."""
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_black_parameters_leave_their_lobe_out() -> None:
+    """A model without base is one lobe; with a base, two."""
+    assert len(dmis.ggx().lobes) == 1 and len(dmis.ggx(0.5).lobes) == 2
+    assert dmis.phong(0, 0).lobes == ()

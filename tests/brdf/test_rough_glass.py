@@ -1,0 +1,314 @@
+"""Rough glass: what its facets let through, against densities, closed forms, its smooth limit, and in renders."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import FLOOR, LEVEL, Z_LIMIT, box_scene, chi2_directions, polar, sphere_rule, surface, uniforms, z_score
+
+import dmis
+from dmis.base.vectors import Array, dot
+from dmis.brdf.cosines import Pair
+from dmis.brdf.materials import Material, glass
+from dmis.estimator.settings import Settings
+from dmis.geometry.shapes import quad, sphere
+from dmis.light.area import QuadLight
+from dmis.light.environment import EnvironmentLight
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene
+from dmis.scene.shading_points import Surface
+
+GLASS = {
+    "0.05": dmis.rough_glass(alpha=0.05),
+    "0.3": dmis.rough_glass(alpha=0.3),
+    "0.8": dmis.rough_glass(alpha=0.8, eta=1.3),
+    "0.4 0.1": dmis.rough_glass(alpha=0.4, alpha_v=0.1),
+}
+each_glass = pytest.mark.parametrize("name", GLASS)
+each_side = pytest.mark.parametrize("outside", [True, False], ids=["outside", "inside"])
+each_angle = pytest.mark.parametrize("degrees", [20.0, 75.0])
+
+
+def seen(material: Material, wo: Array, count: int, outside: bool = True) -> Surface:
+    """Points at the origin, seen from above, from outside or inside of the glass."""
+    points = surface(material, wo, count)
+    points.outside = np.full(count, outside)
+    return points
+
+
+def beyond(*args: object) -> Surface:
+    """The same for the light that comes from below."""
+    return seen(*args).beyond()  # type: ignore[arg-type]
+
+
+def relative(material: Material, outside: bool) -> float:
+    """Index beyond the surface over that on wo's side."""
+    eta = material.lobes[-1].eta
+    return eta if outside else 1 / eta
+
+
+@each_glass
+@each_side
+@each_angle
+def test_samples_follow_the_density(name: str, outside: bool, degrees: float) -> None:
+    """Chi-square of the directions beyond; what is totally reflected is what the density lacks to 1."""
+    wo, count = polar(degrees), 2**17
+    wi = beyond(GLASS[name], wo, count, outside).sample(uniforms(count))
+    np.testing.assert_allclose(dot(wi, wi), 1, atol=4e-6)
+    accepted = beyond(GLASS[name], wo, count, outside).pdf(Pair(beyond(GLASS[name], wo, count, outside), wi)) > 0
+    assert (wi[2, accepted] < 0).all() and accepted.any()
+
+    def pdf(w: Array) -> Array:
+        some = beyond(GLASS[name], wo, w.shape[1], outside)
+        return some.pdf(Pair(some, w))
+
+    axis = wi[:, accepted].astype(float).mean(axis=1)
+    assert chi2_directions(wi, pdf, axis / np.linalg.norm(axis), accepted=accepted) > LEVEL
+
+
+@each_glass
+@each_side
+def test_values_are_those_of_the_paper(name: str, outside: bool) -> None:
+    """Walter et al. 2007, equation 21, in float64, with indices on both sides and Smith's masking in height."""
+    rng, n = np.random.default_rng(5), 4096
+    o, i = rng.normal(size=(2, 3, n))
+    o[2], i[2] = np.abs(o[2]), -np.abs(i[2])
+    o, i = o / np.linalg.norm(o, axis=0), i / np.linalg.norm(i, axis=0)
+    points = beyond(GLASS[name], (0, 0, 1), n, outside)
+    points.wo, points.cos_o = o.astype(np.float32), -o[2].astype(np.float32)
+    got = np.broadcast_to(points.eval(Pair(points, i.astype(np.float32))), (3, n))[0]
+
+    lobe = GLASS[name].lobes[-1]
+    spread = lobe.roughness
+    alpha = (spread.alpha,) * 2 if hasattr(spread, "alpha") else (spread.alpha_u, spread.alpha_v)
+    index_o, index_i = (1.0, lobe.eta) if outside else (lobe.eta, 1.0)
+    h = -(index_o * o + index_i * i)
+    h = h / np.linalg.norm(h, axis=0)
+    h *= np.sign(h[2])
+    oh, ih = (o * h).sum(axis=0), (i * h).sum(axis=0)
+    slopes = (h[0] / (h[2] * alpha[0])) ** 2 + (h[1] / (h[2] * alpha[1])) ** 2
+    d = 1 / (np.pi * alpha[0] * alpha[1] * h[2] ** 4 * (1 + slopes) ** 2)
+
+    def masked(w: Array) -> Array:
+        return (np.sqrt(1 + ((alpha[0] * w[0]) ** 2 + (alpha[1] * w[1]) ** 2) / w[2] ** 2) - 1) / 2
+
+    g = 1 / (1 + masked(o) + masked(i))
+    sin2 = (index_o / index_i) ** 2 * (1 - oh**2)
+    t = np.sqrt(np.maximum(1 - sin2, 0))
+    s = (index_o * oh - index_i * t) / (index_o * oh + index_i * t)
+    p = (index_i * oh - index_o * t) / (index_i * oh + index_o * t)
+    fresnel = np.where(sin2 >= 1, 1, (s * s + p * p) / 2)
+    f = np.abs(oh * ih / (o[2] * i[2])) * index_o**2 * (1 - fresnel) * g * d / (index_i * ih + index_o * oh) ** 2
+    f = np.where((oh > 0) & (ih < 0), f, 0)
+    clear = (o[2] > 0.02) & (i[2] < -0.02) & (np.minimum(np.abs(oh), np.abs(ih)) > 1e-3)
+    np.testing.assert_allclose(got[clear], f[clear], rtol=5e-3, atol=1e-6)
+    assert (f[clear] > 1e-3).mean() > 0.01
+
+
+@each_glass
+@each_side
+@each_angle
+def test_energy(name: str, outside: bool, degrees: float) -> None:
+    """All light that is mirrored or let through is at most 1, radiance scaled by eta^2; what lacks is masked."""
+    wo, count = polar(degrees), 2**15
+    eta2 = relative(GLASS[name], outside) ** 2
+    total = np.zeros(count)
+    for points, factor in (
+        (seen(GLASS[name], wo, count, outside), 1.0),
+        (beyond(GLASS[name], wo, count, outside), eta2),
+    ):
+        pair = Pair(points, points.sample(uniforms(count)))
+        pdf = points.pdf(pair)
+        f = np.broadcast_to(points.eval(pair), (3, count))[0]
+        weight = np.divide(f * pair.cos_i, pdf, out=np.zeros_like(pdf), where=pdf > 0).astype(float) * factor
+        assert weight.max() < 1.001
+        total += weight
+    mean, error = total.mean(), total.std() / np.sqrt(count)
+    assert mean < 1 + 4 * error
+    if name == "0.05" and degrees == 20.0:  # facets all but flat lose next to nothing
+        assert mean > 0.995 - 4 * error
+
+
+@each_side
+def test_narrow_facets_are_smooth_glass(outside: bool) -> None:
+    """Directions and factors of alpha = 1e-3 are those of Snell and Fresnel."""
+    wo, count = polar(35.0), 2**12
+    smooth = surface(glass(), wo, 1)
+    smooth.outside = np.full(1, outside)
+    wi, factor = smooth.delta[1].scatter(smooth)
+    points = beyond(dmis.rough_glass(alpha=1e-3), wo, count, outside)
+    pair = Pair(points, points.sample(uniforms(count)))
+    assert np.median(np.linalg.norm(pair.wi - wi, axis=0)) < 2e-3
+    weight = np.broadcast_to(points.eval(pair), (3, count))[0] * pair.cos_i / points.pdf(pair)
+    assert np.median(weight) == pytest.approx(factor[0, 0], rel=2e-3)
+
+
+@each_glass
+def test_reciprocity(name: str) -> None:
+    """``f(wo, wi) / eta_i^2`` is the same with light going the other way."""
+    rng, n = np.random.default_rng(7), 2048
+    a, b = rng.normal(size=(2, 3, n))
+    a[2], b[2] = np.abs(a[2]) + 0.1, -np.abs(b[2]) - 0.1
+    a, b = (w.astype(np.float32) / np.linalg.norm(w, axis=0).astype(np.float32) for w in (a, b))
+    there = beyond(GLASS[name], (0, 0, 1), n, True)
+    there.wo, there.cos_o = a, -a[2]
+    back = beyond(GLASS[name], (0, 0, 1), n, False)  # the normal is +z: seen from below, light comes from above
+    back.wo, back.cos_o, back.n, back.ng = b, b[2], -back.n, -back.ng
+    one, other = (np.broadcast_to(p.eval(Pair(p, w)), (3, n))[0] for p, w in ((there, b), (back, a)))
+    eta2 = GLASS[name].lobes[-1].eta ** 2
+    np.testing.assert_allclose(one * eta2, other, rtol=5e-3, atol=1e-5)
+    assert (one > 1e-3).mean() > 0.01
+
+
+@pytest.mark.parametrize("degrees", [0.0, 60.0, 89.9, 89.9999, 90.0])
+def test_extreme_roughness_is_finite(degrees: float) -> None:
+    """No NaN, infinity or negative value, at the horizon, straight through, and at the ends of u."""
+    wo = polar(degrees)
+    wo[2] = max(wo[2], 0)
+    edge = np.float32(1 - 2**-24)
+    u = np.concatenate([np.array([[0, 0, edge, edge], [0, edge, 0, edge]], np.float32), uniforms(1000)], axis=1)
+    special = np.array([wo, -wo, (0, 0, 1), (0, 0, -1), (1, 0, 0), polar(89.99999, 205.0)]).T.astype(np.float32)
+    for alpha in ((1e-4, None), (10.0, None), (1e-4, 10.0)):
+        for eta in (1.5, 1.001, 1 / 1.001, 3.0):
+            for outside in (True, False):
+                material = dmis.rough_glass(alpha=alpha[0], alpha_v=alpha[1], eta=eta)
+                sampled = beyond(material, wo, u.shape[1], outside).sample(u)
+                np.testing.assert_allclose(dot(sampled, sampled), 1, atol=1e-5)
+                for w in (special, sampled):
+                    points = beyond(material, wo, w.shape[1], outside)
+                    f, pdf = points.eval(Pair(points, w)), points.pdf(Pair(points, w))
+                    assert np.isfinite(f).all() and (f >= 0).all()
+                    assert np.isfinite(pdf).all() and (pdf >= 0).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"eta": 1.0}, {"eta": -1.0}, {"eta": np.nan}, {"eta": (1.5, 1.6)}, {"eta": 1e39}, {"alpha": 0.0}, {"kt": -1.0}],
+)
+def test_parameters_out_of_range_are_refused(change: dict) -> None:
+    with pytest.raises(ValueError, match="|".join(change)):
+        dmis.rough_glass(**change)
+
+
+# Scenes -------------------------------------------------------------------------------------------------------------
+
+ABOVE = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
+BELOW = QuadLight((-0.7, -0.7, -1.6), (1.4, 0, 0), (0, 1.4, 0), (4, 2, 1))
+
+
+def means(scene: Scene, w: float, seed: int, settings: Settings, count: int = 30) -> Array:
+    tiles = (Tile(seed + k, 0, 0, (0, 8), (0, 8), 16, w, settings) for k in range(count))
+    return np.array([render_tile(scene, tile).moments.mean.mean() for tile in tiles])
+
+
+@pytest.mark.parametrize("lights", [(BELOW,), (ABOVE, BELOW)], ids=["below", "both"])
+@pytest.mark.parametrize("integrator", ["direct", "path"])
+def test_light_and_brdf_sampling_agree_in_renders(lights: tuple, integrator: str) -> None:
+    """A pane of rough glass with light from below: light against BRDF sampling, and each against w = 1/2."""
+    scene = box_scene(dmis.rough_glass(alpha=0.3), lights, resolution=(8, 8))
+    settings = Settings(sampler="independent", integrator=integrator, max_depth=2)
+    light, brdf, both = (means(scene, w, seed, settings) for w, seed in ((1.0, 0), (0.0, 1000), (0.5, 2000)))
+    assert light.mean() > 0.01
+    assert abs(z_score(light, brdf)) < Z_LIMIT
+    assert abs(z_score(light, both)) < Z_LIMIT and abs(z_score(brdf, both)) < Z_LIMIT
+
+
+@pytest.fixture(scope="module")
+def balanced() -> tuple[Scene, Array]:
+    """A pane between two lamps, and means of images by the balance heuristic."""
+    scene = box_scene(dmis.rough_glass(alpha=0.2), (ABOVE, BELOW), resolution=(8, 8))
+    return scene, np.array([dmis.render(scene, "balance", 16, seed=900 + k, threads=1).image.mean() for k in range(40)])
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "auto",
+        "second-moment",
+        "thesis:patch=4",
+        "neyman",
+        "second-moment:combiner=optimal",
+        "second-moment:combiner=controlled",
+        "fixed:0.3,combiner=power",
+        "fixed:0.3,sampler=sobol",
+        "simplex:mix=light+brdf+resampled",
+    ],
+)
+def test_rules_are_unbiased(rule: str, balanced: tuple[Scene, Array]) -> None:
+    """Learned weights, counts and combiners with light from both sides of a surface."""
+    scene, others = balanced
+    combined = [dmis.render(scene, rule, 16, seed=k, threads=1).image.mean() for k in range(40)]
+    assert abs(z_score(combined, others)) < Z_LIMIT
+
+
+def test_light_from_both_sides_adds_up() -> None:
+    """What two lights send is the sum of what each sends alone, with all lights or with one picked."""
+    make = [box_scene(dmis.rough_glass(alpha=0.3), lights, resolution=(8, 8)) for lights in ((ABOVE,), (BELOW,))]
+    both = box_scene(dmis.rough_glass(alpha=0.3), (ABOVE, BELOW), resolution=(8, 8))
+    settings = Settings(sampler="independent")
+    apart = means(make[0], 0.5, 0, settings) + means(make[1], 0.5, 100, settings)
+    assert abs(z_score(means(both, 0.5, 200, settings), apart)) < Z_LIMIT
+    assert abs(z_score(means(both, 0.5, 300, replace(settings, lights="one")), apart)) < Z_LIMIT
+
+
+@pytest.mark.parametrize("roughness, least", [(0.02, 0.995), (0.3, 0.85)])
+def test_a_ball_in_an_even_sky_is_the_sky(roughness: float, least: float) -> None:
+    """The furnace: light that enters leaves again, however often it is mirrored inside; facets mask the rest."""
+    ball = sphere(0.9, segments=48)
+    sky = EnvironmentLight(np.ones((2, 4, 3), np.float32))
+    camera = box_scene(glass(), eye=(0, -6, 0), resolution=(8, 8)).camera
+    scene = Scene(camera, (Part(ball, dmis.rough_glass(alpha=roughness)),), (sky,))
+    values = means(scene, 0.5, 0, Settings(sampler="independent", integrator="path", max_depth=100), 12)
+    assert least < values.mean() < 1 + 4 * values.std() / np.sqrt(len(values))
+
+
+def test_smooth_glass_in_an_even_sky_has_no_noise() -> None:
+    """Whichever way a path goes, its throughput is 1 where it leaves, and roulette never ends it."""
+    camera = box_scene(glass(), eye=(0, -6, 0), resolution=(8, 8)).camera
+    ball = replace(sphere(0.9, segments=48), normals=None)  # at edges, light refracted about others may not get in
+    scene = Scene(camera, (Part(ball, glass()),), (EnvironmentLight(np.ones((2, 4, 3), np.float32)),))
+    tile = Tile(0, 0, 0, (0, 8), (0, 8), 64, 0.5, Settings(integrator="path", max_depth=None))
+    moments = render_tile(scene, tile).moments
+    np.testing.assert_allclose(moments.mean, 1, atol=2e-4)
+    np.testing.assert_allclose(moments.variance(), 0, atol=1e-6)
+
+
+def test_a_pane_shows_what_is_behind_it_as_smooth_glass_does() -> None:
+    """Path tracing through a slab of two surfaces, alpha = 1e-3, beside smooth glass: a red floor, lit from aside."""
+    pane = quad((-2, -2, 0.5), (4, 0, 0), (0, 4, 0)), quad((-2, -2, 0.4), (0, 4, 0), (4, 0, 0))
+    lamp = QuadLight((3.0, -0.7, 0.02), (0, 0, 0.33), (0, 1.4, 0), (40, 40, 40))
+    settings = Settings(sampler="independent", integrator="path", max_depth=8)
+    shape = Part(quad(lamp.corner, lamp.edge_u, lamp.edge_v), Material(()), lamp)  # or mirrors would not show it
+    got = []
+    for seed, material in ((0, dmis.rough_glass(alpha=1e-3)), (500, glass())):
+        parts = tuple(Part(side, material) for side in pane)
+        scene = box_scene(dmis.matte((0.8, 0.1, 0.1)), (lamp,), (*parts, shape), resolution=(8, 8))
+        got.append(means(scene, 0.5, seed, settings, 150))
+    assert got[1].mean() > 0.003
+    assert abs(z_score(*got)) < Z_LIMIT
+
+
+def test_only_rough_glass_looks_beyond_its_surface() -> None:
+    """The plan says what light comes through; other scenes have no such lobes."""
+    assert not any(group.through for group in box_scene(glass()).plan.groups)
+    scene = box_scene(dmis.rough_glass(alpha=0.3), (BELOW,), (Part(FLOOR, dmis.ggx(alpha=0.2)),))
+    assert [len(group.through) for group in scene.plan.groups] == [1, 0]
+    assert "RoughReflection + RoughTransmission" in scene.describe()
+
+
+def test_a_lamp_beyond_is_found_by_quadrature() -> None:
+    """Radiance through the pane from a sky below it, against a rule over all directions."""
+    wo = polar(30.0)
+    w, weights = sphere_rule((0, 0, -1), 600, 256, power=2.0)
+    points = beyond(dmis.rough_glass(alpha=0.3), wo, w.shape[1])
+    pair = Pair(points, w)
+    sky = 1 + 0.5 * w[0] - w[2]
+    exact = float(np.broadcast_to(points.eval(pair), w.shape)[0].astype(float) @ (pair.cos_i * sky * weights))
+    count = 2**17
+    points = beyond(dmis.rough_glass(alpha=0.3), wo, count)
+    pair = Pair(points, points.sample(uniforms(count)))
+    pdf = points.pdf(pair)
+    value = np.broadcast_to(points.eval(pair), pair.wi.shape)[0] * pair.cos_i * (1 + 0.5 * pair.wi[0] - pair.wi[2])
+    mean = np.divide(value, pdf, out=np.zeros_like(value), where=pdf > 0).astype(float)
+    assert abs(mean.mean() - exact) < Z_LIMIT * mean.std() / np.sqrt(count) + 1e-3 * exact

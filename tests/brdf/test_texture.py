@@ -1,0 +1,160 @@
+"""Textures: bilinear lookup, wrap modes, products."""
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.texture import Image, scale
+
+TEXELS = np.random.default_rng(4).random((3, 4, 3)).astype(np.float32)
+
+
+def at(image: Image, s: float, t: float) -> Array:
+    return image(np.array([[s], [t]], np.float32))[:, 0]
+
+
+def centre(j: int, i: int) -> tuple[float, float]:
+    return (j + 0.5) / 4, (i + 0.5) / 3
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "black", "clamp"])
+def test_texel_centres_are_exact(wrap: str) -> None:
+    """Texel (i, j) is centred at ((j+.5)/W, (i+.5)/H), row 0 at t = 0; 1e-6 is a few float32 roundings."""
+    for i in range(3):
+        for j in range(4):
+            np.testing.assert_allclose(at(Image(TEXELS, wrap=wrap), *centre(j, i)), TEXELS[i, j], atol=1e-6)
+
+
+def test_half_way_is_the_mean() -> None:
+    """Between centres the lookup is bilinear."""
+    image = Image(TEXELS)
+    np.testing.assert_allclose(at(image, 0.25, 0.5 / 3), (TEXELS[0, 0] + TEXELS[0, 1]) / 2, atol=1e-6)
+    np.testing.assert_allclose(at(image, 0.5, 1 / 3), TEXELS[:2, 1:3].mean(axis=(0, 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("s, t", [(0.1, 0.2), (0.0, 0.0), (0.99, 0.99), (0.5, 0.5)])
+@pytest.mark.parametrize("shift", [(1, 0), (0, 1), (-3, 2), (100, -100)])
+def test_repeat_has_period_one(s: float, t: float, shift: tuple[int, int]) -> None:
+    """Whole steps change nothing: float32 coordinates near 100 have an error of 4e-6, four texels and contrast 1."""
+    image = Image(TEXELS)
+    np.testing.assert_allclose(at(image, s + shift[0], t + shift[1]), at(image, s, t), atol=5e-5)
+
+
+def test_repeat_blends_across_the_edge() -> None:
+    """At s = 0 the first and the last column meet."""
+    np.testing.assert_allclose(at(Image(TEXELS), 0.0, 0.5), (TEXELS[1, 0] + TEXELS[1, 3]) / 2, atol=1e-6)
+
+
+def test_clamp_repeats_the_edge_and_black_fades() -> None:
+    """Outside, clamp is the nearest edge texel and black is 0; at the edge black is half of it."""
+    for s, t, texel in ((-0.5, 0.5, TEXELS[1, 0]), (7.0, 0.5, TEXELS[1, 3]), (0.5 / 4, 9.0, TEXELS[2, 0])):
+        np.testing.assert_allclose(at(Image(TEXELS, wrap="clamp"), s, t), texel, atol=1e-6)
+        assert not at(Image(TEXELS, wrap="black"), s, t).any()
+    np.testing.assert_allclose(at(Image(TEXELS, wrap="black"), 0.0, 0.5), TEXELS[1, 0] / 2, atol=1e-6)
+
+
+def test_scale_and_offset() -> None:
+    """``(s, t) = uv * scale + offset``."""
+    moved = Image(TEXELS, scale=(2.0, -3.0), offset=(0.3, 0.1))
+    np.testing.assert_allclose(at(moved, 0.2, 0.4), at(Image(TEXELS), 0.7, -1.1), atol=1e-5)
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "black", "clamp"])
+@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 5, 1), (4, 1, 3)])
+def test_thin_images(wrap: str, shape: tuple[int, int, int]) -> None:
+    """One texel wide or high works in every mode, with values between 0 and the largest, anywhere."""
+    texels = np.random.default_rng(5).random(shape).astype(np.float32)
+    image = Image(texels, wrap=wrap)
+    uv = np.random.default_rng(6).uniform(-3, 3, (2, 500)).astype(np.float32)
+    uv[:, :4] = [[0, 1, -1, 1 - 2**-24], [1, 0, 1, 1 - 2**-24]]
+    out = image(uv)
+    assert out.shape == (image.texels.shape[2], 500) and out.dtype == np.float32
+    assert (out >= 0).all() and (out <= texels.max() + 1e-6).all()
+
+
+def test_constant_image_is_constant() -> None:
+    """The bilinear weights sum to 1 everywhere."""
+    uv = np.random.default_rng(7).uniform(-3, 3, (2, 500)).astype(np.float32)
+    np.testing.assert_allclose(Image(np.full((5, 7, 1), 0.3))(uv), 0.3, rtol=1e-6)
+
+
+def test_grey_is_stored_once() -> None:
+    """Three equal channels become one."""
+    assert Image(np.repeat(TEXELS[..., :1], 3, axis=2)).texels.shape == (3, 4, 1)
+    assert Image(TEXELS).texels.shape == (3, 4, 3)
+
+
+def test_products() -> None:
+    """Constants and images multiply in either order; colour times grey image is a colour image."""
+    assert scale(2.0, (0.1, 0.2, 0.3)) == pytest.approx((0.2, 0.4, 0.6))
+    assert scale(0.5, 0.5) == pytest.approx((0.25,))
+    grey = Image(TEXELS[..., :1], offset=(0.1, 0.2), wrap="clamp")
+    for product in (scale(grey, (1.0, 2.0, 3.0)), scale((1.0, 2.0, 3.0), grey)):
+        np.testing.assert_allclose(product.texels, TEXELS[..., :1] * np.float32([1, 2, 3]), rtol=1e-6)
+        assert (product.offset, product.wrap) == (grey.offset, grey.wrap)
+    with pytest.raises(ValueError, match="product of two image textures"):
+        scale(grey, grey)
+
+
+@pytest.mark.parametrize(
+    "texels, options, message",
+    [
+        (np.ones((2, 2)), {}, "texels must have shape"),
+        (np.ones((2, 2, 2)), {}, "texels must have shape"),
+        (np.ones((0, 2, 3)), {}, "texels must have shape"),
+        (np.full((1, 1, 1), np.nan), {}, "texels must be finite"),
+        (np.ones((1, 1, 1)), {"wrap": "mirror"}, "wrap must be"),
+        (np.ones((1, 1, 1)), {"scale": (1e39, 1)}, r"scale must be within 1e\+15"),
+        (np.ones((1, 1, 1)), {"offset": (0, np.nan)}, r"offset must be within 1e\+15"),
+    ],
+)
+def test_bad_images(texels: Array, options: dict[str, Any], message: str) -> None:
+    """Errors name the argument and the constraint."""
+    with pytest.raises(ValueError, match=message):
+        Image(texels, **options)
+
+
+def test_eight_bits_are_not_linear_values() -> None:
+    with pytest.raises(ValueError, match="texels must be linear values"):
+        Image(np.full((2, 2, 3), 200, np.uint8))
+    with pytest.raises(ValueError, match="texels must be an array of numbers"):
+        Image("wood.png")
+    assert Image(np.array([[[1], [0]]])).texels.sum() == 1
+
+
+@pytest.mark.parametrize("make", [dmis.plastic, dmis.ggx, dmis.rough_glass, dmis.torrance_sparrow])
+def test_roughness_must_not_be_black_outside(make: Any) -> None:
+    """There it would be 0, where the lobe is none."""
+    name = {dmis.plastic: "roughness", dmis.torrance_sparrow: "exponent"}.get(make, "alpha")
+    with pytest.raises(ValueError, match=f"{name} must be .* with another wrap than black"):
+        make(**{name: Image(np.full((2, 2, 1), 0.5), wrap="black")})
+    make(**{name: Image(np.full((2, 2, 1), 0.5), wrap="clamp")})
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "black", "clamp"])
+def test_farthest_coordinates(wrap: Any) -> None:
+    """The farthest coordinates that a mesh may have, scaled as far as may be, are texels as well."""
+    uv = np.array([[1e18, -1e18, 0.3], [0.2, 1e18, -1e18]], np.float32)
+    far = Image(np.ones((4, 2**12, 1)), scale=(1e15, -1e15), offset=(-1e15, 1e15), wrap=wrap)
+    assert np.isin(far(uv), (0, 1)).all()
+
+
+def test_pickles_leave_out_what_can_be_made_again() -> None:
+    """A scene is sent to each worker: the copy of its texels that lookups read is not, and lookups are the same."""
+    image = Image(np.random.default_rng(1).random((64, 64, 3)))
+    uv = np.random.default_rng(2).random((2, 100), np.float32)
+    values = image(uv)
+    pickled = pickle.dumps(image)
+    assert len(pickled) < image.texels.nbytes + 1000
+    np.testing.assert_array_equal(pickle.loads(pickled)(uv), values)
+
+
+def test_bright_texels_leave_no_negative_light_beside_them() -> None:
+    """A sun of 1e8 next to darkness: interpolation is a sum of weights that are not negative."""
+    image = Image(np.array([[[1e8], [0.0], [1e-3]]]), wrap="clamp")
+    s = np.linspace(0, 1, 10001, dtype=np.float32)
+    assert (image(np.stack([s, np.full_like(s, 0.5)])) >= 0).all()

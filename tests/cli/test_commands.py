@@ -1,0 +1,333 @@
+"""The command line: exit codes, messages and files, as other tools rely on them."""
+
+import importlib.util
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import dmis
+import dmis.experiment
+from dmis.cli.commands import main
+from dmis.experiment.speed.bench import fresh_python
+from dmis.image import read_exr
+
+SCENE = """
+LookAt 0 -4 2  0 0 0  0 0 1
+Camera "perspective" "float fov" [40]
+Film "image" "integer xresolution" [40] "integer yresolution" [30] SurfaceIntegrator "directlighting"
+WorldBegin
+AttributeBegin
+AreaLightSource "area" "color L" [5 5 5]
+Material "matte" "color Kd" [0 0 0]
+Translate 0 0 3
+ReverseOrientation
+Shape "disk" "float radius" [1]
+AttributeEnd
+Material "plastic"
+Shape "trianglemesh" "integer indices" [0 1 2 2 3 0] "point P" [-3 -3 0 3 -3 0 3 3 0 -3 3 0]
+WorldEnd
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Return the path of a small scene file."""
+    path = tmp_path / "scene.pbrt"
+    path.write_text(SCENE)
+    return str(path)
+
+
+def test_render_writes_layers_stats_and_preview(scene, tmp_path, capsys):
+    """``render`` writes every file that its options name, with the promised layers and keys."""
+    out, stats, png = (str(tmp_path / name) for name in ("out.exr", "stats.json", "out.png"))
+    code = main(
+        ["render", scene, "-o", out, "--spp", "8", "--rule", "thesis:patch=4", "--seed", "5", "--threads", "2"]
+        + ["--stats", stats, "--png", png, "--resolution", "20x10"]
+    )
+    assert code == 0
+    layers, attributes = read_exr(out)
+    assert layers["RGB"].shape == (10, 20, 3) and {"weight", "variance", "samples"} <= set(layers)
+    assert json.loads(attributes["dmis.provenance"])["seed"] == 5
+    data = json.loads((tmp_path / "stats.json").read_text())
+    assert data["samples"] == 20 * 10 * 8
+    seeing = dmis.load_scene(scene, resolution=(20, 10)).seeing  # no ray is traced where nothing is to be seen
+    assert data["rays"]["camera"] == 8 * seeing.sum() < data["samples"]
+    assert data["samples_per_second"] == pytest.approx(data["samples"] / data["seconds"])
+    assert 0 < data["embree_seconds"] and data["peak_rss_bytes"] > 1e6
+    assert os.path.getsize(png) > 0
+    assert "Msamples/s" in capsys.readouterr().out
+
+
+def test_peak_memory_is_that_of_the_render(scene, tmp_path):
+    """The peak memory in ``--stats`` does not include the Embree-only run after the render."""
+    arguments = ["render", scene, "-o", str(tmp_path / "a.exr"), "--spp", "1", "--quiet", "--resolution", "8x8"]
+    arguments += ["--stats", str(tmp_path / "stats.json")]
+    fresh_python(
+        "import numpy as np, dmis.cli.commands as cli\n"
+        "cli.embree_seconds = lambda *_: float(np.ones(50_000_000).sum())\n"  # 400 MB
+        f"assert cli.main({arguments!r}) == 0"
+    )
+    assert 2e7 < json.loads((tmp_path / "stats.json").read_text())["peak_rss_bytes"] < 4e8
+
+
+def test_threads_do_not_change_the_file(scene, tmp_path):
+    """One thread and two threads write the same pixels."""
+    files = [str(tmp_path / f"{n}.exr") for n in (1, 2)]
+    for n, file in zip((1, 2), files, strict=True):
+        assert main(["render", scene, "-o", file, "--spp", "12", "--threads", str(n), "--quiet"]) == 0
+    first, second = (read_exr(file)[0] for file in files)
+    for name in first:
+        np.testing.assert_array_equal(first[name], second[name])
+
+
+def test_quiet_and_logs_stay_quiet(scene, tmp_path, capsys):
+    """--quiet prints nothing; without a terminal there is no progress bar."""
+    assert main(["render", scene, "-o", str(tmp_path / "a.exr"), "--spp", "2", "--rule", "balance", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main(["render", scene, "-o", str(tmp_path / "a.exr"), "--spp", "2", "--rule", "balance"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_verbose_says_more(scene, tmp_path, capsys):
+    """--verbose prints plan, stages and rays, or a line for each render of ``compare``; --quiet excludes it."""
+    out = str(tmp_path / "a.exr")
+    assert main(["render", scene, "-o", out, "--spp", "2", "--rule", "balance", "--verbose"]) == 0
+    first, *plan, seconds, rays, weight = capsys.readouterr().out.splitlines()
+    assert first.startswith(out) and "40x30 pixels" in plan[0] and len(plan) > 2
+    assert "pilot" in seconds and "shadow" in rays and "50%" in weight
+    options = ["--rules", "pbrt", "--spp", "2", "--seeds", "2", "--reference-spp", "2", "--resolution", "16x12"]
+    assert main(["compare", scene, *options, "-o", str(tmp_path / "c"), "--verbose"]) == 0
+    captured = capsys.readouterr()
+    assert re.findall(r":\d\d (\[\d/4\] \w+)$", captured.out, re.M) == [
+        "[1/4] balance", "[2/4] pbrt", "[3/4] balance", "[4/4] pbrt"
+    ]  # fmt: skip
+    assert captured.err == ""
+    with pytest.raises(SystemExit):
+        main(["render", scene, "-o", out, "--quiet", "--verbose"])
+
+
+def test_import_is_light():
+    """Libraries that take long to import are imported where they are used."""
+    code = "import sys, dmis; dmis.render; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    loaded = set(fresh_python(code).split())
+    assert "numpy" in loaded and not loaded & {"scipy", "matplotlib", "trimesh", "OpenEXR", "tqdm", "dask"}
+
+
+def test_the_library_prints_nothing(capfd, tmp_path):
+    """Reading a scene, rendering it and writing the image print nothing, neither in Python nor in its libraries."""
+    scene = dmis.load_scene("teapot-area-light", resolution=(24, 24))
+    result = dmis.render(scene, "auto", 16, seed=1)
+    dmis.write_image(tmp_path / "a.exr", result)
+    dmis.read_exr(tmp_path / "a.exr")
+    dmis.make_reference(scene, 2, folder=tmp_path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_info_describes_the_plan(scene, capsys):
+    """``info`` prints versions, and the plan of a scene if one is named."""
+    assert main(["info"]) == 0
+    assert "embreex" in capsys.readouterr().out
+    assert main(["info", scene]) == 0
+    text = capsys.readouterr().out
+    assert "Lambert + Microfacet" in text and "DiskLight: two techniques" in text
+
+
+def test_bench_prints_a_table(scene, capsys):
+    """``bench`` prints one row for each rule, with the ratio of its time to that of Embree alone."""
+    small = ["--rules", "balance,fixed:0", "--spp", "2", "--resolution", "16x12"]
+    for more in ([], ["--integrator", "path", "--max-depth", "none"]):
+        assert main(["bench", scene, *small, *more]) == 0
+        rows = capsys.readouterr().out.strip().split("\n")
+        assert len(rows) == 4
+        assert float(rows[2].split("|")[-3]) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["render", "nothing.pbrt", "-o", "a.exr"], "nothing.pbrt"),
+        (["render", "no-such-scene", "-o", "a.exr"], "teapot-area-light"),
+        (["render", "SCENE", "-o", "a.gif"], "-o must end in .exr"),
+        (["render", "SCENE", "-o", "no/such/folder/a.exr"], "directory does not exist"),
+        (["render", "SCENE", "-o", "a.exr", "--spp", "0"], "spp must be"),
+        (["render", "SCENE", "-o", "a.exr", "--spp", "x"], "--spp"),
+        (["render", "SCENE", "-o", "a.exr", "--rule", "fixed:2"], "w must be in [0, 1]"),
+        (["render", "SCENE", "-o", "a.exr", "--rule", "thesis:shape=2"], "has the options"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "0x4"], "resolution"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "4"], "WIDTHxHEIGHT"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "99999x2"], "resolution"),
+        (["render", "SCENE", "-o", "a.exr", "--integrator", "bidirectional"], "invalid choice"),
+        (["render", "SCENE", "-o", "a.exr", "--max-depth", "none"], "max_depth must be a number"),
+        (["render", "SCENE", "-o", "a.exr", "--max-depth", "many"], "max-depth"),
+        (["render", "SCENE", "-o", "a.exr", "--resolution", "6000x6000"], "at most 33554432 pixels; got 6000x6000"),
+        (["info", "SCENE", "--resolution", "65536x1"], "1 to 65535 on a side"),
+        (["compare", "SCENE", "-o", "a", "--resolution", "65535x65535"], "at most 33554432 pixels"),
+        (["bench", "SCENE", "--resolution", "1x65536"], "1 to 65535 on a side"),
+        (["render", "SCENE", "-o", "a.exr", "--cluster", "-1"], "the address of a Dask scheduler, HOST:PORT"),
+        (["render", "SCENE", "-o", "a.exr", "--workers", "0"], "workers must be a whole number from 1"),
+        (["render", "SCENE", "-o", "a.exr", "--workers", "2", "--threads", "2"], "not allowed with"),
+        (["render", "SCENE", "-o", "a.exr", "--threads", "-2"], "threads"),
+        (["render", "SCENE", "-o", "a.exr", "--shading-samples", "0"], "shading_samples"),
+        (["render", "SCENE", "-o", "a.exr", "--max-depth", "0"], "max_depth"),
+        (["render", "SCENE", "-o", "a.exr", "--seed", "-1"], "seed"),
+        (["render", "SCENE", "-o", "a.exr", "--stats", "SCENE"], "must differ from each other and from the scene"),
+        (["render", "SCENE", "-o", "a.exr", "--checkpoint", "./a.exr"], "must differ from each other"),
+        (["render", "SCENE"], "-o"),
+        ([], "COMMAND"),
+    ],
+)
+def test_bad_input_ends_with_two_and_a_message(scene, tmp_path, monkeypatch, capsys, arguments, message):
+    """Bad input gives exit code 2 and the reason on standard error, no traceback and no file."""
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main([scene if a == "SCENE" else a for a in arguments])
+    except SystemExit as stop:
+        code = stop.code
+    error = capsys.readouterr().err
+    assert code == 2
+    assert message in error
+    assert "Traceback" not in error
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["scene.pbrt"]
+
+
+def test_module_runs(scene, tmp_path):
+    """``python -m dmis`` as a separate process reports an error in the scene file with its line."""
+    broken = tmp_path / "broken.pbrt"
+    broken.write_text(SCENE.replace('"plastic"', '"plastik"'))
+    process = subprocess.run(
+        [sys.executable, "-m", "dmis", "render", str(broken), "-o", str(tmp_path / "a.exr")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert process.returncode == 2
+    assert "broken.pbrt:13" in process.stderr and "plastik" in process.stderr
+    assert "Traceback" not in process.stderr
+
+
+def test_interrupt_keeps_the_checkpoint(scene, tmp_path):
+    """Ctrl-C ends with 130 and prints the command that resumes, which gives the pixels of an undisturbed render."""
+    paths = {name: str(tmp_path / name) for name in ("a.exr", "b.exr", "c")}
+    options = ["--spp", "128", "--rule", "balance", "--resolution", "320x240", "--quiet"]
+    some = 300_000  # bytes: half a dozen of eighty tiles, so that seconds of work are left when the signal comes
+    command = ["render", scene, "-o", paths["a.exr"], *options, "--checkpoint", paths["c"]]
+    # what runs in the background of a shell begins with Ctrl-C ignored, these tests perhaps among it
+    heed = """import runpy, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+runpy.run_module("dmis", run_name="__main__", alter_sys=True)"""
+    with subprocess.Popen([sys.executable, "-c", heed, *command], stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not (os.path.exists(paths["c"]) and os.path.getsize(paths["c"]) > some):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        error = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert f"finished tiles are kept in {paths['c']}" in error and "Traceback" not in error
+    assert not os.path.exists(paths["a.exr"])
+    again = shlex.split(error.splitlines()[-1])
+    assert again[:3] == ["python", "-m", "dmis"]
+    assert main(again[3:]) == 0 and not os.path.exists(paths["c"])
+    assert main(["render", scene, "-o", paths["b.exr"], *options]) == 0
+    np.testing.assert_array_equal(*(read_exr(paths[name])[0]["RGB"] for name in ("a.exr", "b.exr")))
+
+
+@pytest.mark.parametrize("option", ["-o", "--png", "--stats", "--checkpoint"])
+@pytest.mark.parametrize(
+    ("trouble", "message"),
+    [
+        ("full", r"may need .* MB, and .* has 0.0 MB left"),
+        ("folder", "is a directory"),
+        ("missing", "its directory does not exist"),
+        ("forbidden", "cannot write /proc/"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_first(scene, tmp_path, monkeypatch, capsys, option, trouble, message):
+    """A full disk, a missing folder and a missing permission are refused before the first ray, for every file."""
+    monkeypatch.setattr("dmis.pipeline.executor.Workers.render", lambda *_: pytest.fail("it has begun"))
+    for kind in ("exr", "png"):
+        (tmp_path / f"folder.{kind}").mkdir()
+    kind = "png" if option == "--png" else "exr"
+    name = {"full": "x", "folder": "folder", "missing": "no/x", "forbidden": "/proc/x"}[trouble] + f".{kind}"
+    if trouble == "full":
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
+        if option == "--checkpoint":  # let the image pass
+            monkeypatch.setattr("dmis.cli.commands.check_writable", lambda *_: None)
+    files = {"-o": str(tmp_path / "ok.exr"), option: name if name.startswith("/") else str(tmp_path / name)}
+    assert main(["render", scene, "--spp", "4", *(text for pair in files.items() for text in pair)]) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["folder.exr", "folder.png", "scene.pbrt"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "missing", "message"),
+    [
+        (["render", "SCENE", "-o", "a.exr"], "OpenEXR", "pip install OpenEXR, or write .png"),
+        (["render", "SCENE", "-o", "a.exr", "--png", "a.jpg"], "", "--png must end in .png; got a.jpg"),
+        (["compare", "SCENE", "-o", "out"], "OpenEXR", "a comparison, which keeps images as EXR, needs OpenEXR"),
+        (["compare", "SCENE", "-o", "scene.pbrt"], "", "scene.pbrt is not a directory"),
+        (["compare", "SCENE", "-o", "scene.pbrt/out"], "", "scene.pbrt is not a directory"),
+        (["compare", "SCENE", "-o", "/proc/out"], "", "cannot write into /proc/out: "),
+        (["compare", "SCENE", "-o", "taken"], "", "report.html: it is a directory"),
+        (["bench", "SCENE", "--rules", "balance,thesis", "--spp", "6"], "", "pilot's 6 camera samples of rule thesis"),
+    ],
+)
+def test_what_writing_needs_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments, missing, message):
+    """A missing package, a wrong format and a wrong folder give exit code 2 before the first ray, and no file."""
+    (tmp_path / "taken" / "report.html").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("dmis.pipeline.executor.Workers.render", lambda *_: pytest.fail("it has begun"))
+    if missing:
+        monkeypatch.setitem(sys.modules, missing, None)
+    assert main([scene if a == "SCENE" else a for a in arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error and len(error.splitlines()) == 1
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["report.html", "scene.pbrt", "taken"]
+
+
+@pytest.mark.filterwarnings("default")
+def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatch, capsys):
+    """Without matplotlib ``compare`` warns before the first ray and writes its table; with it, it adds the plots."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    words = ["--rules", "balance", "--spp", "2", "--seeds", "1", "--reference-spp", "2", "--resolution", "12x8"]
+    command = ["compare", scene, *words, "-o", str(tmp_path / "out"), "--quiet"]
+    with monkeypatch.context() as without:
+        for name in [n for n in sys.modules if n.startswith(("dmis.experiment.report", "dmis.plot"))]:
+            without.delitem(sys.modules, name)
+        without.delattr(dmis, "plot", raising=False)
+        for name in ["matplotlib", *(n for n in sys.modules if n.startswith("matplotlib."))]:
+            without.setitem(sys.modules, name, None)
+        with without.context() as stopped:
+            stopped.setattr(
+                "dmis.pipeline.executor.Workers.render", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
+            )
+            assert main(command) == 130
+        error = capsys.readouterr().err
+        assert "warning: convergence.png and report.html are left out (figures need matplotlib: pip install" in error
+        assert main(command) == 0 and capsys.readouterr().err.count("left out") == 1
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["comparison.json", "images", "results.csv"]
+    if importlib.util.find_spec("matplotlib"):
+        monkeypatch.setattr("dmis.experiment.runs.render", lambda *_, **__: pytest.fail("rendered again"))
+        assert main(command) == 0 and (tmp_path / "out" / "report.html").exists()
+
+
+def test_interrupt_without_a_checkpoint_says_how_to_keep_work(scene, tmp_path, monkeypatch, capsys):
+    """Ctrl-C without a checkpoint ends with 130 and prints a command with --checkpoint that runs as it is."""
+    out = str(tmp_path / "a b.exr")
+    command = ["render", scene, "-o", out, "--spp", "2", "--rule", "balance", "--quiet", "--resolution", "12x8"]
+    with monkeypatch.context() as stopped:
+        stopped.setattr("dmis.pipeline.executor.Workers.render", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        assert main(command) == 130
+    first, again = capsys.readouterr().err.splitlines()
+    assert first.startswith("dmis: interrupted; nothing is kept. With --checkpoint finished tiles are kept")
+    words = shlex.split(again)
+    assert words == ["python", "-m", "dmis", *command, "--checkpoint", str(tmp_path / "a b.checkpoint")]
+    assert main(words[3:]) == 0 and os.path.exists(out)

@@ -1,0 +1,152 @@
+"""``--plugin FILE.py``: names of a user's own on the command line, and what is said where the file is wrong."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import dmis
+from dmis.base import plugins
+from dmis.cli.commands import main
+from dmis.fit.registry import RULES
+from dmis.image import read_exr
+
+PLUGIN = """
+from dataclasses import dataclass
+import dmis
+
+@dataclass(frozen=True)
+class Third:
+    pilot = {}
+    settings = {}
+    w: float = 0.25
+
+    def fit(self, pilot):
+        return dmis.Fit(self.w)
+
+dmis.register_rule("third", Third)
+"""
+SMALL = ("--resolution", "16x12", "--plugin")
+
+
+@pytest.fixture(autouse=True)
+def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Leave the tables, modules and search path as they were."""
+    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    rules = dict(RULES)
+    yield
+    RULES.clear()
+    RULES.update(rules)
+    for name in [name for name in sys.modules if name.startswith("my_")]:
+        del sys.modules[name]
+
+
+def write(folder: Path, text: str = PLUGIN, name: str = "my_rules.py") -> str:
+    path = folder / name
+    path.write_text(text, "utf-8")
+    return str(path)
+
+
+def command(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a Python of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(dmis.__file__).parent.parent)}
+    words = [sys.executable, "-m", "dmis", *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, env=environment, timeout=120)
+
+
+def test_render_knows_a_rule_of_a_plugin(tmp_path: Path) -> None:
+    """By its name, with its options; threads and processes render the same image."""
+    weights = []
+    for where in ("--threads", "--workers"):
+        out = tmp_path / f"{where[2:]}.exr"
+        rule = ("--rule", "third:w=0.5", "--spp", 4, where, 2)
+        done = command("render", "teapot-area-light", "-o", out, *rule, *SMALL, write(tmp_path))
+        assert (done.returncode, done.stderr) == (0, "")
+        weights.append(read_exr(out)[0])
+    balance = dmis.render(dmis.load_scene("teapot-area-light", resolution=(16, 12)), "balance", 4)
+    for layers in weights:
+        assert (layers["RGB"] == balance.image).all() and (layers["weight"] == 0.5).all()
+
+
+TECHNIQUE = """
+from dataclasses import replace
+import dmis
+from dmis.estimator.technique import LIGHT
+dmis.register_technique(replace(LIGHT, name="again", rays="again"))
+"""
+
+
+def render_again(tmp_path: Path, *where: object) -> None:
+    """Render with the technique that a plugin registers: it is looked up by its name in each process."""
+    out, plugin = tmp_path / "a.exr", write(tmp_path, TECHNIQUE, "my_technique.py")
+    rule = ("--rule", "simplex:again=0.5,brdf=0.5", "--spp", 4)
+    done = command("render", "teapot-area-light", "-o", out, *rule, *where, *SMALL, plugin)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_worker_processes_know_what_a_plugin_registers(tmp_path: Path) -> None:
+    render_again(tmp_path, "--workers", 1)
+
+
+def test_a_cluster_knows_what_a_plugin_registers(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as local:
+        render_again(tmp_path, "--cluster", local.scheduler_address)
+
+
+def test_every_command_has_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """`compare` and `bench` measure the rule; `info` takes the option, which may be repeated."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    plugin, other = write(tmp_path), write(tmp_path, "import my_rules\nprint('second')", "my_second.py")
+    options = ("--rules", "third", "--spp", "4", *SMALL, plugin)
+    compared = ("compare", "teapot-area-light", "--seeds", "2", "--reference-spp", "4", "-o", str(tmp_path / "out"))
+    assert main([*compared, *options]) == 0
+    assert "| 4 | third |" in capsys.readouterr().out
+    assert main(["bench", "teapot-area-light", "--repeats", "1", *options]) == 0
+    assert "| teapot-area-light | third |" in capsys.readouterr().out
+    assert main(["info", "--plugin", plugin, "--plugin", other]) == 0
+    assert capsys.readouterr().out.startswith("second\ndmis ")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("absent.py", None, r"no such plugin: .*absent\.py; a plugin must be a Python file"),
+        ("my_rules.txt", "", r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt"),
+        ("my-rules.py", "", r"a plugin must be .* with a name such as my_rule\.py; got .*my-rules\.py"),
+        ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: /.*"),
+        ("sys.py", "", r"plugin .*sys\.py must have another name, because sys is a Python module already: built-in"),
+        ("my_rules.py", "a = 1\nb = = 2\n", r"plugin .*my_rules\.py, line 2, is not Python: invalid syntax"),
+        ("my_rules.py", "a\0b", r"plugin .*my_rules\.py, line 1, is not Python: .*null bytes"),
+        ("my_rules.py", "\n\n1 / 0\n", r"plugin .*my_rules\.py, line 3: ZeroDivisionError: division by zero"),
+        (
+            "my_rules.py",
+            "import dmis\ndmis.make_rule('nix')\n",
+            r"plugin .*, line 2: ValueError: rule must be one of .*",
+        ),
+        ("my_rules.py", "import no_such_package\n", r"plugin .*, line 1: ModuleNotFoundError: No module named .*"),
+        ("my_rules.py", "raise SystemExit(0)\n", r"plugin .*, line 1: SystemExit: 0"),
+    ],
+)
+def test_errors_name_the_file_and_the_line(tmp_path: Path, capsys, name: str, text: str | None, message: str) -> None:
+    """Exit code 2 and one line; the file can be mended and loaded then."""
+    path = str(tmp_path / name) if text is None else write(tmp_path, text, name)
+    before = list(sys.path)
+    assert main(["info", "--plugin", path]) == 2
+    out, error = capsys.readouterr()
+    assert out == "" and re.fullmatch(f"dmis: error: {message}\n", error)
+    assert sys.path == before and "my_rules" not in sys.modules
+    assert plugins.loaded_plugins() == ()
+
+
+def test_a_plugin_is_loaded_once(tmp_path: Path, capsys) -> None:
+    plugin = write(tmp_path, "print('loaded')")
+    assert main(["info", "--plugin", plugin, "--plugin", os.path.relpath(plugin)]) == 0
+    assert capsys.readouterr().out.count("loaded") == 1

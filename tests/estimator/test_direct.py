@@ -1,0 +1,289 @@
+"""Direct lighting: closed forms, agreement of all ways to estimate it, mirrors, emission, rays by kind."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import FLOOR, Z_LIMIT, box_scene, means, tile_of, z_score
+
+from dmis import render
+from dmis.base.vectors import Array
+from dmis.brdf.materials import Material, glass, matte, metal, mirror, plastic, substrate
+from dmis.geometry.shapes import quad, sphere
+from dmis.light.area import DiskLight, QuadLight, SphereLight
+from dmis.light.delta import PointLight
+from dmis.light.environment import EnvironmentLight
+from dmis.scene.groups import Part
+
+SHARES = (0.0, 0.25, 0.5, 1.0)
+BLACK = Material(())
+
+
+# Closed forms -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("albedo", [0.25, 1.0])
+def test_furnace(albedo: float) -> None:
+    """A white plane under a constant sky reflects albedo times its radiance, sample by sample with cosine sampling.
+
+    Every term cancels, so that only float32 rounding is left.
+    """
+    scene = box_scene(matte(albedo), (EnvironmentLight(np.full((1, 1, 3), 3.0)),), resolution=(4, 4), fov=20)
+    np.testing.assert_allclose(tile_of(scene, w=0.0)[0], 3 * albedo, rtol=1e-5)
+
+
+@pytest.mark.parametrize("w", SHARES[1:])
+@pytest.mark.parametrize("size", [(1, 1, 3), (16, 32, 3)])
+def test_furnace_in_the_mean(w: float, size: tuple[int, int, int]) -> None:
+    """With light samples in the mixture the same holds in the mean."""
+    scene = box_scene(matte(0.5), (EnvironmentLight(np.full(size, 2.0)),), resolution=(4, 4), fov=20)
+    assert abs(z_score(means(scene, range(200), w=w), 1.0)) < Z_LIMIT
+
+
+@pytest.mark.parametrize("w", SHARES)
+def test_disk_above_a_plane(w: float) -> None:
+    """Under a parallel disk: ``L_r = albedo L sin^2`` of its half angle."""
+    light = DiskLight((0, 0, 2), (0, 0, -1), 1.5, (4, 4, 4))
+    scene = box_scene(matte(0.5), (light,), resolution=(2, 2), fov=0.01)
+    expected = 0.5 * 4 * 1.5**2 / (1.5**2 + 2**2)
+    assert abs(z_score(means(scene, range(300), 16, w=w), expected)) < Z_LIMIT
+
+
+def test_point_light_by_hand() -> None:
+    """``L_r = albedo / pi * I cos / d^2``, without noise."""
+    light = PointLight((0.0, 1.0, 2.0), (10.0, 20.0, 30.0))
+    scene = box_scene(matte(0.5), (light,), resolution=(2, 2), fov=1e-3)
+    expected = 0.5 / np.pi * np.array([10, 20, 30]) / 5 * (2 / np.sqrt(5))
+    # the pixel is 4e-5 of the distance wide
+    np.testing.assert_allclose(tile_of(scene)[0], np.broadcast_to(expected, (2, 2, 3)), rtol=1e-4)
+
+
+# Agreement ----------------------------------------------------------------------------------------------------------
+
+LAMP = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
+BALL = Part(
+    sphere(0.35, segments=24).transformed([[1, 0, 0, 0.3], [0, 1, 0, 0.1], [0, 0, 1, 0.4], [0, 0, 0, 1]]), plastic()
+)
+SKY = np.random.default_rng(1).random((8, 16, 3)) ** 4
+SCENES = {
+    "quad on glossy": box_scene(
+        plastic(0.3, 0.4, 0.02), (LAMP,), (Part(quad((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0)), BLACK, LAMP), BALL)
+    ),
+    "sphere on metal": box_scene(metal(roughness=0.01), (SphereLight((0.2, 1.2, 1.0), 0.3, (9, 9, 9)),), (BALL,)),
+    "sky on substrate": box_scene(substrate(0.4, 0.4, 0.05, 0.2), (EnvironmentLight(SKY),), (BALL,)),
+    "three lights": box_scene(
+        matte(0.6, 20),
+        (LAMP, DiskLight((-2, 0, 1), (1, 0, -0.5), 0.4, (10, 5, 2)), PointLight((1, -1, 2), (3, 3, 3))),
+        (BALL,),
+    ),
+    "glass before the floor": box_scene(
+        matte(0.5), (LAMP,), (Part(quad((-1, -1, 0.8), (2, 0, 0), (0, 0.6, 0)), glass()),)
+    ),
+}
+WAYS = {
+    "w=0": {"w": 0.0},
+    "w=1/4": {"w": 0.25},
+    "w=1": {"w": 1.0},
+    "w=0.9, three samples": {"w": 0.9, "shading_samples": 3},
+    "one-sample": {"allocation": "random", "shading_samples": 1},
+    "random 1/4": {"w": 0.25, "allocation": "random"},
+    "power": {"combiner": "power"},
+    "power 1/4": {"combiner": "power", "w": 0.25},
+    "maximum": {"combiner": "maximum"},
+    "cutoff": {"combiner": "cutoff-0.3"},
+    "frozen 1/4": {"combiner": "frozen", "w": 0.25},
+    "frozen 0.9, three samples": {"combiner": "frozen", "w": 0.9, "shading_samples": 3},
+    "controlled": {"beta": 0.3},
+    "controlled 1/4": {"beta": -0.2, "w": 0.25},
+    "controlled, random 0.8": {"beta": 0.2, "w": 0.8, "allocation": "random"},
+    "controlled, one light": {"beta": 0.2, "w": 0.7, "lights": "one"},
+    "one light": {"lights": "one"},
+    "stratified": {"sampler": "stratified", "w": 0.25},
+    "sobol": {"sampler": "sobol", "w": 0.25},
+    "sobol 1/2": {"sampler": "sobol"},
+    "uniform and brdf": {"techniques": ("uniform", "brdf")},
+    "light and uniform": {"techniques": ("light", "uniform")},
+    "resampled and brdf": {"techniques": ("resampled", "brdf")},
+    "resampled alone, sobol": {"techniques": ("resampled", "brdf"), "w": 1.0, "sampler": "sobol"},
+    "light and resampled, stratified": {"techniques": ("light", "resampled"), "w": 0.3, "sampler": "stratified"},
+    "resampled 3/4, power": {"techniques": ("brdf", "resampled"), "w": 0.25, "combiner": "power"},
+}
+
+
+@pytest.fixture(scope="module")
+def balanced() -> dict[str, Array]:
+    """Image means of w = 1/2 and the balance heuristic, more seeds than are compared with them."""
+    return {name: means(scene, range(1000, 1120)) for name, scene in SCENES.items()}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", SCENES)
+def test_all_ways_agree(balanced: dict[str, Array], name: str, way: str) -> None:
+    """Every mixture, heuristic, allocation, sampler and technique has the same mean, by a z-test over seeds."""
+    assert abs(z_score(means(SCENES[name], range(30), **WAYS[way]), balanced[name])) < Z_LIMIT
+
+
+def test_two_techniques_alone_agree_pixel_by_pixel() -> None:
+    """Light and BRDF sampling alone: a z-test in each of 256 pixels, with Šidák's level over the pixels."""
+    scene = SCENES["quad on glossy"]
+    images = [np.stack([tile_of(scene, seed, 32, w)[0].mean(axis=2) for seed in range(60)]) for w in (0.0, 1.0)]
+    a, b = (image.mean(axis=0) for image in images)
+    error2 = sum(image.var(axis=0, ddof=1) / 60 for image in images)
+    # where a cosine sample in ten thousand meets the lamp, 60 means are far from normal: only lit pixels are compared
+    lit = b > 0.02 * b.max()
+    assert lit.sum() > 100
+    # skewed means are normal near the middle only: 6 is past Šidák's 5.3 for 256 pixels
+    assert np.abs((a - b)[lit] / np.sqrt(error2[lit])).max() < 6
+
+
+# Mirrors and emission -----------------------------------------------------------------------------------------------
+
+
+def lamp_part(light: QuadLight, material: Material = BLACK) -> Part:
+    return Part(quad(light.corner, light.edge_u, light.edge_v), material, light)
+
+
+def test_mirror_shows_the_emitter() -> None:
+    """A mirror shows the lamp's radiance times the reflectance, and 0 beside it: exactly, for deltas have no noise."""
+    lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))  # a wall behind the mirror, facing -y
+    scene = box_scene(mirror((0.5, 0.25, 1.0)), (lamp,), (lamp_part(lamp),), eye=(0, -2, 2), fov=1.0)
+    image, rays = tile_of(scene, spp=4)
+    np.testing.assert_allclose(image, np.broadcast_to([1.5, 0.5, 1.0], image.shape), rtol=1e-6)
+    assert rays == {"camera": 16 * 16 * 4, "specular": 16 * 16 * 4}
+    beside = box_scene(mirror(), (lamp,), (lamp_part(lamp),), eye=(3, -2, 2), target=(3, 0, 0), fov=1.0)
+    assert not tile_of(beside, spp=4)[0].any()
+
+
+def test_max_depth_one_stops_at_the_mirror() -> None:
+    """With one surface allowed the mirror is black; with two it shows what it faces, not what that reflects."""
+    lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))
+    scene = box_scene(mirror(), (lamp,), (lamp_part(lamp),), eye=(0, -2, 2), fov=1.0)
+    assert not tile_of(scene, max_depth=1)[0].any()
+    assert tile_of(scene, max_depth=2)[0].all()
+
+
+def test_glass_pane_conserves_what_passes() -> None:
+    """A pane of two surfaces before a constant sky: 1 + 2 + ... reflections up to the depth, at most the sky itself."""
+    sky = EnvironmentLight(np.ones((1, 1, 3)))
+    x, y = (80, 0, 0), (0, 80, 0)
+    pane = tuple(Part(quad((-40, -40, z), *sides), glass()) for z, sides in ((1, (x, y)), (0.5, (y, x))))
+    scene = replace(box_scene(matte(0), (sky,)), parts=pane)
+    image, _ = tile_of(scene, spp=2, max_depth=8)
+    assert image.max() <= 1 + 1e-5
+    # F = 5 % at 34 degrees: what is still inside after 8 surfaces is less than F^3
+    assert image.min() > 0.999
+
+
+@pytest.mark.parametrize("side, expected", [(-1.0, (3.0, 2.0, 1.0)), (1.0, (0.0, 0.0, 0.0))])
+def test_emission_is_one_sided(side: float, expected: tuple[float, float, float]) -> None:
+    """The lamp shines on the side of ``edge_u x edge_v``; its back is black."""
+    lamp = QuadLight((-2, 0, -2), (4, 0, 0), (0, 0, 4), (3, 2, 1))  # facing -y
+    scene = replace(box_scene(lights=(lamp,), eye=(0, 3 * side, 0), fov=10), parts=(lamp_part(lamp),))
+    np.testing.assert_array_equal(tile_of(scene)[0], np.broadcast_to(np.float32(expected), (16, 16, 3)))
+
+
+def test_nothing_arrives_from_behind_a_lamp() -> None:
+    """A floor on a lamp's dark side stays black, whichever technique looks for it."""
+    lamp = QuadLight((-1, -1, 1), (2, 0, 0), (0, 2, 0), (5, 5, 5))  # facing up
+    scene = box_scene(matte(0.5), (lamp,), eye=(0, -3, 0.5))
+    for w in SHARES:
+        assert not tile_of(scene, w=w)[0].any()
+
+
+def test_occluder_makes_shadow() -> None:
+    """A black sheet between lamp and floor leaves nothing."""
+    sheet = Part(quad((-4, -4, 1.0), (8, 0, 0), (0, 8, 0)), BLACK)
+    scene = box_scene(matte(0.5), (LAMP,), (sheet,), eye=(0, -3, 0.5))
+    for w in SHARES:
+        assert not tile_of(scene, w=w)[0].any()
+
+
+def test_headlight_needs_no_shadow_rays() -> None:
+    """A point light at the pinhole lights what it lights a little beside it, without the shadow rays."""
+    eye = (0.0, -3.0, 2.0)
+    images = []
+    for x, traced in ((0.0, False), (1e-4, True)):
+        light = PointLight((eye[0] + x, *eye[1:]), (10, 10, 10))
+        image, rays = tile_of(box_scene(matte(0.5), (light,), (BALL,), eye=eye))
+        images.append(image)
+        assert (rays["delta"] > 0) == traced and not rays["shadow"]
+    # at the ball's silhouette, moved by 1e-4, some samples of a pixel fall into shadow
+    close = np.isclose(*images, rtol=1e-3).all(axis=2)
+    assert close.mean() > 0.95
+    assert np.mean(images[0]) == pytest.approx(np.mean(images[1]), rel=2e-3)
+
+
+@pytest.mark.parametrize("height, least, most", [(0.4, 1, 1), (0.55, 0.6, 0.95), (0.72, 0.05, 0.4), (0.8, 0, 0)])
+@pytest.mark.parametrize("material", [matte(0.5), plastic(0.3, 0.4, 0.02), substrate(0.2, 0.3, 0.1, 0.1)])
+def test_shadow_of_a_point_light_is_sharp(material: Material, height: float, least: float, most: float) -> None:
+    """Behind a wall that hides the light from none, few, most or all of the floor, each camera sample has the light
+    that it has without the wall, or nothing.
+    """
+    light = PointLight((3.0, 0.0, 1.0), (10, 10, 10))
+    wall = Part(quad((2, -9, 0), (0, 18, 0), (0, 0, height)), BLACK)
+    options = {"resolution": (32, 4), "fov": 6, "eye": (0.0, -0.5, 3.0)}
+    free, blocked = (tile_of(box_scene(material, (light,), parts, **options), spp=1)[0] for parts in ((), (wall,)))
+    assert (free > 0).all()
+    lit = blocked[..., 0] > 0
+    np.testing.assert_allclose(blocked[lit], free[lit], rtol=1e-4)  # offsets of rays grow with the scene
+    assert not blocked[~lit].any() and least <= lit.mean() <= most
+
+
+# Rays ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("w, shadow, brdf", [(1.0, 2, 0), (0.5, 1, 1), (0.0, 0, 2), (0.25, 0.5, 1.5)])
+def test_rays_by_kind(w: float, shadow: float, brdf: float) -> None:
+    """Under a sky all over the hemisphere each shading sample is one ray, but for what points below the floor.
+
+    The floor is all that the camera sees, so camera rays are its samples; the division is ``2 w : 2 (1 - w)``.
+    """
+    scene = box_scene(matte(0.5), (EnvironmentLight(np.ones((1, 1, 3))),), fov=20)
+    n = 16 * 16 * 64
+    rays = tile_of(scene, spp=64, w=w)[1]
+    assert rays["camera"] == n and set(rays) <= {"camera", "shadow", "brdf"}
+    assert rays["brdf"] == pytest.approx(brdf * n, rel=1e-3)
+    # half of the light's samples come from below
+    assert rays["shadow"] == pytest.approx(shadow * n / 2, rel=0.03)
+
+
+def test_directions_that_miss_the_light_cost_no_ray() -> None:
+    """BRDF samples towards nothing are not traced: a small lamp costs few rays."""
+    scene = box_scene(matte(0.5), (DiskLight((0, 0, 5), (0, 0, -1), 0.1, (9, 9, 9)),), fov=20)
+    rays = tile_of(scene, spp=64, w=0.0)[1]
+    assert 0 < rays["brdf"] < 0.01 * rays["camera"]
+
+
+@pytest.mark.parametrize("rule", ["balance", "fixed:0.25", "thesis", "one-sample"])
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol"])
+def test_threads_do_not_matter(rule: str, sampler: str) -> None:
+    """One thread or two: bit-identical images, weights and ray counts. The image is four tiles."""
+    scene = box_scene(plastic(), (LAMP,), (BALL,), resolution=(40, 36))
+    one, two = (render(scene, rule, 20, seed=3, sampler=sampler, threads=n) for n in (1, 2))
+    np.testing.assert_array_equal(one.image, two.image)
+    np.testing.assert_array_equal(one.weight, two.weight)
+    assert one.rays == two.rays
+
+
+@pytest.mark.parametrize("points", [1, 7, 300])
+def test_points_shaded_apart_or_together(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The image does not depend on how many points of a group are shaded at a time: Sobol numbers belong to samples.
+
+    Seven at a time, some batches have one direction that meets a light, and it may be in the ball's shadow.
+    """
+    lights = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3)), PointLight((1, -1, 2), (3, 3, 3))
+    scene = box_scene(plastic((0.4, 0.3, 0.2), 0.3, 0.1), lights, (Part(sphere(0.5), matte(0.5)),))
+    options: dict[str, Any] = {"spp": 8, "w": 0.3, "sampler": "sobol"}
+    together = tile_of(scene, **options)[0]
+    monkeypatch.setattr("dmis.estimator.batching.POINTS", points)
+    np.testing.assert_allclose(tile_of(scene, **options)[0], together, rtol=1e-5)
+
+
+def test_floor_is_seen() -> None:
+    """The scenes here look at their floor: a test of the tests."""
+    scene = box_scene(fov=20)
+    origin = np.repeat(scene.camera.origin, 4, axis=1)
+    direction = scene.camera.rays(np.float32([0, 16, 0, 16]), np.float32([0, 0, 16, 16]))
+    assert (scene.intersector.closest(origin, direction).prim >= 0).all()
+    assert FLOOR.triangles == 2

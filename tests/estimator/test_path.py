@@ -1,0 +1,265 @@
+"""Path tracing: furnaces with closed forms, a sum over bounces by brute force, all rules, with and without roulette."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers import LEVEL, Z_LIMIT, box_scene, z_score
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.materials import Material, glass, matte, mirror, plastic
+from dmis.estimator import path
+from dmis.estimator.path import Rays, merge
+from dmis.estimator.settings import Settings
+from dmis.fit.rule import Fit, Rule
+from dmis.geometry.shapes import quad, sphere
+from dmis.light.area import MeshLight, QuadLight
+from dmis.light.delta import PointLight
+from dmis.light.environment import EnvironmentLight
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene
+
+LAMP = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
+WALLS = (
+    Part(quad((-4, 1, 0), (8, 0, 0), (0, 0, 4)), matte((0.8, 0.3, 0.2))),
+    Part(quad((-1.5, -4, 0), (0, 8, 0), (0, 0, 4)), matte((0.2, 0.7, 0.3))),
+)
+ROOM = box_scene(plastic(0.5, 0.3, 0.1), (LAMP,), WALLS, resolution=(12, 12))
+
+
+def means(scene: Scene, rule: Rule | str, seeds: range, spp: int = 16, **settings: object) -> Array:
+    """Mean over the image for each seed."""
+    chosen = Settings(integrator="path", **settings)
+    return np.array([dmis.render(scene, rule, spp, seed=s, settings=chosen, threads=1).image.mean() for s in seeds])
+
+
+def furnace(albedo: float, extra: tuple[Part, ...] = ()) -> Scene:
+    """Inside a white sphere in whose middle a small light without a surface shines equally everywhere."""
+    ball = sphere(1.0, segments=64)
+    inside = replace(ball, faces=ball.faces[:, ::-1].copy(), normals=None)  # shading normals would lose light
+    camera = Camera.look_at((0, 0, 0), (1, 0, 0), fov=60, resolution=(8, 8))
+    return Scene(camera, (Part(inside, matte(albedo)), *extra), (PointLight((0, 0, 0), (1.0, 1.0, 1.0)),))
+
+
+@pytest.mark.parametrize("depth", [1, 2, 5, 40])
+def test_furnace(depth: int) -> None:
+    """Each bounce sends ``albedo`` of the radiance on: the sum of a geometric series, at every depth.
+
+    Roulette is noise here: the throughput is 0.99 to some power.
+    """
+    one = means(furnace(0.99), "balance", range(4), max_depth=1).mean()
+    found = means(furnace(0.99), "balance", range(12), 32, max_depth=depth)
+    expected = one * (1 - 0.99**depth) / 0.01
+    # a sphere of flat triangles is not quite even inside: each bounce is right to 1e-3 of itself
+    assert abs(found.mean() / expected - 1) < 2e-3 + Z_LIMIT * found.std(ddof=1) / np.sqrt(12) / expected
+
+
+def test_a_thousand_bounces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At albedo 0.99, 1,000 bounces give 99.9957 of one: without roulette there is no drift."""
+    monkeypatch.setattr(path, "ROULETTE", 10**9)
+    one = means(furnace(0.99), "balance", range(4), max_depth=1).mean()
+    found = means(furnace(0.99), "balance", range(1), 4, max_depth=1000)
+    assert found[0] / one == pytest.approx(99.9957, rel=2e-3)
+
+
+def test_a_convex_white_body_under_a_white_sky() -> None:
+    """Nothing it sends away comes back: paths end in the sky, at any depth they are direct lighting."""
+    scene = box_scene(matte(0.5), (EnvironmentLight(np.full((1, 1, 3), 2.0)),), resolution=(4, 4), fov=20)
+    assert abs(z_score(means(scene, "balance", range(60), max_depth=None), 1.0)) < Z_LIMIT
+
+
+def test_depth_one_is_direct_lighting() -> None:
+    """To the last bit where no number is drawn for what comes after."""
+    path, direct = (
+        dmis.render(ROOM, "balance", 8, seed=1, settings=Settings(integrator=integrator, max_depth=1)).image
+        for integrator in ("path", "direct")
+    )
+    np.testing.assert_array_equal(path, direct)
+
+
+def test_two_bounces_by_brute_force() -> None:
+    """D = 2 less D = 1 is the light of one more bounce: uniform directions, whose direct light is computed apart."""
+    scene = box_scene(matte(0.6), (LAMP,), WALLS, resolution=(6, 6))
+    second = means(scene, "balance", range(60), max_depth=2) - means(scene, "balance", range(60, 120), max_depth=1)
+    values = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        camera = scene.camera
+        n = 6 * 6 * 16
+        u = rng.random((2, n), dtype=np.float32)
+        y, x = (a.reshape(-1).repeat(16).astype(np.float32) for a in np.mgrid[:6, :6])
+        direction = camera.rays(x + u[0], y + u[1])
+        total = np.zeros(n)
+        origin, weight = np.repeat(camera.origin, n, axis=1), np.ones((3, n), np.float32)
+        total = _direct_after_one(scene, origin, direction, weight, rng)
+        values.append(total)
+    assert abs(z_score(second, np.array(values))) < Z_LIMIT
+
+
+def _direct_after_one(scene: Scene, origin: Array, direction: Array, weight: Array, rng: np.random.Generator) -> float:
+    """Mean light of the second bounce: a uniform direction at the first surface, a point on the lamp at the second."""
+    n = direction.shape[1]
+    p, normal, albedo, hit = _look(scene, origin, direction)
+    z, phi = rng.random((2, n))
+    r = np.sqrt(1 - z * z)
+    d = np.stack([r * np.cos(2 * np.pi * phi), r * np.sin(2 * np.pi * phi), z])
+    helper = np.where(np.abs(normal[0]) > 0.5, np.array([[0.0], [1], [0]]), np.array([[1.0], [0], [0]]))
+    s = np.cross(helper, normal, axis=0)
+    s /= np.linalg.norm(s, axis=0)
+    t = np.cross(normal, s, axis=0)
+    wi = s * d[0] + t * d[1] + normal * d[2]
+    value = albedo / np.pi * z * 2 * np.pi * hit
+    p, normal, albedo, hit = _look(scene, (p + 1e-4 * normal).astype(np.float32), wi.astype(np.float32))
+    value = value * albedo / np.pi * hit
+    p = p + 1e-4 * normal
+    u, v = rng.random((2, n))
+    to = np.array(LAMP.corner)[:, None] + np.outer(LAMP.edge_u, u) + np.outer(LAMP.edge_v, v) - p
+    distance = np.linalg.norm(to, axis=0)
+    to /= distance
+    emitting = np.cross(LAMP.edge_u, LAMP.edge_v)
+    area = np.linalg.norm(emitting)
+    cosines = np.maximum((to * normal).sum(axis=0), 0) * np.maximum(-(emitting / area) @ to, 0)
+    free = ~scene.intersector.occluded(
+        p.astype(np.float32), to.astype(np.float32), (distance * 0.999).astype(np.float32)
+    )
+    return float((value * (4 * area * cosines / distance**2 * free)).mean())
+
+
+def _look(scene: Scene, origin: Array, direction: Array) -> tuple[Array, Array, Array, Array]:
+    """Positions, normals on the viewer's side, albedos, and whether something was met."""
+    hits = scene.intersector.closest(origin, direction)
+    corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in scene.parts])
+    colour = np.concatenate(
+        [
+            np.tile(np.broadcast_to(c, 3), (len(part.mesh.faces), 1))
+            for part, c in zip(scene.parts, COLOURS, strict=True)
+        ]
+    )
+    a, b, c = corners[hits.prim].transpose(1, 2, 0)
+    normal = np.cross(b - a, c - a, axis=0)
+    normal /= np.linalg.norm(normal, axis=0)
+    normal *= -np.sign((normal * direction).sum(axis=0))
+    return a + hits.u * (b - a) + hits.v * (c - a), normal, colour[hits.prim].T, hits.prim >= 0
+
+
+COLOURS = (0.6, (0.8, 0.3, 0.2), (0.2, 0.7, 0.3))
+
+
+@pytest.mark.parametrize(
+    "rule", ["fixed:0.1", "fixed:1", "pbrt", "one-sample", "resampled", "thesis", "second-moment", "neyman", "auto"]
+)
+def test_rules_agree(rule: str) -> None:
+    """A room of colours: the mean stays, whatever the weights, at any depth."""
+    for depth in (3, None):
+        a = means(ROOM, rule, range(24), 32, max_depth=depth)
+        b = means(ROOM, "balance", range(100, 148), 32, max_depth=depth)
+        assert abs(z_score(a, b)) < Z_LIMIT
+
+
+@pytest.mark.parametrize(
+    "rule",
+    ["fixed:0", "fixed:1", "fixed:0.3", "balance", "pbrt", "one-sample", "resampled", "thesis", "linear"]
+    + ["second-moment", "auto"],
+)
+def test_furnace_of_an_emitting_sphere(rule: str) -> None:
+    """Inside a wall that emits 1 and reflects a, the radiance is 1 + a + ... + a^D: every sample meets the light."""
+    ball = sphere(1.0, segments=16)
+    inside = replace(ball, faces=ball.faces[:, ::-1].copy(), normals=None)
+    light = MeshLight(inside.vertices, inside.faces, (1.0, 1.0, 1.0))
+    camera = Camera.look_at((0.2, 0, 0), (1, 0.3, 0), fov=60, resolution=(4, 4))
+    scene = Scene(camera, (Part(inside, matte(0.6), light),), (light,))
+    for depth in (1, 2, 5, None):
+        expected = (1 - 0.6 ** (np.inf if depth is None else depth + 1)) / 0.4
+        found = means(scene, rule, range(20), 16, max_depth=depth)
+        # a technique alone has no noise here at one bounce, but that of rounding
+        limit = scipy.stats.t.isf(LEVEL / 2, len(found) - 1)
+        assert abs(found.mean() - expected) < limit * found.std(ddof=1) / np.sqrt(len(found)) + 1e-5 * expected
+
+
+def test_roulette_is_unbiased(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the first bounce on, or never: the same mean."""
+    found = []
+    for first in (0, 10**9):
+        monkeypatch.setattr(path, "ROULETTE", first)
+        found.append(means(ROOM, "balance", range(40), max_depth=6))
+    assert abs(z_score(*found)) < Z_LIMIT
+
+
+@pytest.mark.parametrize("material", [mirror(0.8), glass(), Material((*mirror(0.4).lobes, *matte(0.4).lobes))])
+def test_one_lobe_of_many(material: Material) -> None:
+    """Paths take one lobe at random, direct lighting all: with black walls around, the same image in the mean."""
+    black = tuple(replace(part, material=matte(0.0)) for part in WALLS)
+    floor = Part(quad((-1, -1, 0.3), (2, 0, 0), (0, 2, 0)), material)
+    scene = box_scene(matte(0.0), (LAMP,), (*black, floor), resolution=(12, 12))
+    found = [
+        [
+            dmis.render(
+                scene, "balance", 32, seed=s, settings=Settings(integrator=kind, max_depth=4), threads=1
+            ).image.mean()
+            for s in range(first, first + 30)
+        ]
+        for first, kind in ((0, "path"), (100, "direct"))
+    ]
+    if np.std(found[1]) == np.std(found[0]) == 0:
+        assert found[0] == found[1]
+    else:
+        assert abs(z_score(*map(np.array, found))) < Z_LIMIT
+
+
+def test_lamp_in_a_mirror_counts_and_elsewhere_does_not() -> None:
+    """What a delta lobe meets shines; what a BRDF sample meets has been counted where it was drawn."""
+    lamp = QuadLight((-1, 2, 1), (2, 0, 0), (0, 0, 2), (3, 2, 1))
+    shape = Part(quad(lamp.corner, lamp.edge_u, lamp.edge_v), Material(()), lamp)
+    settings = Settings(integrator="path", max_depth=1)
+    scene = box_scene(mirror((0.5, 0.25, 1.0)), (lamp,), (shape,), eye=(0, -2, 2), fov=1.0)
+    image = dmis.render(scene, "balance", 4, settings=settings).image
+    np.testing.assert_allclose(image, np.broadcast_to([1.5, 0.5, 1.0], image.shape), rtol=1e-6)
+    floor = box_scene(matte(0.5), (lamp,), (shape,))
+    a, b = (means(floor, "balance", range(k, k + 40), max_depth=depth) for k, depth in ((0, 1), (100, 8)))
+    assert abs(z_score(a, b)) < Z_LIMIT  # the lamp reflects nothing
+
+
+@dataclass(frozen=True)
+class Checkered:
+    """Every other pixel has nearly all light samples, the rest nearly none."""
+
+    pilot: Mapping[float, int] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def fit(self, pilot: Mapping[float, Any]) -> Fit:
+        height, width = ROOM.camera.resolution
+        return Fit((0.1 + 0.8 * (np.indices((height, width)).sum(axis=0) % 2)).astype(np.float32))
+
+
+def test_shares_stay_with_their_paths() -> None:
+    """Where rays of several groups have become one batch, each still divides its shading samples as its pixel does."""
+    a = means(ROOM, Checkered(), range(24), 32, max_depth=3)
+    b = means(ROOM, "balance", range(100, 148), 32, max_depth=3)
+    assert abs(z_score(a, b)) < Z_LIMIT
+
+
+def test_one_batch_per_bounce() -> None:
+    """Rays of several groups become one batch."""
+    a = Rays(
+        np.zeros((3, 2)), np.full((3, 2), 1.0), np.array([1, 4]), np.ones((3, 2)), 1, (1,), np.array([True, False])
+    )
+    b = Rays(np.ones((3, 2)), np.full((3, 2), 2.0), np.array([0, 3]), np.ones((3, 2)), 1, (1,), False)
+    both = merge([a, b], 5)
+    assert list(both.sample) == [1, 4, 0, 3] and list(both.direction[0]) == [1, 1, 2, 2]
+    assert list(both.sees) == [True, False, False, False]
+    rays = dmis.render(ROOM, "balance", 4, settings=Settings(integrator="path", max_depth=3)).rays
+    assert set(rays) == {"camera", "bounce 1", "bounce 2", "shadow", "brdf"}
+    assert rays["camera"] >= rays["bounce 1"] > rays["bounce 2"] > 0
+
+
+def test_unbounded_paths_are_for_paths() -> None:
+    """Mirrors that face each other would never end."""
+    with pytest.raises(ValueError, match="max_depth must be a number with integrator direct"):
+        Settings(max_depth=None)
+    with pytest.raises(ValueError, match="integrator must be auto or direct or path"):
+        Settings(integrator="photon")

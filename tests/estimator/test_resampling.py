@@ -1,0 +1,58 @@
+"""Resampling: one sample out of M has the right mean, and a nearly constant factor where nothing is in between."""
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT, box_scene, polar, surface, z_score
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.cosines import Pair
+from dmis.brdf.materials import plastic
+from dmis.estimator.resampling import resampled
+from dmis.estimator.settings import Settings
+from dmis.light.area import SphereLight
+
+LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
+
+
+def images(rule: str, seeds: range, roughness: float = 0.1) -> Array:
+    """Images of a glossy floor under a large sphere, one per seed."""
+    scene = box_scene(plastic(0.3, 0.3, roughness), (LAMP,), resolution=(8, 8))
+    return np.array([dmis.render(scene, rule, 32, seed=s, threads=1).image for s in seeds])
+
+
+@pytest.mark.parametrize("rule", ["resampled:1", "resampled:0.5", "resampled:w=0.25,sampler=sobol"])
+@pytest.mark.parametrize("roughness", [0.01, 0.1, 1.0])
+def test_it_is_unbiased(rule: str, roughness: float) -> None:
+    """Against light and BRDF samples with the balance heuristic."""
+    a, b = (images(r, range(k, k + 30), roughness).mean(axis=(1, 2, 3)) for k, r in ((0, rule), (500, "balance")))
+    assert abs(z_score(a, b)) < Z_LIMIT
+
+
+@pytest.mark.parametrize("roughness", [0.1, 1.0])
+def test_it_follows_the_product(roughness: float) -> None:
+    """At one point, whose light nothing hides: the mean of light samples, and of their variance a quarter at most."""
+    n = 40_000
+    point = surface(plastic(0.3, 0.3, roughness), polar(40), n)
+    u = np.random.default_rng(3).random((3, n), dtype=np.float32)
+    values = []
+    for seen in (LAMP.sample(point.p, u[:2]), resampled(point, LAMP, u)):
+        pair = Pair(point, seen.wi)
+        f = (point.eval(pair) * seen.radiance_at(None)).mean(axis=0) * pair.cos_i
+        values.append(np.where(seen.emits, f / np.maximum(seen.pdf, 1e-9), 0))
+    light, one_of_many = values
+    assert abs(z_score(one_of_many, light)) < Z_LIMIT
+    assert one_of_many.var() < light.var() / 4
+
+
+def test_what_needs_densities_is_refused() -> None:
+    """Their stand-in would make wrong curves and wrong controls; the default rule goes back to balance."""
+    settings = Settings(techniques=("resampled", "brdf"))
+    scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(8, 8))
+    with pytest.raises(ValueError, match="rule second-moment learns from densities"):
+        dmis.render(scene, "second-moment", 16, settings=settings)
+    for combiner in ("optimal", "optimal-progressive", "controlled"):
+        with pytest.raises(ValueError, match=f"combiner {combiner} needs densities that are known"):
+            Settings(techniques=("resampled", "brdf"), combiner=combiner)
+    assert (dmis.render(scene, None, 16, settings=settings).weight == 0.5).all()
+    assert np.isfinite(dmis.render(scene, "thesis:patch=8", 16, settings=settings).image).all()

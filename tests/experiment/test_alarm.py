@@ -1,0 +1,170 @@
+"""The alarm: a reference of another scene is found, a right one is not suspected."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import box_scene
+
+import dmis
+from dmis.experiment import alarm
+from dmis.experiment.compare import compare, summary
+from dmis.experiment.runs import Run, measure
+
+SCENES = "teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt"
+
+
+def repainted(scene: dmis.Scene, material: dmis.Material) -> dmis.Scene:
+    """`scene` with another material on its first part."""
+    return dataclasses.replace(scene, parts=(dataclasses.replace(scene.parts[0], material=material), *scene.parts[1:]))
+
+
+@pytest.fixture(scope="module")
+def stale(tmp_path_factory) -> tuple[dmis.Scene, dmis.Reference]:
+    """A scene, and a reference in which its floor reflects a tenth more."""
+    scene = box_scene(resolution=(24, 18))
+    other = repainted(scene, dmis.matte(0.66))
+    return scene, dmis.make_reference(other, 64, folder=tmp_path_factory.mktemp("references"))
+
+
+def run(z: float, rule: str = "balance", seed: int = 0) -> Run:
+    return Run(rule, 32, seed, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0, z)
+
+
+def test_a_stale_reference_raises_the_alarm_once_for_a_rule(stale):
+    """`measure` warns, and goes on: rule, samples, seed and the three causes are in the message."""
+    scene, reference = stale
+    with pytest.warns(alarm.ReferenceWarning) as caught:
+        runs = measure(scene, [("balance", 16), ("balance", 32), ("pbrt", 16)], [0, 1], reference)
+    assert len(caught) == 2 and {w.filename for w in caught} == {__file__}
+    text = str(caught[0].message)
+    for words in (
+        "below that of its reference",
+        "rule balance, 16 samples per pixel, seed 0",
+        "stale",
+        "biased",
+        "too few",
+    ):
+        assert words in text
+    assert all(r.mean_z < -alarm.ALARM_LIMIT for of in runs.values() for r in of)
+
+
+def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
+    """A line below the table, a paragraph and a mark on the page, a column at the end of results.csv; a comparison that
+    is gone on from has them again."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    scene, reference = stale
+    for _ in range(2):
+        with pytest.warns(alarm.ReferenceWarning):
+            comparison = compare(scene, ["pbrt"], [16], [0], reference, tmp_path, threads=1)
+        lines = summary(comparison.runs).splitlines()
+        assert lines[-1].startswith("Alarm in 2 of 2 renders: the mean of the image is") and lines[-2] == ""
+        page = (tmp_path / "report.html").read_text("utf-8")
+        assert page.count('<p class="alarm">') == 1 and "pbrt ⚠" in page and "balance ⚠" in page
+    head, *rows = (tmp_path / "results.csv").read_text().splitlines()
+    assert head.endswith(",cpu_seconds,mean_z") and all(float(row.split(",")[-1]) < -alarm.ALARM_LIMIT for row in rows)
+
+
+def test_no_alarm_where_there_is_nothing_wrong(tmp_path, monkeypatch):
+    """No line, no paragraph, no mark."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    scene = box_scene()
+    comparison = compare(scene, [], [16], [0], dmis.make_reference(scene, 64), tmp_path, threads=1)
+    assert "Alarm" not in summary(comparison.runs)
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert '<p class="alarm">' not in page and "⚠" not in page
+
+
+@pytest.mark.parametrize("most, expected", [(np.inf, False), (0.05, True)])
+def test_an_image_that_lacks_light_raises_the_alarm(tmp_path, most, expected):
+    """The cause is named; nothing silences it."""
+    scene = box_scene(resolution=(24, 18))
+    reference = dmis.make_reference(scene, 64, folder=tmp_path)
+    image = np.minimum(dmis.render(scene, "balance", 32).image, most)
+    assert alarm.raises_alarm(run(alarm.mean_z(image, reference, 32))) == expected
+
+
+def test_one_line_names_the_worst():
+    """How many of how many; empty without an alarm, and where z is not known."""
+    line = alarm.summary([run(1), run(-7, "pbrt", 3), run(6.5), run(np.nan)])
+    assert (
+        line.startswith("Alarm in 2 of 4 renders: the mean of the image is 7.0 standard errors below")
+        and "pbrt" in line
+    )
+    assert "seed 3" in line and "\n" not in line
+    assert alarm.summary([run(5.9), run(-5.9), run(np.nan)]) == ""
+
+
+def test_z_is_normal():
+    """400 images with noise of a known deviation per pixel, which differs over the image and between channels, against
+    a reference of twice 4 times the samples: z of a channel has deviation 1, and the largest of three independent ones
+    has E[z^2] = 1.9: the integral of 2 x (1 - (1 - 2 Q(x))^3) over x.
+    """
+    rng = np.random.default_rng(3)
+    sigma = rng.gamma(0.5, 1, (40, 50, 3))
+    z = []
+    for _ in range(400):
+        first, second = (1 + sigma / 8 * rng.standard_normal(sigma.shape) for _ in range(2))
+        z.append(alarm.mean_z(1 + sigma / 4 * rng.standard_normal(sigma.shape), dmis.Reference(first, second, 64), 16))
+    x = np.linspace(0, 8, 4001)
+    from scipy.stats import norm
+
+    expected = np.sum(2 * x * (1 - (1 - 2 * norm.sf(x)) ** 3)) * (x[1] - x[0])
+    square = np.square(z)
+    assert abs(square.mean() - expected) < 4 * square.std() / np.sqrt(len(z))
+
+
+def test_rare_bright_samples_that_an_image_misses():
+    """A light of value 1000 that one sample in 20000 finds: 2 x 10^6 samples of the reference find 100, 19200 of the
+    image none in two fifths of all images, and what is left of these is smooth. The halves say how noisy it is.
+    """
+    rng, shape, spp, p = np.random.default_rng(4), (20, 30), 32, 1 / 20_000
+    alarms = naive = 0
+    for _ in range(100):
+        halves = [rng.binomial(1667, p, shape)[..., None] * np.full(3, 1000.0) / 1667 for _ in range(2)]
+        image = rng.binomial(spp, p, shape)[..., None] * np.full(3, 1000.0) / spp
+        z = alarm.mean_z(image, dmis.Reference(*halves, 1667), spp)
+        d = image - sum(halves) / 2
+        naive += abs(d.mean()) > alarm.ALARM_LIMIT * np.sqrt((d[..., 0] ** 2).mean() / d[..., 0].size)
+        alarms += abs(z) > alarm.ALARM_LIMIT
+    assert alarms == 0 < naive
+
+
+@pytest.mark.parametrize("black", [True, False])
+def test_images_without_noise(black):
+    """Two that are the same have z = 0; two constants that differ have the root of the number of pixels."""
+    flat = np.zeros((10, 10, 3), np.float32)
+    z = alarm.mean_z(flat if black else flat + 1, dmis.Reference(flat, flat, 0), 4)
+    assert z == (0 if black else pytest.approx(10))
+
+
+def comparisons(size: tuple[int, int], reference_spp: int, rules: list[str], seeds: range, folder: Path) -> list[float]:
+    """z of every rule on every scene with every sampler."""
+    z: list[float] = []
+    for name in SCENES:
+        scene = dmis.load_scene(name, resolution=size)
+        reference = dmis.make_reference(scene, reference_spp, folder=folder)
+        for sampler in "independent", "sobol":
+            settings = dmis.Settings(sampler=sampler)
+            runs = measure(scene, [(rule, 32) for rule in rules], seeds, reference, settings=settings)
+            z += [run.mean_z for of in runs.values() for run in of]
+    return z
+
+
+def test_no_alarm_in_correct_comparisons(tmp_path):
+    """A small sample; `measure` would warn, which is an error here."""
+    z = comparisons((24, 18), 128, ["balance", "auto"], range(1), tmp_path)
+    assert len(z) == 16 and np.abs(z).max() < 4.5
+
+
+@pytest.mark.slow
+def test_no_alarm_in_many_correct_comparisons(tmp_path):
+    """224 comparisons: fixed weights, rules that learn, the power heuristic; and z is neither too large nor too small,
+    or the alarm would say nothing: E[z^2] is from 1, of grey noise, to 1.9, of three independent channels.
+    """
+    rules = ["balance", "fixed:0", "fixed:1", "pbrt", "thesis", "second-moment", "auto"]
+    z = np.array(comparisons((64, 48), 512, rules, range(4), tmp_path))
+    assert len(z) == 224 and np.abs(z).max() < 4.5 and 0.75 < (z**2).mean() < 2

@@ -1,0 +1,142 @@
+"""``compare``: table, plot, references, and the parser of rules with options."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.cli.commands import main
+from dmis.experiment.compare import parse_rules
+from dmis.experiment.table import COLUMNS
+from dmis.fit.registry import RULES
+
+SIZE = ["--resolution", "24x18", "--reference-spp", "16"]
+
+
+@pytest.mark.parametrize(
+    "text, rules",
+    [
+        ("balance", ["balance"]),
+        ("balance,thesis", ["balance", "thesis"]),
+        ("thesis:patch=8,filter=none,auto", ["thesis:patch=8,filter=none", "auto"]),
+        ("fixed:0.25,fixed:0.75", ["fixed:0.25", "fixed:0.75"]),
+        ("auto, thesis:8,sigma=2 ,auto", ["auto", "thesis:8,sigma=2"]),
+    ],
+)
+def test_parse_rules(text, rules):
+    """The name of a rule begins a new rule, everything else is an option; repeated rules are dropped."""
+    assert parse_rules(text) == rules
+
+
+def test_all_rules():
+    """``all`` stands for every rule with its defaults, except those that need a value or are for teaching."""
+    assert set(parse_rules("all")) == set(RULES) - {"fixed", "uniform"}
+
+
+@pytest.mark.parametrize("text", ["", "best", "balance,best", "thesis:patch=8,filter=box"])
+def test_bad_rules(text):
+    """A text with an unknown rule or option is refused."""
+    with pytest.raises(ValueError, match=r"rule must be one of|filter must be|has the options"):
+        parse_rules(text)
+
+
+def test_compare(tmp_path, capsys, monkeypatch):
+    """The table has a row per rule, budget and seed; a rule whose pilot does not fit is left out."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    out = tmp_path / "out"
+    arguments = ["compare", "teapot-area-light", "--rules", "thesis,fixed:1", "--spp", "4,8", "--seeds", "2"]
+    assert main([*arguments, *SIZE, "-o", str(out)]) == 0
+    with open(out / "results.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    done = [(row["rule"], int(row["spp"]), int(row["seed"])) for row in rows]
+    assert sorted(done) == sorted(
+        [(rule, n, seed) for seed in (0, 1) for n in (4, 8) for rule in ("balance", "fixed:1")]
+        + [("thesis", 8, seed) for seed in (0, 1)]
+    )
+    for row in rows:
+        base = next(r for r in rows if (r["rule"], r["spp"], r["seed"]) == ("balance", row["spp"], row["seed"]))
+        assert float(row["mse_over_balance"]) == pytest.approx(float(row["mse"]) / float(base["mse"]), rel=1e-4)
+        parts = sum(float(row[f"{stage}_seconds"]) for stage in ("pilot", "fit", "render"))
+        assert float(row["seconds"]) == pytest.approx(parts, abs=2e-4)
+    assert (out / "convergence.png").stat().st_size > 10_000
+    printed = capsys.readouterr().out
+    assert "| 8 | thesis |" in printed and "| 4 | thesis |" not in printed
+
+
+def test_compare_paths(tmp_path, capsys, monkeypatch):
+    """Each integrator has its own cached reference, and its table refuses the other."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    small = ["compare", "cornell", "--rules", "balance", "--spp", "4", "--seeds", "1", "--resolution", "16x16"]
+    small += ["--reference-spp", "8", "-o", str(tmp_path / "out")]
+    assert main([*small, "--integrator", "path", "--max-depth", "3"]) == 0
+    assert main(small) == 2
+    assert "integrator was path, now is direct; max_depth was 3, now is 5" in capsys.readouterr().err
+    assert len(list((tmp_path / "cache").glob("*.exr"))) == 2
+
+
+@pytest.mark.parametrize("kind", ["npy", "exr"])
+def test_given_reference(tmp_path, kind):
+    """The reference may be an array or an EXR file of the caller."""
+    scene = dmis.load_scene("teapot-area-light", resolution=(24, 18))
+    image = dmis.render(scene, "balance", 64, seed=9).image
+    path = tmp_path / f"reference.{kind}"
+    if kind == "npy":
+        np.save(path, image)
+    else:
+        dmis.write_exr(path, {"RGB": image})
+    arguments = ["compare", "teapot-area-light", "--rules", "balance", "--spp", "4", "--seeds", "1", "--quiet"]
+    assert main([*arguments, "--resolution", "24x18", "--reference", str(path), "-o", str(tmp_path)]) == 0
+    with open(tmp_path / "results.csv", encoding="utf-8") as file:
+        row = next(csv.DictReader(file))
+    expected = dmis.mse(dmis.render(scene, "balance", 4, seed=0).image, image)
+    assert float(row["mse"]) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "more, message",
+    [
+        (["--rules", "best"], "rule must be one of"),
+        (
+            ["--rules", "balance,balance:combiner=optimal-progressive", "--sampler", "sobol"],
+            "needs sampler independent",
+        ),
+        (["--seeds", "0"], "--seeds must be from 1"),
+        (["--reference", "nowhere.exr"], "nowhere.exr"),
+        (["--reference", "small.npy"], "reference must be of 24x18 pixels"),
+        (["--reference", "flat.npy"], "must hold an image of three channels"),
+        (["--reference", "broken.npy"], "not readable as a NumPy array"),
+    ],
+)
+def test_bad_input(tmp_path, capsys, monkeypatch, more, message):
+    """Bad input gives one line of error and exit code 2."""
+    monkeypatch.chdir(tmp_path)
+    np.save("small.npy", np.zeros((2, 2, 3)))
+    np.save("flat.npy", np.zeros((18, 24)))
+    (tmp_path / "broken.npy").write_bytes(b"no array")
+    assert main(["compare", "teapot-area-light", "--resolution", "24x18", *more, "-o", "out"]) == 2
+    error = capsys.readouterr().err
+    assert message in error and len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("spp", ["0", "8,x", ""])
+def test_bad_budgets(spp, tmp_path, capsys):
+    """A bad number of samples is refused by a message that names --spp."""
+    with pytest.raises(SystemExit) as stop:
+        main(["compare", "tt", "--spp", spp, "-o", str(tmp_path)])
+    assert stop.value.code == 2 and "--spp" in capsys.readouterr().err
+
+
+def test_sampler_of_all_rules_and_rules_left_out(tmp_path, capsys, monkeypatch):
+    """--sampler applies to the baseline too, and a message names a rule that is left out."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    words = "compare cornell --rules fixed:0.3,thesis --spp 6,8 --seeds 1 --resolution 12x10 --reference-spp 8".split()
+    assert main([*words, "--sampler", "sobol", "-o", str(tmp_path / "a")]) == 0
+    printed = capsys.readouterr()
+    assert "dmis: thesis is left out at 6 samples per pixel, because its pilot needs as many" in printed.err
+    assert "| 8 | thesis |" in printed.out and "| 6 | thesis |" not in printed.out
+    assert json.loads((tmp_path / "a" / "comparison.json").read_text())["sampler"] == "sobol"
+    assert main([*words, "-o", str(tmp_path / "a")]) == 2
+    assert "sampler was sobol, now is independent" in capsys.readouterr().err

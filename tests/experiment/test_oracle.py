@@ -1,0 +1,198 @@
+"""Oracle: closed forms on planted curves, agreement with renders, and its cache."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.base.patches import patch_spread
+from dmis.base.vectors import Array
+from dmis.experiment.metrics import ratio
+from dmis.experiment.oracle import Oracle, cached_oracle, make_oracle
+from dmis.variance.curves import GRID, HALF
+
+BEST = GRID[[0, 3, 6, 9, 12, 4]].reshape(2, 3)
+
+
+@pytest.fixture
+def oracle() -> Oracle:
+    """Patches of 4 pixels with parabolas about `BEST`, and a black one in place of the last."""
+    variance = (GRID[:, None, None] - BEST).astype(float) ** 2 + 0.1
+    variance[:, 1, 2] = 0
+    return Oracle(variance, np.linspace(1, 2, len(GRID)), 4, 100)
+
+
+def pixels(weight: Array) -> Array:
+    return patch_spread(weight, 4, (8, 12))
+
+
+def test_best(oracle: Oracle) -> None:
+    """The best weight is the minimum of each patch, and a cheaper one if cost counts."""
+    best = oracle.best()
+    np.testing.assert_array_equal(best.ravel()[:5], BEST.ravel()[:5])
+    assert (oracle.best(costly=True) <= best).all() and (oracle.best(costly=True) < best).any()
+
+
+def test_variance_of_a_map(oracle: Oracle) -> None:
+    """The variance of a map is exact on the grid and linear between; one number is a constant map."""
+    np.testing.assert_allclose(oracle.at(pixels(BEST)).ravel()[:5], 0.1)
+    np.testing.assert_allclose(oracle.at(0.5), oracle.variance[HALF])
+    low, high = GRID[HALF], GRID[HALF + 1]
+    expected = 0.75 * oracle.variance[HALF] + 0.25 * oracle.variance[HALF + 1]
+    np.testing.assert_allclose(oracle.at(float(low + 0.25 * (high - low))), expected, rtol=1e-6)
+
+
+def test_saving_regret_harm(oracle: Oracle) -> None:
+    """The best weights save everything and harm nowhere; 1/2 saves nothing; the wrong end harms."""
+    best, half, wrong = pixels(oracle.best()), np.full((8, 12), 0.5), pixels(np.where(oracle.best() < 0.5, 1.0, 0.0))
+    assert oracle.saving(best) == pytest.approx(1) and oracle.saving(half) == pytest.approx(0)
+    assert not oracle.regret(best).any()
+    assert oracle.harm(best) == (0, 0) and oracle.harm(half) == (0, 0)
+    assert oracle.saving(wrong) < 0 and oracle.harm(wrong)[0] == 1
+    assert oracle.regret(wrong)[1, 2] == 0  # black
+
+
+def test_limit(oracle: Oracle) -> None:
+    """`limit` is the least variance over that at w = 1/2."""
+    left = 0.5 / (((0.5 - BEST.ravel()[:5]) ** 2).sum() + 0.5)
+    assert oracle.limit() == pytest.approx(left, rel=1e-5)
+
+
+def test_cached(box: dmis.Scene, tmp_path) -> None:
+    """`cached_oracle` is None before the first oracle is rendered, then that of most samples."""
+    assert cached_oracle(box, folder=tmp_path) is None
+    for spp in (64, 128):
+        make_oracle(box, spp, folder=tmp_path)
+        found = cached_oracle(box, folder=tmp_path)
+        assert found is not None and found.spp == spp
+
+
+def test_rendered_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:
+    """The second call reads the oracle from disk; its best weights reach their predicted saving."""
+    first = make_oracle(box, 64, folder=tmp_path)
+    monkeypatch.setattr("dmis.experiment.oracle.render", None)
+    again = make_oracle(box, 64, folder=tmp_path)
+    np.testing.assert_allclose(first.variance, again.variance, rtol=1e-6)
+    assert first.variance.shape == (len(GRID), 6, 8) and (np.diff(first.cost) > 0).all()
+    assert first.saving(pixels_of(first.best(), box)) == pytest.approx(1)
+
+
+def pixels_of(weight: Array, scene: dmis.Scene) -> Array:
+    width, height = scene.camera.resolution
+    return patch_spread(weight, 4, (height, width))
+
+
+def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
+    """The saving of the best weights in rendered images, over 160 seeds, agrees with the oracle."""
+    from dmis.fit.rule import Fit
+
+    oracle = make_oracle(box, 512, folder=tmp_path)
+
+    @dataclass(frozen=True)
+    class Best:
+        pilot: dict = field(default_factory=dict)
+        settings: dict = field(default_factory=dict)
+
+        def fit(self, pilot: object) -> Fit:
+            return Fit(pixels_of(oracle.best(), box))
+
+    def measured(rule: object) -> Array:
+        """Variance of a pixel, from 16 seeds each."""
+        images = np.array([dmis.render(box, rule, 64, seed=s).image.mean(axis=2) for s in range(160)])  # type: ignore[arg-type]
+        return images.reshape(10, 16, *images.shape[1:]).var(axis=1, ddof=1).mean(axis=(1, 2))
+
+    expected = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
+    value, half = ratio(measured(Best()), measured("balance"))
+    assert value == pytest.approx(expected, rel=0.05)
+
+
+def test_a_damaged_file_is_named(tmp_path, box) -> None:
+    """A damaged file is refused by an error that names it and the fix."""
+    make_oracle(box, 16, folder=tmp_path)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match=r"oracle .*\.npz cannot be read: .*; remove it to render it again"):
+        make_oracle(box, 16, folder=tmp_path)
+
+
+def test_oracle_of_another_combiner(box: dmis.Scene, tmp_path) -> None:
+    """Heuristics agree where one technique is alone; weights are judged with the one that they are used with."""
+    balance = make_oracle(box, 64, folder=tmp_path)
+    power = make_oracle(box, 64, combiner="power", folder=tmp_path)
+    np.testing.assert_allclose(power.variance[[0, -1]], balance.variance[[0, -1]], rtol=1e-4, atol=1e-9)
+    assert not np.allclose(power.variance[HALF], balance.variance[HALF], rtol=0.01)
+    half = np.full((box.camera.resolution[1], box.camera.resolution[0]), 0.5)
+    assert balance.saving(half) == 0 and balance.harm(half)[0] == 0
+    gained = balance.variance[HALF].sum() - power.variance[HALF].sum()
+    possible = balance.variance[HALF].sum() - balance.variance.min(axis=0).sum()
+    assert balance.saving(half, power) == pytest.approx(gained / possible)
+    worse = power.variance[HALF] > 1.02 * balance.variance[HALF]
+    assert balance.harm(half, power)[0] == pytest.approx(worse[balance.variance[HALF] > 0].mean())
+
+
+def test_patches_at_the_border_count_by_their_pixels() -> None:
+    """An image of 4 by 5 pixels, one patch of 16 and one of 4, of which one gains by the best weight."""
+    for patch, truth in ((0, (16 * 0.2 + 4) / 20), (1, (16 + 4 * 0.2) / 20)):
+        variance = np.ones((len(GRID), 1, 2))
+        variance[0, 0, patch] = 0.2
+        oracle = Oracle(variance, np.ones(len(GRID)), 4, 64, (4, 5))
+        assert oracle.limit() == pytest.approx(truth) and oracle.limit(costly=True) == pytest.approx(truth)
+        assert oracle.limit_with_counts() == pytest.approx((((16, 4)[patch] * 0.2**0.5 + (4, 16)[patch]) / 20) ** 2)
+
+
+def test_cost_depends_on_the_settings(tmp_path) -> None:
+    """More shading samples make weights matter more in cost; techniques in the other order turn it round."""
+    scene = dmis.load_scene("cornell", resolution=(16, 16))
+    costs = [
+        dmis.experiment.oracle.make_oracle(scene, 16, settings=dmis.Settings(**settings), folder=tmp_path).cost
+        for settings in ({}, {"shading_samples": 8}, {"techniques": ("brdf", "light")})
+    ]
+    assert np.ptp(costs[1]) == pytest.approx(4 * np.ptp(costs[0]), rel=0.2)
+    np.testing.assert_allclose(costs[2], costs[0][::-1], rtol=0.05)
+
+
+@pytest.mark.parametrize("rule", ["second-moment", "auto", "kl"])
+def test_random_allocation_is_refused(rule: str) -> None:
+    """Random allocation is refused, because the curves are those of fixed shares."""
+    scene = dmis.load_scene("cornell", resolution=(16, 16))
+    with pytest.raises(ValueError, match=f"rule {rule} learns variances at shares that are kept"):
+        dmis.render(scene, rule, 24, settings=dmis.Settings(allocation="random"))
+
+
+def test_the_order_of_techniques_is_a_name() -> None:
+    """Light and BRDF sampling, or the other way round: the same samples go to each, about."""
+    scene = dmis.load_scene("cornell", resolution=(32, 32))
+    one, other = (
+        dmis.render(scene, "second-moment:guard=0", 24, seed=1, settings=dmis.Settings(techniques=techniques))
+        for techniques in (("light", "brdf"), ("brdf", "light"))
+    )
+    assert one.weight.mean() == pytest.approx(1 - other.weight.mean(), abs=0.05)
+
+
+def test_curves_without_a_saving() -> None:
+    """No variance at all, or the same at every weight: no saving to speak of, nothing left over, no division by 0."""
+    for value in (0.0, 2.0):
+        oracle = Oracle(np.full((len(GRID), 2, 3), value), np.ones(len(GRID)), 4, 100)
+        assert np.isnan(oracle.saving(np.full((8, 12), 0.3)))
+        limits = oracle.limit(), oracle.limit(costly=True), oracle.spread_evenly(), oracle.limit_with_counts()
+        assert limits == pytest.approx((1, 1, 1, 1))
+        assert oracle.harm(np.full((8, 12), 0.3)) == (0, 0)
+        assert not oracle.regret(np.full((8, 12), 0.3)).any()
+
+
+def test_numbers_of_samples() -> None:
+    """Half of the patches dark: all samples in the other half give half of the variance; evenly lit, nothing."""
+    variance = np.ones((len(GRID), 2, 2))
+    assert Oracle(variance, GRID, 4, 1).spread_evenly() == pytest.approx(1)
+    variance[:, 0] = 0
+    assert Oracle(variance, GRID, 4, 1).spread_evenly() == pytest.approx(0.5)
+
+
+def test_numbers_of_samples_and_weights() -> None:
+    """The same, with a weight that has a quarter of the variance and costs twice as much: of the half, half is left."""
+    variance, cost = np.ones((len(GRID), 2, 2)), np.ones(len(GRID))
+    assert Oracle(variance, cost, 4, 1).limit_with_counts() == pytest.approx(1)
+    variance[:, 0] = 0
+    variance[2], cost[2] = variance[2] / 4, 2
+    assert Oracle(variance, cost, 4, 1).limit_with_counts() == pytest.approx(0.25)

@@ -1,0 +1,429 @@
+"""The report: one page that needs nothing else, says what results.csv says, and works in a browser."""
+
+import base64
+import csv
+import dataclasses
+import html
+import io
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from PIL import Image
+
+import dmis
+from dmis import plot
+from dmis.experiment.compare import compare
+from dmis.experiment.convergence import gains
+from dmis.experiment.oracle import make_oracle
+from dmis.experiment.report.page import write_report
+from dmis.experiment.report.plots import (
+    INK,
+    convergence,
+    error_lines,
+    line_style,
+    linear_png,
+    map_png,
+    palette_colours,
+    variance_ratio,
+)
+from dmis.experiment.table import Comparison
+
+RULES, SPP, SEEDS = ["pbrt", "thesis:patch=4", "second-moment"], [8, 16], [0, 1]
+
+
+@pytest.fixture(scope="module")
+def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path]:
+    """A comparison with an oracle, and its folder."""
+    folder = tmp_path_factory.mktemp("report")
+    reference = dmis.make_reference(box, 64, folder=folder)
+    oracle = make_oracle(box, 64, folder=folder)
+    return compare(box, RULES, SPP, SEEDS, reference, folder, oracle=oracle, threads=1), folder
+
+
+@pytest.fixture(scope="module")
+def page(made: tuple[Comparison, Path]) -> str:
+    return (made[1] / "report.html").read_text("utf-8")
+
+
+class Tables(HTMLParser):
+    """Cells of tables by the tables' classes; all tags that were opened and closed, to see that they match."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tables: dict[str, list[list[str]]] = {}
+        self.open: list[str] = []
+        self._cell: list[str] | None = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag in ("meta", "link", "img", "input", "br"):
+            return
+        self.open.append(tag)
+        if tag == "table":
+            self._rows = self.tables.setdefault(dict(attrs)["class"], [])
+        elif tag == "tr":
+            self._rows.append([])
+        elif tag in ("td", "th"):
+            self._cell = []
+
+    def handle_startendtag(self, tag, attrs):
+        pass
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+        if tag in ("td", "th"):
+            self._rows[-1].append("".join(self._cell))
+            self._cell = None
+
+    def handle_data(self, data):
+        if self._cell is not None:
+            self._cell.append(data)
+
+
+def half_floats(uri: str) -> np.ndarray:
+    """What the page's script makes of a PNG."""
+    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2])))).astype(np.uint16)
+    high, low = np.split(pixels, 2)
+    return (high << 8 | low).astype(np.uint16).view(np.float16)
+
+
+def test_page_asks_nothing_of_the_network(page):
+    """No address, no import; every source is a data URI."""
+    assert not re.search(r"https?:|//[\w-]+\.\w|@import|\bfetch\(|url\(\s*[^#)]", page)
+    assert all(source.startswith("data:image/png;base64,") for source in re.findall(r'\ssrc="([^"]*)"', page))
+    assert re.findall(r'\shref="([^"#][^"]*)"', page.replace("xlink:href", "href")) == ["data:,"]
+
+
+def test_marks_are_filled_and_tags_match(page):
+    """Nothing of the template is left over."""
+    assert "{{" not in page and INK not in page
+    assert Tables(page).open == []
+
+
+def test_names_are_unique(page):
+    """What is referred to by name is there once."""
+    names = re.findall(r'\sid="([^"]*)"', page)
+    assert len(names) == len(set(names))
+    assert set(re.findall(r'href="#([^"]*)"', page)) <= set(names)
+    assert set(re.findall(r"url\(#([^)]*)\)", page)) <= set(names)
+
+
+def test_pictures_decode(page):
+    """Every data URI is a PNG of some pixels."""
+    found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
+    assert len(found) == 1 + 4 * 3 + 5  # oracle; weight, variance, regret of four rules; images with the reference
+    for text in found:
+        with Image.open(io.BytesIO(base64.b64decode(text, validate=True))) as image:
+            image.load()
+            assert image.mode == "RGB" and min(image.size) >= 6
+
+
+def test_images_are_the_renders(made, page):
+    """What the comparer shows is the first seed's image to half a float, and the mean of the reference's halves."""
+    comparison, _ = made
+    scene = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S).group(1))["scenes"][0]
+    labels = [image["label"] for image in scene["images"]]
+    assert labels == ["reference", *(f"{rule}, 16 spp" for rule in ("balance", *RULES))]
+    assert (scene["width"], scene["height"]) == (32, 24) and scene["scale"] > 0
+    images = [half_floats(image["png"]).astype(np.float32) for image in scene["images"]]
+    np.testing.assert_allclose(images[0], comparison.reference.mean, rtol=1e-3, atol=1e-7)
+    for rule, image in zip(("balance", *RULES), images[1:], strict=True):
+        np.testing.assert_allclose(image, comparison.pictures[rule, 16]["RGB"], rtol=1e-3, atol=1e-7)
+
+
+def test_runs_are_those_of_the_file(made, page):
+    """Cell for cell."""
+    with open(made[1] / "results.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    shown = Tables(page).tables["runs"]
+    assert shown[0] == rows[0]
+    assert sorted(shown[1:]) == sorted(rows[1:]) and len(rows) == 1 + 4 * 2 * 2
+
+
+def test_efficiency_follows_from_the_file(made, page):
+    """Means, medians and 1 / (MSE s), computed once more from results.csv."""
+    with open(made[1] / "results.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    head, *shown = Tables(page).tables["efficiency"]
+    assert len(shown) == 8
+    spp = ""
+    for line in shown:
+        cells = dict(zip(head, line, strict=True))
+        spp = cells["spp"] or spp
+        mine = [row for row in rows if (row["rule"], row["spp"]) == (cells["rule"], spp)]
+        mse = np.mean([float(row["mse"]) for row in mine])
+        seconds = np.median([float(row["seconds"]) for row in mine])
+        assert len(mine) == 2 and float(cells["MSE"]) == pytest.approx(mse, rel=1e-3)
+        assert float(cells["seconds"]) == pytest.approx(seconds, abs=0.0051)
+        assert float(cells["1 / (MSE·s)"]) == pytest.approx(1 / (mse * seconds), rel=0.01)
+        if cells["rule"] == "balance":
+            assert cells["speed-up at equal error"] == cells["error ratio in equal time"] == "1.00×"
+
+
+def test_several_scenes(made, tmp_path):
+    """An overview, a section and a comparer for each, and still no name twice."""
+    comparison, _ = made
+    path = tmp_path / "folder" / "two.html"
+    other = Comparison({**comparison.about, "scene": "a <b> & c"}, comparison.runs, {}, comparison.reference, None)
+    write_report([comparison, other], path, "Two & more")
+    text = path.read_text("utf-8")
+    assert text.count("<section ") == 2 and text.count('class="viewer"') == 2 and "Two &amp; more" in text
+    assert "a &lt;b&gt; &amp; c" in text and "a <b> & c</h2>" not in text
+    overview = Tables(text).tables["overview"]
+    assert overview[0] == ["rule", "box", "a <b> & c"] and [row[0] for row in overview[1:]] == ["balance", *RULES]
+    speed = {g.rule: g.equal_error for g in gains(comparison.runs) if g.spp == 16}
+    assert [row[1] for row in overview[1:]] == [f"{speed[rule]:.2f}×" for rule in ("balance", *RULES)]
+    names = re.findall(r'\sid="([^"]*)"', text)
+    assert len(names) == len(set(names))
+    assert "Maps of regret need an oracle" in text
+
+
+def test_nothing_to_show(tmp_path):
+    """An error in place of an empty page."""
+    with pytest.raises(ValueError, match="must hold at least one"):
+        write_report([], tmp_path / "report.html")
+
+
+def test_errors_that_have_no_logarithm(made, tmp_path):
+    """Two halves of a noisy reference may estimate an error below zero: no line, no number, and no failure."""
+    comparison, _ = made
+    runs = {budget: [dataclasses.replace(run, mse=-1e-9) for run in of] for budget, of in comparison.runs.items()}
+    zero = {budget: [dataclasses.replace(run, mse=0.0) for run in of] for budget, of in comparison.runs.items()}
+    for odd in (runs, zero):
+        report = dataclasses.replace(comparison, runs=odd)
+        write_report([report], tmp_path / "report.html")
+        convergence(report, tmp_path / "convergence.png")
+        tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
+        assert all(row[1:] == ["–"] * 3 for row in tables["slopes"][1:])
+        assert all(row[-2:] == ["–", "–"] for row in tables["efficiency"][1:])
+
+
+def test_linear_png_keeps_all_half_floats():
+    """Exactly, from the smallest to the largest, signs and all; what is larger or no number becomes one."""
+    values = np.arange(2**16, dtype=np.uint16).view(np.float16)
+    values = values[np.isfinite(values)][: 3 * 21000].reshape(70, 300, 3)
+    np.testing.assert_array_equal(half_floats(linear_png(values.astype(np.float32))), values)
+    odd = half_floats(linear_png(np.array([[[1e9, np.nan, -1e9]]], np.float32)))
+    np.testing.assert_array_equal(odd, [[[65504, 0, -65504]]])
+
+
+def test_map_colours():
+    """The ends of the palette at the ends of the range, grey where there is no value."""
+    uri = map_png(np.array([[0.0, 1.0, np.nan, 2.0]]), "magma", 0, 1)
+    pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))))
+    low, high = (tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in palette_colours("magma", 2))
+    np.testing.assert_allclose(pixels[0], [low, high, (128, 128, 128), high], atol=1)  # of rounding
+
+
+def test_variance_ratio():
+    """Of patches, not of pixels; none where the baseline has none."""
+    mine, base = np.zeros((8, 4, 3)), np.zeros((8, 4, 3))
+    mine[0, 0], base[3, 3] = 6, 2
+    found = variance_ratio({"variance": mine}, {"variance": base})
+    assert found.shape == (2, 1) and found[0, 0] == 3 and np.isnan(found[1, 0])
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless browser; skips where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright to drive a browser")
+    with playwright.sync_playwright() as driver:
+        path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+        if path is None and not Path(driver.chromium.executable_path).exists():
+            pytest.skip("needs chromium or google-chrome")
+        found = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def opened(browser, made):
+    """The page in a tab that may not go anywhere; at the end there is no error, and nothing was asked for."""
+    tab = browser.new_page(viewport={"width": 1000, "height": 800}, offline=True)
+    troubles: list[str] = []
+    tab.on("pageerror", lambda error: troubles.append(str(error)))
+    tab.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") else None)
+    tab.on("request", lambda request: troubles.append(request.url) if request.url.startswith("http") else None)
+    tab.goto((made[1] / "report.html").as_uri())
+    yield tab
+    tab.close()
+    assert troubles == []
+
+
+def pixels(tab) -> np.ndarray:
+    """What the comparer shows, one pixel of the image each, when it has drawn all that it was told to."""
+    tab.evaluate("() => VIEWERS[0].ready")
+    url = tab.evaluate(
+        "() => VIEWERS[0].sheet.convertToBlob().then(b => b.arrayBuffer()).then(a => [...new Uint8Array(a)])"
+    )
+    return np.asarray(Image.open(io.BytesIO(bytes(url))).convert("RGB")).astype(float)
+
+
+def shown(tab) -> str:
+    return tab.locator(".methods button[aria-pressed=true]").inner_text()
+
+
+def expected(image: np.ndarray, exposure: float = 0.0) -> np.ndarray:
+    return 255 * dmis.image.tonemap(image.astype(np.float32), 2**exposure)
+
+
+def test_browser_shows_the_renders(opened, made):
+    """To one step of 8 bits: decoded, exposed and turned into sRGB as Python does it."""
+    comparison, _ = made
+    assert shown(opened) == "balance, 16 spp"
+    np.testing.assert_allclose(pixels(opened), expected(comparison.pictures["balance", 16]["RGB"]), atol=2)
+
+
+def test_browser_flips(opened, made):
+    """By arrow keys around the end, by digits, by buttons."""
+    comparison, _ = made
+    seen = []
+    for key, rule in (("ArrowRight", "pbrt"), ("3", "thesis:patch=4"), ("ArrowRight", "second-moment")):
+        opened.keyboard.press(key)
+        seen.append(pixels(opened))
+        assert shown(opened) == f"{rule}, 16 spp"
+        np.testing.assert_allclose(seen[-1], expected(comparison.pictures[rule, 16]["RGB"]), atol=2)
+    opened.keyboard.press("ArrowRight")
+    pixels(opened)
+    assert shown(opened) == "reference"
+    opened.get_by_role("button", name="pbrt, 16 spp").click()
+    np.testing.assert_array_equal(pixels(opened), seen[0])
+
+
+def test_browser_exposes(opened, made):
+    """The slider multiplies linear values, which tone-mapped ones would not survive."""
+    image = made[0].pictures["balance", 16]["RGB"]
+    for value in (2, -3):
+        opened.locator(".exposure").fill(str(value))
+        opened.evaluate("() => VIEWERS[0].draw()")
+        np.testing.assert_allclose(pixels(opened), expected(image, value), atol=2)
+    assert opened.locator("output").inner_text() == "−3 EV"
+    opened.keyboard.press("]")
+    np.testing.assert_allclose(pixels(opened), expected(image, -2.5), atol=2)
+
+
+def test_browser_shows_errors(opened, made):
+    """Black for the reference; for a rule the root of the mean squared error in the colours of the palette."""
+    comparison, _ = made
+    opened.keyboard.press("e")
+    found = pixels(opened)
+    image, truth = comparison.pictures["balance", 16]["RGB"], comparison.reference.mean
+    error = np.sqrt(((image - truth) ** 2).mean(axis=2))
+    colours = np.array([[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in palette_colours("magma")])
+    share = np.minimum(1, error / np.quantile(error, 0.98))
+    # half floats move an error by at most a few of the 256 steps
+    np.testing.assert_allclose(found, colours[(share * 255).astype(int)], atol=12)
+    opened.keyboard.press("0")
+    assert (pixels(opened) == colours[0]).all()
+
+
+def test_browser_zooms_and_moves(opened):
+    """Twice as near about the middle; dragging moves; the corner stays inside; fit shows all again."""
+    state = "() => [VIEWERS[0].zoom, VIEWERS[0].x, VIEWERS[0].y]"
+    before = opened.locator("canvas").screenshot()
+    opened.keyboard.press("+")
+    pixels(opened)
+    assert opened.evaluate(state) == pytest.approx([2, 8, 6], abs=0.1)
+    assert opened.locator("canvas").screenshot() != before
+    opened.locator("canvas").scroll_into_view_if_needed()
+    box = opened.locator("canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    opened.mouse.move(x, y)
+    assert re.match(
+        r"balance, 16 spp · x 1[56], y 1[12] · RGB .* · error [\d.e-]+$", opened.locator(".probe").inner_text()
+    )
+    opened.mouse.down()
+    opened.mouse.move(x + 1000, y)
+    opened.mouse.up()
+    pixels(opened)
+    assert opened.evaluate(state)[1] == 0
+    opened.get_by_role("button", name="fit").click()
+    pixels(opened)
+    assert opened.evaluate(state) == [1, 0, 0]
+
+
+def test_rules_can_be_told_apart():
+    """Four times as many as there are colours have looks of their own."""
+    assert len({line_style(k) for k in range(40)}) == 40
+
+
+@pytest.mark.parametrize("seconds, rays", [((0.4, 0.9), (3.1e8, 5.9e8)), ((0.1, 60), (1e5, 2e9))])
+def test_ticks_say_different_things(made, seconds, rays):
+    """No two places of an axis have the same number, in a range of less than twice or of many powers of ten."""
+    (run,) = made[0].runs["balance", SPP[0]][:1]
+    runs = {
+        ("balance", n): [dataclasses.replace(run, spp=n, render_seconds=t, rays=int(r), mse=1 / n)]
+        for n, t, r in zip((8, 16), seconds, rays, strict=True)
+    }
+    figure, axes = plot.canvas(1, 2, 12, 5)
+    for axis, over in zip(axes[0], ("seconds", "rays"), strict=True):
+        error_lines(axis, runs, over)
+    figure.canvas.draw()
+    for axis in axes[0]:
+        told = [label.get_text() for label in axis.get_xticklabels()]
+        assert len(told) == len(set(told)) > 2
+
+
+def test_names_that_are_code(made, tmp_path):
+    """A scene's name is its file's, which may be anything: it is shown, and nothing else."""
+    comparison, _ = made
+    for name in ('a"><img src=x onerror=alert(1)>', r"a\b\g<0>", "{{data}}", "<!--<script>", r"c$\frac$"):
+        odd = dataclasses.replace(comparison, about={**comparison.about, "scene": name})
+        write_report([odd], tmp_path / "report.html")
+        convergence(odd, tmp_path / "convergence.png")
+        page = (tmp_path / "report.html").read_text("utf-8")
+        assert "<img src=x" not in page and page.count("<svg") == 2 and page.count("<script>") == 1
+        assert f"<h2>{html.escape(name)}</h2>" in page
+        assert html.escape(f"Root mean squared error over seconds, {name}") in page
+
+
+def test_winner_needs_an_interval_below_one(made, tmp_path):
+    """Equal rules have no winner, nor have rules that differ by less than their times scatter; with one seed, or a
+    reference as noisy as the images, the page says why there is none.
+    """
+    comparison, _ = made
+
+    def told(change, seeds=5) -> str:
+        """The page with five seeds, each made of the first one's run."""
+        runs = {
+            budget: [change(dataclasses.replace(of[0], seed=k)) for k in range(seeds)]
+            for budget, of in comparison.runs.items()
+        }
+        write_report([dataclasses.replace(comparison, runs=runs)], tmp_path / "report.html")
+        return (tmp_path / "report.html").read_text("utf-8")
+
+    def same(run):
+        noise = 1 + 0.1 * (-1) ** (run.seed + len(run.rule))  # higher with one seed, lower with the other
+        times = {"pilot_seconds": 0.0, "fit_seconds": 0.0, "render_seconds": run.spp, "cpu_seconds": run.spp}
+        return dataclasses.replace(run, mse=noise / run.spp, **times)
+
+    def better(run):
+        factor = 0.5 if run.rule == "pbrt" else 1.0
+        return dataclasses.replace(same(run), mse=factor * (1 + 0.01 * run.seed) / run.spp)
+
+    def scattered(run):
+        """The same error everywhere; seconds of the balance heuristic 2, 1, 2, 1, 2, of others 1, 2, 1, 2, 1."""
+        seconds = 1.0 + (run.seed + (run.rule == "balance")) % 2
+        return dataclasses.replace(same(run), mse=1 / run.spp, render_seconds=seconds, cpu_seconds=seconds)
+
+    none = "no rule has a 95 % interval of error × CPU time below that of the balance heuristic"
+    for change in (same, scattered):
+        page = told(change)
+        assert none in page and not re.search(r'<tr class="[^"]*best"', page)
+    page = told(better)
+    assert "<b>pbrt</b> is more efficient" in page and "0.50 times as large (95 % interval 0.50 to 0.50" in page
+    assert "corrected for 3 rules" in page and "the lowest of" not in page
+    assert re.search(r'<tr class="[^"]*best"><td></td><td>pbrt<', page)
+    page = told(better, seeds=1)
+    assert none in page and "One seed shows no scatter of times" in page
+    assert "rules cannot be compared" in told(lambda run: dataclasses.replace(run, mse=-1e-6))
+    page = told(lambda run: dataclasses.replace(same(run), mse=-1e-6 if run.rule == "pbrt" else 1.0))
+    assert "errors below that of the reference" in page

@@ -1,0 +1,215 @@
+"""What a comparison keeps: nothing is rendered twice, nothing of another kind is added to, nothing torn is believed."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import dmis
+import dmis.experiment.runs
+from dmis.experiment.compare import compare
+from dmis.experiment.table import COLUMNS, Results, conditions
+from dmis.fit.fixed import Fixed
+from dmis.fit.registry import RULES as RULES_BY_NAME
+
+RULES, SPP = ["balance", "thesis:patch=4"], [4, 8]
+
+
+@pytest.fixture(scope="module")
+def reference(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> dmis.Reference:
+    return dmis.make_reference(box, 16, folder=tmp_path_factory.mktemp("references"))
+
+
+@pytest.fixture
+def rendered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[tuple[str, int, int]]:
+    """What is rendered from here on."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    seen = []
+    original = dmis.render
+
+    def counted(scene, rule, spp, *, seed, **options):
+        seen.append((rule, spp, seed))
+        return original(scene, rule, spp, seed=seed, **options)
+
+    monkeypatch.setattr("dmis.experiment.runs.render", counted)
+    return seen
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with open(folder / "results.csv", newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def errors(folder: Path) -> dict[tuple[str, str, str], str]:
+    return {(row["rule"], row["spp"], row["seed"]): row["mse"] for row in rows(folder)}
+
+
+def test_interrupted_comparison_goes_on(box, reference, tmp_path, rendered):
+    """After an interruption what is missing is rendered, and the table is that of an undisturbed run."""
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    first = compare(box, RULES, SPP, [0, 1], reference, whole, threads=1)
+    assert len(rendered) == len(rows(whole)) == 6
+
+    def stop(rule: str, done: int, total: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    rendered.clear()
+    with pytest.raises(KeyboardInterrupt):
+        compare(box, RULES, SPP, [0, 1], reference, broken, threads=1, progress=stop)
+    assert len(rows(broken)) == 3 and not (broken / "report.html").exists()
+    again = compare(box, RULES, SPP, [0, 1], reference, broken, threads=1)
+    assert len(rendered) == len(set(rendered)) == 6
+    assert errors(broken) == errors(whole) and list(again.runs) == list(first.runs)
+    assert set(again.pictures) == set(again.runs)
+    rendered.clear()
+    compare(box, RULES, SPP, [0, 1], reference, broken, threads=1)
+    assert rendered == []
+
+
+def test_more_seeds_rules_and_budgets(box, reference, tmp_path, rendered):
+    """They are added; what was measured before and is not asked for now stays in the table, and out of the report."""
+    compare(box, RULES, [8], [0], reference, tmp_path, threads=1)
+    rendered.clear()
+    more = compare(box, ["pbrt"], [8, 16], [0, 1], reference, tmp_path, threads=1)
+    expected = {(rule, n, seed) for rule in ("balance", "pbrt") for n in (8, 16) for seed in (0, 1)}
+    assert set(rendered) == expected - {("balance", 8, 0)}
+    assert set(more.runs) == {(rule, n) for rule in ("balance", "pbrt") for n in (8, 16)}
+    assert len(rows(tmp_path)) == len(expected) + 1
+    assert all(len(of) == 2 for of in more.runs.values())
+
+
+def test_a_torn_row_is_rendered_again(box, reference, tmp_path, rendered):
+    """What was cut in the middle of a line is no result, even where what is left of it looks like one."""
+    compare(box, RULES, [8], [0], reference, tmp_path, threads=1)
+    before = errors(tmp_path)
+    text = (tmp_path / "results.csv").read_bytes()
+    (tmp_path / "results.csv").write_bytes(text[:-4])
+    rendered.clear()
+    compare(box, RULES, [8], [0], reference, tmp_path, threads=1)
+    assert rendered == [("thesis:patch=4", 8, 0)] and errors(tmp_path) == before
+
+
+def test_written_is_what_is_read(box, reference, tmp_path):
+    """Rows come back as they were written, to the digits that are written."""
+    about = conditions(box, reference, 1)
+    run = dmis.experiment.runs.Run("balance", 8, 3, 1234, 0.0, 0.0, 1.25, 3.25e-4, 1e-6, 2e-3, 2.5, -1.25)
+    results = Results(tmp_path, about)
+    results.append(run)
+    assert Results(tmp_path, about).runs == [run]
+    assert rows(tmp_path)[0]["mse_over_balance"] == "1.00000" and tuple(rows(tmp_path)[0]) == COLUMNS
+
+
+@pytest.mark.parametrize("change", ["resolution", "reference", "threads", "camera", "settings"])
+def test_other_conditions_are_refused(box, reference, tmp_path, change):
+    """With the name of what differs; the table is left as it is."""
+    about = conditions(box, reference, 1)
+    Results(tmp_path, about).append(dmis.experiment.runs.Run("balance", 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0))
+    before = (tmp_path / "results.csv").read_bytes()
+    other = dmis.Reference(reference.first, reference.first, 16)
+    found, told = {
+        "resolution": ({**about, "resolution": [9, 9]}, "resolution was [32, 24], now is [9, 9]"),
+        "reference": (conditions(box, other, 1), "reference was"),
+        "threads": (conditions(box, reference, 2), "threads was 1, now is 2"),
+        "camera": (conditions(_moved(box), reference, 1), "scene_hash was"),
+        "settings": (
+            conditions(box, reference, 1, dmis.Settings(sampler="sobol")),
+            "sampler was independent, now is sobol",
+        ),
+    }[change]
+    with pytest.raises(ValueError, match="measured under other conditions") as error:
+        Results(tmp_path, found)
+    assert told in str(error.value) and "choose another directory" in str(error.value)
+    assert (tmp_path / "results.csv").read_bytes() == before
+
+
+def test_another_rule_of_the_same_name_is_refused(box, reference, tmp_path, monkeypatch):
+    """A rule of one's own that was changed since; others may be added."""
+    monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.5))
+    compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
+    compare(box, ["mine", "thesis:patch=4"], [8], [0], reference, tmp_path, threads=1)
+    monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.25))
+    with pytest.raises(ValueError, match="was measured with another rule mine: its options or its class changed"):
+        compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
+    compare(box, ["balance"], [8], [0], reference, str(tmp_path), threads=1)
+    with pytest.raises(ValueError, match="another rule mine"):
+        compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
+
+
+def _moved(scene: dmis.Scene) -> dmis.Scene:
+    camera = dmis.Camera.look_at((0, -7, 2), (0, 0, -0.2), fov=40, resolution=(32, 24))
+    return dmis.Scene(camera, scene.parts, scene.lights, scene.name)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("scene,rule\nbox,balance\n", "has the columns scene,rule in place of"),
+        (",".join(COLUMNS) + "\nbox,balance,8\n", "line 2 (3 values for 15 columns)"),
+        (",".join(COLUMNS) + "\n" + ",".join("x" * 15) + "\n", "line 2 (invalid literal"),
+    ],
+)
+def test_tables_of_another_kind_are_refused(box, reference, tmp_path, text, message):
+    """File, line and reason."""
+    about = conditions(box, reference, 1)
+    Results(tmp_path, about)
+    (tmp_path / "results.csv").write_text(text, "utf-8")
+    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'results.csv'} ")) as error:
+        Results(tmp_path, about)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("text", [None, "no json"])
+def test_a_table_that_does_not_say_what_it_is_of_is_refused(box, reference, tmp_path, text):
+    """Its rows cannot be trusted to be of this scene."""
+    about = conditions(box, reference, 1)
+    Results(tmp_path, about)
+    (tmp_path / "comparison.json").unlink()
+    if text is not None:
+        (tmp_path / "comparison.json").write_text(text)
+    with pytest.raises(ValueError, match=r"has no readable comparison\.json"):
+        Results(tmp_path, about)
+
+
+def test_conditions_are_plain_data(box, reference):
+    """They go into a file and come back the same."""
+    about = conditions(box, reference, None)
+    assert json.loads(json.dumps(about)) == about
+
+
+def test_command_line_refuses_another_scene(tmp_path, capsys, monkeypatch):
+    """Exit code 2, one line, the difference in it."""
+    from dmis.cli.commands import main
+
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    out = tmp_path / "out"
+    more = ["--rules", "balance", "--spp", "2", "--seeds", "1", "--reference-spp", "4", "--quiet", "-o", str(out)]
+    assert main(["compare", "teapot-area-light", "--resolution", "8x8", *more]) == 0
+    assert main(["compare", "teapot-area-light", "--resolution", "9x8", *more]) == 2
+    error = capsys.readouterr().err
+    assert "resolution was [8, 8], now is [9, 8]" in error and len(error.splitlines()) == 1
+
+
+def test_command_line_says_how_to_go_on(tmp_path, capsys, monkeypatch):
+    """After Ctrl-C: exit code 130, and where it is kept."""
+    import dmis.cli.commands as command
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(command, "compare", interrupted)
+    size = ["--resolution", "8x8", "--reference-spp", "4"]
+    assert command.main(["compare", "teapot-area-light", *size, "-o", str(tmp_path / "out")]) == 130
+    assert f"kept in {tmp_path / 'out'}" in capsys.readouterr().err
+
+
+def test_pictures_have_names_of_their_own(box, reference, tmp_path):
+    """Rules whose names differ in what a file's name cannot have, or are very long, do not share a picture."""
+    results = Results(tmp_path, conditions(box, reference, 1))
+    rules = ["second-moment:guard=1e+3", "second-moment:guard=1e-3", "thesis", "x" * 300 + "1", "x" * 300 + "2"]
+    names = [results.image((rule, 16)).name for rule in rules]
+    assert len(set(names)) == len(rules) and max(map(len, names)) < 160
+    assert names[2] == "thesis-16spp.exr" and names[1] == "second-moment-guard=1e-3-16spp.exr"

@@ -1,0 +1,70 @@
+"""All rules and combiners over stiff scenes, lights of radius 1e-3 to 10, roughness from 1e-4 to 1: no mean moves.
+
+A small bright light makes BRDF sampling useless, a sharp lobe under a large light makes light sampling useless, and
+where both are extreme either fails for one of the lobes.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT, box_scene
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.materials import plastic
+from dmis.fit.registry import RULES
+from dmis.light.area import SphereLight
+
+RADII = (1e-3, 0.1, 10.0)
+ROUGHNESS = (1e-4, 0.02, 1.0)
+COMBINERS = ("power", "power-3", "maximum", "cutoff-0.3")
+SEEDS, SPP = 16, 32
+STARVING = ("thesis", "inverse-variance")
+"""Rules that may give a technique nothing because their pilot saw nothing of it."""
+EVERY = [
+    *(rule for rule in RULES if rule not in ("fixed", "uniform")),
+    "fixed:0.1",
+    *(f"{rule}:combiner={combiner}" for combiner in COMBINERS for rule in ("balance", "second-moment", "auto")),
+]
+
+
+@cache
+def scene(radius: float, roughness: float) -> dmis.Scene:
+    """A glossy floor under a sphere, whose irradiance is about the same for all radii."""
+    distance = radius + 2
+    light = SphereLight((0, 0.44 * distance, 0.9 * distance), radius, (4 * (distance / radius) ** 2,) * 3)
+    return box_scene(plastic(0.3, 0.3, roughness), (light,), resolution=(12, 12))
+
+
+def means(radius: float, roughness: float, rule: str, seeds: int, spp: int, first: int = 0) -> Array:
+    """Means over the image, one for each seed."""
+    of = scene(radius, roughness)
+    return np.array([dmis.render(of, rule, spp, seed=first + s, threads=1).image.mean() for s in range(seeds)])
+
+
+@cache
+def truth(radius: float, roughness: float) -> tuple[float, float]:
+    """Mean and standard error of the balance heuristic."""
+    found = means(radius, roughness, "balance", 32, 512, 1000)
+    return float(found.mean()), float(found.std(ddof=1) / np.sqrt(len(found)))
+
+
+@pytest.mark.parametrize("rule", EVERY)
+@pytest.mark.parametrize("radius", RADII)
+@pytest.mark.parametrize("roughness", ROUGHNESS)
+def test_the_mean_stays(radius: float, roughness: float, rule: str) -> None:
+    """A z-test of the mean over the image and over seeds, against the balance heuristic with many samples.
+
+    BRDF samples never meet the smallest light. Rules that take their zeros for a small variance leave it to them, and
+    render black where the few samples that would make up for it, unbiased as they are, will not come in a lifetime.
+    """
+    found = means(radius, roughness, rule, SEEDS, SPP)
+    mean, error = truth(radius, roughness)
+    error = np.hypot(error, found.std(ddof=1) / np.sqrt(SEEDS))
+    if radius == 1e-3 and rule in STARVING:
+        assert found.mean() < 0.9 * mean
+    else:
+        assert abs(found.mean() - mean) < Z_LIMIT * error

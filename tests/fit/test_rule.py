@@ -1,0 +1,224 @@
+"""The base class of rules: defaults, plain classes, names, errors; and the rule that CONTRIBUTING.md shows."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import box_scene
+
+import dmis
+from dmis.brdf.materials import plastic
+from dmis.cli.commands import main
+from dmis.experiment.compare import compare, parse_rules
+from dmis.fit.registry import RULES, make_rule
+from dmis.fit.rule import Rule, complete_rule
+from dmis.light.area import DiskLight
+from dmis.pipeline.fingerprint import digest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _names() -> Iterator[None]:
+    """Take back the names that a test registers."""
+    known = dict(RULES)
+    yield
+    RULES.clear()
+    RULES.update(known)
+
+
+@pytest.fixture(scope="module")
+def box() -> dmis.Scene:
+    return box_scene(plastic(0.4, 0.2, 0.05), (DiskLight((0, 2.5, 2.5), (0, -1, -1), 0.5, (5.0,) * 3),), (), (32, 24))
+
+
+class Plain:
+    """A class with nothing but a fit, whose options are the arguments of its constructor."""
+
+    def __init__(self, w: float = 0.25, name: str = "", steep: bool = False, table: tuple = ()) -> None:
+        self.w, self.name, self.steep, self.table = w, name, steep, table
+
+    def fit(self, pilot: object) -> dmis.Fit:
+        return dmis.Fit(weight=self.w)
+
+
+class Derived(dmis.Rule):
+    """A rule with a pilot of its own, the rest by default."""
+
+    pilot = {0.5: 2}  # noqa: RUF012
+
+    def fit(self, pilot: object) -> dmis.Fit:
+        return dmis.Fit(weight=0.25)
+
+
+def test_only_fit_must_be_given(box: dmis.Scene) -> None:
+    """A plain class and a derived one get the same defaults; the image is that of the weight."""
+    plain, derived = make_rule(Plain()), make_rule(Derived())
+    assert isinstance(plain, Rule) and type(derived) is Derived
+    assert dict(plain.pilot) == dict(plain.settings) == dict(derived.settings) == {} and derived.pilot == {0.5: 2}
+    for rule in (plain, derived):
+        assert rule.statistic is None and not rule.needs_features and not rule.multi_technique
+    fixed = dmis.render(box, "fixed:0.25", 8, seed=1)
+    np.testing.assert_array_equal(dmis.render(box, Plain(), 8, seed=1).image, fixed.image)
+    assert dmis.render(box, Derived(), 8, seed=1).provenance["pilot_rays"]
+
+
+def test_names_of_a_plain_class_are_kept() -> None:
+    """Class attributes, properties and attributes of the object all count."""
+
+    class Mixed(Plain):
+        needs_features = True
+
+        @property
+        def settings(self) -> dict:
+            return {"reuse_pilot": False}
+
+    rule = Mixed()
+    rule.pilot = {0.0: 2, 1.0: 2}
+    found = make_rule(rule)
+    assert (found.needs_features, found.settings, found.pilot) == (True, {"reuse_pilot": False}, {0.0: 2, 1.0: 2})
+
+
+def test_options_and_code_of_a_plain_class_are_in_the_fingerprint() -> None:
+    """A comparison or a checkpoint of another rule is not resumed."""
+
+    class Other(Plain):
+        def fit(self, pilot: object) -> dmis.Fit:
+            return dmis.Fit(weight=1 - self.w)
+
+    assert digest(make_rule(Plain())) == digest(make_rule(Plain()))
+    assert len({digest(make_rule(rule)) for rule in (Plain(), Plain(0.5), Other())}) == 3
+
+
+class NoFit:
+    pilot = {0.5: 2}  # noqa: RUF012
+
+
+class DerivedNoFit(dmis.Rule):
+    pass
+
+
+@pytest.mark.parametrize("rule", [NoFit(), DerivedNoFit(), 3, None, np.zeros((2, 2))])
+def test_a_missing_fit_is_named(rule: object) -> None:
+    """The error says what is missing and how to add it."""
+    with pytest.raises(
+        ValueError, match=rf"(?s)has no method fit. Add it to class {type(rule).__name__}: def fit\(self, pi"
+    ):
+        complete_rule(rule)
+
+
+@pytest.mark.parametrize(
+    "name, value, message",
+    [
+        ("pilot", None, r"pilot of rule .* must be a dict such as \{0.5: 2\}.*; got None. Without one, leave it out"),
+        ("pilot", 2, "pilot of rule .* must be a dict .*; got 2"),
+        ("settings", [1], r"settings of rule .* must be a dict .*; got \[1\]"),
+    ],
+)
+def test_bad_parts_are_named(box: dmis.Scene, name: str, value: object, message: str) -> None:
+    """Before anything is rendered."""
+    rule = Plain()
+    setattr(rule, name, value)
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, rule, 8)
+
+
+def test_a_class_is_no_rule() -> None:
+    """But its object is."""
+    with pytest.raises(ValueError, match=r"Make an object of the class: Derived\(\)"):
+        make_rule(Derived)
+
+
+# Names --------------------------------------------------------------------------------------------------------------
+
+
+def test_registered_plain_class() -> None:
+    """Arguments of the constructor are options, read by the type of their defaults; what text cannot say is none."""
+    dmis.register_rule("plain-class", Plain)
+    rule = make_rule("plain-class:0.75,name=x,steep=yes").rule
+    assert (rule.w, rule.name, rule.steep) == (0.75, "x", True)
+    assert parse_rules("plain-class:0.5,steep=no,balance") == ["plain-class:0.5,steep=no", "balance"]
+    with pytest.raises(ValueError, match="rule plain-class has the options w, name, steep; got 'table'"):
+        make_rule("plain-class:table=3")
+    with pytest.raises(ValueError, match="option w of rule plain-class must be of type float; got 'x'"):
+        make_rule("plain-class:w=x")
+
+
+def test_registered_rule_without_options() -> None:
+    """A function that returns a rule is enough."""
+    dmis.register_rule("three-quarters", lambda: Plain(0.75))
+    assert make_rule("three-quarters").fit({}).weight == 0.75
+    with pytest.raises(ValueError, match="rule three-quarters has no options; got 'patch'"):
+        make_rule("three-quarters:patch=4")
+    with pytest.raises(ValueError, match="rule three-quarters has no options; got '4'"):
+        make_rule("three-quarters:4")
+
+
+def test_a_class_that_is_defined_anew_replaces_itself() -> None:
+    """As a notebook's cell that runs twice; another class of that name may not."""
+    again = type("Plain", (Plain,), {"__module__": Plain.__module__, "__qualname__": Plain.__qualname__})
+    dmis.register_rule("mine", Plain)
+    dmis.register_rule("mine", again)
+    assert RULES["mine"] is again
+    with pytest.raises(ValueError, match=r"name of a rule must be new; 'mine' is taken by .*test_rule\.Plain. Choose"):
+        dmis.register_rule("mine", Derived)
+
+
+@pytest.mark.parametrize(
+    "name, cls, message",
+    [
+        ("thesis", Plain, "name of a rule must be new; 'thesis' is taken by dmis"),
+        ("all", Plain, "must not be all, because compare has it for every rule"),
+        ("", Plain, "must be letters, digits and hyphens, such as my-rule; got ''"),
+        ("my rule", Plain, "got 'my rule'"),
+        ("a:b", Plain, "got 'a:b'"),
+        ("a,b", Plain, "got 'a,b'"),
+        ("3d", Plain, "got '3d'"),
+        ("mine-", Plain, "got 'mine-'"),
+        ("my--rule", Plain, "got 'my--rule'"),
+        ("my_rule", Plain, "got 'my_rule'"),
+        (Plain, "mine", "must be letters, digits and hyphens"),
+        ("mine", Plain(), r"must be a class with a method fit.*; got <.*Write dmis.register_rule\('mine', MyRule\)"),
+        ("mine", NoFit, "has no method fit. Add it to class NoFit"),
+        ("mine", DerivedNoFit, "has no method fit. Add it to class DerivedNoFit"),
+        ("mine", int, "has no method fit"),
+        (
+            "mine",
+            lambda patch: Plain(),
+            "must have a default for every option.*; patch of .* has none. Write patch=...",
+        ),
+    ],
+)
+def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
+    """Errors say what is allowed, what was given and what to write; nothing is registered."""
+    known = dict(RULES)
+    with pytest.raises(ValueError, match=message):
+        dmis.register_rule(name, cls)
+    assert known == RULES
+
+
+# CONTRIBUTING.md ----------------------------------------------------------------------------------------------------
+
+
+def test_rule_of_the_page_for_contributors(box: dmis.Scene, tmp_path: Path) -> None:
+    """The code block has at most 10 lines, and works by name in `render`, `compare` and the command line."""
+    page = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    (code,) = re.search(r"\*\*A rule\.\*\*.*?```python\n(.*?)```", page, re.S).groups()
+    lines = [line for line in code.split("\n") if line.strip() and not line.strip().startswith("#")]
+    assert len(lines) <= 10
+    exec(compile(code, "CONTRIBUTING.md", "exec"), {"__name__": "mine"})
+
+    weight = dmis.render(box, "quieter:least=0.2", 16, seed=1).weight
+    assert weight.min() == pytest.approx(0.2) and weight.max() == pytest.approx(0.8)
+    np.testing.assert_array_equal(dmis.render(box, RULES["quieter"](0.2), 16, seed=1).weight, weight)
+
+    reference = dmis.make_reference(box, 16, folder=tmp_path)
+    comparison = compare(box, ["quieter", "quieter:0.3"], [16], [0, 1], reference, tmp_path / "table", threads=1)
+    assert comparison.runs.keys() == {("balance", 16), ("quieter", 16), ("quieter:0.3", 16)}
+    assert all(np.isfinite(run.mse) for runs in comparison.runs.values() for run in runs)
+
+    options = ["--resolution", "16x16", "--spp", "8", "--threads", "1", "--rule", "quieter:least=0.3"]
+    assert main(["render", "teapot-area-light", *options, "-o", str(tmp_path / "image.exr")]) == 0
+    assert '"quieter:least=0.3"' in dmis.read_exr(tmp_path / "image.exr")[1]["dmis.provenance"]

@@ -1,0 +1,253 @@
+"""The second-moment rule: planted curves, the guard, costs, numbers of samples."""
+
+import itertools
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted import PLAIN, pilot_of_curves
+
+import dmis
+from dmis.estimator.cost import camera_sample
+from dmis.fit.curve_minimum import weighed
+from dmis.fit.registry import make_rule
+from dmis.fit.rule import Pilot
+from dmis.fit.second_moment import Learned
+from dmis.pipeline.budget import LEVELS, divided, whole_samples
+from dmis.variance.curves import GRID
+
+
+def test_memory_of_a_fit() -> None:
+    """Means of the size of one combiner's sums, a few maps, and some rows of what is worked out on the way."""
+    found = pilot_of_curves(np.random.default_rng(1).random((len(GRID), 96, 96)) + 1, size=384)
+    guide = {"normal": np.zeros((3, 96, 96), np.float32), "material": np.ones((1, 96, 96), np.float32)}
+    size = sum(a.nbytes for a in found[0.5].sums.values())
+    both = {name: a if name == "position" else np.stack([a, a]) for name, a in found[0.5].sums.items()}
+    found = {0.5: replace(found[0.5], sums=both, guides=guide)}
+    rule = make_rule("auto:split=no,combiner=balance+power")
+    rule.fit(found)
+    tracemalloc.start()
+    rule.fit(found)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2.5 * size  # of one combiner
+
+
+@pytest.mark.parametrize("g", range(len(GRID)))
+def test_planted_minimum(g: int) -> None:
+    """Every weight of the grid is found where the curve has its minimum there."""
+    curve = ((GRID - GRID[g]) ** 2 + 0.1)[:, None, None]
+    fit = Learned(**PLAIN).fit(pilot_of_curves(curve))
+    np.testing.assert_array_equal(fit.weight, GRID[g])
+
+
+@pytest.mark.parametrize("patch", [4, 8, 16, 64])
+def test_patches_take_the_minimum_of_their_mean(patch: int) -> None:
+    """Curves are averaged, not weights."""
+    rng = np.random.default_rng(1)
+    curve = rng.random((len(GRID), 8, 8)) + 1
+    curve[[1, -2]] += 1  # so that the ends are good for the image
+    fit = Learned(patch=patch, **PLAIN).fit(pilot_of_curves(curve))
+    k = min(patch // 4, 8)
+    mean = curve.reshape(len(GRID), 8 // k, k, 8 // k, k).mean(axis=(2, 4))
+    np.testing.assert_array_equal(fit.maps["patch"], GRID[mean.argmin(axis=0)])
+    np.testing.assert_allclose(fit.maps["variance"], mean.min(axis=0))
+
+
+def test_guard() -> None:
+    """A gain of 3 standard errors passes a guard of 2, not one of 4."""
+    gain = 0.1
+    curve = np.where(GRID == 1, 1 - gain, 1.0)[:, None, None]
+    noise = gain / 3 * np.sqrt(15)  # 16 pixels; the standard error divides by 15
+    for guard, weight in ((2.0, 1.0), (4.0, 0.5)):
+        fit = Learned(**{**PLAIN, "guard": guard}).fit(pilot_of_curves(curve, noise))
+        np.testing.assert_array_equal(fit.weight, weight)
+
+
+def test_filtering_makes_surer() -> None:
+    """The same gain in all of a 5x5 neighbourhood passes where that of one patch does not; in a corner, where most of
+    the filter's weight is on one patch, it is worth three, and does not either.
+    """
+    curve = np.where(GRID == 1, 0.9, 1.0)[:, None, None]
+    noise = 0.1 * np.sqrt(15)  # one standard error in one patch
+    alone, shared = (
+        Learned(filter=f, shrink=False, cost=False, guard=2.0).fit(pilot_of_curves(curve, noise))
+        for f in ("none", "gaussian")
+    )
+    assert np.all(alone.weight == 0.5)
+    assert np.all(shared.weight[8:-8, 8:-8] == 1) and shared.weight[0, 0] == shared.weight[-1, 0] == 0.5
+
+
+def test_cost_moves_the_minimum() -> None:
+    """Light samples trace a ray, BRDF samples none: the minimum moves to where those are fewer, in dark patches more
+    than in bright ones, because the image has one number of samples everywhere.
+    """
+    rays = {"camera": 100, "shadow": 100, "brdf": 0}
+    assert (np.diff(camera_sample(rays, GRID)) > 0).all()
+    bowl = ((GRID - GRID[9]) ** 2 + 0.2)[:, None, None]
+    curve = bowl * np.where(np.arange(8) < 2, 1.0, 1e-2)  # columns of patches; too few are bright to be filtered away
+    found = pilot_of_curves(curve)
+    found[0.5] = Pilot(found[0.5].moments, rays, found[0.5].sums)
+    plain, costly = (Learned(**{**PLAIN, "cost": cost}).fit(found).maps["patch"] for cost in (False, True))
+    np.testing.assert_array_equal(plain, GRID[9])
+    assert np.all(costly[:, :2] <= plain[:, :2]) and np.all(costly[:, 2:] < costly[:, :1])
+
+
+def test_cheap_is_not_sure() -> None:
+    """Where the pilot sees no gain in variance, a sure gain in cost changes nothing: it may have seen too little."""
+    found = pilot_of_curves(np.ones((len(GRID), 1, 1)))
+    found[0.5] = Pilot(found[0.5].moments, {"camera": 100, "shadow": 100, "brdf": 0}, found[0.5].sums)
+    for counts in (False, True):
+        assert np.all(Learned(guard=0.0, counts=counts).fit(found).weight == 0.5)
+
+
+@pytest.mark.parametrize("uniform", [True, False])
+def test_objectives_are_least_for_the_image(uniform: bool) -> None:
+    """Each patch for itself finds the weights for which the image's error times its time is least: with the same
+    number of samples everywhere sum(V) sum(C), with numbers in proportion to sqrt(V / C) sum(sqrt(V C))^2.
+    """
+    rng = np.random.default_rng(3)
+    variance = rng.random((3, 4)) ** 4 + 0.01
+    cost = np.array([0.8, 1.0, 1.3])
+    every = np.array(list(itertools.product(range(3), repeat=4)))
+    v, c = variance[every, np.arange(4)], cost[every]
+    total = v.sum(axis=1) * c.sum(axis=1) if uniform else np.sqrt(v * c).sum(axis=1) ** 2
+    best = every[total.argmin()]
+    price = v[total.argmin()].sum() / c[total.argmin()].sum() if uniform else None
+    np.testing.assert_array_equal(weighed(variance, cost, price).argmin(axis=0), best)
+
+
+def test_ends_are_for_images_that_like_them() -> None:
+    """A patch that would leave a technique out stops short of it where the image as a whole fares badly there."""
+    inner, outer = (np.abs(GRID - g) + 0.1 for g in (0.5, 1.0))
+    curve = np.where(np.arange(8) < 2, outer[:, None, None], inner[:, None, None])
+    weight = np.broadcast_to(Learned(**PLAIN).fit(pilot_of_curves(curve)).weight, (32, 32))
+    assert (weight[:, :8] == GRID[-2]).all() and (weight[:, 8:] == 0.5).all()
+
+
+@pytest.mark.parametrize("shared, times", [(0.0, 8), (2.0, 1), (100.0, 0.5)])
+def test_split(shared: float, times: float) -> None:
+    """Many shading samples where they bring the variance, few where edges and textures do."""
+    found = pilot_of_curves(np.ones((len(GRID), 8, 8)))[0.5]
+    found = replace(found, sums={**found.sums, "position": np.full((8, 8), shared * 16)})
+    for counts in (False, True):
+        assert Learned(split=True, counts=counts).fit({0.5: found}).split == times
+        assert Learned(split=False, counts=counts).fit({0.5: found}).split == 1
+    variance = Learned(split=True, filter="none", shrink=False).fit({0.5: found}).maps["variance"]
+    np.testing.assert_allclose(variance, shared + 1 / times)
+
+
+def test_black_patches_stay_at_one_half() -> None:
+    """Where nothing was seen there is no reason to leave."""
+    fit = Learned(counts=True).fit(pilot_of_curves(np.zeros((len(GRID), 1, 1))))
+    np.testing.assert_array_equal(fit.weight, 0.5)
+    assert fit.samples is not None and np.ptp(fit.samples) == 0
+
+
+def test_numbers_of_samples() -> None:
+    """In proportion to the square root of the variance over cost, not below the floor."""
+    curve = np.ones((len(GRID), 8, 8))
+    curve[:, :, :4] = 9
+    fit = Learned(counts=True, **PLAIN).fit(pilot_of_curves(curve))
+    assert fit.samples is not None
+    assert fit.samples[0, 0] / fit.samples[0, -1] == pytest.approx(3)
+    curve[:, :, 4:] = 0
+    fit = Learned(counts=True, floor=0.2, **PLAIN).fit(pilot_of_curves(curve))
+    assert fit.samples is not None
+    assert fit.samples[0, -1] / fit.samples[0, 0] == pytest.approx(0.2 * 1.5 / 3)
+
+
+@pytest.mark.parametrize(
+    "options", ["patch=6", "patch=2", "spp=2", "spp=7", "guard=-1", "floor=0", "size=4", "sigma=0", "filter=box"]
+)
+def test_bad_options(options: str) -> None:
+    """Errors name the option and what it allows."""
+    with pytest.raises(ValueError, match=options.split("=")[0]):
+        make_rule(f"second-moment:{options}")
+
+
+# Whole numbers of samples -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spp", [2, 7, 122, 1000])
+@pytest.mark.parametrize("spread", [0.0, 1.0, 3.0])
+def test_whole_samples_keep_the_budget(spp: int, spread: float) -> None:
+    """Levels only, at least two, and their mean is the budget."""
+    share = np.exp(np.random.default_rng(1).normal(0, spread, (60, 80)))
+    n = whole_samples(share, spp, np.random.default_rng(2))
+    assert np.isin(n, LEVELS).all() and n.min() >= 2
+    assert n.mean() == pytest.approx(spp, rel=0.01)
+
+
+def test_whole_samples_keep_the_expectation() -> None:
+    """Over many offsets each pixel has what it should have on average."""
+    share = np.array([[1.0, 2.0, 3.0, 5.5, 0.2]])
+    mean = np.mean([whole_samples(share, 50, np.random.default_rng(s)) for s in range(4000)], axis=0)
+    np.testing.assert_allclose(mean, share * (50 / share.mean()), rtol=0.02)
+
+
+def test_more_samples_than_levels() -> None:
+    """In place of fewer than were asked for."""
+    with pytest.raises(ValueError, match="camera samples must be at most 65536 per pixel"):
+        whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(2))
+
+
+@pytest.mark.parametrize("rule", ["auto", "second-moment:split=yes"])
+@pytest.mark.parametrize("spp", [7, 8, 9, 13, 20, 29, 45])
+def test_splits_stay_in_the_budget(rule: str, spp: int) -> None:
+    """Of one sample that is left no two can be made, whatever the fit would like; and what is left is used."""
+    scene = dmis.load_scene("killeroo-gold", resolution=(32, 24))
+    assert spp - 1.5 <= dmis.render(scene, rule, spp, seed=1).samples.mean() <= spp + 0.01
+
+
+@pytest.mark.parametrize("split", [0.5, 1, 2, 4, 8])
+@pytest.mark.parametrize("shading_samples", [2, 4, 10])
+def test_budgets_are_divided(shading_samples: int, split: float) -> None:
+    """Not exceeded, nearly used, and about as asked for; exactly where that divides the budget."""
+    for samples in range(1, 300):
+        n, each = divided(samples, shading_samples, split)
+        budget = samples * shading_samples
+        assert 1 <= n and 1 <= each <= 100 and budget - n < n * each <= budget
+        if samples >= 2 * split:
+            assert abs(each / shading_samples / split - 1) <= 0.5
+        if samples % split == 0:
+            assert (n, each) == (samples / split, shading_samples * split)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_bad_shares(bad: float) -> None:
+    """Every pixel needs samples."""
+    share = np.ones((4, 4))
+    share[1, 1] = bad
+    with pytest.raises(ValueError, match="samples of a fit must be positive and finite"):
+        whole_samples(share, 8, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("counts", ["yes", "no"])
+def test_split_renders(box: dmis.Scene, monkeypatch, counts: str) -> None:
+    """Fewer camera samples, as many shading samples: the budget is kept, and so is the mean."""
+    monkeypatch.setattr("dmis.fit.second_moment.SPLITS", (4,))
+    result = dmis.render(box, f"second-moment:split=yes,counts={counts}", 66, seed=1)
+    pixels = result.samples.size
+    if counts == "no":  # else the pixels that see nothing, where no ray is traced, have fewer
+        assert result.rays["camera"] / box.seeing.sum() == pytest.approx(3 + 60 / 4, rel=0.02)
+    assert result.samples.mean() == pytest.approx(66, rel=0.02)
+    truth = dmis.render(box, "balance", 512, seed=2)
+    error = np.sqrt((result.variance + truth.variance).mean() / pixels)
+    assert abs(result.image.mean() - truth.image.mean()) < 4 * error
+
+
+# In a render --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol"])
+def test_counts_render(box: dmis.Scene, sampler: str) -> None:
+    """The samples layer has the budget as its mean; threads do not matter; camera rays are the samples."""
+    rule = f"second-moment:counts=yes,sampler={sampler}"
+    one, two = (dmis.render(box, rule, 32, seed=3, threads=n) for n in (1, 2))
+    assert np.array_equal(one.image, two.image) and np.array_equal(one.samples, two.samples)
+    assert one.samples.mean() == pytest.approx(32, rel=0.02) and np.ptp(one.samples) > 0
+    seen = one.samples[box.seeing]
+    assert one.rays["camera"] == seen.sum() - 3 * seen.size  # three of the pilot count for six
+    assert np.isfinite(one.image).all() and np.isfinite(one.variance).all()

@@ -1,0 +1,349 @@
+"""Shares of K techniques: planted answers in one dimension, agreement with two, and unbiased images."""
+
+from __future__ import annotations
+
+import itertools
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT, box_scene, z_score
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.materials import plastic
+from dmis.estimator.allocation import allocate
+from dmis.estimator.cost import RAY, RESAMPLED, SHADING, camera_sample
+from dmis.estimator.records import Record
+from dmis.estimator.settings import Settings
+from dmis.experiment.compare import parse_rules
+from dmis.fit.curve_minimum import Pooled, least
+from dmis.fit.fixed import Fixed
+from dmis.fit.registry import make_rule
+from dmis.fit.simplex import Simplex, allowed, cheapest
+from dmis.light.area import SphereLight
+from dmis.variance.curves import GRID, Curves
+from dmis.variance.simplex_curves import (
+    SMALLEST_SHARE,
+    SamplesTowardsLight,
+    SimplexCurves,
+    baseline_point,
+    grid,
+    samples_by_light,
+)
+
+LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
+MIX = "light=0.3,brdf=0.45,resampled=0.25"
+
+
+# One dimension ------------------------------------------------------------------------------------------------------
+# On [0, 1]: 2 x, 2 (1 - x) and 6 x (1 - x), which are linearly independent; each is drawn from uniform numbers.
+
+
+def density(x: Array) -> Array:
+    return np.stack([2 * x, 2 * (1 - x), 6 * x * (1 - x)])
+
+
+def draw(technique: int, rng: np.random.Generator, n: int) -> Array:
+    if technique == 2:
+        return np.sort(rng.random((3, n)), axis=0)[1]  # the median of three
+    x = np.sqrt(rng.random(n))
+    return x if technique == 0 else 1 - x
+
+
+PLANTED = np.array([1 / 2, 1 / 3, 1 / 6])
+
+
+def planted(x: Array, y: Array) -> Array:
+    """A mixture: the shares `PLANTED` have no variance."""
+    return PLANTED @ density(x)
+
+
+def plain(x: Array, y: Array) -> Array:
+    """Nothing in particular, different at every y in [0, 1]; 0 where densities are, so that variances are finite."""
+    return x * (1 - x) * (0.25 + (1 + 2 * y) * x)
+
+
+def pilot(f: Any, pixels: int, count: int, exact=(True, True, True), keys: int = 1, s: int = 2, seed: int = 1):
+    """Records of s samples of each technique at equal shares, their radiance, and the sums of `SimplexCurves`.
+
+    A technique that is not exact draws evenly, has ``2 x`` as its stand-in, and makes up for it.
+    """
+    rng, k, n = np.random.default_rng(seed), len(exact), pixels * count
+    records, radiance, y = [], np.zeros(n), rng.random(n)
+    for key, side, turn in itertools.product(range(keys), range(k), range(s)):
+        x = draw(side, rng, n) if exact[side] else rng.random(n)
+        pdf = density(x)[:k]
+        for other in np.flatnonzero(~np.array(exact)):
+            pdf[other] = 2 * x
+        value = f(x, y) / pdf.mean(axis=0) * (1 if exact[side] else 2 * x)
+        radiance += value / (k * s)
+        value = np.repeat(value[None], 3, axis=0).astype(np.float32)
+        records.append(Record(side, (key,), turn, None, value, pdf.astype(np.float32)))
+    radiance = np.repeat(radiance[None], 3, axis=0).astype(np.float32)
+    found = SimplexCurves(pixels, k * s, exact)
+    found.add(records, radiance, count)
+    return records, radiance, found.sums()
+
+
+def variance(f: Any, w: Array, s: int, exact=(True, True, True)) -> float:
+    """By quadrature: variance of a camera sample, less that of I(y), with counts as `allocate` makes them."""
+    x = ((np.arange(20_000) + 0.5) / 20_000)[:, None]
+    y = (np.arange(20) + 0.5) / 20
+    q = density(x)[: len(w)]
+    q[~np.array(exact)] = 2 * x
+    p_w = np.maximum(np.einsum("k,kxy->xy", w, q), 1e-300)
+    # of a technique that is not exact: f F / p_w, F = 2 x, under the density 1
+    means, seconds = [], []
+    for p, known in zip(q, exact, strict=True):
+        factor, drawn = (1, p) if known else (2 * x, 1)
+        means.append(np.mean(drawn * f(x, y) * factor / p_w, axis=0))
+        seconds.append(np.mean(drawn * (f(x, y) * factor / p_w) ** 2, axis=0))
+    offset = np.random.default_rng(1).random((len(w) - 1, 4000))
+    at = np.arange(4000)
+    shares = np.repeat(np.array(w)[:, None], 4000, axis=1)
+    counts = allocate(shares if len(w) > 2 else shares[0], s, at, at * 0 + 3, np.squeeze(offset), None).per_technique
+    counts = (*counts, s - sum(counts))
+    found, number = np.unique(np.array(counts), axis=1, return_counts=True)
+    total = 0.0
+    for n, share in zip(found.T, number / number.sum(), strict=True):
+        mean = np.einsum("k,ky->y", n, means) / s
+        at_y = np.einsum("k,ky->y", n, np.array(seconds) - np.array(means) ** 2) / s**2
+        total += share * float(mean.var() + at_y.mean())
+    return total - float(np.einsum("k,ky->y", w, means).var())
+
+
+def test_a_mixture_has_no_variance_at_its_own_shares() -> None:
+    """f = p_1 / 2 + p_2 / 3 + p_3 / 6: at these shares every sample is 1, and nowhere else is V as small."""
+    _, _, sums = pilot(planted, 20_000, 2)
+    shares, _ = grid(3)
+    curve = sums["curve"]
+    best = int(curve.mean(axis=1).argmin())
+    np.testing.assert_allclose(shares[:, best], PLANTED)
+    assert abs(z_score(curve[best], 0.0)) < Z_LIMIT
+    assert all(z_score(other, 0.0) > Z_LIMIT for other in np.delete(curve, best, axis=0))
+
+
+@pytest.mark.parametrize("exact", [(True, True, True), (True, True, False), (True, True)])
+@pytest.mark.parametrize("count, s", [(2, 2), (3, 4)])
+def test_curves_are_unbiased(exact: tuple[bool, ...], count: int, s: int) -> None:
+    """At every point of the grid where f over the mixture is bounded, by quadrature."""
+    _, _, sums = pilot(plain, 20_000, count, exact, s=s, seed=count)
+    shares, _ = grid(len(exact))
+    assert abs(z_score(sums["position"], 1 / 6**2 / 12)) < Z_LIMIT  # I(y) = 1 / 24 + (1 + 2 y) / 12
+    for g, w in enumerate(shares.T):
+        if (w[:2] > 0).all():
+            assert abs(z_score(sums["curve"][g], variance(plain, w, s, exact))) < Z_LIMIT, w
+
+
+def test_second_moments_are_convex() -> None:
+    """Of techniques whose densities are known, ``mean of f^2 / p_w`` of one pilot, between any two points."""
+    records, _, _ = pilot(plain, 200, 2)
+    seen = SamplesTowardsLight(*next(samples_by_light(records, 2, 3, 400)), (True,) * 3)
+    rng = np.random.default_rng(4)
+    for a, b in rng.dirichlet((0.5, 0.5, 0.5), (50, 2)).astype(np.float32):
+        at_a, at_b, middle = (seen.at(w)[0].mean() for w in (a, b, (a + b) / 2))
+        assert middle <= (at_a + at_b) / 2 * (1 + 1e-5)
+
+
+def test_two_techniques_are_those_of_curves() -> None:
+    """The same records: the same V at the weights that both grids have."""
+    records, radiance, sums = pilot(plain, 300, 3, (True, True), keys=2)
+    curves = Curves(300, 4)
+    curves.add(records, radiance, 3)
+    other = curves.sums()
+    np.testing.assert_allclose(sums["position"], other["position"], rtol=1e-4, atol=1e-6)
+    shares, _ = grid(2)
+    scale = np.abs(other["curve"]).mean()
+    common = 0
+    for g, w in enumerate(GRID):
+        at = np.abs(shares[0] - w).argmin()
+        if np.isclose(shares[0, at], w):
+            common += 1
+            for name in ("curve", "square", "cross"):
+                unit = scale if name == "curve" else scale**2
+                np.testing.assert_allclose(sums[name][at] / unit, other[name][g] / unit, rtol=2e-3, atol=1e-3)
+    assert common == 5
+
+
+@pytest.mark.parametrize("techniques", [2, 3, 4])
+def test_grid(techniques: int) -> None:
+    """Points of the simplex, each once; equal shares among them; and the twins of those that leave techniques out."""
+    shares, inside = grid(techniques)
+    np.testing.assert_allclose(shares.sum(axis=0), 1)
+    assert len(np.unique(shares.round(9), axis=1).T) == shares.shape[1]
+    np.testing.assert_allclose(shares[:, baseline_point((True,) * techniques)], 1 / techniques)
+    assert (shares[:, inside] > 0).all() and (shares[:, inside] >= SMALLEST_SHARE - 1e-12).all()
+    np.testing.assert_allclose(shares[:, inside], np.where(shares == 0, SMALLEST_SHARE, shares[:, inside]))
+    curve = np.where((shares == 0).any(axis=0), 2.0, 1.0)
+    np.testing.assert_array_equal(allowed(curve, inside), (shares > 0).all(axis=0))
+    assert allowed(1 / curve, inside).all()
+
+
+def test_home() -> None:
+    """What the guard stays at: the techniques whose density is known, equally."""
+    shares, _ = grid(3)
+    np.testing.assert_allclose(shares[:, baseline_point((True, True, False))], (0.5, 0.5, 0))
+    np.testing.assert_allclose(shares[:, baseline_point((True, False, False))], (1 / 3, 1 / 3, 1 / 3))
+
+
+# Images -------------------------------------------------------------------------------------------------------------
+
+
+@cache
+def images(rule: Any, first: int = 0, **settings: Any) -> Array:
+    """Means of a glossy floor under a large sphere, for 24 seeds."""
+    scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(8, 8))
+    chosen = Settings(**settings)
+    return np.array(
+        [
+            dmis.render(scene, rule, 32, seed=s, threads=1, settings=chosen).image.mean()
+            for s in range(first, first + 24)
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    "rule, settings",
+    [
+        (f"simplex:{MIX}", {}),
+        (f"simplex:{MIX},combiner=power", {"shading_samples": 3}),
+        (f"simplex:{MIX},combiner=maximum", {"shading_samples": 1}),
+        (f"simplex:{MIX},combiner=cutoff,sampler=sobol", {}),
+        ("simplex:light=0.2,brdf=0.3,uniform=0.1,resampled=0.4,sampler=stratified", {}),
+        (Fixed((0.2, 0.3, 0.5), techniques=("resampled", "brdf", "light"), allocation="random"), {}),
+        (f"simplex:{MIX}", {"integrator": "path", "max_depth": 1}),
+        ("simplex", {}),
+        ("simplex:light+brdf+uniform,guard=0,filter=gaussian", {}),
+        ("simplex:brdf+resampled,shrink=no", {}),
+        ("simplex:light+brdf+uniform+resampled,spp=8,filter=none,cost=no", {}),
+    ],
+)
+def test_images_of_several_techniques_are_unbiased(rule: Any, settings: dict[str, Any]) -> None:
+    """Against light and BRDF samples with the balance heuristic."""
+    found, balance = images(rule, **settings), images("balance", 500)
+    assert abs(z_score(found, balance)) < Z_LIMIT
+
+
+def test_paths_are_unbiased() -> None:
+    """Given and learned shares at all surfaces of a path."""
+    how = {"integrator": "path", "max_depth": 3}
+    balance = images("balance", 500, **how)
+    for rule in (f"simplex:{MIX}", "simplex"):
+        assert abs(z_score(images(rule, **how), balance)) < Z_LIMIT
+
+
+def test_the_image_does_not_depend_on_threads() -> None:
+    """Nor on how shares are given: of two techniques the rule is that of one weight."""
+    scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(40, 33))
+    one, three = (dmis.render(scene, "simplex", 12, seed=3, threads=n) for n in (1, 3))
+    np.testing.assert_array_equal(one.image, three.image)
+    assert one.maps["patch"].shape == (3, 9, 10) and one.provenance["settings"]["techniques"][2] == "resampled"
+    np.testing.assert_allclose(one.maps["patch"].sum(axis=0), 1)
+    np.testing.assert_array_equal(one.weight, np.kron(one.maps["patch"][0], np.ones((4, 4)))[:33].astype(np.float32))
+    assert make_rule("simplex:light=0.25,brdf=0.75") == Fixed(0.25)
+    assert dmis.render(scene, f"simplex:{MIX}", 4, seed=3).weight == pytest.approx(0.3)
+
+
+def test_two_learned_shares_are_those_of_second_moment() -> None:
+    """The same pilot, the same curves: the weight is the nearest of its grid, or the next."""
+    lamp = SphereLight((0.0, 1.5, 3.0), 2.0, (5.0, 4.0, 3.0))
+    scene = box_scene(plastic(0.1, 0.8, 0.005), (lamp,), resolution=(32, 32))
+    options = "filter=none,shrink=no,cost=no,guard=0"
+    ours, theirs = (
+        dmis.render(scene, f"{rule},{options}", 12, seed=3) for rule in ("simplex:light+brdf", "second-moment:patch=4")
+    )
+    np.testing.assert_allclose(ours.maps["variances"][2 + 1], theirs.maps["variances"][6], rtol=1e-3)
+    assert np.abs(ours.weight - theirs.weight).max() < 1 / 6
+    assert np.ptp(theirs.weight) > 0.5
+
+
+def test_learned_shares_are_worth_it() -> None:
+    """Where most samples of two of three techniques miss the light, these are left with few."""
+    scene = box_scene(resolution=(24, 24))
+    learned, equal = (
+        dmis.render(scene, rule, 96, seed=2)
+        for rule in ("simplex:light+brdf+uniform", "simplex:light=0.3333334,brdf=0.3333333,uniform=0.3333333")
+    )
+    assert np.median(learned.maps["patch"][0]) > 0.8 and learned.variance.mean() < 0.2 * equal.variance.mean()
+
+
+def test_cost_of_several_techniques() -> None:
+    """100 camera samples, two samples each of light, BRDF and resampled."""
+    rays = {"camera": 100, "shadow": 150, "brdf": 20, "resampled": 200}
+    shares, _ = grid(3)
+    each = np.array([SHADING + 0.75 * RAY, SHADING + 0.1 * RAY, RESAMPLED + RAY])
+    found = camera_sample(rays, shares, 6, 2, ("light", "brdf", "resampled"))
+    np.testing.assert_allclose(found, 1 + 2 * each @ shares)
+
+
+def test_the_price_is_that_of_the_minimum() -> None:
+    """A technique of twice the cost and a quarter of the variance in all patches is taken, although at the price of
+    where it is not taken that would be worse; one of half the variance is no better.
+    """
+    shares, inside = grid(3)
+    at = baseline_point((True, True, False))
+    cost = 1 + shares[2]
+    for alone, taken in ((0.25, True), (0.55, False)):
+        curve = np.broadcast_to((1 - (1 - alone) * shares[2])[:, None, None], (shares.shape[1], 2, 3))
+        curves = Pooled(curve, curve**2, curve * curve[at], np.zeros(()), np.zeros((2, 3)), np.full((2, 3), 1e9), at)
+        may = np.ones(shares.shape[1], bool)
+        found = cheapest(curves, cost, 1.5, may, np.full((2, 3), 16.0))
+        assert (shares[2][found] == taken).all()
+        assert (least(curves, cost, 1.5, may, price=1.0) == at).all()  # that where it is not taken
+
+
+# Texts --------------------------------------------------------------------------------------------------------------
+
+
+def test_texts() -> None:
+    """Learned or given; commas between rules, and within one."""
+    assert make_rule("simplex") == Simplex() == make_rule("simplex:light+brdf+resampled")
+    assert make_rule("simplex:brdf+uniform,patch=8,cost=no") == Simplex("brdf+uniform", 8, cost=False)
+    shares = Fixed((0.3, 0.45, 0.25), "power", ("light", "brdf", "resampled"))
+    assert make_rule(f"simplex:{MIX},combiner=power") == shares
+    assert parse_rules(f"balance,simplex:{MIX},auto") == ["balance", f"simplex:{MIX}", "auto"]
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("simplex:light", "mix must be two or more different techniques"),
+        ("simplex:light+light", "mix must be two or more different techniques"),
+        ("simplex:light+dark", "technique must be one of .*; got 'dark'"),
+        ("simplex:light+brdf+uniform+resampled", "even multiple of 4, the number of techniques, and at least 8; got 6"),
+        ("simplex:spp=9", "even multiple of 3"),
+        ("simplex:filter=quadtree", "filter must be gaussian, none or joint"),
+        ("simplex:patch=6", "patch must be a multiple of 4"),
+        ("simplex:guard=-1", "guard must not be negative"),
+        ("simplex:light=0.5", "shares of at least two techniques; got light"),
+        ("simplex:light=0.5,brdf=0.3,resampled=0.3", "add up to 1, .* got 0.5 \\+ 0.3 \\+ 0.3 = 1.1"),
+        ("simplex:light=1.5,brdf=-0.5", r"shares must be in \[0, 1\]"),
+        ("simplex:light=x,brdf=0.5", "option light of rule simplex must be of type float"),
+        ("simplex:light=0.5,brdf=0.5,patch=8", "has the options combiner, sampler; got patch"),
+        ("simplex:dark=0.5", "rule simplex has the options .*; got 'dark'"),
+    ],
+)
+def test_bad_texts(text: str, message: str) -> None:
+    """Errors name what is allowed, and the value."""
+    with pytest.raises(ValueError, match=message):
+        make_rule(text)
+
+
+def test_what_needs_two_techniques() -> None:
+    """Combiners that fit or freeze, and rules of one weight."""
+    three = ("light", "brdf", "uniform")
+    for combiner in ("optimal", "optimal-progressive", "controlled", "frozen"):
+        with pytest.raises(ValueError, match=f"combiner {combiner} needs two techniques; got 3: light, brdf, uniform"):
+            Settings(techniques=three, combiner=combiner)
+    with pytest.raises(ValueError, match="a share for each of light, brdf, uniform; got"):
+        Fixed((0.5, 0.5), techniques=three)
+    with pytest.raises(ValueError, match="techniques must be at least two names"):
+        Settings(techniques=("light",))
+    scene = box_scene(resolution=(8, 8))
+    for rule in ("thesis", "second-moment", None):
+        with pytest.raises(ValueError, match="divides samples between two techniques; got light, brdf, uniform"):
+            dmis.render(scene, rule, 16, settings=Settings(techniques=three))
+    with pytest.raises(ValueError, match="shading_samples must be even"):
+        dmis.render(scene, "simplex", 16, settings=Settings(shading_samples=3))

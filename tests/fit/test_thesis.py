@@ -1,0 +1,263 @@
+"""Weight rules: parabolas, degenerate patches, and the texts that name rules."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT, z_score
+
+from dmis.base.patches import patch_mean
+from dmis.base.vectors import Array
+from dmis.estimator.settings import Settings
+from dmis.fit.fixed import Fixed
+from dmis.fit.registry import RULES, make_rule
+from dmis.fit.rule import Pilot, Rule
+from dmis.fit.thesis import STATUS, Thesis, parabola_minimum
+from dmis.variance.moments import Moments
+
+PILOT = np.array([0.0, 0.5, 1.0])
+
+
+def code(name: str) -> int:
+    return next(k for k, v in STATUS.items() if v == name)
+
+
+@pytest.mark.parametrize("minimum", [0.0, 0.1, 0.5, 0.77, 1.0])
+@pytest.mark.parametrize("curvature, floor", [(1.0, 0.0), (1e-6, 1e-6), (1e8, 3e7), (0.01, 1.0)])
+def test_planted_minimum(minimum: float, curvature: float, floor: float) -> None:
+    """The minimum of a parabola through three of its points is recovered to 1e-12, whatever its scale.
+
+    But where the floor is a hundred times the curvature, the values lose two digits to it: 1e-12 is still kept.
+    """
+    variance = curvature * (PILOT - minimum) ** 2 + floor
+    weight, status = parabola_minimum(PILOT, variance)
+    assert weight == pytest.approx(minimum, abs=1e-12)
+    assert status in (code("minimum"), code("clipped"))  # at the very ends rounding decides
+
+
+def test_closed_form() -> None:
+    """``a2 = 2 (y0 + y1 - 2 yh)``, ``a1 = -3 y0 + 4 yh - y1``, minimum ``-a1 / (2 a2)``: thesis Eqs. 3.2-3.5."""
+    y = np.random.default_rng(1).random((3, 1000)) + np.array([[1], [0], [1]])
+    y0, yh, y1 = y
+    a2, a1 = 2 * (y0 + y1 - 2 * yh), -3 * y0 + 4 * yh - y1
+    weight, status = parabola_minimum(PILOT, y)
+    assert (a2 > 0).all() and (status <= 1).all()
+    np.testing.assert_allclose(weight, np.clip(-a1 / (2 * a2), 0, 1), atol=1e-12)
+
+
+def test_least_squares_of_more_points() -> None:
+    """With five weights the parabola is NumPy's least-squares fit; their order does not matter."""
+    w = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+    y = np.random.default_rng(2).random((5, 20)) + 4 * (w[:, None] - 0.4) ** 2
+    a2, a1, _ = np.polyfit(w, y, 2)
+    weight, _ = parabola_minimum(w, y)
+    np.testing.assert_allclose(weight, np.clip(-a1 / (2 * a2), 0, 1), atol=1e-12)
+    order = [3, 0, 4, 1, 2]
+    np.testing.assert_allclose(parabola_minimum(w[order], y[order])[0], weight, atol=1e-12)
+
+
+def test_weighted_least_squares() -> None:
+    """A point that is trusted k times as much counts as k points; with three points trust changes nothing."""
+    w = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+    y = np.random.default_rng(5).random((5, 20)) + 4 * (w[:, None] - 0.4) ** 2
+    trust = np.array([1, 3, 2, 1, 1])
+    repeated = parabola_minimum(np.repeat(w, trust), np.repeat(y, trust, axis=0))[0]
+    np.testing.assert_allclose(parabola_minimum(w, y, trust)[0], repeated, atol=1e-12)
+    assert not np.allclose(parabola_minimum(w, y)[0], repeated, atol=1e-3)
+    np.testing.assert_allclose(
+        parabola_minimum(w[::2], y[::2], trust[::2])[0], parabola_minimum(w[::2], y[::2])[0], atol=1e-12
+    )
+    for bad in ([1, 1], [1, 1, 0, 1, 1], [1, 1, np.nan, 1, 1]):
+        with pytest.raises(ValueError, match="trust must hold one positive number for each"):
+            parabola_minimum(w, y, np.array(bad))
+
+
+@pytest.mark.parametrize(
+    "variance, weight, status",
+    [
+        ([1.0, 0.5, 1.0], 0.5, "minimum"),
+        ([1.0, 0.5, 0.2], 1.0, "clipped"),
+        ([0.2, 0.5, 1.0], 0.0, "clipped"),
+        ([1.0, 2.0, 1.5], 0.0, "not convex"),
+        ([1.5, 2.0, 1.0], 1.0, "not convex"),
+        ([3.0, 2.0, 1.0], 1.0, "not convex"),
+        ([1.0, 2.0, 3.0], 0.0, "not convex"),
+        ([1.0, 1.0, 1.0], 0.5, "no signal"),
+        ([0.0, 0.0, 0.0], 0.5, "no signal"),
+        ([np.nan, 1.0, 1.0], 0.5, "no signal"),
+        ([1.0, np.inf, 1.0], 0.5, "no signal"),
+        ([1e-300, 0.0, 1e-300], 0.5, "minimum"),
+    ],
+)
+def test_what_happened(variance: list[float], weight: float, status: str) -> None:
+    """A minimum inside is used; one outside is clipped; without one, the best pilot weight; without a signal, 1/2."""
+    got, number = parabola_minimum(PILOT, np.array(variance))
+    assert got == pytest.approx(weight, abs=1e-12) and STATUS[int(number)] == status
+
+
+def test_shapes() -> None:
+    """Any trailing shape comes back, and entries do not influence each other."""
+    y = np.random.default_rng(3).random((3, 4, 5))
+    y[:, 1, 2] = np.nan
+    weight, status = parabola_minimum(PILOT, y)
+    assert weight.shape == status.shape == (4, 5) and status.dtype == np.int8
+    for i, j in np.ndindex(4, 5):
+        assert parabola_minimum(PILOT, y[:, i, j])[0] == pytest.approx(weight[i, j], abs=1e-12)
+    assert ((weight >= 0) & (weight <= 1)).all()
+
+
+def test_three_distinct_weights_are_needed() -> None:
+    """Two weights, however often, make no parabola."""
+    with pytest.raises(ValueError, match="at least three distinct weights"):
+        parabola_minimum(np.array([0.0, 1.0, 1.0]), np.ones((3, 2)))
+
+
+# The thesis's rule --------------------------------------------------------------------------------------------------
+
+
+def pilot(minimum: Array, n: int = 2) -> dict[float, Pilot]:
+    """Moments whose variances are parabolas over w with the given minimum at each pixel, the same in each channel."""
+    variances = {w: np.repeat(((w - minimum) ** 2 + 0.1)[..., None], 3, axis=2) for w in PILOT}
+    return {w: Pilot(Moments(n, np.ones_like(v), v * (n - 1))) for w, v in variances.items()}
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (13, 21)])
+@pytest.mark.parametrize("patch", [4, 8, 64])
+def test_thesis_recovers_planted_weights(shape: tuple[int, int], patch: int) -> None:
+    """Without the filter a patch gets the mean of its pixels' minima: parabolas of equal curvature average to that."""
+    minimum = np.random.default_rng(4).uniform(0.1, 0.9, shape)
+    fit = Thesis(patch, filter="none").fit(pilot(minimum))
+    assert np.shape(fit.weight) == shape
+    np.testing.assert_allclose(fit.maps["patch"], patch_mean(minimum, patch), atol=1e-12)
+    assert not fit.maps["status"].any()
+
+
+def test_thesis_filters_the_weights_of_patches() -> None:
+    """The Gaussian keeps a constant map, smooths a step, and stays within it."""
+    constant = Thesis(4).fit(pilot(np.full((32, 32), 0.3)))
+    np.testing.assert_allclose(constant.weight, 0.3, atol=1e-12)
+    step = np.where(np.arange(32) < 16, 0.2, 0.8)[None, :].repeat(32, 0)
+    fit = Thesis(4).fit(pilot(step))
+    weight = np.asarray(fit.weight)
+    np.testing.assert_allclose(fit.maps["raw"][0], [0.2] * 4 + [0.8] * 4, atol=1e-12)
+    assert (np.diff(weight[0]) >= -1e-12).all() and 0.2 < weight[0, 15] < 0.5 < weight[0, 16] < 0.8
+    assert weight[0, 0] == pytest.approx(0.2) and weight[0, -1] == pytest.approx(0.8)
+
+
+def test_black_patches_get_one_half() -> None:
+    """Where nothing was seen, w = 1/2, and no warning of a division."""
+    black = {w: Pilot(Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))) for w in PILOT}
+    fit = Thesis(4).fit(black)
+    np.testing.assert_array_equal(fit.weight, 0.5)
+    assert (fit.maps["status"] == code("no signal")).all()
+
+
+def test_thesis_pilot() -> None:
+    """2 + 2 + 2 camera samples at w = 0, 1/2, 1, or 4 each."""
+    assert Thesis().pilot == {0.0: 2, 0.5: 2, 1.0: 2}
+    assert Thesis(spp=4).pilot == {0.0: 4, 0.5: 4, 1.0: 4}
+    assert sum(Thesis().pilot.values()) == 6
+    assert Thesis(strategies=5).pilot == {0.0: 2, 0.25: 2, 0.5: 2, 0.75: 2, 1.0: 2}
+
+
+def test_chance_that_the_pilot_misses_a_spike() -> None:
+    """Two camera samples of two BRDF samples each, in 16 pixels: 64 chances of 1 %. The page says so, too."""
+    brdf_samples = Thesis().pilot[0.0] * Settings().shading_samples
+    missed = 0.99 ** (brdf_samples * 16)
+    page = " ".join((Path(__file__).parents[2] / "docs" / "theory.md").read_text("utf-8").split())
+    assert f"(1 - \\varepsilon)^{{{brdf_samples}P}}$, {missed:.0%}".replace("%", " %") in page
+    hits = np.random.default_rng(1).random((20_000, brdf_samples * 16)) < 0.01
+    assert abs(z_score(~hits.any(axis=1), missed)) < Z_LIMIT
+
+
+def test_channels() -> None:
+    """A red patch whose minimum differs from the green one's: luminance follows green, rgb the plain mean."""
+    minimum = np.array([0.2, 0.8, 0.8])  # of red, green, blue, at equal curvature
+    variances = {w: np.broadcast_to((w - minimum) ** 2 + 0.1, (4, 4, 3)) for w in PILOT}
+    moments = {w: Pilot(Moments(2, np.ones((4, 4, 3)), v)) for w, v in variances.items()}
+    assert Thesis(4, channels="rgb").fit(moments).maps["raw"] == pytest.approx(0.6)
+    assert Thesis(4, channels="luminance").fit(moments).maps["raw"] == pytest.approx(0.8 - 0.6 * 0.212671)
+
+
+def test_size_of_the_filter() -> None:
+    """One tap is no filter; an impulse spreads over `size` patches on a side, no more."""
+    minimum = np.full((36, 36), 0.4)
+    minimum[16:20, 16:20] = 0.6
+    for size in (1, 3, 5, 7):
+        weight = Thesis(4, size=size).fit(pilot(minimum)).maps["patch"]
+        assert np.count_nonzero(np.abs(weight - 0.4) > 1e-9) == size**2
+
+
+# Texts --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("balance", Fixed()),
+        ("fixed", Fixed()),
+        ("fixed:0.25", Fixed(0.25)),
+        ("fixed:w=0.25", Fixed(0.25)),
+        ("fixed:0", Fixed(0.0)),
+        ("fixed:1,combiner=power", Fixed(1.0, "power")),
+        (" balance ", Fixed()),
+        ("balance:combiner=maximum", Fixed(combiner="maximum")),
+        ("pbrt", Fixed(combiner="power")),
+        ("one-sample", Fixed(allocation="random")),
+        ("one-sample:0.25", Fixed(0.25, allocation="random")),
+        ("uniform", Fixed(1.0, techniques=("uniform", "brdf"))),
+        ("thesis", Thesis()),
+        ("thesis:", Thesis()),
+        ("thesis:8", Thesis(8)),
+        ("thesis:patch=8,filter=none", Thesis(8, filter="none")),
+        ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
+        ("thesis:strategies=5,channels=rgb,size=3,reuse=no", Thesis(strategies=5, channels="rgb", size=3)),
+        ("thesis:reuse=ON", Thesis(reuse=True)),
+    ],
+)
+def test_rules_by_text(text: str, expected: Rule) -> None:
+    """A name and options make the rule."""
+    rule = make_rule(text)
+    assert rule == expected and isinstance(rule, Rule)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "rule must be one of balance"),
+        ("best", "rule must be one of .*; got 'best'"),
+        ("Balance", "rule must be one of"),
+        ("fixed:x", "option w of rule fixed must be of type float; got 'x'"),
+        ("fixed:1.5", r"w must be in \[0, 1\]"),
+        ("fixed:nan", r"w must be in \[0, 1\]"),
+        ("fixed:patch=3", "rule fixed has the options w, combiner, allocation, sampler; got 'patch'"),
+        ("balance:w=0.3", "rule balance has the options .*; got 'w'"),
+        ("fixed:techniques=a", "got 'techniques'"),
+        ("thesis:patch=0", "patch must be 1 to 65535 pixels"),
+        ("thesis:patch=4.5", "option patch of rule thesis must be of type int"),
+        ("thesis:spp=1", "at least 2, because a variance needs two samples"),
+        ("thesis:filter=box", "filter must be gaussian or none"),
+        ("thesis:sigma=0", "sigma must be positive"),
+        ("thesis:sigma=nan", "sigma must be positive"),
+        ("thesis:shape=3", "rule thesis has the options .*; got 'shape'"),
+        ("thesis:size=4", "size must be odd, 1 to 1001"),
+        ("thesis:strategies=2", "strategies must be odd, at least 3"),
+        ("thesis:strategies=4", "strategies must be odd"),
+        ("thesis:channels=red", "channels must be luminance or rgb"),
+        ("thesis:reuse=maybe", "option reuse of rule thesis must be yes or no; got 'maybe'"),
+    ],
+)
+def test_bad_texts(text: str, message: str) -> None:
+    """Errors name the rule or option, what it allows, and the value."""
+    with pytest.raises(ValueError, match=message):
+        make_rule(text)
+
+
+def test_every_rule_can_be_made() -> None:
+    """All names work without options, and a rule's settings are the estimator's."""
+    from dmis.estimator.settings import Settings
+
+    for name in RULES:
+        rule: Any = make_rule(name)
+        assert isinstance(Settings(**rule.settings), Settings)

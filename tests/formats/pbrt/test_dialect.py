@@ -1,0 +1,865 @@
+"""pbrt-v3 and v4: the same scene in three dialects is the same scene; what differs, by hand; what is refused."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers import LEVEL, z_score
+
+import dmis
+from dmis.base.color import LUMINANCE
+from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
+from dmis.brdf.coated_diffuse import CoatedBase
+from dmis.brdf.cosines import Pair
+from dmis.brdf.diffuse import Lambert, OrenNayar
+from dmis.brdf.fresnel import Coat, Conductor, ExactConductor
+from dmis.brdf.materials import COPPER_ETA, COPPER_K
+from dmis.brdf.microfacet import GGX
+from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
+from dmis.brdf.specular import SpecularReflection, SpecularTransmission
+from dmis.cli.commands import main
+from dmis.formats.pbrt.dialect import detect
+from dmis.formats.pbrt.materials import _polynomial
+from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.reader import PbrtWarning
+from dmis.formats.pbrt.tokens import PbrtError, Source, tokens_of
+from dmis.geometry.mesh import flat_normals
+from dmis.image import write_exr
+from dmis.light.area import DiskLight, QuadLight
+from dmis.light.delta import DistantLight, PointLight
+from dmis.light.environment import EnvironmentLight
+from dmis.samplers.pixel_filter import PixelFilter
+from dmis.scene.shading_points import Surface
+
+TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point3 P" [0 0 0  1 0 0  0 1 0]\n'
+TEXTURED = TRIANGLE[:-1] + ' "point2 uv" [0 0 1 0 0 1]\n'
+SQUARE = '"point3 P" [-2 -2 0  2 -2 0  2 2 0  -2 2 0] "integer indices" [0 1 2 0 2 3]'
+HEAD = {
+    "v3": 'Integrator "directlighting"\nFilm "image"\n',
+    "v4": 'Film "rgb"\nIntegrator "path" "integer maxdepth" 1\nPixelFilter "box"\n',
+}
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a scene of the dialect with the given world and options; a triangle is added."""
+
+    def read(dialect, world="", options="", add=TRIANGLE, head=None, force=False):
+        path = tmp_path / "scene.pbrt"
+        end = "" if dialect == "v4" else "WorldEnd\n"
+        path.write_text(f"{HEAD[dialect] if head is None else head}{options}\nWorldBegin\n{world}\n{add}{end}")
+        return read_pbrt(path, dialect=dialect if force else None)
+
+    return read
+
+
+def close(value, expected):
+    np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-9)
+
+
+# The same scene -----------------------------------------------------------------------------------------------------
+
+COMMON = f"""
+LookAt 0 -6 3  0 0 0  0 0 1
+Camera "perspective" "float fov" 40
+Film "FILM" "integer xresolution" [24] "integer yresolution" 16
+INTEGRATOR
+WorldBegin
+LightSource "point" STRENGTH "POINT from" [0 0 3]
+LightSource "distant" "rgb L" [.5 .25 .125] "POINT from" [0 0 1] "POINT to" [0 0 0]
+AttributeBegin
+  AreaLightSource "AREA" "COLOR L" [8 4 2] EMITS
+  Material "MATTE" "COLOR KD" [0 0 0]
+  Translate 0 0 4
+  ReverseOrientation
+  DISK
+AttributeEnd
+Texture "a" "TYPE" "constant" "COLOR value" [.2 .4 .8]
+Texture "b" "TYPE" "scale" PRODUCT
+MakeNamedMaterial "floor" "string type" "MATTE" "texture KD" "b"
+NamedMaterial "floor"
+Shape "trianglemesh" {SQUARE} "UV uv" [0 0 1 0 1 1 0 1]
+Material "MATTE" "COLOR KD" [.1 .2 .3]
+ObjectBegin "ball"
+  Shape "sphere" "float radius" .5
+ObjectEnd
+Translate 0 0 1
+ObjectInstance "ball"
+Shape "loopsubdiv" "integer LEVELS" 2 "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3] "POINT P" [0 0 0 1 0 0 0 1 0 0 0 1]
+WorldEnd
+"""
+"""A scene; the words in capitals are those of each dialect."""
+
+WORDS = {
+    "v2": {
+        "FILM": "image", "INTEGRATOR": 'SurfaceIntegrator "directlighting"', "STRENGTH": '"color I" [4 4 4]',
+        "AREA": "area", "EMITS": '"color scale" [2 2 2]', "DISK": 'Shape "disk" "float radius" 1',
+        "PRODUCT": '"texture tex1" "a" "color tex2" [.5 .5 .5]', "point3": "point", "POINT": "point",
+        "COLOR": "color", "TYPE": "color", "UV": "float", "MATTE": "matte", "KD": "Kd", "LEVELS": "nlevels",
+    },
+    "v3": {
+        "FILM": "image", "INTEGRATOR": 'Integrator "directlighting"', "STRENGTH": '"rgb I" [4 4 4]',
+        "AREA": "diffuse", "EMITS": '"rgb scale" [2 2 2] "bool twosided" "false"',
+        "DISK": 'Shape "disk" "float radius" 1 "float alpha" 1',
+        "PRODUCT": '"texture tex1" "a" "rgb tex2" [.5 .5 .5]', "POINT": "point3",
+        "COLOR": "rgb", "TYPE": "spectrum", "UV": "point2", "MATTE": "matte", "KD": "Kd", "LEVELS": "levels",
+    },
+    "v4": {
+        "FILM": "rgb",
+        "INTEGRATOR": 'Integrator "volpath" "integer maxdepth" [1] ColorSpace "srgb" '
+        'PixelFilter "box" "float xradius" .5 "float yradius" .5 Option "bool disablepixeljitter" false',
+        "STRENGTH": '"rgb I" [2 2 2] "float scale" 2', "AREA": "diffuse",
+        "EMITS": '"float scale" [2] "bool twosided" false',
+        "DISK": 'Attribute "shape" "float radius" 1 Shape "disk"',
+        "PRODUCT": '"texture tex" "a" "float scale" .5', "POINT": "point3", "COLOR": "rgb", "TYPE": "spectrum",
+        "UV": "point2", "MATTE": "diffuse", "KD": "reflectance", "LEVELS": "levels", "WorldEnd": "",
+    },
+}  # fmt: skip
+
+
+def spoken(dialect):
+    """The scene in a dialect."""
+    text = COMMON
+    for word, theirs in WORDS[dialect].items():
+        text = text.replace(word, theirs)
+    return text
+
+
+@pytest.mark.parametrize("dialect", ["v3", "v4"])
+def test_same_scene_in_other_words(tmp_path, dialect):
+    """Equal parts, materials, lights and camera, and so the same image to the last bit."""
+    scenes = []
+    for name in ("v2", dialect):
+        (tmp_path / f"{name}.pbrt").write_text(spoken(name))
+        scenes.append(read_pbrt(tmp_path / f"{name}.pbrt"))
+    first, second = scenes
+    assert len(first.parts) == len(second.parts) == 4  # disk, floor, ball and the subdivided one (no uv)
+    for a, b in zip(first.parts, second.parts, strict=True):
+        for table in ("vertices", "faces", "normals", "uv"):
+            np.testing.assert_array_equal(getattr(a.mesh, table), getattr(b.mesh, table))
+        assert [type(lobe) for lobe in a.material.lobes] == [type(lobe) for lobe in b.material.lobes]
+        for one, other in zip(a.material.lobes, b.material.lobes, strict=True):
+            close(one.reflectance, other.reflectance)
+    assert [type(light) for light in first.lights] == [PointLight, DistantLight, DiskLight]
+    for a, b in zip(first.lights, second.lights, strict=True):
+        for field in dataclasses.fields(a):
+            close(getattr(a, field.name), getattr(b, field.name))
+    assert first.camera.fov == second.camera.fov and first.camera.resolution == second.camera.resolution
+    np.testing.assert_array_equal(first.camera.to_world, second.camera.to_world)
+    descriptions = [scene.describe().replace("diffuse", "matte").split("  integrator:")[0] for scene in scenes]
+    assert descriptions[0] == descriptions[1]
+    images = [dmis.render(scene, rule="balance", spp=2, seed=3).image for scene in scenes]
+    assert images[0].max() > 0
+    np.testing.assert_array_equal(*images)
+
+
+# Which dialect ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect", ["v3", "v4"])
+def test_dialect_is_told_by_its_words(read, dialect):
+    assert read(dialect).camera.resolution == (1280, 720)
+
+
+def test_dialect_can_be_forced(read, tmp_path):
+    (tmp_path / "plain.pbrt").write_text('WorldBegin\nShape "sphere"\nWorldEnd\n')
+    with pytest.warns(PbrtWarning, match="read as pbrt-v2, which is a guess"):
+        assert read_pbrt(tmp_path / "plain.pbrt").camera.resolution == (640, 480)
+    assert read_pbrt(tmp_path / "plain.pbrt", dialect="v3").integrator == "path"
+    read("v3")
+    with pytest.raises(PbrtError, match="Integrator belongs to v3 and v4"):
+        read_pbrt(tmp_path / "scene.pbrt", dialect="v2")
+    with pytest.raises(ValueError, match="dialect must be one of v2, v3, v4; got 'v5'"):
+        read_pbrt(tmp_path / "scene.pbrt", dialect="v5")
+    with pytest.raises(PbrtError, match="a parameter must be one of integer"):
+        read("v4", TRIANGLE, 'Camera "perspective" "color a" 1')
+
+
+NARROWING = {  # by the tables of names in core/api.cpp of v1 to v3 and the classes of v4
+    "WorldBegin": ("v2 v3", "guess"),
+    'AreaLightSource "area"': ("v2 v3", "guess"),  # core/api.cpp of v2 and v3: "area" or "diffuse"
+    'AreaLightSource "diffuse" "rgb L" [1 1 1]': ("v2 v3", "guess"),  # core/pbrtparse.yy of v2 has rgb and blackbody
+    'Material "matte" "color Kd" [.5 .5 .5]': ("v2 v3", "guess"),
+    'Material "uber" "blackbody Kd" [3000 1]': ("v2 v3", "guess"),
+    'Sampler "lowdiscrepancy"': ("v2 v3", "guess"),
+    'Sampler "bestcandidate"': ("v2", "file"),
+    'Accelerator "grid"': ("v2", "file"),
+    'Material "shinymetal"': ("v2", "file"),
+    'Camera "perspective" "float hither" [.1]': ("v2", "file"),
+    'Film "image" "bool premultiplyalpha" "true"': ("v2", "file"),
+    'Sampler "02sequence"': ("v3", "file"),
+    'Film "image" "float scale" 2': ("v3", "file"),
+    'Film "image" "float diagonal" 35': ("v3", "file"),
+    'Shape "plymesh" "string filename" "a.ply"': ("v3", "file"),
+    'Shape "curve" "point P" [0 0 0]': ("v3", "file"),
+    'Shape "hyperboloid" "point3 p1" [0 0 0]': ("v3", "file"),
+    'Material "disney"': ("v3", "file"),
+    'MakeNamedMaterial "a" "string type" "fourier"': ("v3", "file"),
+    'MakeNamedMaterial "a" "string type" ["disney"]': ("v3", "file"),
+    'Material "hair"': ("v3", "file"),
+    'Material "subsurface" "bool remaproughness" "true"': ("v3", "file"),
+    'MakeNamedMedium "a"': ("v3", "file"),
+    'LightSource "point" "integer samples" 4': ("v3", "file"),
+    'Integrator "whitted"': ("v3", "file"),
+    'Shape "bilinearmesh"': ("v4", "file"),
+    'Material "diffuse"': ("v4", "file"),
+    'MakeNamedMaterial "a" "string type" "coateddiffuse"': ("v4", "file"),
+    'PixelFilter "gaussian" "float xradius" 2': ("v4", "file"),
+}
+
+
+@pytest.mark.parametrize("line", NARROWING)
+def test_words_rule_dialects_out(tmp_path, line):
+    """A line of a file, with WorldEnd (which v4 does not have) unless it is of v4."""
+    fits, reason = NARROWING[line]
+    path = tmp_path / "a.pbrt"
+    path.write_text(line + ("" if fits == "v4" else "\nWorldEnd"))
+    dialect, candidates = detect(tokens_of(Source.read(path)))
+    assert (" ".join(candidates), dialect.name) == (fits, fits[:2])
+    assert (len(candidates) > 1) == (reason == "guess")
+
+
+def test_a_dialect_that_is_a_guess_is_named(tmp_path, capsys):
+    """In a warning that says how to settle it, by `info`, and in the provenance of images."""
+    path = tmp_path / "plain.pbrt"
+    path.write_text('Film "image" "integer xresolution" 4 "integer yresolution" 4 WorldBegin Shape "sphere" WorldEnd')
+    with pytest.warns(PbrtWarning, match="fit v2 and v3, .* give dialect='v2' .--dialect v2. or dialect='v3'"):
+        scene = dmis.load_scene(path)
+    source = dmis.render(scene, "balance", 1).provenance["source"]
+    assert (source["dialect"], source["dialect_from"]) == ("v2", "guess")
+    source = dmis.load_scene(path, dialect="v3").source
+    assert (source["dialect"], source["dialect_from"]) == ("v3", "caller")
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert main(["info", str(path)]) == 0
+    printed = capsys.readouterr()
+    assert "dialect of pbrt: v2, a guess" in printed.out and "--dialect v3" in printed.err
+    assert main(["info", str(path), "--dialect", "v3"]) == 0
+    printed = capsys.readouterr()
+    assert "dialect of pbrt: v3, as the caller says" in printed.out and not printed.err
+
+
+@pytest.mark.parametrize("name", dmis.SHIPPED)
+def test_shipped_scenes_are_decided(name):
+    assert dmis.load_scene(name, (8, 8)).source["dialect_from"] == "file"
+
+
+def test_included_files_tell_the_dialect(tmp_path):
+    """Also by way of files that include each other, and of files that are missing, which are errors later."""
+    (tmp_path / "a.pbrt").write_text('Include "b.pbrt" Include "c.pbrt" WorldBegin Shape "sphere" WorldEnd')
+    (tmp_path / "b.pbrt").write_text('Film "image"')
+    (tmp_path / "c.pbrt").write_text('Integrator "path"')
+    scene = dmis.load_scene(tmp_path / "a.pbrt")
+    assert (scene.source["dialect"], scene.source["dialect_from"]) == ("v3", "file")
+    (tmp_path / "b.pbrt").write_text('Include "a.pbrt"')
+    with pytest.raises(PbrtError, match="a file must not include itself"):
+        dmis.load_scene(tmp_path / "a.pbrt")
+    (tmp_path / "b.pbrt").unlink()
+    with pytest.raises(PbrtError, match=r"there is no file 'b\.pbrt'"):
+        dmis.load_scene(tmp_path / "a.pbrt")
+
+
+def test_words_of_v1_are_named(tmp_path):
+    """v1 files are read as v2; the default filter of v1 is Mitchell's, so that the warning ends with a PixelFilter."""
+    path = tmp_path / "old.pbrt"
+    world = 'WorldBegin Shape "sphere" WorldEnd'
+    path.write_text(f'SurfaceIntegrator "directlighting"\nCamera "perspective" "float hither" [.1]\n{world}')
+    with pytest.warns(PbrtWarning) as caught:
+        assert dmis.load_scene(path).camera.filter is None
+    said = " ".join(str(warning.message) for warning in caught)
+    assert 'old.pbrt:2: token "float hither": this parameter is of pbrt-v1' in said and "Mitchell" in said
+    path.write_text(f'PixelFilter "box"\nCamera "perspective" "float hither" [.1]\n{world}')
+    with pytest.warns(PbrtWarning, match="parameter 'hither' of Camera") as caught:
+        assert dmis.load_scene(path).source["dialect_from"] == "file"
+    assert len(caught) == 1
+    for name in ("bluepaint", "clay", "skin"):
+        path.write_text(f'SurfaceIntegrator "directlighting"\nWorldBegin\nMaterial "{name}" {world[10:]}')
+        with pytest.raises(PbrtError, match=f"old.pbrt:3: .*{name} is a material of pbrt-v1"):
+            dmis.load_scene(path)
+
+
+# Colours ------------------------------------------------------------------------------------------------------------
+
+
+def test_spectra_of_lights_have_luminance_one_in_v4(read):
+    for spectrum in ('"blackbody I" 3000', '"spectrum I" [300 7 800 7]', '"spectrum I" [400 1 700 2]'):
+        (light,) = read("v4", f'LightSource "point" {spectrum} "float scale" 5').lights
+        assert LUMINANCE @ light.intensity == pytest.approx(5)
+    (light,) = read("v4", 'LightSource "point" "blackbody I" 3000').lights
+    assert light.intensity[0] > light.intensity[1] > light.intensity[2]
+    (light,) = read("v4", 'LightSource "point" "spectrum I" "stdillum-D65"').lights
+    assert light.intensity == (1, 1, 1)
+
+
+def test_constant_spectrum_is_that_constant_in_v4(read):
+    lobe = read("v4", 'Material "diffuse" "spectrum reflectance" [300 .25 800 .25]').parts[0].material.lobes[0]
+    close(lobe.reflectance, [0.25] * 3)
+
+
+def test_black_body_of_v3_is_one_where_it_is_brightest(read):
+    """At the temperature whose peak is at 555 nm that is what v2 does, but for 470 / 471."""
+    temperature = 2.8977721e6 / 555
+    (light,) = read("v3", f'LightSource "point" "blackbody I" [{temperature} 2]').lights
+    close(light.intensity, np.multiply(dmis.base.color.blackbody_to_rgb(temperature, 2), 470 / 471))
+    (light,) = read("v3", 'LightSource "point" "blackbody I" [9000 1]').lights
+    assert max(light.intensity) < max(dmis.base.color.blackbody_to_rgb(9000))
+
+
+@pytest.mark.parametrize(
+    "text, intensity",
+    [
+        ('LightSource "point" "rgb I" [1 2 3] "float power" 100', np.array([1, 2, 3]) * 100 / (4 * np.pi)),
+        ('LightSource "point" "float power" 100 "float scale" 2', [200 / (4 * np.pi)] * 3),
+        (
+            'LightSource "spot" "float power" 7 "float coneangle" 60 "float conedeltaangle" 0',
+            [7 / (2 * np.pi * (1 - np.cos(np.pi / 3)))] * 3,
+        ),
+    ],
+)
+def test_power_of_v4(read, text, intensity):
+    close(read("v4", text).lights[0].intensity, intensity)
+
+
+def test_illuminance_of_v4(read):
+    (light,) = read("v4", 'LightSource "distant" "rgb L" [2 1 1] "float illuminance" 10').lights
+    close(light.radiance, [20, 10, 10])
+    (light,) = read("v4", 'LightSource "infinite" "float illuminance" 3').lights
+    assert isinstance(light, EnvironmentLight)
+    close(light.scale, [3 / np.pi] * 3)
+
+
+@pytest.mark.parametrize(
+    "shape, area",
+    [
+        ('"disk" "float radius" 2', 4 * np.pi),
+        ('"sphere" "float radius" 2', 16 * np.pi),
+        (f'"trianglemesh" {SQUARE}', 8),  # each triangle has all of the power
+        ('"bilinearmesh" "point3 P" [0 0 0 2 0 0 0 3 0 2 3 0]', 6),
+    ],
+)
+def test_power_of_area_lights_of_v4(read, shape, area):
+    (light,) = read("v4", f'AreaLightSource "diffuse" "float power" 5 Shape {shape}', add="").lights
+    close(light.radiance, [5 / (np.pi * area)] * 3)
+
+
+# Positions and sides --------------------------------------------------------------------------------------------------
+
+
+def test_point_light_is_moved_by_the_whole_transform_in_v4_only(read):
+    text = 'Scale 2 2 2 LightSource "point" "point3 from" [1 2 3]'
+    close(read("v3", text).lights[0].position, [1, 2, 3])
+    close(read("v4", text).lights[0].position, [2, 4, 6])
+
+
+UP, DOWN = (f' "normal N" [0 0 {z} 0 0 {z} 0 0 {z} 0 0 {z}]' for z in (1, -1))
+
+
+@pytest.mark.parametrize(
+    "dialect, before, normals, z",
+    [
+        ("v3", "", "", 1),
+        ("v3", "ReverseOrientation", "", -1),
+        ("v3", "Scale -1 1 1", "", 1),  # the winding in object space counts
+        ("v4", "Scale -1 1 1", "", 1),
+        ("v4", "Scale -1 1 1 ReverseOrientation", "", -1),
+        ("v3", "", DOWN, -1),
+        ("v4", "", DOWN, -1),
+        ("v4", "ReverseOrientation", DOWN, 1),
+        ("v4", "Scale -1 1 1", UP, 1),
+    ],
+)
+def test_bright_side_of_meshes(read, dialect, before, normals, z):
+    scene = read(dialect, f'AreaLightSource "diffuse" {before} Shape "trianglemesh" {SQUARE}{normals}', add="")
+    mesh = scene.parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, z]] * 2)
+    assert isinstance(scene.lights[0], QuadLight)
+
+
+@pytest.mark.parametrize(
+    "dialect, before, more, z",
+    [
+        ("v3", "", "", 1),
+        ("v3", "", ' "float uv" [0 0 0 1 1 1 1 0]', 1),  # mirrored uv turn it in v2 only
+        ("v3", "Scale -1 1 1", "", 1),
+        ("v3", "Scale -1 1 1", UP, 1),
+        ("v4", "Scale -1 1 1", UP, 1),
+        ("v3", "ReverseOrientation", UP, -1),
+        ("v4", "ReverseOrientation", UP, -1),
+        ("v4", "", DOWN, -1),
+    ],
+)
+@pytest.mark.parametrize("rough", ["", '"float roughness" .1'])
+def test_outside_of_glass(read, dialect, before, more, z, rough):
+    glass = {"v3": "glass", "v4": "dielectric"}[dialect]
+    rough = rough.replace("roughness", "uroughness") + rough.replace("roughness", "vroughness")
+    world = f'Material "{glass}" {rough} {before} Shape "trianglemesh" {SQUARE}{more}'
+    mesh = read(dialect, world, add="").parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, z]] * 2)
+
+
+def test_textures_are_the_other_way_up(read, tmp_path):
+    texels = np.arange(24, dtype=np.float32).reshape(2, 4, 3) / 24
+    write_exr(tmp_path / "a.exr", {"RGB": texels})
+    texture = 'Texture "a" "spectrum" "imagemap" "string filename" "a.exr" '
+    image = (
+        read("v3", texture + 'Material "matte" "texture Kd" "a"', add=TEXTURED).parts[0].material.lobes[0].reflectance
+    )
+    close(image.texels, texels[::-1])
+    diffuse = texture + '"bool invert" true Material "diffuse" "texture reflectance" "a"'
+    close(read("v4", diffuse, add=TEXTURED).parts[0].material.lobes[0].reflectance.texels, 1 - texels[::-1])
+    scaled = diffuse.replace('"bool', '"float scale" .5 "bool')
+    close(read("v4", scaled, add=TEXTURED).parts[0].material.lobes[0].reflectance.texels, 1 - texels[::-1] / 2)
+    bright = diffuse.replace('"bool', '"float scale" 2 "bool')
+    close(
+        read("v4", bright, add=TEXTURED).parts[0].material.lobes[0].reflectance.texels,
+        np.maximum(1 - 2 * texels[::-1], 0),
+    )
+
+
+def test_float_images_of_colours(read, tmp_path):
+    """v3 takes their luminance, v4 their mean."""
+    rgb = np.random.default_rng(2).random((2, 2, 3), np.float32)
+    write_exr(tmp_path / "a.exr", {"RGB": rgb})
+    for dialect, expected in (("v3", rgb[::-1] @ LUMINANCE), ("v4", rgb[::-1].mean(axis=2))):
+        texture = 'Texture "a" "float" "imagemap" "string filename" "a.exr" '
+        material = {"v3": "metal", "v4": "conductor"}[dialect]
+        rough = read(
+            dialect,
+            f'{texture} Material "{material}" "texture roughness" "a" "bool remaproughness" "false"',
+            add=TEXTURED,
+        )
+        close(lobes(rough)[0].roughness.alpha.texels[..., 0], expected)
+
+
+def test_which_parameter_counts(read, tmp_path):
+    """In v3 those of the shape come first, textures or not; and textures may be named twice."""
+    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(2).random((2, 2, 3), np.float32)})
+    texture = 'Texture "t" "spectrum" "imagemap" "string filename" "a.exr" '
+    triangle = TRIANGLE[:-1] + '"rgb Kd" [.1 .2 .3]\n'
+    (lobe,) = lobes(read("v3", texture + 'Material "matte" "texture Kd" "t"', add=triangle))
+    close(lobe.reflectance, [0.1, 0.2, 0.3])
+    twice = 'Texture "t" "spectrum" "constant" "rgb value" [.1 .1 .1] ' * 2
+    close(lobes(read("v3", twice + 'Material "matte" "texture Kd" "t"'))[0].reflectance, [0.1] * 3)
+    with pytest.raises(PbrtError, match="there is a texture of this name"):
+        read("v4", twice)
+
+
+def test_sky_of_v3(read, tmp_path):
+    texels = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
+    write_exr(tmp_path / "sky.exr", {"RGB": texels})
+    (light,) = read("v3", 'LightSource "infinite" "string mapname" "sky.exr" "rgb L" [1 2 3]').lights
+    close(light.texels, texels)
+    close(light.scale, [1, 2, 3])
+
+
+# Materials ------------------------------------------------------------------------------------------------------------
+
+
+def lobes(scene):
+    return scene.parts[-1].material.lobes
+
+
+def test_materials_of_v3(read):
+    assert isinstance(lobes(read("v3", 'Material "matte" "float sigma" 20'))[0], OrenNayar)
+    (lobe,) = lobes(read("v3", 'Material "plastic" "rgb Ks" [0 0 0] "rgb Kd" [.1 .2 .3]'))
+    assert isinstance(lobe, Lambert)
+    close(lobe.reflectance, [0.1, 0.2, 0.3])
+    reflection, transmission = lobes(read("v3", 'Material "glass" "float eta" 1.3'))
+    assert (reflection.fresnel.eta, transmission.eta) == (1.3, 1.3)
+    diffuse, mirror, through = lobes(
+        read("v3", 'Material "uber" "rgb Ks" [0 0 0] "rgb Kr" [1 1 1] "rgb Kt" [1 1 1] "float eta" 1.2')
+    )
+    assert isinstance(diffuse, Lambert) and isinstance(mirror, SpecularReflection)
+    assert mirror.fresnel.eta == through.eta == 1.2  # not swapped as in v2
+
+
+def test_shape_lines_change_named_materials_in_v3_only(read):
+    named = 'MakeNamedMaterial "a" "string type" "{}" NamedMaterial "a"\n'
+    shape = TRIANGLE[:-1] + ' "rgb Kd" [.2 .2 .2] "rgb reflectance" [.2 .2 .2]\n'
+    with pytest.warns(PbrtWarning, match="'reflectance' of Shape"):
+        close(lobes(read("v3", named.format("matte"), add=shape))[0].reflectance, [0.2] * 3)
+    with pytest.warns(PbrtWarning, match="'reflectance' of Shape"):
+        close(lobes(read("v4", named.format("diffuse"), add=shape))[0].reflectance, [0.5] * 3)
+
+
+def test_mix(read):
+    world = """MakeNamedMaterial "a" "string type" "matte" "rgb Kd" [.4 .4 .4]
+    MakeNamedMaterial "b" "string type" "mirror"
+    Material "mix" "string namedmaterial1" "a" "string namedmaterial2" "b" "rgb amount" [.25 .5 1]"""
+    diffuse, mirror = lobes(read("v3", world))
+    close(diffuse.reflectance, [0.1, 0.2, 0.4])
+    close(mirror.reflectance, [0.675, 0.45, 0])
+    world = """MakeNamedMaterial "a" "string type" "diffuse" "rgb reflectance" [.4 .4 .4]
+    MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [.8 .8 .8]
+    Material "mix" "string materials" ["a" "b"] "float amount" .25"""
+    first, second = lobes(read("v4", world))
+    close(first.reflectance, [0.3] * 3)
+    close(second.reflectance, [0.2] * 3)
+
+
+def test_exact_conductor():
+    """Against the textbook at normal incidence, and against the approximation, which is close for a good metal."""
+    eta, k = np.array(COPPER_ETA), np.array(COPPER_K)
+    exact, rough = ExactConductor(COPPER_ETA, COPPER_K), Conductor(COPPER_ETA, COPPER_K)
+    normal = ((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2)
+    np.testing.assert_allclose(exact(np.ones(1, np.float32))[:, 0], normal, rtol=1e-6)
+    np.testing.assert_allclose(exact(np.zeros(1, np.float32)), 1, atol=1e-6)
+    cos = np.linspace(0.01, 1, 50, dtype=np.float32)
+    assert 1e-4 < np.abs(exact(cos) - rough(cos)).max() < 0.1
+    glass = ExactConductor((1.5,) * 3, (0.0,) * 3)(cos)
+    np.testing.assert_allclose(glass[0], dmis.brdf.fresnel.dielectric(cos, np.float32(1.5)), atol=1e-6)
+
+
+def test_smooth_conductor(read):
+    conductors = [
+        lobes(read("v4", f'Material "conductor" {text}'))[0]
+        for text in ("", '"spectrum eta" "metal-Au-eta" "spectrum k" "metal-Au-k"', '"rgb reflectance" [.2 .5 .9]')
+    ]
+    assert all(isinstance(lobe, SpecularReflection) and isinstance(lobe.fresnel, ExactConductor) for lobe in conductors)
+    facing = [lobe.fresnel(np.ones(1, np.float32))[:, 0] for lobe in conductors]
+    assert facing[1][0] > facing[1][1] > facing[1][2]
+    np.testing.assert_allclose(facing[2], [0.2, 0.5, 0.9], rtol=1e-5)
+    (lobe,) = lobes(read("v4", 'Material "conductor" "float roughness" 9e-7'))  # alpha is below 1e-3
+    assert isinstance(lobe, SpecularReflection)
+
+
+REMAPPED = {0.1: 0.4618, 0.01: 0.1389, 0.001: 0.0473, 0.0: 0.0473}
+"""alpha of pbrt-v3, by hand from its polynomial: 1.62142 - 1.88801 + 0.91935 - 0.20900 + 0.01801 for 0.1."""
+
+
+@pytest.mark.parametrize("roughness, alpha", REMAPPED.items())
+def test_roughness_of_v3(read, roughness, alpha):
+    (lobe,) = lobes(read("v3", f'Material "metal" "float roughness" {roughness}'))
+    assert isinstance(lobe, GGX) and isinstance(lobe.fresnel, ExactConductor)
+    assert lobe.roughness.alpha == pytest.approx(alpha, abs=1e-4)
+    (lobe,) = lobes(read("v3", f'Material "metal" "bool remaproughness" "false" "float roughness" {roughness}'))
+    assert lobe.roughness.alpha == max(roughness, 0.001)
+
+
+def test_rough_materials_of_v3(read):
+    diffuse, coat = lobes(read("v3", 'Material "plastic" "float roughness" .1'))
+    assert isinstance(diffuse, Lambert) and isinstance(coat, RoughReflection)
+    assert coat.fresnel.eta == 1 / 1.5  # swapped, as in v2, but on the side of the shading normal only
+    assert coat.roughness.alpha == pytest.approx(REMAPPED[0.1], abs=1e-4)
+    base, coat = lobes(read("v3", 'Material "substrate" "float uroughness" .01 "rgb Ks" [.1 .1 .1]'))
+    assert isinstance(base, BlendBase) and isinstance(coat, BlendCoat)
+    spread = coat.distribution.roughness
+    assert (spread.alpha_u, spread.alpha_v) == pytest.approx((REMAPPED[0.01], REMAPPED[0.1]), abs=1e-4)
+    diffuse, rough = lobes(read("v3", 'Material "uber" "rgb opacity" [1 1 1] "float eta" 1.3'))
+    assert isinstance(rough, RoughReflection) and rough.fresnel.eta == 1.3  # not swapped
+    text = '"float uroughness" .01 "float roughness" .1'
+    (rough,) = lobes(read("v3", f'Material "uber" "rgb Kd" [0 0 0] {text}'))
+    assert rough.roughness.alpha == pytest.approx(REMAPPED[0.01], abs=1e-4)  # v follows u
+    (rough,) = lobes(read("v3", f'Material "metal" {text}'))
+    assert rough.roughness.alpha_v == pytest.approx(REMAPPED[0.1], abs=1e-4)  # v is roughness
+
+
+def test_rough_conductor_of_v4(read):
+    (lobe,) = lobes(read("v4", 'Material "conductor" "float roughness" .04'))
+    assert isinstance(lobe, GGX) and lobe.roughness.alpha == pytest.approx(0.2)
+    (lobe,) = lobes(read("v4", 'Material "conductor" "float vroughness" .09 "float uroughness" .04'))
+    assert (lobe.roughness.alpha_u, lobe.roughness.alpha_v) == pytest.approx((0.2, 0.3))
+    (lobe,) = lobes(read("v4", 'Material "conductor" "float roughness" .04 "bool remaproughness" false'))
+    assert lobe.roughness.alpha == pytest.approx(0.04)
+
+
+def test_rough_glass(read):
+    mirrored, through = lobes(
+        read("v3", 'Material "glass" "float uroughness" .1 "rgb Kt" [.5 .6 .7] "float eta" 1.3 "float vroughness" .01')
+    )
+    assert isinstance(mirrored, RoughReflection) and isinstance(through, RoughTransmission)
+    assert mirrored.fresnel.eta == through.eta == 1.3 and through.transmittance == pytest.approx((0.5, 0.6, 0.7))
+    spread = through.roughness
+    assert (spread.alpha_u, spread.alpha_v) == pytest.approx((REMAPPED[0.1], REMAPPED[0.01]), abs=1e-4)
+    mirrored, through = lobes(read("v4", 'Material "dielectric" "float roughness" .04 "float eta" 1.4'))
+    assert mirrored.fresnel.eta == through.eta == 1.4
+    assert mirrored.roughness.alpha == through.roughness.alpha == pytest.approx(0.2)
+    _, through = lobes(read("v4", 'Material "dielectric" "float roughness" .1 "float eta" 1'))  # there is no surface
+    assert isinstance(through, SpecularTransmission)
+
+
+def test_coated_diffuse(read):
+    base, mirror = lobes(read("v4", 'Material "coateddiffuse"'))
+    assert isinstance(base, CoatedBase) and isinstance(mirror, SpecularReflection)
+    close(base.reflectance, [0.5] * 3)
+    assert mirror.fresnel == Coat(1.5)
+    assert (base.eta, base.roughness, base.thickness, base.bounces) == (1.5, 0, 0.01, 5)  # of 10 interfaces
+    text = '"rgb reflectance" [.2 .4 1] "float roughness" .04 "float eta" 1.3 "float thickness" .2'
+    base, rough = lobes(read("v4", f'Material "coateddiffuse" {text} "integer maxdepth" 101 "integer nsamples" 4'))
+    close(base.reflectance, [0.2, 0.4, 1])
+    assert isinstance(rough, GGX) and rough.roughness.alpha == base.roughness == pytest.approx(0.2)
+    assert (base.eta, base.thickness, base.bounces, rough.fresnel.eta) == (1.3, 0.2, 51, 1.3)
+    text = '"float uroughness" .3 "float vroughness" .3 "bool remaproughness" false "float thickness" -1 "float g" .5'
+    base, rough = lobes(read("v4", f'Material "coateddiffuse" {text} "rgb albedo" [0 0 0]'))
+    assert (base.roughness, base.thickness) == (0.3, 0)
+    base, mirror = lobes(read("v4", 'Material "coateddiffuse" "float roughness" 9e-7'))  # alpha is below 1e-3
+    assert base.roughness == 0 and isinstance(mirror, SpecularReflection)
+
+
+def test_images_under_a_coat_and_of_its_roughness(read, tmp_path):
+    write_exr(tmp_path / "a.exr", {"RGB": np.array([0.5, 2, 0.1], np.float32).reshape(1, 1, 3)})
+    texture = 'Texture "a" "{}" "imagemap" "string filename" "a.exr"\nMaterial "coateddiffuse" "texture {}" "a"'
+    base, _ = lobes(read("v4", texture.format("spectrum", "reflectance")))
+    close(base.reflectance.texels.ravel(), [0.5, 1, 0.1])
+    for name in ("roughness", "uroughness", "vroughness", "eta", "thickness", "g"):
+        with pytest.raises(PbrtError, match=rf"scene\.pbrt:\d+: .*parameter '{name}' must be constant here"):
+            read("v4", texture.format("float", name))
+    with pytest.raises(PbrtError, match="parameter 'albedo' must be constant here"):
+        read("v4", texture.format("spectrum", "albedo"))
+
+
+def test_images_of_roughness_are_remapped_after_they_are_looked_up(read, tmp_path):
+    texels = np.array([0.01, 0.25], np.float32).reshape(1, 2, 1)
+    write_exr(tmp_path / "a.exr", {"RGB": texels.repeat(3, axis=2)})
+    texture = 'Texture "a" "float" "imagemap" "string filename" "a.exr"\n'
+    middle = np.full((2, 1), 0.5, np.float32)
+    (lobe,) = lobes(read("v3", texture + 'Material "metal" "texture roughness" "a"', add=TEXTURED))
+    assert lobe.roughness.alpha(middle).item() == pytest.approx(_polynomial(0.13), rel=1e-5)
+    (lobe,) = lobes(read("v4", texture + 'Material "conductor" "texture roughness" "a"', add=TEXTURED))
+    assert lobe.roughness.alpha(middle).item() == pytest.approx(np.sqrt(0.13), rel=1e-5)
+
+
+def test_microfacets_are_those_of_pbrt(read):
+    """Reflection of pbrt-v3's metal along one pair of directions, from the formulas of its book."""
+    (lobe,) = lobes(read("v3", 'Material "metal" "float roughness" .1'))
+    alpha, o, i = lobe.roughness.alpha, 0.7, np.array([-0.3, -0.8])  # angles from the normal
+    wo = np.repeat(np.float32([[np.sin(o)], [0], [np.cos(o)]]), 2, axis=1)
+    wi = np.stack([np.sin(i), 0 * i, np.cos(i)]).astype(np.float32)
+    up = np.repeat(np.float32([[0], [0], [1]]), 2, axis=1)
+    surface = Surface(p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=None, glossy=(), delta=())
+    h = (o + i) / 2
+    d = 1 / (np.pi * alpha**2 * np.cos(h) ** 4 * (1 + np.tan(h) ** 2 / alpha**2) ** 2)
+    lam = [(np.sqrt(1 + (alpha * np.tan(a)) ** 2) - 1) / 2 for a in (o, i)]
+    fresnel = ExactConductor(COPPER_ETA, COPPER_K)(np.cos((o - i) / 2))
+    expected = d / (1 + lam[0] + lam[1]) * fresnel / (4 * np.cos(o) * np.cos(i))
+    np.testing.assert_allclose(lobe.eval(Pair(surface, wi)), expected, rtol=2e-5)
+
+
+# Shapes and state -----------------------------------------------------------------------------------------------------
+
+
+def test_bilinear_mesh(read):
+    add = 'Shape "bilinearmesh" "point3 P" [0 0 0  2 0 0  0 3 0  2 3 0]'
+    mesh = read("v4", add=add).parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]] * 2)
+    close(mesh.uv, mesh.vertices[:, :2] / [2, 3])
+    with pytest.raises(PbrtError, match="must be parallelograms"):
+        read("v4", add=add.replace("2 3 0]", "2 4 0]"))
+
+
+def test_one_triangle_needs_no_indices_in_v4(read):
+    add = 'Shape "trianglemesh" "point3 P" [0 0 0  1 0 0  0 1 0]\n'
+    assert read("v4", add=add).parts[0].mesh.triangles == 1
+    with pytest.raises(PbrtError, match="integer indices"):
+        read("v3", add=add)
+
+
+def test_attribute_adds_parameters_to_its_block(read):
+    world = 'AttributeBegin Attribute "shape" "float radius" 2 Shape "disk" AttributeEnd Shape "disk"'
+    mesh = read("v4", world, add="").parts[0].mesh
+    radius = np.linalg.norm(mesh.vertices, axis=1).round(9)
+    assert set(radius) == {0, 1, 2}
+
+
+def test_import_leaves_the_state_alone(read, tmp_path):
+    (tmp_path / "a.pbrt").write_text(f"Translate 0 0 7\n{TRIANGLE}")
+    z = read("v4", 'Import "a.pbrt"').parts[0].mesh.vertices[:, 2]
+    assert z.tolist() == [7, 7, 7, 0, 0, 0]
+    (tmp_path / "a.pbrt").write_text("AttributeBegin\n")
+    with pytest.raises(PbrtError, match="must close what it opens"):
+        read("v4", 'Import "a.pbrt"')
+
+
+def test_names_outlive_blocks_in_v4(read):
+    world = 'AttributeBegin MakeNamedMaterial "a" "string type" "{}" AttributeEnd NamedMaterial "a"'
+    assert len(lobes(read("v4", world.format("diffuse")))) == 1
+    with pytest.raises(PbrtError, match="no material of this name"):
+        read("v3", world.format("matte"))
+
+
+def test_media_that_are_empty_or_unused(read):
+    world = """MakeNamedMedium "fog" "string type" "homogeneous" "rgb sigma_s" [1 1 1]
+    MakeNamedMedium "nothing" "string type" "homogeneous" "rgb sigma_s" [0 0 0] "rgb sigma_a" [0 0 0]
+    MediumInterface "" "nothing"\n"""
+    for dialect in HEAD:
+        with pytest.warns(PbrtWarning, match="MakeNamedMedium"):
+            read(dialect, world)
+        with pytest.raises(PbrtError, match=r'scene\.pbrt:\d+: token "fog": a medium changes the image'):
+            read(dialect, world + 'MediumInterface "" "fog"')
+
+
+# What is refused ----------------------------------------------------------------------------------------------------
+
+# (dialect, options, world, what the message says)
+BAD = {
+    "scale": ("v3", 'Film "image" "float scale" 2', "", "'scale' must be 1.0, because another makes another image"),
+    "clamp": ("v3", 'Film "image" "float maxsampleluminance" 2', "", "changes the image and is not supported"),
+    "iso": ("v4", 'Film "rgb" "float iso" 200', "", "'iso' must be 100.0"),
+    "sensor": ("v4", 'Film "rgb" "string sensor" "canon_eos_5d"', "", "'sensor' must be cie1931"),
+    "shutter": ("v4", 'Camera "perspective" "float shutterclose" .5', "", "'shutterclose' must be 1.0"),
+    "bounds": ("v4", 'Film "rgb" "integer pixelbounds" [0 1 0 1]', "", "pixelbounds is not supported"),
+    "jitter": ("v4", 'Option "bool disablepixeljitter" true', "", "'disablepixeljitter' must be False"),
+    "option": ("v4", 'Option "bool nonsense" true', "", "there is no option 'nonsense'"),
+    "space": ("v4", 'ColorSpace "rec2020"', "", "the colour space must be srgb"),
+    "bdpt": ("v4", 'Integrator "bdpt"', "", "the integrator must be path or volpath; others make other images"),
+    "filter": ("v4", 'PixelFilter "mitchell"', "", "a pixel filter must be one of box, triangle, gaussian, because"),
+    "no width": ("v3", 'PixelFilter "gaussian" "float alpha" 0', "", "alpha must be positive"),
+    "wide": ("v4", 'PixelFilter "box" "float xradius" 65', "", "radius of a pixel filter must be above 0, at most 64"),
+    "coat medium": ("v4", "", 'Material "coateddiffuse" "rgb albedo" [0 .1 0]', "'albedo' must be black, because"),
+    "coat grain": ("v4", "", 'Material "coateddiffuse" "float vroughness" .1', "'vroughness' must be the same along"),
+    "coat depth": ("v4", "", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
+    "thin coat": ("v4", "", 'Material "coateddiffuse" "float eta" .9', "eta must be from 1"),
+    "mixed coat": (
+        "v4",
+        "",
+        'MakeNamedMaterial "a" "string type" "coateddiffuse" Material "mix" "string materials" ["a" "a"]',
+        "a material of the kind coateddiffuse cannot be mixed",
+    ),
+    "half rough": ("v4", "", 'Material "conductor" "float uroughness" .1', "must be rough along both tangents"),
+    "negative": ("v3", "", 'Material "metal" "float roughness" -.1', "must not be negative, because it is a spread"),
+    "no surface": ("v4", 'Integrator "path" "integer maxdepth" 0', "", "maxdepth must let 1 to 10000 surfaces"),
+    "both": ("v4", "", 'Material "conductor" "rgb reflectance" [1 1 1] "rgb k" [1 1 1]', "must not stand beside eta"),
+    "material": ("v4", "", 'Material "matte"', "a material must be one of diffuse, conductor, dielectric"),
+    "hair": ("v4", "", 'Material "hair"', "others are not supported in v4"),
+    "named": ("v4", "", 'Material "conductor" "spectrum eta" "metal-Xx-eta"', "no spectrum of the name 'metal-Xx-eta'"),
+    "bump": ("v4", "", 'Material "diffuse" "texture displacement" "x"', "bump maps are not supported"),
+    "twosided": ("v4", "", 'AreaLightSource "diffuse" "bool twosided" true', "twosided must be false"),
+    "image light": ("v4", "", 'AreaLightSource "diffuse" "string filename" "x"', "an image that emits"),
+    "uneven": (
+        "v4",
+        "",
+        'AreaLightSource "diffuse" "float power" 1 Shape "trianglemesh" "integer indices" [0 1 2 0 2 3]'
+        ' "point3 P" [0 0 0 1 0 0 1 1 0 0 9 0]',
+        "power is that of every triangle",
+    ),
+    "turned": (
+        "v3",
+        "",
+        f'AreaLightSource "diffuse" ReverseOrientation Shape "trianglemesh" {SQUARE}{UP}',
+        "shines on both sides in v3",
+    ),
+    "mirrored": ("v4", "", 'AreaLightSource "diffuse" Scale -1 1 1 Shape "disk"', "a mirrored disk that emits"),
+    "spot": ("v4", "", 'LightSource "spot"', "conedeltaangle must be 0 in v4"),
+    "map": ("v4", "", 'LightSource "infinite" "string filename" "x.exr"', "maps of v4 are squares of equal area"),
+    "dark": ("v4", "", 'LightSource "point" "spectrum I" [400 0 700 0]', "must have a positive luminance"),
+    "two numbers": ("v4", "", 'LightSource "point" "blackbody I" [3000 1]', "must be one blackbody; got 2"),
+    "alpha": ("v4", "", TRIANGLE[:-1] + ' "float alpha" .5', "alpha is not supported"),
+    "texture alpha": ("v3", "", TRIANGLE[:-1] + ' "texture alpha" "x"', "alpha is not supported"),
+    "obj": ("v4", "", 'Shape "plymesh" "string filename" "a.obj"', "a plymesh must be a .ply file"),
+    "twice": ("v4", "", 'Texture "a" "float" "constant" Texture "a" "float" "constant"', "there is a texture of this"),
+    "attribute": ("v4", "", 'Attribute "camera" "float fov" 1', "Attribute must be of shape"),
+    "v2 word": ("v4", 'Renderer "sampler"', "", "Renderer belongs to v2"),
+    "bilinear": ("v3", "", 'Shape "bilinearmesh"', "a shape must be one of trianglemesh, plymesh, loopsubdiv, sphere"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_refused(read, tmp_path, name):
+    dialect, options, world, message = BAD[name]
+    with pytest.raises(PbrtError) as caught:
+        read(dialect, world, options)
+    assert str(caught.value).startswith(f"{tmp_path / 'scene.pbrt'}:")
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "dialect, line, expected",
+    [
+        ("v4", "", PixelFilter("gaussian", (1.5, 1.5), 0.5)),
+        ("v4", 'PixelFilter "gaussian" "float yradius" 2 "float sigma" 1', PixelFilter("gaussian", (1.5, 2), 1)),
+        ("v4", 'PixelFilter "box"', None),
+        ("v4", 'PixelFilter "triangle" "float xradius" 1', PixelFilter("triangle", (1, 2))),
+        ("v3", "", None),
+        ("v3", 'PixelFilter "gaussian" "float xwidth" 3', PixelFilter("gaussian", (3, 2), 0.5)),
+        ("v3", 'PixelFilter "gaussian" "float alpha" 8', PixelFilter("gaussian", (2, 2), 0.25)),
+        ("v3", 'PixelFilter "box" "float xwidth" 1', PixelFilter("box", (1, 0.5))),
+    ],
+)
+def test_pixel_filters(read, dialect, line, expected):
+    film = {"v3": "image", "v4": "rgb"}[dialect]
+    assert read(dialect, head=f'Film "{film}"\nIntegrator "path"\n{line}\n').camera.filter == expected
+
+
+@pytest.mark.parametrize(
+    "dialect, line, expected",
+    [
+        ("v3", "", ("path", 5)),
+        ("v3", 'Integrator "directlighting" "integer maxdepth" 7', ("direct", 7)),
+        ("v3", 'Integrator "path" "integer maxdepth" 1', ("path", 1)),
+        ("v3", 'Integrator "volpath" "integer maxdepth" 3', ("path", 3)),
+        ("v4", "", ("path", 5)),
+        ("v4", 'Integrator "path" "integer maxdepth" 9', ("path", 9)),
+    ],
+)
+def test_integrator_of_the_file(read, dialect, line, expected):
+    """maxdepth m of v3 and v4 is the number of surfaces that scatter light; of v2 it is one less."""
+    film = {"v3": 'Film "image"\n', "v4": 'Film "rgb"\nPixelFilter "box"\n'}[dialect]
+    scene = read(dialect, head=f"{film}{line}\n", force=True)
+    assert (scene.integrator, scene.max_depth) == expected
+
+
+def test_depth_of_paths_counts_alike(read):
+    """A white furnace, lit from its middle: D surfaces that scatter light are D terms of a geometric series."""
+    ball = 'Material "{}" "rgb {}" [.5 .5 .5] ReverseOrientation Shape "sphere"'
+    film = '"integer xresolution" 8 "integer yresolution" 8'
+    light = 'LightSource "point" "rgb I" [1 1 1]\n'
+    camera = 'Camera "perspective" "float fov" 30\n'
+    for dialect, head, material, depth in (
+        ("v2", f'SurfaceIntegrator "path" "integer maxdepth" 2 Film "image" {film}', ("matte", "Kd"), 3),
+        ("v3", f'Integrator "path" "integer maxdepth" 3 Film "image" {film}', ("matte", "Kd"), 3),
+        (
+            "v4",
+            f'Integrator "path" "integer maxdepth" 3 PixelFilter "box" Film "rgb" {film}',
+            ("diffuse", "reflectance"),
+            3,
+        ),
+    ):
+        scene = read(dialect, light + ball.format(*material), camera, add="", head=head + "\n", force=True)
+        image = dmis.render(scene, "balance", 64, seed=1).image
+        expected = 0.5 / np.pi * sum(0.5**k for k in range(depth))
+        assert image.mean() == pytest.approx(expected, rel=0.02)  # the sphere is made of triangles
+
+
+@pytest.mark.parametrize(
+    "dialect, words",
+    [
+        ("v2", 'AreaLightSource "area" "color L" [8 8 8]'),
+        ("v3", 'AreaLightSource "diffuse" "rgb L" [8 8 8] "bool twosided" "false"'),
+        ("v4", 'AreaLightSource "diffuse" "rgb L" [8 8 8]'),
+    ],
+    ids=["v2", "v3", "v4"],
+)
+def test_techniques_agree_in_a_scene_of_each_dialect(tmp_path, dialect, words):
+    """A floor under a lamp, in a file whose words tell its dialect, has one mean by either technique and by both."""
+    integrator = "SurfaceIntegrator" if dialect == "v2" else "Integrator"
+    material = {"v2": "plastic", "v3": "plastic", "v4": "coateddiffuse"}[dialect]
+    floor = 'Shape "trianglemesh" "point3 P" [-2 -2 0  2 -2 0  2 2 0  -2 2 0] "integer indices" [0 1 2 0 2 3]'
+    lamp = 'Shape "trianglemesh" "point3 P" [-.6 -.6 2  -.6 .6 2  .6 .6 2  .6 -.6 2] "integer indices" [0 1 2 0 2 3]'
+    world = f'WorldBegin Material "{material}" {floor} AttributeBegin {words} {lamp} AttributeEnd'
+    kind = "directlighting" if dialect != "v4" else "path"
+    depth = '"integer maxdepth" 1' if dialect == "v4" else ""
+    head = f'{integrator} "{kind}" {depth} LookAt 0 -4 3  0 0 0  0 0 1 Camera "perspective" "float fov" 50'
+    text = f"{head} {world} {'' if dialect == 'v4' else 'WorldEnd'}"
+    path = tmp_path / "scene.pbrt"
+    path.write_text(text.replace("point3 P", "point P") if dialect == "v2" else text)
+    scene = read_pbrt(path, resolution=(16, 12))
+    assert scene.source["dialect"] == dialect and scene.source["dialect_from"] == "file"
+    means = {
+        rule: np.array([dmis.render(scene, rule, 64, seed=seed, threads=1).image.mean() for seed in range(8)])
+        for rule in ("fixed:0", "balance", "fixed:1")
+    }
+    limit = scipy.stats.t.isf(LEVEL / 2, 14)
+    for rule in ("fixed:0", "fixed:1"):
+        assert abs(z_score(means[rule], means["balance"])) < limit
+
+
+@pytest.mark.parametrize("value", ["1.5 .5 .5", "-.5 .5 .5"])
+@pytest.mark.parametrize("material", ["diffuse", "coateddiffuse"])
+def test_v4_refuses_an_rgb_reflectance_out_of_range(tmp_path, material, value):
+    """As pbrt-v4 does: an albedo spectrum is made of components from 0 to 1."""
+    path = tmp_path / "scene.pbrt"
+    path.write_text(f'{HEAD["v4"]}WorldBegin\nMaterial "{material}" "rgb reflectance" [{value}] Shape "sphere"')
+    with pytest.raises(PbrtError, match=r"scene\.pbrt:5: .*'reflectance' must be from 0 to 1 in pbrt-v4; got \["):
+        read_pbrt(path)

@@ -1,0 +1,174 @@
+"""What a scene file must not do: reach outside of its folder, or ask for more than there is."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.cli.commands import main
+from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.tokens import PbrtError
+from dmis.image import write_exr
+
+TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0  1 0 0  0 1 0]\n'
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """A scene's folder, and beside it one that a scene must not reach, with a file of each kind."""
+    import trimesh
+
+    inside, beside = tmp_path / "scene", tmp_path / "beside"
+    inside.mkdir(), beside.mkdir()
+    for folder in (inside, beside):
+        (folder / "a.pbrt").write_text("Translate 1 2 3\n")
+        (folder / "a.spd").write_text("400 .5\n700 .5\n")
+        write_exr(folder / "a.exr", {"RGB": np.ones((2, 2, 3), np.float32)})
+        trimesh.creation.box().export(folder / "a.ply")
+    return inside, beside
+
+
+USES = {
+    "include": 'Include "{}.pbrt"',
+    "mesh": 'Shape "plymesh" "string filename" "{}.ply"',
+    "texture": 'Texture "t" "color" "imagemap" "string filename" "{}.exr" Material "matte" "texture Kd" "t"',
+    "sky": 'LightSource "infinite" "string mapname" "{}.exr"',
+    "spectrum": 'Material "matte" "spectrum Kd" "{}.spd"',
+}
+WAYS = {
+    "parent": "../beside/a",
+    "absolute": "{beside}/a",
+    "roundabout": "sub/../../beside/a",
+    "link": "link/a",
+    "file": "to",
+}
+
+
+def write(inside, line):
+    path = inside / "scene.pbrt"
+    path.write_text(f'SurfaceIntegrator "directlighting" WorldBegin\n{line}\n{TRIANGLE}WorldEnd\n')
+    return path
+
+
+@pytest.mark.parametrize("use", USES)
+@pytest.mark.parametrize("way", WAYS)
+def test_files_outside_are_refused_unless_allowed(folders, use, way):
+    inside, beside = folders
+    (inside / "sub").mkdir()
+    (inside / "link").symlink_to(beside)
+    for suffix in ("pbrt", "spd", "exr", "ply"):
+        (inside / f"to.{suffix}").symlink_to(beside / f"a.{suffix}")
+    path = write(inside, USES[use].format(WAYS[way].format(beside=beside)))
+    with pytest.raises(PbrtError, match=r"scene\.pbrt:2: token .*is outside of the scene's folder") as caught:
+        dmis.load_scene(path)
+    assert "--allow-outside" in str(caught.value)
+    assert len(dmis.load_scene(path, outside=True).parts) >= 1
+
+
+@pytest.mark.parametrize("use", USES)
+def test_files_inside_are_read(folders, use, monkeypatch):
+    """By whatever way, also if the scene's own folder is reached by a link or named relatively."""
+    inside, _ = folders
+    (inside / "sub").mkdir()
+    (inside.parent / "alias").symlink_to(inside)
+    for way in ("a", "./a", "sub/../a", f"{inside}/a"):
+        path = write(inside, USES[use].format(way))
+        read_pbrt(path)
+        read_pbrt(inside.parent / "alias/scene.pbrt")
+        monkeypatch.chdir(inside)
+        read_pbrt("scene.pbrt")
+
+
+def test_included_files_have_no_more_rights(folders):
+    inside, _ = folders
+    (inside / "sub").mkdir()
+    (inside / "sub/b.pbrt").write_text('Include "../a.pbrt"\n')
+    read_pbrt(write(inside, 'Include "sub/b.pbrt"'))
+    (inside / "sub/b.pbrt").write_text('Include "../../beside/a.pbrt"\n')
+    with pytest.raises(PbrtError, match=r"b\.pbrt:1: token .* is outside of the scene's folder"):
+        read_pbrt(write(inside, 'Include "sub/b.pbrt"'))
+
+
+def test_command_line(folders, capsys):
+    inside, _ = folders
+    path = write(inside, USES["mesh"].format("../beside/a"))
+    assert main(["info", str(path)]) == 2
+    assert "is outside of the scene's folder" in capsys.readouterr().err
+    assert main(["info", str(path), "--allow-outside"]) == 0
+    assert "integrator: direct" in capsys.readouterr().out
+    plain = inside / "plain.pbrt"
+    plain.write_text(path.read_text().replace('SurfaceIntegrator "directlighting"', ""))
+    assert main(["info", str(plain), "--allow-outside", "--dialect", "v3"]) == 0
+    assert "integrator: path" in capsys.readouterr().out
+
+
+def test_a_mesh_cannot_name_an_image(folders, monkeypatch):
+    """A PLY file may name a texture, which is neither needed nor looked at."""
+    trimesh_open = []
+    inside, beside = folders
+    text = (
+        "ply\nformat ascii 1.0\ncomment TextureFile ../beside/a.png\nelement vertex 3\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    (inside / "t.ply").write_text(text)
+    (beside / "a.png").write_bytes(b"no image")
+    from trimesh.resolvers import FilePathResolver
+
+    monkeypatch.setattr(FilePathResolver, "get", lambda self, name: trimesh_open.append(name) or b"")
+    assert read_pbrt(write(inside, USES["mesh"].format("t"))).parts[0].mesh.triangles == 2
+    assert trimesh_open == []
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no endless file here")
+def test_devices_are_no_files(folders):
+    inside, _ = folders
+    (inside / "zero.pbrt").symlink_to("/dev/zero")
+    with pytest.raises(PbrtError, match="there is no file"):
+        read_pbrt(write(inside, 'Include "zero.pbrt"'), outside=True)
+
+
+PLY = "ply\nformat binary_little_endian 1.0\nelement vertex {0}\nproperty float x\nproperty float y\nproperty float z\n"
+PLY += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+HUGE = {
+    "levels": 'Shape "loopsubdiv" "integer nlevels" 1000000000 "integer indices" [0 1 2] "point P" [0 0 0 1 0 0 0 1 0]',
+    "film": 'Film "image" "integer xresolution" 2000000000 "integer yresolution" 2000000000',
+    "mesh": 'Shape "plymesh" "string filename" "huge.ply"',
+    "includes": 'Include "many.pbrt"',
+}
+
+
+@pytest.mark.parametrize("name", HUGE)
+def test_too_much_is_refused_at_once(folders, name):
+    """Before memory is taken for it: the process's peak grows by less than 200 MB."""
+    import resource
+
+    inside, _ = folders
+    (inside / "huge.ply").write_bytes(
+        (PLY.format(10**12) + "element face 1\nproperty list uchar int vertex_indices\nend_header\n").encode()
+        + b"\0" * 99
+    )
+    (inside / "many.pbrt").write_text('Include "many1.pbrt"\n' * 99)
+    for k in range(1, 9):
+        (inside / f"many{k}.pbrt").write_text(f'Include "many{k + 1}.pbrt"\n' * 99)
+    (inside / "many9.pbrt").write_text("")
+    path = write(inside, HUGE[name])
+    if name == "film":
+        path.write_text(f"{HUGE[name]}\nWorldBegin\n{TRIANGLE}WorldEnd\n")
+    before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    with pytest.raises(PbrtError, match=r"\.pbrt:\d+: token"):
+        read_pbrt(path)
+    assert time.process_time() - begin < 5
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000
+
+
+def test_large_images_are_refused_by_their_header(folders, monkeypatch):
+    inside, _ = folders
+    path = write(inside, USES["sky"].format("a"))
+    monkeypatch.setattr("dmis.image.MAX_PIXELS", 4)
+    read_pbrt(path)
+    monkeypatch.setattr("dmis.image.MAX_PIXELS", 3)
+    with pytest.raises(PbrtError, match="on a side and at most 3; got 2x2"):
+        read_pbrt(path)

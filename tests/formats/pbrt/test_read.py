@@ -1,0 +1,1138 @@
+"""The pbrt reader, on pbrt-v2: transforms, sides, defaults and quirks by hand, bad input by its message."""
+
+import functools
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
+from dmis.brdf.diffuse import Lambert, OrenNayar
+from dmis.brdf.distributions import Anisotropic, Blinn
+from dmis.brdf.fresnel import Conductor, Dielectric
+from dmis.brdf.materials import COPPER_ETA, COPPER_K
+from dmis.brdf.microfacet import Microfacet
+from dmis.brdf.specular import SpecularReflection, SpecularTransmission
+from dmis.brdf.texture import Image
+from dmis.estimator.settings import Settings, resolve_auto
+from dmis.formats.pbrt import reader
+from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.reader import PbrtWarning
+from dmis.formats.pbrt.tokens import PbrtError
+from dmis.geometry.mesh import flat_normals
+from dmis.image import write_exr
+from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
+from dmis.light.delta import DistantLight, PointLight, SpotLight
+from dmis.light.environment import EnvironmentLight
+from dmis.samplers.pixel_filter import PixelFilter
+from dmis.scene.camera import Camera
+
+TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0  1 0 0  0 1 0]\n'
+TEXTURED = TRIANGLE[:-1] + ' "float uv" [0 0 1 0 0 1]\n'
+SQUARE = 'Shape "trianglemesh" "integer indices" [0 1 2  0 2 3] "point P" [0 0 0  2 0 0  2 1 0  0 1 0]\n'
+TETRAHEDRON = '"point P" [0 0 0 1 0 0 0 1 0 0 0 1] "integer indices" [0 2 1 0 1 3 0 3 2 1 2 3]'
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a scene with the given world and options; a triangle is added, so that there is something to see."""
+
+    def read(world="", options="", add=TRIANGLE, **arguments):
+        path = tmp_path / "scene.pbrt"
+        v2 = "" if "Integrator" in options or "dialect" in arguments else 'SurfaceIntegrator "directlighting" '
+        path.write_text(f"{v2}{options}\nWorldBegin\n{world}\n{add}WorldEnd\n")
+        return read_pbrt(path, **arguments)
+
+    return read
+
+
+def points(scene, part=0):
+    return scene.parts[part].mesh.vertices
+
+
+def material(scene):
+    return scene.parts[-1].material
+
+
+def close(value, expected):
+    np.testing.assert_allclose(value, expected, rtol=1e-6, atol=1e-9)
+
+
+def exr(path, texels):
+    write_exr(path, {"RGB": np.asarray(texels, np.float32)})
+    return path
+
+
+# Transforms -------------------------------------------------------------------------------------------------------
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("Translate 1 2 3", CORNERS + [1, 2, 3]),
+        ("Scale 2 3 4", CORNERS * [2, 3, 4]),
+        ("Rotate 90 0 0 1", [[0, 0, 0], [0, 1, 0], [-1, 0, 0]]),
+        ("Translate 1 0 0 Scale 2 2 2", CORNERS * 2 + [1, 0, 0]),
+        ("Scale 2 2 2 Translate 1 0 0", CORNERS * 2 + [2, 0, 0]),
+        ("Translate 1 1 1 Identity", CORNERS),
+        ("Translate 9 9 9 Transform [1 0 0 0  0 1 0 0  0 0 1 0  4 5 6 1]", CORNERS + [4, 5, 6]),
+        ("Translate 1 0 0 ConcatTransform [0 1 0 0  -1 0 0 0  0 0 1 0  4 5 6 1]", [[5, 5, 6], [5, 6, 6], [4, 5, 6]]),
+        ("TransformBegin Translate 1 2 3 TransformEnd", CORNERS),
+        ("AttributeBegin Translate 1 2 3 AttributeEnd", CORNERS),
+        ('Translate 1 2 3 CoordinateSystem "a" Scale 9 9 9 CoordSysTransform "a"', CORNERS + [1, 2, 3]),
+        ('Translate 1 2 3 CoordSysTransform "world"', CORNERS),
+        ("ActiveTransform All Translate 1 2 3", CORNERS + [1, 2, 3]),
+        ("LookAt 0 0 5  0 0 0  0 1 0", [[0, 0, 5], [-1, 0, 5], [0, 1, 5]]),
+        ("Translate 1 # of a comment, 2\n 2 3", CORNERS + [1, 2, 3]),
+    ],
+)
+def test_transforms(read, text, expected):
+    close(points(read(text)), expected)
+
+
+def test_transforms_before_the_world_do_not_move_it(read):
+    close(points(read(options="Translate 1 2 3\nScale 2 2 2")), CORNERS)
+
+
+def test_normals_move_by_the_inverse_transpose(read):
+    scene = read("Scale 2 1 1", add=TRIANGLE[:-1] + '"normal N" [1 1 0  0 1 0  0 0 1]\n')
+    close(scene.parts[0].mesh.normals, [[1 / np.sqrt(5), 2 / np.sqrt(5), 0], [0, 1, 0], [0, 0, 1]])
+
+
+# Camera -----------------------------------------------------------------------------------------------------------
+
+
+def test_camera_is_left_handed(read):
+    options = 'LookAt 1 2 3  1 7 3  0 0 1\nCamera "perspective" "float fov" [60]'
+    camera = read(options=options).camera
+    # x = up x d = z x y = -x: the image is the mirror image of a photograph of the same numbers
+    close(camera.to_world, [[-1, 0, 0, 1], [0, 0, 1, 2], [0, 1, 0, 3], [0, 0, 0, 1]])
+    photograph = Camera.look_at((1, 2, 3), (1, 7, 3), (0, 0, 1), 60.0).to_world
+    close(camera.to_world, photograph @ np.diag([-1, 1, 1, 1]))
+    assert camera.fov == 60
+    assert camera.resolution == (640, 480)
+    # half of 60 degrees to the top, the middle of the upper edge; the world's +x is on the left
+    top = camera.rays(np.float32([320]), np.float32([0]))[:, 0]
+    np.testing.assert_allclose(top, [0, np.cos(np.pi / 6), np.sin(np.pi / 6)], atol=1e-6)
+    assert camera.rays(np.float32([0]), np.float32([240]))[0, 0] > 0.6
+
+
+def test_mirrored_camera_is_right_handed(read):
+    camera = read(options='Scale -1 1 1\nLookAt 1 2 3  1 7 3  0 0 1\nCamera "perspective"').camera
+    close(camera.to_world[:3, 0], [1, 0, 0])
+    assert camera.fov == 90
+
+
+@pytest.mark.parametrize(
+    "camera, film, fov, size",
+    [
+        ('"float halffov" [20]', "", 40, (640, 480)),
+        ('"float fov" 30 "float lensradius" 0', '"integer xresolution" 100 "integer yresolution" 50', 30, (100, 50)),
+        ('"float frameaspectratio" 2', '"integer xresolution" 100 "integer yresolution" 50', 90, (100, 50)),
+        (
+            '"float screenwindow" [-2 2 -1 1]',
+            '"integer xresolution" 100 "integer yresolution" 50 "float cropwindow" [0 1 0 1]',
+            90,
+            (100, 50),
+        ),
+    ],
+)
+def test_camera_and_film(read, camera, film, fov, size):
+    scene = read(options=f'Film "image" {film}\nCamera "perspective" {camera}')
+    assert (scene.camera.fov, scene.camera.resolution) == (fov, size)
+
+
+def test_cropwindow(read):
+    """Shares of the image become pixels as in pbrt, rounded up; a resolution given in its place scales them."""
+    film = 'Film "image" "integer xresolution" 100 "integer yresolution" 50 "float cropwindow" [.25 .5 .1 .91]'
+    camera = read(options=film).camera
+    assert (camera.resolution, camera.corner, camera.frame) == ((25, 41), (25, 5), (100, 50))
+
+
+def test_resolution_is_overridden(read):
+    film = 'Film "image" "integer xresolution" 100000'
+    assert read(options=film, resolution=(30, 20)).camera.resolution == (30, 20)
+    with pytest.raises(ValueError, match="resolution must be 1 to 65535") as caught:
+        read(resolution=(0, 20))
+    assert not isinstance(caught.value, PbrtError)
+
+
+# Lights -----------------------------------------------------------------------------------------------------------
+
+
+def one_light(scene, kind):
+    (light,) = scene.lights
+    assert isinstance(light, kind)
+    return light
+
+
+def test_point_light_adds_from_in_world_space(read):
+    world = (
+        'Scale 2 2 2 Translate 1 0 0 LightSource "point" "color I" [1 2 3] "color scale" [2 2 2] "point from" [5 6 7]'
+    )
+    light = one_light(read(world), PointLight)
+    close(light.position, [7, 6, 7])
+    close(light.intensity, [2, 4, 6])
+
+
+def test_spot_light(read):
+    world = 'Rotate 90 0 0 1 LightSource "spot" "point from" [1 0 0] "point to" [3 0 0] "float coneangle" 40'
+    light = one_light(read(world), SpotLight)
+    close(light.position, [0, 1, 0])
+    close(light.direction, [0, 2, 0])
+    assert (light.outer, light.inner) == (40, 35)
+    light = one_light(read('LightSource "spot"'), SpotLight)
+    assert (light.outer, light.inner, light.direction, light.intensity) == (30, 25, (0, 0, 1), (1, 1, 1))
+
+
+def test_distant_light_shines_from_from_to_to(read):
+    light = one_light(
+        read('LightSource "distant" "point from" [0 0 2] "point to" [0 0 1] "color L" [3 3 3]'), DistantLight
+    )
+    close(light.direction, [0, 0, 1])
+    close(light.radiance, [3, 3, 3])
+
+
+def test_distant_light_in_camera_space_is_a_headlight(read):
+    options = 'LookAt 1 2 3  1 7 3  0 0 1\nCamera "perspective"'
+    light = one_light(read('CoordSysTransform "camera" LightSource "distant"', options), DistantLight)
+    close(light.direction, [0, -1, 0])
+
+
+def test_infinite_light(read, tmp_path):
+    texels = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
+    exr(tmp_path / "sky.exr", texels)
+    world = 'Rotate 90 0 0 1 Scale 3 3 3 LightSource "infinite" "string mapname" "sky.exr" "color L" [1 2 3]'
+    light = one_light(read(world), EnvironmentLight)
+    close(light.texels, texels)
+    close(light.to_world, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    close(light.scale, [1, 2, 3])
+    light = one_light(read('LightSource "infinite" "rgb L" [.5 .5 .5]'), EnvironmentLight)
+    assert light.texels.shape == (1, 1, 3)
+    close(light.radiance(np.array([[0], [0], [1]], np.float32)), [[0.5]] * 3)
+
+
+AREA = 'AreaLightSource "area" "color L" [4 5 6] "color scale" [2 2 2]\n'
+
+
+@pytest.mark.parametrize(
+    "transform, centre, normal, radius",
+    [
+        ("", (0, 0, 1), (0, 0, 1), 3),
+        ("ReverseOrientation", (0, 0, 1), (0, 0, -1), 3),
+        ("ReverseOrientation ReverseOrientation", (0, 0, 1), (0, 0, 1), 3),
+        ("Translate 1 2 3 Scale 2 2 2", (1, 2, 5), (0, 0, 1), 6),
+        ("Rotate 90 1 0 0", (0, -1, 0), (0, -1, 0), 3),
+        ("Scale 1 1 -1", (0, 0, -1), (0, 0, -1), 3),
+        ("Scale -1 1 1", (0, 0, 1), (0, 0, 1), 3),
+        ("Scale -1 1 1 ReverseOrientation", (0, 0, 1), (0, 0, -1), 3),
+    ],
+)
+def test_disk_light(read, transform, centre, normal, radius):
+    scene = read(AREA + transform + ' Shape "disk" "float radius" 3 "float height" 1', add="")
+    light = one_light(scene, DiskLight)
+    close(light.centre, centre)
+    close(np.asarray(light.normal) / np.linalg.norm(light.normal), normal)
+    assert light.radius == pytest.approx(radius)
+    close(light.radiance, (8, 10, 12))
+    (part,) = scene.parts
+    assert part.light is light
+    close(flat_normals(part.mesh.vertices, part.mesh.faces), np.tile(normal, (len(part.mesh.faces), 1)))
+
+
+@pytest.mark.parametrize("transform", ["", "Scale -2 2 2", "Translate 1 2 3"])
+def test_sphere_light_shines_outwards(read, transform):
+    scene = read(AREA + transform + ' Shape "sphere" "float radius" 3', add="")
+    light = one_light(scene, SphereLight)
+    assert light.radius == pytest.approx(6 if "Scale" in transform else 3)
+    close(light.centre, (1, 2, 3) if "Translate" in transform else (0, 0, 0))
+    assert outwards(scene.parts[0].mesh, light.centre) > 0
+
+
+@pytest.mark.parametrize("transform", ["ReverseOrientation", "ReverseOrientation Scale 1 -1 1"])
+def test_reversed_sphere_light_shines_inwards(read, transform):
+    scene = read(AREA + transform + ' Shape "sphere"', add="")
+    light = one_light(scene, MeshLight)
+    assert outwards(scene.parts[0].mesh, (0, 0, 0)) < 0
+    close(light.vertices, scene.parts[0].mesh.vertices)
+
+
+def outwards(mesh, centre):
+    """The least (or, if negative, largest) of the cosines between normals and the way from the centre."""
+    corners = mesh.vertices[mesh.faces].mean(axis=1) - centre
+    cos = np.einsum("ij,ij->i", corners, flat_normals(mesh.vertices, mesh.faces))
+    assert (cos > 0).all() or (cos < 0).all()
+    return cos[0]
+
+
+@pytest.mark.parametrize(
+    "transform, z", [("", 1), ("ReverseOrientation", -1), ("Scale -1 1 1", -1), ("Scale 3 1 1", 1)]
+)
+def test_parallelogram_light(read, transform, z):
+    scene = read(AREA + transform + " " + SQUARE, add="")
+    light = one_light(scene, QuadLight)
+    normal = np.cross(light.edge_u, light.edge_v)
+    close(normal, [0, 0, z * (6 if "3" in transform else 2)])
+    close(flat_normals(scene.parts[0].mesh.vertices, scene.parts[0].mesh.faces), [[0, 0, z]] * 2)
+    corners = light.corner + np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) @ [light.edge_u, light.edge_v]
+    assert {tuple(c) for c in corners} == {tuple(v) for v in scene.parts[0].mesh.vertices}
+
+
+@pytest.mark.parametrize("first", ["0 1 2", "1 2 0", "2 0 1"])
+@pytest.mark.parametrize("second", ["0 2 3", "2 3 0", "3 0 2"])
+def test_every_order_of_a_parallelogram(read, first, second):
+    scene = read(AREA + SQUARE.replace("0 1 2  0 2 3", f"{first} {second}"), add="")
+    close(np.cross(one_light(scene, QuadLight).edge_u, scene.lights[0].edge_v), [0, 0, 2])
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        SQUARE.replace("0 2 3", "0 3 2"),  # the two triangles face different ways
+        SQUARE.replace("0 1 0]", "0 1.5 0]"),  # a trapezium
+        TRIANGLE,
+        'Shape "cylinder"',
+        f'Shape "loopsubdiv" "integer nlevels" 1 {TETRAHEDRON}',
+    ],
+)
+def test_other_shapes_make_mesh_lights(read, shape):
+    scene = read(AREA + shape, add="")
+    light = one_light(scene, MeshLight)
+    assert len(light.faces) == len(scene.parts[0].mesh.faces)
+    close(light.radiance, (8, 10, 12))
+
+
+def test_area_light_ends_with_its_block(read):
+    scene = read(f"AttributeBegin {AREA} {TRIANGLE} AttributeEnd")
+    assert [part.light is None for part in scene.parts] == [False, True]
+    assert len(scene.lights) == 1
+
+
+def test_lights_are_in_the_order_of_the_file(read):
+    scene = read(f'LightSource "point" AttributeBegin {AREA} {TRIANGLE} AttributeEnd LightSource "distant"')
+    assert [type(light) for light in scene.lights] == [PointLight, MeshLight, DistantLight]
+
+
+# Materials --------------------------------------------------------------------------------------------------------
+
+
+def lobes(scene):
+    return material(scene).lobes
+
+
+def test_matte(read):
+    (lobe,) = lobes(read())
+    assert isinstance(lobe, Lambert)
+    close(lobe.reflectance, (0.5, 0.5, 0.5))
+    with pytest.warns(PbrtWarning, match="reflectance above 1, .*: 'Kd' of Material"):
+        (lobe,) = lobes(read('Material "matte" "color Kd" [-1 .5 2] "float sigma" 120'))
+    assert isinstance(lobe, OrenNayar)
+    assert lobe.sigma == 90
+    close(lobe.reflectance, (0, 0.5, 2))
+    assert lobes(read('Material "matte" "color Kd" [0 0 0]')) == ()
+
+
+def test_plastic_has_swapped_indices(read):
+    diffuse, coat = lobes(read('Material "plastic"'))
+    assert isinstance(diffuse, Lambert) and isinstance(coat, Microfacet)
+    close([diffuse.reflectance, coat.reflectance], [[0.25] * 3] * 2)
+    assert coat.distribution == Blinn(10) or coat.distribution.exponent == pytest.approx(10)
+    assert coat.fresnel == Dielectric(1 / 1.5)
+    for cos, expected in ((1.0, 0.04), (0.9, 0.046333), (0.8, 0.114141), (0.76, 0.302339), (0.75, 0.5), (0.745, 1.0)):
+        assert float(coat.fresnel(np.float32(cos))) == pytest.approx(expected, abs=2e-3 if cos == 0.75 else 1e-5)
+
+
+def test_metal(read):
+    (lobe,) = lobes(read('Material "metal"'))
+    assert lobe.fresnel == Conductor(COPPER_ETA, COPPER_K)
+    assert lobe.distribution.exponent == pytest.approx(100)
+    (lobe,) = lobes(read('Material "metal" "color eta" [1 2 3] "rgb k" [4 5 6] "float roughness" .002'))
+    assert lobe.fresnel == Conductor((1, 2, 3), (4, 5, 6))
+    assert lobe.distribution.exponent == pytest.approx(500)
+
+
+@pytest.mark.parametrize("roughness", ["0", ".00001", "1e-300"])
+def test_blinn_exponent_is_capped(read, roughness):
+    (lobe,) = lobes(read(f'Material "metal" "float roughness" {roughness}'))
+    assert lobe.distribution.exponent == pytest.approx(10_000)
+
+
+def test_substrate(read):
+    base, coat = lobes(read('Material "substrate"'))
+    assert isinstance(base, BlendBase) and isinstance(coat, BlendCoat)
+    close([base.diffuse, base.specular, coat.specular], [[0.5] * 3] * 3)
+    assert coat.distribution.exponent == pytest.approx(10)
+    _, coat = lobes(read('Material "substrate" "float uroughness" .1 "float vroughness" 0'))
+    assert isinstance(coat.distribution, Anisotropic)
+    assert (coat.distribution.u, coat.distribution.v) == pytest.approx((10, 10_000))
+
+
+def test_uber(read):
+    assert [type(lobe) for lobe in lobes(read('Material "uber"'))] == [Lambert, Microfacet]
+    text = 'Material "uber" "color Kr" [.1 .2 .3] "color Kt" [.3 .2 .1] "color opacity" [.5 .5 .5] "float index" 2'
+    clear, diffuse, coat, mirror, through = lobes(read(text))
+    assert isinstance(clear, SpecularTransmission) and clear.eta == 1
+    close(clear.transmittance, [0.5] * 3)
+    close(diffuse.reflectance, [0.125] * 3)
+    assert coat.fresnel == mirror.fresnel == Dielectric(0.5)
+    close(mirror.reflectance, [0.05, 0.1, 0.15])
+    assert isinstance(through, SpecularTransmission) and through.eta == 0.5 and not through.scaled
+    close(through.transmittance, [0.15, 0.1, 0.05])
+    clear, diffuse, _ = lobes(read('Material "uber" "color opacity" [.5 1 1.2]'))  # as a spectrum of 1 has, in red
+    close(clear.transmittance, [0.5, 0, 0])
+    close(diffuse.reflectance, [0.125, 0.25, 0.25])
+
+
+@pytest.mark.parametrize("integrator", ["directlighting", "path"])
+@pytest.mark.parametrize("opacity, index", [(1, 1.5), (1, 0.7)])
+def test_refracted_radiance_is_not_divided_by_eta2(read, integrator, opacity, index):
+    """As in pbrt-v2: one sheet of glass under a sky of 1 shows 1 from both sides."""
+    for turn in ("", "ReverseOrientation"):
+        world = f'LightSource "infinite" Material "glass" "float index" {index} {turn}'
+        square = '"point P" [-9 -9 2 9 -9 2 9 9 2 -9 9 2] "integer indices" [0 1 2 0 2 3]'
+        head = f'SurfaceIntegrator "{integrator}" Film "image" "integer xresolution" 4 "integer yresolution" 4'
+        scene = read(world, head, add=f'Shape "trianglemesh" {square}')
+        image = dmis.render(scene, "balance", 64).image
+        np.testing.assert_allclose(image, 1, rtol=1e-4)
+
+
+def test_zero_normals_become_those_of_the_faces(read):
+    """Exporters write some; from mesh files they are mended, too."""
+    for z in (1, -1):  # on the side of the others
+        mesh = read(add=TRIANGLE[:-1] + f'"normal N" [0 0 {z} 0 .6 {0.8 * z} 0 0 0]\n').parts[0].mesh
+        close(mesh.normals, [[0, 0, z], [0, 0.6, 0.8 * z], [0, 0, z]])
+
+
+def test_spot_whose_falloff_is_wider_than_its_cone(read):
+    """Only the cosine of the inner angle counts: -1 degree is 1 degree, and more than the cone is all of it."""
+    for delta, inner in ((5, 1), (20, 4)):
+        text = f'LightSource "spot" "float coneangle" 4 "float conedeltaangle" {delta}'
+        assert read(text).lights[0].inner == inner
+
+
+def test_mirror_glass_shinymetal(read):
+    (lobe,) = lobes(read('Material "mirror"'))
+    assert isinstance(lobe, SpecularReflection) and lobe.fresnel is None
+    close(lobe.reflectance, [0.9] * 3)
+    reflection, transmission = lobes(read('Material "glass"'))
+    assert reflection.fresnel == Dielectric(1.5) and transmission.eta == 1.5 and not transmission.scaled
+    glossy, specular = lobes(read('Material "shinymetal" "color Ks" [.25 .25 .25]'))
+    close(glossy.fresnel.eta, [3] * 3)
+    assert isinstance(specular, SpecularReflection)
+    same = [lobes(read(f'Material "shinymetal" "color Ks" [{k} .5 .5]'))[0].fresnel.eta for k in (1, 1.2)]
+    close(*same)
+
+
+@pytest.mark.parametrize(
+    "kind, value, rgb",
+    [
+        ("color", "[.1 .2 .3]", (0.1, 0.2, 0.3)),
+        ("rgb", "[.1 .2 .3]", (0.1, 0.2, 0.3)),
+        ("xyz", "[.950456 1 1.088754]", (1, 1, 1)),
+        ("spectrum", "[300 .5 800 .5]", (0.602443, 0.474114, 0.454634)),
+        ("spectrum", '"half.spd"', (0.602443, 0.474114, 0.454634)),
+        ("blackbody", "[0 1]", (0, 0, 0)),
+    ],
+)
+def test_types_of_spectra(read, tmp_path, kind, value, rgb):
+    (tmp_path / "half.spd").write_text("# flat\n300 .5\n800 .5\n")
+    scene = read(f'Material "mirror" "{kind} Kr" {value}')
+    if any(rgb):
+        np.testing.assert_allclose(lobes(scene)[0].reflectance, rgb, atol=2e-5)
+    else:
+        assert lobes(scene) == ()
+
+
+def test_shape_line_overrides_the_material(read):
+    world = 'Material "matte" "color Kd" [.1 .1 .1]\n' + TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n'
+    scene = read(world + TRIANGLE)
+    close([part.material.lobes[0].reflectance for part in scene.parts], [[0.2] * 3, [0.1] * 3])
+
+
+def test_texture_of_the_material_beats_constant_of_the_shape(read):
+    world = 'Texture "t" "color" "constant" "color value" [.3 .3 .3] Material "matte" "texture Kd" "t"\n'
+    scene = read(world, add=TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n')
+    close(lobes(scene)[0].reflectance, [0.3] * 3)
+    scene = read(world.replace('"matte" "texture Kd" "t"', '"matte"'), add=TRIANGLE[:-1] + ' "texture Kd" "t"\n')
+    close(lobes(scene)[0].reflectance, [0.3] * 3)
+
+
+def test_named_materials(read):
+    world = """
+    Material "matte" "color Kd" [.1 .1 .1]
+    MakeNamedMaterial "a" "string type" "matte"
+    MakeNamedMaterial "b" "string type" "plastic" "color Kd" [.4 .4 .4]
+    NamedMaterial "b"
+    AttributeBegin
+      NamedMaterial "a"
+    """
+    scene = read(world + TRIANGLE + "AttributeEnd\n" + TRIANGLE + 'Material "mirror"')
+    close(scene.parts[0].material.lobes[0].reflectance, [0.1] * 3)  # what it lacks is from the Material line
+    close(scene.parts[1].material.lobes[0].reflectance, [0.4] * 3)
+    assert [part.material.name for part in scene.parts] == ["matte", "plastic", "mirror"]
+
+
+def test_named_material_ignores_the_shape_line(read):
+    world = 'MakeNamedMaterial "a" "string type" "matte" NamedMaterial "a"\n'
+    with pytest.warns(PbrtWarning, match="parameter 'Kd' of Shape"):
+        scene = read(world, add=TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n')
+    close(lobes(scene)[0].reflectance, [0.5] * 3)
+
+
+# Textures ---------------------------------------------------------------------------------------------------------
+
+
+def kd(scene):
+    return lobes(scene)[0].reflectance
+
+
+def test_constant_and_scaled_textures(read):
+    world = """
+    Texture "a" "color" "constant" "color value" [.2 .4 .8]
+    Texture "b" "spectrum" "scale" "texture tex1" "a" "color tex2" [.5 .5 .25]
+    Texture "r" "float" "constant" "float value" .5
+    Texture "s" "float" "scale" "texture tex1" "r" "float tex2" .5
+    Texture "one" "color" "constant"
+    Material "plastic" "texture Kd" "b" "texture roughness" "s" "texture Ks" "one"
+    """
+    diffuse, coat = lobes(read(world))
+    close(diffuse.reflectance, (0.1, 0.2, 0.2))
+    assert coat.distribution.exponent == pytest.approx(4)
+    close(coat.reflectance, (1, 1, 1))
+
+
+def test_imagemap(read, tmp_path):
+    texels = np.arange(1, 25, dtype=np.float32).reshape(2, 4, 3)
+    exr(tmp_path / "a.exr", texels)
+    world = """
+    Texture "a" "color" "imagemap" "string filename" "a.exr" "float uscale" 2 "float vdelta" .5 "string wrap" "clamp"
+        "float scale" .5 "float gamma" 2
+    Texture "b" "color" "scale" "texture tex1" "a" "color tex2" [1 2 4]
+    Material "matte" "texture Kd" "b"
+    """
+    with pytest.warns(PbrtWarning, match="reflectance above 1, .*: 'Kd' of Material"):
+        image = kd(read(world, add=TEXTURED))
+    assert isinstance(image, Image)
+    close(image.texels, (texels / 2) ** 2 * [1, 2, 4])
+    assert (image.scale, image.offset, image.wrap) == ((2, 1), (0, 0.5), "clamp")
+    # row 0 is t = 0
+    first = Image(texels)(np.array([[1 / 8], [1 / 4]], np.float32))
+    close(first[:, 0], texels[0, 0])
+
+
+def test_float_image_takes_the_luminance_and_roughness_is_capped(read, tmp_path):
+    exr(tmp_path / "a.exr", [[[0.5, 0.5, 0.5], [0, 0, 0], [1, 0, 0]]])
+    world = 'Texture "a" "float" "imagemap" "string filename" "a.exr" Material "metal" "texture roughness" "a"'
+    (lobe,) = lobes(read(world, add=TEXTURED))
+    centres = np.array([[1 / 6, 1 / 2, 5 / 6], [0.5, 0.5, 0.5]], np.float32)
+    np.testing.assert_allclose(lobe.distribution.exponent(centres)[0], [2, 10_000, 1 / 0.212671], rtol=1e-4)
+
+
+def test_alpha_and_half_floats_are_read(read, tmp_path):
+    import OpenEXR
+
+    pixels = np.full((2, 3, 4), 0.25, np.float16)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGBA": pixels}).write(str(tmp_path / "a.exr"))
+    image = kd(read('Texture "a" "color" "imagemap" "string filename" "a.exr" Material "matte" "texture Kd" "a"'))
+    assert image.texels.shape == (2, 3, 1)  # three equal channels are one
+    assert (image.texels == 0.25).all()
+
+
+def test_textures_belong_to_their_block(read):
+    world = """
+    Texture "a" "color" "constant" "color value" [.2 .2 .2]
+    Material "matte" "texture Kd" "a"
+    AttributeBegin
+    Texture "a" "color" "constant" "color value" [.3 .3 .3]
+    """
+    scene = read(world + TRIANGLE + "AttributeEnd\n")
+    close([part.material.lobes[0].reflectance for part in scene.parts], [[0.3] * 3, [0.2] * 3])
+    with pytest.raises(PbrtError, match="there is no color texture 'a' here; there are: none"):
+        read('AttributeBegin Texture "a" "color" "constant" AttributeEnd Material "matte" "texture Kd" "a"')
+
+
+# Shapes -----------------------------------------------------------------------------------------------------------
+
+
+def test_quadrics_are_tessellated(read):
+    world = """Translate 0 0 5
+    Shape "sphere" "float radius" 2 "float zmin" 1 "float zmax" -1
+    Shape "cylinder" "float zmax" 3 "float phimax" 90
+    Shape "disk" "float height" 9 "float innerradius" .5"""
+    smooth, flat = (part.mesh for part in read(world, add="").parts)
+    low, high = np.split(smooth.vertices, [np.argmin(np.linalg.norm(smooth.vertices - [0, 0, 5], axis=1) > 1.99)])
+    sphere, cylinder = low - [0, 0, 5], high - [0, 0, 5]
+    assert (np.ptp(sphere[:, 2]), np.abs(sphere).max()) == pytest.approx((2, 2), rel=1e-3)
+    close(np.linalg.norm(sphere, axis=1), 2)
+    close(np.linalg.norm(cylinder[:, :2], axis=1), 1)
+    assert (cylinder.min(axis=0), cylinder.max(axis=0)) == (
+        pytest.approx([0, 0, -1], abs=1e-9),
+        pytest.approx([1, 1, 3], abs=1e-9),
+    )
+    assert set(np.round(np.linalg.norm(flat.vertices[:, :2], axis=1), 9)) == {0.5, 1}
+    assert (flat.vertices[:, 2] == 14).all()
+
+
+def test_loopsubdiv_has_three_levels_by_default(read):
+    (part,) = read(f'Shape "loopsubdiv" {TETRAHEDRON}', add="").parts
+    assert part.mesh.triangles == 4 * 4**3
+    assert part.mesh.normals is not None and part.mesh.uv is None
+
+
+def test_plymesh(read, tmp_path):
+    import trimesh
+
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    (part,) = read('Scale 2 2 2 Shape "plymesh" "string filename" "box.ply"', add="").parts
+    assert part.mesh.triangles == 12
+    assert np.abs(part.mesh.vertices).max() == 1
+
+
+def test_st_is_uv(read):
+    scene = read(add=TRIANGLE[:-1] + ' "float st" [0 0 5 0 0 5]\n')
+    close(scene.parts[0].mesh.uv, [[0, 0], [5, 0], [0, 5]])
+
+
+def test_shapes_are_merged_by_material_and_kind(read):
+    smooth = TRIANGLE[:-1] + ' "normal N" [0 0 1 0 0 1 0 0 1]\n'
+    mapped = TRIANGLE[:-1] + ' "float uv" [0 0 1 0 0 1]\n'
+    world = TRIANGLE + smooth + "Translate 0 0 1\n" + mapped + TRIANGLE + 'Material "mirror"\n' + smooth + TRIANGLE
+    scene = read(world, add="")
+    kinds = [
+        (p.material.name, p.mesh.normals is not None, p.mesh.uv is not None, p.mesh.triangles) for p in scene.parts
+    ]
+    assert kinds == [
+        ("matte", False, False, 2),
+        ("matte", True, False, 1),
+        ("matte", False, True, 1),
+        ("mirror", True, False, 1),
+        ("mirror", False, False, 1),
+    ]
+    close(points(scene), np.concatenate([CORNERS, CORNERS + [0, 0, 1]]))
+    assert scene.parts[0].mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_instances(read):
+    world = f"""
+    Translate 1 0 0
+    ObjectBegin "thing"
+    Scale 2 2 2
+    {TRIANGLE}
+    Material "mirror"
+    {TRIANGLE}
+    ObjectEnd
+    Identity
+    Translate 0 5 0
+    ObjectInstance "thing"
+    Scale 3 3 3
+    ObjectInstance "thing"
+    """
+    scene = read(world, add="")
+    assert [(part.material.name, part.mesh.triangles) for part in scene.parts] == [("matte", 2), ("mirror", 2)]
+    inner = CORNERS * 2 + [1, 0, 0]
+    close(points(scene), np.concatenate([inner + [0, 5, 0], inner * 3 + [0, 5, 0]]))
+
+
+def test_an_object_without_instances_is_not_there(read):
+    assert read(f'ObjectBegin "thing" {TRIANGLE} ObjectEnd').parts[0].mesh.triangles == 1
+
+
+def test_triangles_are_limited(read, monkeypatch):
+    monkeypatch.setattr(reader, "MAX_SCENE_TRIANGLES", 3)
+    world = f'ObjectBegin "thing" {TRIANGLE} ObjectEnd\nObjectInstance "thing"\nObjectInstance "thing"\n'
+    with pytest.raises(PbrtError, match=r"scene.pbrt:8: token ObjectInstance: a scene must have at most 3 triangles"):
+        read(world + 'ObjectInstance "thing"\nObjectInstance "thing"')
+
+
+# Which side is outside --------------------------------------------------------------------------------------------
+
+NORMALS = ' "normal N" [0 0 1 0 0 1 0 0 1]\n'
+INWARDS = ' "normal N" [0 0 -1 0 0 -1 0 0 -1]\n'
+MIRRORED_UV = ' "float uv" [0 0 0 1 1 0]\n'
+
+
+@pytest.mark.parametrize(
+    "transform, more, z",
+    [
+        ("", "\n", 1),
+        ("ReverseOrientation", "\n", -1),
+        ("Scale -1 1 1", "\n", 1),  # the winding and the handedness both turn it
+        ("", NORMALS, 1),
+        ("", INWARDS, -1),
+        ("ReverseOrientation", INWARDS, 1),
+        ("Scale -1 1 1", NORMALS, -1),  # normals do not turn, the handedness does
+        ("", MIRRORED_UV, -1),
+        ("ReverseOrientation", MIRRORED_UV, 1),
+    ],
+)
+def test_outside_of_glass(read, transform, more, z):
+    scene = read(f'Material "glass" {transform} ', add=TRIANGLE[:-1] + more)
+    mesh = scene.parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, z]])
+
+
+@pytest.mark.parametrize("transform, sign", [("", 1), ("ReverseOrientation", -1), ("Scale 1 1 -1", 1)])
+def test_outside_of_a_glass_sphere(read, transform, sign):
+    mesh = read(f'Material "glass" {transform} Shape "sphere"', add="").parts[0].mesh
+    assert outwards(mesh, (0, 0, 0)) * sign > 0
+
+
+def test_mirrored_instance_of_glass(read):
+    world = f'ObjectBegin "a" {TRIANGLE[:-1]} {NORMALS} ObjectEnd Scale -1 1 1 ObjectInstance "a"'
+    mesh = read('Material "glass" ' + world, add="").parts[0].mesh
+    close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]])  # the instance's own handedness does not count
+
+
+# Files and warnings -----------------------------------------------------------------------------------------------
+
+
+def test_includes_are_found_beside_the_file_or_the_first_one(read, tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/a.pbrt").write_text('Include "b.pbrt"\nInclude "c.pbrt"\n')
+    (tmp_path / "sub/b.pbrt").write_text("Translate 1 0 0\n")
+    (tmp_path / "b.pbrt").write_text("Translate 100 0 0\n")
+    (tmp_path / "c.pbrt").write_text("Translate 0 2 0\n")
+    close(points(read('Include "sub/a.pbrt"')), CORNERS + [1, 2, 0])
+
+
+def test_errors_in_included_files_name_them(read, tmp_path):
+    (tmp_path / "a.pbrt").write_text("\n\nTranslate 1 2 x\n")
+    with pytest.raises(PbrtError, match=r"a\.pbrt:3: token x: Translate needs 3 numbers; got 2"):
+        read('Include "a.pbrt"')
+
+
+def test_endless_includes_are_refused(read, tmp_path):
+    (tmp_path / "a.pbrt").write_text('Include "b.pbrt"\n')
+    (tmp_path / "b.pbrt").write_text('Include "a.pbrt"\n')
+    with pytest.raises(PbrtError, match=r'b\.pbrt:1: token "a\.pbrt": a file must not include itself'):
+        read('Include "a.pbrt"')
+    for k in range(40):
+        (tmp_path / f"{k}.pbrt").write_text(f'Include "{k + 1}.pbrt"\n')
+    with pytest.raises(PbrtError, match="to a depth of more than 32"):
+        read('Include "0.pbrt"')
+
+
+@pytest.mark.parametrize(("written", "meant"), [("rougness", "roughness"), ("kd", "Kd"), ("sheen", None)])
+def test_misspelt_parameters_are_told(read, written, meant):
+    """A parameter that no material has is not used; if one of a similar name is known, the warning says which."""
+    with pytest.warns(PbrtWarning, match=f"{written!r} of Material") as caught:
+        read(f'{AREA} {TRIANGLE} Material "plastic" "float {written}" 0.5 {TRIANGLE}')
+    hint = f", did you mean {meant!r}?"
+    assert (hint in str(caught[0].message)) if meant else ("did you mean" not in str(caught[0].message))
+
+
+def test_reflectances_above_1_are_taken_with_a_warning(read, tmp_path):
+    """As pbrt takes them; the warning says where. Spectra may exceed 1 a little: a constant 1 is (1.2, .95, .91)."""
+    exr(tmp_path / "bright.exr", np.full((2, 2, 3), 255))
+    world = [
+        'Material "matte" "color Kd" [255 0 0]',  # line 3 of the file
+        'Material "plastic" "color Kd" [.5 .5 .5] "spectrum Ks" [400 1 700 1]',
+        'Texture "b" "color" "imagemap" "string filename" "bright.exr" Material "matte" "texture Kd" "b"',
+        'Material "uber" "color opacity" [2 2 2]',
+        'Material "shinymetal" "color Ks" [2 2 2]',
+        'MakeNamedMaterial "a" "string type" "mirror" "color Kr" [1 1 1.01]',
+        'Material "matte" "color Kd" [1 1 1.0001]',
+    ]
+    shape = TEXTURED.replace("\n", " ")
+    with pytest.warns(PbrtWarning) as caught:
+        scene = read("\n".join(f"{line} {shape}" for line in world) + f'\n{shape} "color Kd" [3 3 3]', add="")
+    (text,) = [str(one.message) for one in caught]
+    assert "scene.pbrt: reflectance above 1, which adds light, taken as it is, as pbrt does: " in text
+    places = ["'Kd' of Material (line 3 and 1 more)", "'Ks' of Material (line 4)", "'Kr' of MakeNamedMaterial (line 8)"]
+    places += ["'Kd' of Shape (line 10)"]
+    assert [place for place in places if place not in text] == [] and text.count("(line") == len(places)
+    reflectances = [part.material.lobes[0].reflectance for part in scene.parts if part.material.name == "matte"]
+    assert (255, 0, 0) in reflectances and (3, 3, 3) in reflectances
+    assert caught[0].filename == __file__
+
+
+def test_one_warning_names_everything_that_is_not_used(read):
+    options = """Sampler "random" "integer pixelsamples" 4
+    Accelerator "kdtree"
+    VolumeIntegrator "emission"
+    TransformTimes 0 1
+    Renderer "sampler"
+    SurfaceIntegrator "directlighting" "integer maxdepth" 3 "string strategy" "one"
+    Film "image" "string filename" "out.exr"
+    Camera "perspective" "float shutteropen" 0
+    PixelFilter "box" "float xwidth" .5"""
+    world = (
+        f'AttributeBegin {AREA[:-1]} "integer nsamples" 4 {TRIANGLE} AttributeEnd Material "matte" "color kd" [1 1 1]'
+    )
+    more = 'Texture "a" "color" "constant" "float trilinear" 1\n' + TRIANGLE[:-1] + ' "string color" "red"\n'
+    with pytest.warns(PbrtWarning) as caught:
+        read(f"{world}\n{more}{more}")
+    assert len(caught) == 1
+    assert "parameter 'color' of Shape (line 6 and 1 more)" in str(caught[0].message)
+    with pytest.warns(PbrtWarning) as caught:
+        read(world, options)
+    assert len(caught) == 1
+    (text,) = [str(w.message) for w in caught]
+    named = ["Sampler (line 1)", "Accelerator (line 2)", "VolumeIntegrator (line 3)", "TransformTimes (line 4)"]
+    named += [
+        "'strategy' of SurfaceIntegrator",
+        "'filename' of Film (line 7)",
+    ]
+    named += ["'shutteropen' of Camera", "'nsamples' of AreaLightSource", "'kd' of Material"]
+    assert [name for name in named if name not in text] == []
+    assert text.count("(line") == len(named)
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    "options, expected",
+    [
+        ("", ("direct", 5)),
+        ('SurfaceIntegrator "directlighting" "integer maxdepth" 3', ("direct", 3)),
+        ('SurfaceIntegrator "directlighting" "integer maxdepth" 0', ("direct", 1)),  # pbrt-v2 shades the first surface
+        ('SurfaceIntegrator "path"', ("path", 6)),
+        ('SurfaceIntegrator "path" "integer maxdepth" 0', ("path", 1)),
+    ],
+)
+def test_integrator_of_the_file(read, options, expected):
+    scene = read("", options)
+    assert (scene.integrator, scene.max_depth) == expected
+    settings = resolve_auto(Settings(), scene)
+    assert (settings.integrator, settings.max_depth) == expected
+
+
+def test_no_warning_without_a_reason(read):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read('LightSource "point"', 'Film "image" "integer xresolution" 64\nSurfaceIntegrator "directlighting"')
+
+
+# Bad input --------------------------------------------------------------------------------------------------------
+
+# (options, world, line and what the message says); the world begins on line 3
+BAD = {
+    "unknown directive": ("", "Foo 1 2", 3, "token Foo: a directive must be one of Include, Identity,"),
+    "later dialect": (
+        'Renderer "sampler"\nIntegrator "path"',
+        "",
+        2,
+        "token Integrator: Integrator belongs to v3 and v4",
+    ),
+    "number for directive": ("", "1 2 3", 3, "token 1: a directive is expected"),
+    "string for directive": ("", '"matte"', 3, 'token "matte": a directive is expected'),
+    "open string": ("", '\nMaterial "matte', 4, 'token "matte: this string has no end'),
+    "open list": (
+        "",
+        '\nMaterial "matte" "color Kd" [1 2 3',
+        5,
+        "token Shape: a list holds numbers or quoted strings; the bracket of line 4 may",
+    ),
+    "open list of strings": ("", 'Material "matte" "string Kd" ["a" "b"', 4, "the bracket of line 3 may not be closed"),
+    "list in list": ("", 'Material "matte" "color Kd" [1 [2] 3]', 3, "token [: this list has no end"),
+    "stray bracket": ("", "Translate 1 2 3 ]", 3, "token ]: a directive is expected"),
+    "mixed list": ("", 'Material "matte" "color Kd" [1 "a" 3]', 3, "not both"),
+    "word in list": ("", 'Material "matte" "color Kd" [1\n x 3]', 4, "token x: a list holds numbers or quoted strings"),
+    "bad number": ("", 'Material "matte" "color Kd" [1\n\n 1e 3]', 5, "token 1e: a number is expected here"),
+    "double sign": ("", "Translate 1 +-2 3", 3, "token +-2: Translate needs 3 numbers; got 1"),
+    "underscore": ("", "Translate 1 1_0 3", 3, "token 1_0: Translate needs 3 numbers"),
+    "nan": ("", "Translate 1 nan 3", 3, "token nan: Translate needs 3 numbers"),
+    "infinite": ("", "Translate 1 1e999 3", 3, "token 1e999: a number must be finite"),
+    "infinite in list": ("", 'Material "matte" "color Kd" [1 2\n 1e999]', 4, "token 1e999: a number must be finite"),
+    "few numbers": ("LookAt 1 2 3 4 5 6 7 8", "", 2, "token WorldBegin: LookAt needs 9 numbers; got 8"),
+    "many numbers": ("LookAt 1 2 3 4 5 6 7 8 9 10", "", 1, "token 10: a directive is expected"),
+    "short matrix": ("", "Transform [1 2 3]", 3, "token [1 2 3]: Transform needs 16 numbers, a 4x4 matrix column by"),
+    "bare matrix": ("", "Transform 1 0 0 0 0 1 0 0", 3, "token 1: Transform needs 16 numbers in brackets"),
+    "projective": ("", "Transform [1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1]", 3, "must be affine"),
+    "singular": ("", "Scale 1 0 1", 3, "token Scale: the current transform must be invertible"),
+    "overflow": ("", "Scale 1e300 1e300 1e300 Scale 1e300 1 1", 3, "token Scale: the current transform must be"),
+    "no axis": ("", "Rotate 30 0 0 0", 3, "token Rotate: axis must not be zero"),
+    "parallel up": ("LookAt 0 0 0  0 0 1  0 0 2", "", 1, "token LookAt: up must not be parallel"),
+    "no system": ("", 'CoordSysTransform "x"', 3, "no coordinate system of this name; there are: 'world'"),
+    "camera system": ("", 'CoordSysTransform "camera"', 3, "no coordinate system of this name"),
+    "moving": ("", "ActiveTransform EndTime", 3, "token EndTime: ActiveTransform must be All"),
+    "needs string": ("", "Material matte", 3, "token matte: Material needs a kind of material as a string"),
+    "number for string": ("", "NamedMaterial 3", 3, "token 3: NamedMaterial needs a name as a string"),
+    "few strings": ("", 'Texture "a"', 4, "token Shape: Texture needs a type"),
+    "one word": ("", 'Material "matte" "Kd" [1 1 1]', 3, 'token "Kd": a parameter is declared by its type and name'),
+    "no type": ("", 'Material "matte" "colour Kd" [1 1 1]', 3, "must be one of integer, float, point"),
+    "no value": ("", 'Material "matte" "color Kd"\n', 5, "token Shape: parameter 'Kd' needs a value"),
+    "empty": ("", 'Material "matte" "color Kd" []', 3, "parameter 'Kd' needs a value; got an empty list"),
+    "string for number": ("", 'Material "matte" "float sigma" "x"', 3, "'sigma' of type float needs numbers; got str"),
+    "number for word": ("", 'Texture "a" "color" "imagemap" "string filename" 3', 3, "needs strings in quotes"),
+    "wrong type": (
+        'Camera "perspective" "integer fov" 60',
+        "",
+        1,
+        "parameter 'fov' must be of type float; got integer",
+    ),
+    "two values": ('Camera "perspective" "float fov" [60 70]', "", 1, "parameter 'fov' must be one number; got 2"),
+    "fraction": ('Film "image" "integer xresolution" 2.5', "", 1, "needs whole numbers below 2**31; got 2.5"),
+    "half a point": ("", 'Shape "trianglemesh" "point P" [1 2 3 4]', 3, "needs 3 numbers for each point; got 4"),
+    "two colours": ("", 'Material "matte" "color Kd" [1 2 3 4 5 6]', 3, "parameter 'Kd' must be one color; got 2"),
+    "twice": ("", 'Material "matte" "color Kd" [1 1 1]\n"rgb Kd" [1 1 1]', 4, "parameter 'Kd' is given twice"),
+    "bool": ("", 'Material "matte" "bool b" "yes"', 3, 'parameter \'b\' of type bool must be "true" or "false"'),
+    "odd spectrum": ("", 'Material "matte" "spectrum Kd" [400 1 500]', 3, "pairs of wavelength and value; got 3"),
+    "no spectrum": ("", 'Material "matte" "spectrum Kd" "no.spd"', 3, "there is no file 'no.spd' in"),
+    "cold": ("", 'Material "matte" "blackbody Kd" [-3 1]', 3, "must be finite and at least 0 K"),
+    "no include": ("", 'Include "no.pbrt"', 3, "token \"no.pbrt\": there is no file 'no.pbrt' in"),
+    "self include": ("", 'Include "scene.pbrt"', 3, "a file must not include itself"),
+    "block end": ("", "AttributeEnd", 3, "AttributeEnd must close AttributeBegin; nothing is open"),
+    "block mix": ("", "AttributeBegin\nTransformEnd", 4, "must close TransformBegin; AttributeBegin of line 3 is open"),
+    "block open": ("", "\nTransformBegin", 6, "token WorldEnd: TransformBegin of line 4 is still open"),
+    "camera in world": ("", 'Camera "perspective"', 3, "token Camera: Camera must stand before WorldBegin"),
+    "shape in options": (TRIANGLE[:-1], "", 1, "token Shape: Shape must stand between WorldBegin and WorldEnd"),
+    "second image": ("", f"{TRIANGLE}WorldEnd\nIdentity", 5, "token Identity: nothing may follow WorldEnd"),
+    "camera": ('Camera "orthographic"', "", 1, "the camera must be perspective"),
+    "lens": ('Camera "perspective"\n"float lensradius" 1', "", 2, "lensradius must be 0; only a pinhole"),
+    "aspect": ('Camera "perspective" "float frameaspectratio" 1', "", 1, "must be that of square pixels, 1.33333"),
+    "screen": (
+        'Camera "perspective" "float screenwindow" [0 1 0 1]',
+        "",
+        1,
+        "screenwindow must be [-1.33333 1.33333 -1 1]",
+    ),
+    "fov": ('\nCamera "perspective" "float fov" 180', "", 2, "token Camera: fov must be between 0 and 180"),
+    "film": ('Film "exotic"', "", 1, "the film must be image"),
+    "crop": ('Film "image" "float cropwindow" [0 1.5 0 1]', "", 1, "cropwindow must be four shares of the image"),
+    "crop twice": ('Film "image" "float cropwindow" [0 1 0 1 0 1 0 1]', "", 1, "cropwindow must be four shares"),
+    "empty crop": ('Film "image" "float cropwindow" [.5 .5 0 1]', "", 1, "a crop must have pixels"),
+    "large film": ('Film "image" "integer xresolution" 70000', "", 1, "token Film: resolution must be 1 to 65535"),
+    "many pixels": (
+        'Film "image" "integer xresolution" 60000 "integer yresolution" 60000',
+        "",
+        1,
+        "at most 33554432 pixels",
+    ),
+    "filter": ('PixelFilter "mitchell"', "", 1, "a pixel filter must be one of box, triangle, gaussian"),
+    "no box": ('PixelFilter "box" "float xwidth" 0', "", 1, "radius of a pixel filter must be above 0"),
+    "no surface": ('SurfaceIntegrator "path" "integer maxdepth" -1', "", 1, "maxdepth must let 1 to 10000 surfaces"),
+    "volpath": ('SurfaceIntegrator "volpath"', "", 1, "the integrator must be directlighting or path"),
+    "integrator": ('SurfaceIntegrator "whitted"', "", 1, "the integrator must be directlighting"),
+    "strategy": (
+        'SurfaceIntegrator "directlighting" "string strategy" "none"',
+        "",
+        1,
+        "must be all or one; got 'none'",
+    ),
+    "depth": (
+        'SurfaceIntegrator "directlighting" "integer maxdepth" 10001',
+        'Material "mirror"',
+        1,
+        "scatter light, else only lights are seen; here it is 10001",
+    ),
+    "renderer": ('Renderer "metropolis"', "", 1, "the renderer must be sampler"),
+    "volume": ("", 'Volume "homogeneous"', 3, "volumes are not supported"),
+    "material": ("", 'Material "velvet"', 3, 'token "velvet": a material must be one of matte, plastic, metal'),
+    "bump": ("", '\nMaterial "matte" "texture bumpmap" "x"', 4, "bump maps are not supported"),
+    "roughness": ("", 'Material "metal" "float roughness" -1', 3, "parameter 'roughness' must not be negative"),
+    "index": ("", 'Material "glass" "float index" 0', 3, "parameter 'index' must be positive"),
+    "no material": ("", 'NamedMaterial "x"', 3, "there is no material of this name here; there are: none"),
+    "typeless": ("", 'MakeNamedMaterial "x"', 3, 'needs the parameter "string type", which is missing'),
+    "bad named type": ("", 'MakeNamedMaterial "x" "string type" "velvet"', 3, "a material must be one of matte"),
+    "no texture": ("", 'Material "matte" "texture Kd" "x"', 3, "there is no color texture 'x' here; there are: none"),
+    "float for color": (
+        "",
+        'Texture "x" "float" "constant" Material "matte" "texture Kd" "x"',
+        3,
+        "there is no color texture 'x' here",
+    ),
+    "texture type": (
+        "",
+        'Texture "x" "point" "constant"',
+        3,
+        'token "point": the type of a texture must be float or col',
+    ),
+    "texture class": (
+        "",
+        'Texture "x" "color" "checkerboard"',
+        3,
+        "a texture must be one of constant, scale, imagemap",
+    ),
+    "no image": ("", 'Texture "x" "color" "imagemap" "string filename" "no.exr"', 3, "there is no file 'no.exr'"),
+    "imageless": ("", 'Texture "x" "color" "imagemap"', 3, 'needs the parameter "string filename"'),
+    "png": ("", 'Texture "x" "color" "imagemap" "string filename" "a.png"', 3, "images must be EXR files"),
+    "broken image": ("", 'Texture "x" "color" "imagemap" "string filename" "bad.exr"', 3, "cannot read"),
+    "mapping": ("", 'Texture "x" "color" "imagemap" "string mapping" "planar"', 3, "mapping must be uv"),
+    "wrap": ("", 'Texture "x" "color" "imagemap" "string wrap" "mirror"', 3, "wrap must be repeat, black or clamp"),
+    "light": ("", 'LightSource "goniometric"', 3, "a light must be one of point, spot, distant, infinite"),
+    "negative light": ("", 'LightSource "point" "color I" [-1 0 0]', 3, "intensity must be three finite non-negative"),
+    "no direction": (
+        "",
+        'LightSource "distant" "point to" [0 0 0]',
+        3,
+        "direction must not be zero",
+    ),
+    "cone": ("", 'LightSource "spot" "float coneangle" 300', 3, "outer <= 180 degrees"),
+    "stretched spot": ("", 'Scale 1 2 1 LightSource "spot"', 3, "a spot light must not be stretched"),
+    "stretched sky": ("", 'Scale 1 2 1 LightSource "infinite"', 3, "an infinite light must not be stretched"),
+    "no map": ("", 'LightSource "infinite" "string mapname" "no.exr"', 3, "there is no file 'no.exr'"),
+    "area light": ("", 'AreaLightSource "spot"', 3, "an area light must be area"),
+    "negative area light": ("", 'AreaLightSource "area" "color L" [-1 1 1]', 3, "must not be negative"),
+    "stretched disk": ("", AREA + 'Scale 1 2 1 Shape "disk"', 4, "a disk that emits must not be stretched"),
+    "ring": ("", AREA + 'Shape "disk" "float innerradius" .5', 4, "a disk that emits must be whole"),
+    "dome": ("", AREA + 'Shape "sphere" "float zmin" 0', 4, "a sphere that emits must be whole"),
+    "flat light": ("", AREA + TRIANGLE.replace("0 1 0]", "2 0 0]"), 4, "a mesh light must have a positive area"),
+    "lit object": ("", f'ObjectBegin "a" {AREA}{TRIANGLE}', 4, "a shape in an object must not emit"),
+    "shape": (
+        "",
+        'Shape "torus"',
+        3,
+        "a shape must be one of trianglemesh, plymesh, loopsubdiv, sphere, disk, cylinder",
+    ),
+    "pointless": ("", 'Shape "trianglemesh" "integer indices" [0 1 2]', 3, 'needs the parameter "point P"'),
+    "indexless": ("", 'Shape "trianglemesh" "point P" [0 0 0]', 3, 'needs the parameter "integer indices"'),
+    "index high": ("", TRIANGLE.replace("[0 1 2]", "[0 1 3]"), 3, "indices must be from 0 to 2, the last point; got 3"),
+    "index low": (
+        "",
+        TRIANGLE.replace("[0 1 2]", "[0 1 -1]"),
+        3,
+        "indices must be from 0 to 2, the last point; got -1",
+    ),
+    "two indices": ("", TRIANGLE.replace("[0 1 2]", "[0 1]"), 3, "must hold a positive multiple of 3 numbers; got 2"),
+    "no indices": ("", TRIANGLE.replace("[0 1 2]", "[]"), 3, "must hold a positive multiple of 3 numbers; got 0"),
+    "few normals": ("", TRIANGLE[:-1] + '"normal N" [0 0 1]', 3, "each of the 3 points needs one N; got 1"),
+    "few uv": ("", TRIANGLE[:-1] + '"float uv" [0 0 1 1]', 3, "each of the 3 points needs one uv; got 2"),
+    "alpha": ("", TRIANGLE[:-1] + '"texture alpha" "x"', 3, "alpha is not supported"),
+    "tangents": ("", TRIANGLE[:-1] + '"vector S" [1 0 0]', 3, "tangents are not supported"),
+    "levels": (
+        "",
+        TRIANGLE.replace("trianglemesh", "loopsubdiv")[:-1] + '"integer nlevels" 13',
+        3,
+        "levels must leave at",
+    ),
+    "negative levels": (
+        "",
+        TRIANGLE.replace("trianglemesh", "loopsubdiv")[:-1] + '"integer nlevels" -1',
+        3,
+        "levels must",
+    ),
+    "no manifold": (
+        "",
+        'Shape "loopsubdiv" "point P" [0 0 0 1 0 0 0 1 0] "integer indices" [0 1 2 0 1 2]',
+        3,
+        'token "loopsubdiv": faces must',
+    ),
+    "scheme": ("", TRIANGLE.replace("trianglemesh", "loopsubdiv")[:-1] + '"string scheme" "x"', 3, "must be loop; got"),
+    "radius": ("", 'Shape "sphere" "float radius" -1', 3, 'token "sphere": radius must be positive'),
+    "ring out": ("", 'Shape "disk" "float innerradius" 2', 3, "innerradius must be at least 0 and less than"),
+    "phimax": ("", 'Shape "cylinder" "float phimax" 0', 3, "phimax must be above 0"),
+    "no ply": ("", 'Shape "plymesh" "string filename" "no.ply"', 3, "there is no file 'no.ply'"),
+    "broken ply": ("", 'Shape "plymesh" "string filename" "bad.ply"', 3, "cannot be read as PLY"),
+    "no object": ("", 'ObjectInstance "x"', 3, "there is no object of this name; there are: none"),
+    "nested object": ("", 'ObjectBegin "a" ObjectBegin "b"', 3, "must not be defined within another"),
+    "instance in object": ("", 'ObjectBegin "a" ObjectInstance "a"', 3, "an object must not hold instances"),
+    "open object": ("", 'ObjectBegin "a"', 5, "token WorldEnd: ObjectBegin of line 3 is still open"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(read, tmp_path, name):
+    options, world, line, message = BAD[name]
+    for file in ("bad.exr", "bad.ply", "a.png"):
+        (tmp_path / file).write_bytes(b"nothing that a reader knows")
+    with pytest.raises(PbrtError) as caught:
+        read(world, options)
+    text = str(caught.value)
+    assert text.startswith(f"{tmp_path / 'scene.pbrt'}:{line}: token ")
+    assert message in text
+    assert len(text) < 1000
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", ":1: token end of file: WorldBegin is missing"),
+        ("# nothing\n", ":2: token end of file: WorldBegin is missing"),
+        ("WorldBegin\n" + TRIANGLE, ":3: token end of file: WorldEnd is missing"),
+        ("WorldBegin\nWorldEnd\n", ":2: token WorldEnd: a scene needs at least one part"),
+        ("WorldBegin\nTranslate 1", ":2: token end of file: Translate needs 3 numbers; got 1"),
+        ("\x00\x01\x7fELF", ":1: token \x00\x01\x7fELF: a directive is expected"),
+    ],
+)
+def test_broken_files(tmp_path, text, message):
+    path = tmp_path / "scene.pbrt"
+    path.write_text(text)
+    with pytest.raises(PbrtError) as caught:
+        read_pbrt(path)
+    assert f"{path}{message}" in str(caught.value)
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no scene file .*none\.pbrt"):
+        read_pbrt(tmp_path / "none.pbrt")
+    with pytest.raises(FileNotFoundError):
+        read_pbrt(tmp_path)
+
+
+def test_long_hostile_text_is_refused_at_once(tmp_path):
+    path = tmp_path / "scene.pbrt"
+    for text in (
+        "[" * 100_000,
+        '"' * 100_001,
+        "[1 " * 50_000,
+        "#\n" * 100_000 + "[" + "# ]\n" * 50_000,
+        "- " * 100_000,
+    ):
+        path.write_text(text)
+        start = time.perf_counter()
+        with pytest.raises(PbrtError):
+            read_pbrt(path)
+        assert time.perf_counter() - start < 2
+
+
+# The original scenes ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def original(pbrt_scenes):
+    """Reads an original scene, once: the scene, the seconds, the warnings."""
+
+    @functools.cache
+    def original(name):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            start = time.perf_counter()
+            scene = read_pbrt(pbrt_scenes / f"{name}.pbrt")
+            return scene, time.perf_counter() - start, [w for w in caught if w.category is PbrtWarning]
+
+    return original
+
+
+@pytest.mark.parametrize(
+    "name, parts, lights",
+    [
+        ("killeroo-gold", [(256, "matte"), (6, "matte"), (532_224, "metal")], [DiskLight, DistantLight]),
+        ("killeroo-diffuse", [(256, "matte"), (6, "matte"), (532_224, "matte")], [DiskLight, DistantLight]),
+        ("env", [(2, "matte"), (532_224, "substrate")], [EnvironmentLight]),
+        ("teapot-area-light", [(256, "matte"), (72, "plastic"), (2256, "plastic")], [DiskLight, PointLight]),
+    ],
+)
+def test_original_scenes(original, name, parts, lights):
+    scene, seconds, warned = original(name)
+    assert seconds < 6  # 0.3 s for the teapot, 1 s for the others, on an idle machine
+    assert len(warned) == 1
+    assert [(part.mesh.triangles, part.material.name) for part in scene.parts] == parts
+    assert [type(light) for light in scene.lights] == lights
+    assert scene.name == name
+
+
+def test_original_teapot_numbers(original):
+    scene, *_ = original("teapot-area-light")
+    disk, point = scene.lights
+    close(disk.centre, (2, -4, 4))
+    close(disk.normal, (0, np.sqrt(3) / 2, -1 / 2))
+    np.testing.assert_allclose(point.position, scene.camera.origin[:, 0], rtol=1e-6)
+    assert scene.plan.headlights == {0}  # among the deltas
+
+
+def test_original_grid_is_one_image(original):
+    scene, *_ = original("killeroo-diffuse")
+    image = scene.parts[1].material.lobes[0].reflectance
+    assert image.texels.shape == (1024, 1024, 1)
+    np.testing.assert_allclose(np.unique(image.texels), [0.0392, 0.4607], atol=1e-3)
+
+
+def test_original_filter(pbrt_scenes):
+    with pytest.warns(PbrtWarning):
+        camera = read_pbrt(pbrt_scenes / "original/teapot-area-light.pbrt").camera
+    assert camera.filter == PixelFilter("gaussian", (2, 2), 0.5)

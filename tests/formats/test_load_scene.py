@@ -1,0 +1,344 @@
+"""Scenes by name, from mesh files, and from meshes in memory."""
+
+import json
+import pickle
+import struct
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from helpers import Z_LIMIT, z_score
+
+from dmis.brdf.materials import matte, mirror, plastic
+from dmis.brdf.texture import Image
+from dmis.cli.commands import main
+from dmis.formats.load_scene import SHIPPED, light_part, load_scene
+from dmis.formats.pbrt.reader import PbrtWarning
+from dmis.formats.pbrt.tokens import PbrtError
+from dmis.geometry.mesh import Mesh, flat_normals
+from dmis.geometry.shapes import quad
+from dmis.image import write_exr
+from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
+from dmis.light.delta import PointLight
+from dmis.light.environment import EnvironmentLight
+from dmis.pipeline.render import render
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene, SceneWarning
+
+BOX = trimesh.creation.box()
+
+
+@pytest.fixture
+def pbrt_file(tmp_path):
+    path = tmp_path / "scene.pbrt"
+    path.write_text('SurfaceIntegrator "directlighting" WorldBegin Shape "sphere" WorldEnd')
+    return path
+
+
+def test_pbrt_file(pbrt_file):
+    for source in (pbrt_file, str(pbrt_file)):
+        scene = load_scene(source, (40, 30))
+        assert (scene.name, scene.camera.resolution) == ("scene", (40, 30))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenes_load_by_name(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbrtWarning)
+        scene = load_scene(name, resolution=(16, 12))
+    assert scene.name == name
+    assert scene.lights and scene.parts
+
+
+def test_unknown_names_are_told_the_known_ones(monkeypatch, pbrt_file):
+    monkeypatch.setattr("dmis.formats.load_scene._FOLDER", pbrt_file.parent)
+    monkeypatch.setattr("dmis.formats.load_scene.SHIPPED", ("scene",))
+    assert load_scene("scene").parts
+    with pytest.raises(ValueError, match=r"one of the scenes that come with dmis: scene; got 'teapot'"):
+        load_scene("teapot")
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj", "glb", "stl"])
+def test_mesh_files(tmp_path, suffix):
+    path = tmp_path / f"box.{suffix}"
+    BOX.export(path)
+    gloss, light = plastic(), PointLight((1, 2, 3), (4, 4, 4))
+    camera = Camera.look_at((3, 0, 0), (0, 0, 0), resolution=(8, 8))
+    scene = load_scene(path, camera=camera, material=gloss, lights=[light])
+    (part,) = scene.parts
+    assert (part.material, part.mesh.triangles, scene.lights, scene.name) == (gloss, 12, (light,), "box")
+    assert scene.camera is camera
+    assert load_scene(path, (4, 2), camera=camera).camera.resolution == (4, 2)
+
+
+@pytest.mark.parametrize("source", [BOX, Mesh(BOX.vertices, BOX.faces), trimesh.Scene(BOX)])
+def test_defaults(source):
+    scene = load_scene(source)
+    (part,) = scene.parts
+    assert part.material.name == "matte"
+    (sky,) = scene.lights
+    assert isinstance(sky, EnvironmentLight)
+    wi = np.random.default_rng(1).normal(size=(3, 100)).astype(np.float32)
+    wi /= np.linalg.norm(wi, axis=0)
+    np.testing.assert_allclose(sky.radiance(wi), 1, rtol=1e-6)
+    # the camera sees every vertex, well inside the picture
+    x, y, z = (np.linalg.inv(scene.camera.to_world) @ np.c_[BOX.vertices, np.ones(8)].T)[:3]
+    slope = np.tan(np.radians(scene.camera.fov / 2))
+    assert (z > 0).all()
+    assert np.abs(np.stack([x, y]) / z).max() < slope
+    assert np.abs(np.stack([x, y]) / z).max() > slope / 2
+    assert np.linalg.det(scene.camera.to_world[:3, :3]) < 0  # a photograph, not a mirror image
+
+
+def test_materials_by_name():
+    scene = trimesh.Scene()
+    scene.add_geometry(BOX, geom_name="a")
+    scene.add_geometry(BOX, geom_name="b", transform=trimesh.transformations.translation_matrix([5, 0, 0]))
+    red, glossy = matte((1, 0, 0)), mirror()
+    parts = load_scene(scene, material={"a": red, "b": glossy, "unused": red}).parts
+    assert [part.material for part in parts] == [red, glossy]
+    np.testing.assert_allclose(parts[1].mesh.vertices.mean(axis=0), [5, 0, 0])
+    with pytest.raises(ValueError, match="must have an entry for the geometry 'b'; given are: 'a'"):
+        load_scene(scene, material={"a": red})
+
+
+def test_instances_of_one_geometry():
+    scene = trimesh.Scene()
+    scene.add_geometry(BOX, geom_name="a", node_name="one")
+    scene.graph.update("two", matrix=trimesh.transformations.translation_matrix([0, 3, 0]), geometry="a")
+    parts = load_scene(scene, material={"a": matte()}).parts
+    assert sorted(part.mesh.vertices.mean(axis=0)[1] for part in parts) == pytest.approx([0, 3], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        DiskLight((1, 2, 3), (1, 1, 0), 0.5, (1, 1, 1)),
+        DiskLight((1, 2, 3), (0, 0, -2), 0.5, (1, 1, 1)),
+        QuadLight((0, 0, 2), (1, 0, 0), (0, 0, 1), (1, 1, 1)),
+        SphereLight((0, 0, 4), 0.5, (1, 1, 1)),
+        MeshLight([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], (1, 1, 1)),
+    ],
+)
+def test_area_lights_get_a_surface_that_they_hit(light):
+    scene = load_scene(BOX, lights=[light])
+    part = scene.parts[-1]
+    assert part.light is light and part.material.lobes == ()
+    centres = part.mesh.vertices[part.mesh.faces].mean(axis=1)
+    normals = flat_normals(part.mesh.vertices, part.mesh.faces)
+    p = np.ascontiguousarray((centres + 0.1 * normals).T, np.float32)
+    samples = light.hit(p, np.ascontiguousarray(-normals.T, np.float32))
+    assert samples.emits.all()
+    np.testing.assert_allclose(samples.distance, 0.1, rtol=2e-3)
+    back = light.hit(np.ascontiguousarray((centres - 0.1 * normals).T, np.float32), normals.T.astype(np.float32))
+    assert isinstance(light, SphereLight) or not back.emits.any()
+
+
+def test_light_part_of_a_mesh_light_is_its_mesh():
+    light = MeshLight(BOX.vertices, BOX.faces, (1, 1, 1))
+    np.testing.assert_array_equal(light_part(light).mesh.vertices, BOX.vertices)
+
+
+@pytest.mark.parametrize(
+    "source, arguments, kind, message",
+    [
+        (
+            "no-such-scene",
+            {},
+            ValueError,
+            r"ending in \.pbrt, .*or one of the scenes that come with dmis: .*'no-such-sc",
+        ),
+        ("picture.png", {}, ValueError, "got 'picture.png'"),
+        ("../scenes/tt", {}, ValueError, "a scene must be a file ending in"),
+        ("none.pbrt", {}, FileNotFoundError, r"there is no scene file none\.pbrt"),
+        ("none.ply", {}, FileNotFoundError, r"none\.ply"),
+        ("", {}, ValueError, "got '.'"),
+        (7, {}, ValueError, "source must be a path, a name, a Mesh, or of trimesh; got int"),
+        (trimesh.Scene(), {}, ValueError, "must hold triangles"),
+        (BOX, {"material": "matte"}, ValueError, "material must be a Material, or a dict of them by name; got str"),
+        (BOX, {"resolution": (0, 3)}, ValueError, "resolution must be 1 to 65535"),
+        (BOX, {"resolution": 5}, ValueError, "resolution must be two numbers; got 5"),
+        ("teapot-area-light", {"resolution": 5}, ValueError, "resolution must be two numbers; got 5"),
+        ("teapot-area-light", {"resolution": (6.5, 5)}, ValueError, "resolution must be a whole number; got 6.5"),
+        (BOX, {"material": {"a": matte()}}, ValueError, "must have an entry for the geometry ''"),
+    ],
+)
+def test_bad_input(source, arguments, kind, message):
+    with pytest.raises(kind, match=message):
+        load_scene(source, **arguments)
+
+
+def test_what_is_no_scene(tmp_path):
+    """The natural mistakes: a name in place of what it names, a lamp in place of a list."""
+    with pytest.raises(ValueError, match=r"scene must be a dmis\.Scene"):
+        render("teapot-area-light")
+    lamp = PointLight((0, 0, 3), (1, 1, 1))
+    with pytest.raises(ValueError, match="lights must be a sequence"):
+        load_scene(trimesh.creation.box(), lights=lamp)
+    with pytest.raises(ValueError, match="kd must be a number, an RGB triple or an image"):
+        matte("tex.png")
+
+
+@pytest.mark.parametrize("name, value", [("camera", 1), ("lights", []), ("material", matte())])
+def test_a_pbrt_scene_has_its_own(pbrt_file, name, value):
+    with pytest.raises(ValueError, match=f"{name} must not be given for .*because a pbrt scene has its own"):
+        load_scene(pbrt_file, **{name: value})
+
+
+def test_errors_of_the_reader_come_through(tmp_path):
+    path = tmp_path / "bad.pbrt"
+    path.write_text("Foo")
+    with pytest.raises(PbrtError, match=r"bad\.pbrt:1: token Foo"):
+        load_scene(path)
+
+
+def test_a_mesh_light_that_is_not_flat_is_seen() -> None:
+    """Or one of its triangles would shine through another when the light is sampled, and not when it is met."""
+    floor = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), matte(0.5))
+    camera = Camera.look_at((5, -5, 4), (0, 0, 0), fov=35, resolution=(12, 9))
+    corners = [[-1, -1, 3], [-1, 1, 3], [1, 1, 3], [1, -1, 3]]
+    flat = MeshLight(corners, [[0, 1, 2], [0, 2, 3]], (5, 5, 5))
+    two = [*corners, *([x, y, z + 0.5] for x, y, z in corners)]
+    lamp = MeshLight(two, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], (5, 5, 5))
+    assert flat.flat and not lamp.flat
+    Scene(camera, (floor,), (flat,))
+    with pytest.raises(ValueError, match="a MeshLight that is not flat must be a part of the scene too"):
+        Scene(camera, (floor,), (lamp,))
+    scene = Scene(camera, (floor, light_part(lamp)), (lamp,))
+    means = [[render(scene, rule, 512, seed=k).image.mean() for k in range(5)] for rule in ("fixed:1", "fixed:0")]
+    assert abs(z_score(np.array(means[1]), float(np.mean(means[0])))) < Z_LIMIT
+
+
+@pytest.mark.parametrize(
+    "light", [QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), 5.0), DiskLight((0, 0, 3), (0, 0, -1), 1, 5)]
+)
+def test_a_grey_light_is_one_number(light: QuadLight | DiskLight) -> None:
+    """As it is of points, and of materials."""
+    floor = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
+    images = [
+        render(load_scene(floor, resolution=(8, 6), lights=(lamp,)), "balance", 8).image
+        for lamp in (light, replace(light, radiance=(5, 5, 5)))
+    ]
+    np.testing.assert_array_equal(*images)
+
+
+def test_a_gltf_file_stands_upright(tmp_path) -> None:
+    """Its y is up: a tower on a slab is seen from above the slab."""
+    tower = trimesh.util.concatenate([trimesh.creation.box((4, 0.1, 4)), trimesh.creation.box((1, 3, 1))])
+    tower.export(tmp_path / "tower.glb")
+    camera = load_scene(tmp_path / "tower.glb").camera
+    assert camera.origin[1] > 1 and abs(camera.to_world[1][0]) < 1e-6  # what is right in the image is level
+    with pytest.raises(ValueError, match=r"material must be one Material for .*tower.glb, because the geometries"):
+        load_scene(tmp_path / "tower.glb", material={"tower": matte()})
+
+
+# What is not read, or not as it may be meant
+
+
+def glb(path, **more):
+    """A box in a GLB file, with other entries of glTF."""
+    data = trimesh.Scene(BOX).export(file_type="glb")
+    length = int.from_bytes(data[12:16], "little")
+    parts = {**json.loads(data[20 : 20 + length]), **more}
+    text = json.dumps(parts).encode()
+    text += b" " * (-len(text) % 4)
+    head = b"glTF" + struct.pack("<III", 2, len(data) + len(text) - length, len(text)) + b"JSON"
+    path.write_bytes(head + text + data[20 + length :])
+    return path
+
+
+def unread_files(folder):
+    """Files by what they hold beside triangles."""
+    lamps = {"KHR_lights_punctual": {"lights": [{"type": "point"}, {"type": "spot"}]}}
+    wood, glass, lamp = ({"name": name} for name in ("wood", "glass", "lamp"))
+    red = trimesh.Trimesh(BOX.vertices, BOX.faces, vertex_colors=np.full((8, 4), 255, np.uint8), process=False)
+    (
+        red.export(folder / "red.ply"),
+        red.export(folder / "red.glb", include_normals=False),
+        red.export(folder / "red.obj"),
+    )
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl wood\nf 1 2 3\nusemtl glass\nf 1 3 2\nusemtl wood\nf 2 1 3\n"
+    (folder / "two.obj").write_text(text)
+    head = ["ply", "format ascii 1.0", "comment TextureFile wood grain.png", "element vertex 3"]
+    head += ["property float x", "property float y", "property float z", "element face 1"]
+    head += ["property list uchar int vertex_indices", "end_header", "0 0 0", "1 0 0", "0 1 0", "3 0 1 2", ""]
+    (folder / "grain.ply").write_text("\n".join(head))
+    many = [{"name": f"m{k}"} for k in range(9)]
+    return {
+        glb(folder / "three.glb", materials=[wood, glass, lamp], textures=[{"source": 0}], images=[{"uri": "a.png"}]): (
+            "3 materials (wood, glass, lamp), 1 texture"
+        ),
+        glb(folder / "many.glb", materials=many): "9 materials (m0, m1, m2, m3, ...)",
+        glb(folder / "lit.glb", materials=[{}], extensions=lamps): "1 material, 2 lights",
+        folder / "two.obj": "2 materials (wood, glass)",
+        folder / "grain.ply": "1 texture (wood grain.png)",
+        **dict.fromkeys((folder / "red.ply", folder / "red.obj"), "colours"),
+    }
+
+
+def test_materials_of_mesh_files_that_are_not_read_are_named(tmp_path, capsys):
+    """In a warning if none is given in their place, and by info, which does not say that nothing needs them."""
+    for path, named in unread_files(tmp_path).items():
+        with pytest.warns(SceneWarning) as caught:
+            scene = load_scene(path, (8, 8))
+        assert [str(one.message) for one in caught] == [
+            f"{path}: {named} ignored, all is matte grey; give load_scene a material"
+        ]
+        assert caught[0].filename == __file__
+        assert ", ".join(scene.unread) == named
+        load_scene(path, (8, 8), material=matte(0.2))  # without a warning
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            assert main(["info", str(path), "--resolution", "8x8"]) == 0
+        output = capsys.readouterr()
+        assert f"not read from the file: {named}\n" in output.out and f"{named} ignored" in output.err
+        assert "because nothing needs them" not in output.out
+        assert "because the materials in place of the file's do not need them" in output.out
+
+
+def test_files_without_materials_load_without_a_warning(tmp_path, capsys):
+    """And info says of what is left out that nothing needs it."""
+    for suffix in ("glb", "obj", "ply", "stl"):
+        BOX.export(tmp_path / f"box.{suffix}")
+        scene = load_scene(tmp_path / f"box.{suffix}", (8, 8))
+        assert scene.unread == () and scene.name == "box"
+    assert main(["info", str(tmp_path / "box.ply"), "--resolution", "8x8"]) == 0
+    output = capsys.readouterr()
+    assert "because nothing needs them" in output.out and "not read" not in output.out and output.err == ""
+
+
+def test_an_image_on_a_mesh_without_texture_coordinates_warns():
+    """Once, when the scene is made: not by its crops and renders in other units."""
+    image = Image(np.random.default_rng(1).random((4, 4, 3)))
+    bare = Mesh(1e6 * BOX.vertices, BOX.faces)
+    for material in (matte(image), plastic(roughness=Image(np.array([[[0.1], [0.2]]])))):
+        with pytest.warns(
+            SceneWarning, match="1 of 1 parts have an image texture and no texture coordinates"
+        ) as caught:
+            scene = load_scene(bare, (4, 4), material=material)
+        assert len(caught) == 1 and f"(the first: {material.name}, 12 triangles)" in str(caught[0].message)
+    render(scene.crop((0, 2), (0, 4)), "balance", 2, threads=1)
+    assert scene.plan.groups
+    pickle.loads(pickle.dumps(scene))
+    with pytest.warns(SceneWarning, match="texture coordinates"):
+        Scene(scene.camera, scene.parts, scene.lights)
+    # what has coordinates, or the same colour everywhere
+    load_scene(quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=matte(image))
+    load_scene(bare, material=matte(Image(np.full((2, 2, 3), 0.5))))
+    load_scene(bare, material=matte(0.5))
+
+
+def test_a_pbrt_texture_without_coordinates_warns(tmp_path):
+    """It is rendered as in pbrt, but is seldom meant."""
+    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(1).random((2, 2, 3), np.float32)})
+    shape = 'Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 0 1 0 0 0 1 0]'
+    world = 'Texture "t" "color" "imagemap" "string filename" "a.exr" Material "matte" "texture Kd" "t"'
+    path = tmp_path / "scene.pbrt"
+    path.write_text(f"WorldBegin {world} {shape} WorldEnd")
+    with pytest.warns(SceneWarning, match="scene scene: 1 of 1 parts have an image texture"):
+        load_scene(path, dialect="v2")
+    path.write_text(f'WorldBegin {world} {shape} "float uv" [0 0 1 0 0 1] WorldEnd')
+    load_scene(path, dialect="v2")

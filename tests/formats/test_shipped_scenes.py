@@ -1,0 +1,90 @@
+"""The scenes that come with the library, the thesis's four and a box for light that bounces."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dmis
+
+ROOT = Path(__file__).parents[2]
+RESOLUTIONS = {
+    "teapot-area-light": (800, 800),
+    "killeroo-diffuse": (1368, 1026),
+    "killeroo-gold": (1368, 1026),
+    "tt": (1500, 833),
+    "cornell": (200, 200),
+}
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    """All of them at a small size, and the resolution that their files ask for."""
+    loaded = {name: dmis.load_scene(name) for name in RESOLUTIONS}
+    return {name: (scene, scene.camera.resolution) for name, scene in loaded.items()}
+
+
+def test_all_are_there():
+    """The list that the library gives."""
+    assert set(dmis.SHIPPED) == set(RESOLUTIONS)
+
+
+@pytest.mark.parametrize("name", RESOLUTIONS)
+def test_film_has_its_resolution(scenes, name):
+    """Images compare with the thesis's only at its resolutions."""
+    assert scenes[name][1] == RESOLUTIONS[name]
+
+
+@pytest.mark.parametrize("name", RESOLUTIONS)
+def test_every_mixture_agrees(name):
+    """|z| < 4 between techniques in the mean over the image, at 80 pixels across."""
+    width, height = RESOLUTIONS[name]
+    scene = dmis.load_scene(name, resolution=(80, round(80 * height / width)))
+    results = [
+        dmis.render(scene, rule, 64, seed=k) for k, rule in enumerate(("balance", "fixed:1", "fixed:0.4", "thesis"))
+    ]
+    means = [r.image.mean(axis=(0, 1), dtype=float) for r in results]
+    errors = [np.sqrt(r.variance.sum(axis=(0, 1), dtype=float)) / r.weight.size for r in results]
+    for mean, error in zip(means[1:], errors[1:], strict=True):
+        assert np.abs((mean - means[0]) / np.hypot(error, errors[0])).max() < 4
+    assert means[0].min() > 0.05
+
+
+@pytest.mark.parametrize("name", RESOLUTIONS)
+def test_rules_agree_on_paths(name):
+    """|z| < 4 between rules in the mean over the image, six surfaces deep, at 40 pixels across."""
+    width, height = RESOLUTIONS[name]
+    scene = dmis.load_scene(name, resolution=(40, round(40 * height / width)))
+    settings = dmis.Settings(integrator="path", max_depth=6)
+    rules = ("balance", "pbrt", "fixed:0.8", "thesis", "second-moment", "auto")
+    results = [dmis.render(scene, rule, 32, seed=k, settings=settings) for k, rule in enumerate(rules)]
+    means = [r.image.mean(dtype=float) for r in results]
+    # channels vary together
+    errors = [np.sqrt(r.variance.mean(axis=2, dtype=float).sum()) / r.weight.size for r in results]
+    for mean, error in zip(means[1:], errors[1:], strict=True):
+        assert abs(mean - means[0]) < 4 * np.hypot(error, errors[0])
+    assert means[0] > dmis.render(scene, "balance", 32, settings=replace(settings, max_depth=1)).image.mean()
+
+
+@pytest.mark.parametrize("path", [*(ROOT / "scenes").rglob("*.*")], ids=lambda p: p.name)
+def test_files_are_small(path):
+    """Under 3 MB each, so that a checkout stays light."""
+    assert path.stat().st_size < 3_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", sorted((ROOT / "scenes").glob("make_*.py")), ids=lambda p: p.stem)
+def test_scripts_make_the_files_that_are_here(script, tmp_path):
+    """Each script run in a copy of its folder writes again what is checked in."""
+    import shutil
+
+    folder = tmp_path / "scenes"
+    shutil.copytree(ROOT / "scenes", folder)
+    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    subprocess.run([sys.executable, folder / script.name], check=True, cwd=tmp_path, timeout=900)
+    changed = [p.name for p, content in before.items() if p.read_bytes() != content]
+    new = [p.name for p in folder.rglob("*") if p.is_file() and p not in before and "__pycache__" not in p.parts]
+    assert not changed and not new

@@ -1,0 +1,122 @@
+"""Freeze small images, share maps and sample maps before a refactoring, and compare them after it.
+
+    python tests/freeze.py write BEFORE.npz      renders every configuration, prints a hash of each, keeps the arrays
+    python tests/freeze.py compare BEFORE.npz    renders again and prints what differs; exit code 1 if anything does
+
+Both runs belong on one machine: other processors round differently. That is why no hash is stored in the repository.
+`tests/test_freeze.py` checks that every configuration still renders and that a changed bit is found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dmis
+from dmis import Settings
+
+RESOLUTION = (48, 40)
+SPP = 32
+SEED = 3
+SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "cornell")
+
+
+def configurations() -> dict[str, dict[str, Any]]:
+    """Return the arguments of `dmis.render` by name; ``scene`` is a name of `SCENES`."""
+    table: dict[str, dict[str, Any]] = {}
+
+    def add(scene: str, rule: str, **settings: Any) -> None:
+        options = ",".join(f"{key}={value}" for key, value in settings.items())
+        table[f"{scene} {rule} {options}".strip()] = {"scene": scene, "rule": rule, "settings": settings}
+
+    for scene in SCENES:
+        for rule in ("balance", "thesis", "auto"):
+            add(scene, rule, integrator="path" if scene == "cornell" else "direct")
+    for rule in ("pbrt", "one-sample", "uniform", "resampled", "fixed:0.25", "thesis:patch=8,filter=none"):
+        add("killeroo-gold", rule, integrator="direct")
+    for rule in ("second-moment", "second-moment:filter=gaussian", "neyman", "taylor", "linear", "simplex"):
+        add("tt", rule, integrator="direct")
+    add("teapot-area-light", "simplex:light=0.5,brdf=0.3,uniform=0.2", integrator="direct")
+    for sampler in ("sobol", "stratified"):
+        add("tt", "balance", integrator="direct", sampler=sampler)
+        add("teapot-area-light", "auto", integrator="direct", sampler=sampler)
+        add("cornell", "second-moment", integrator="path", sampler=sampler)
+    for combiner in ("maximum", "cutoff", "frozen", "optimal", "optimal-progressive"):
+        add("killeroo-gold", f"fixed:0.4,combiner={combiner}", integrator="direct")
+    for combiner in ("frozen", "controlled"):
+        add("teapot-area-light", f"second-moment:combiner={combiner}", integrator="direct")
+    add("tt", "balance", integrator="path", max_depth=3)
+    add("tt", "balance", integrator="path", max_depth=None)
+    add("killeroo-gold", "thesis", integrator="path", lights="one")
+    add("teapot-area-light", "balance", integrator="direct", shading_samples=5)
+    return table
+
+
+def render(configuration: Mapping[str, Any], scenes: dict[str, dmis.Scene]) -> dict[str, np.ndarray]:
+    """Render one configuration; the arrays that must not change, by name."""
+    name = configuration["scene"]
+    scene = scenes.setdefault(name, dmis.load_scene(name, resolution=RESOLUTION))
+    settings = Settings(**configuration["settings"])
+    result = dmis.render(scene, configuration["rule"], SPP, seed=SEED, settings=settings, threads=2)
+    arrays = {"image": result.image, "deviation": result.deviation, "weight": result.weight, "samples": result.samples}
+    return {**arrays, "rays": np.array(sorted(result.rays.items()), dtype="U32")}
+
+
+def digest(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return sixteen hexadecimal digits that depend on every bit of the arrays."""
+    sha = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        sha.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return sha.hexdigest()[:16]
+
+
+def differences(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """Yield a line for each array of one configuration that is not bit-identical: how far off it is, in ulps."""
+    for name in sorted(before):
+        old, new = before[name], after[name]
+        if old.shape != new.shape or old.dtype != new.dtype:
+            yield f"{name}: {old.dtype}{old.shape} became {new.dtype}{new.shape}"
+        elif old.tobytes() != new.tobytes():
+            if old.dtype.kind != "f":
+                yield f"{name}: {old.tolist()} became {new.tolist()}"
+                continue
+            ulps = np.abs(old.astype(np.float64) - new) / np.spacing(np.maximum(np.abs(old), np.abs(new)))
+            count = int((~(ulps == 0)).sum())
+            yield f"{name}: {count} of {old.size} entries differ, by at most {np.nanmax(ulps):g} ulp"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line above; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Freeze small renders, or compare with frozen ones.")
+    parser.add_argument("action", choices=("write", "compare"))
+    parser.add_argument("file", type=Path, help="the .npz file of the frozen arrays")
+    options = parser.parse_args(arguments)
+    frozen = np.load(options.file) if options.action == "compare" else None
+    scenes: dict[str, dmis.Scene] = {}
+    arrays: dict[str, np.ndarray] = {}
+    changed = 0
+    for name, configuration in configurations().items():
+        found = render(configuration, scenes)
+        lines = []
+        if frozen is not None:
+            before = {key: frozen[f"{name}|{key}"] for key in found if f"{name}|{key}" in frozen}
+            lines = list(differences(before, found)) if before else ["not in the file"]
+        changed += bool(lines)
+        print(digest(found), name, *(f"\n    {line}" for line in lines), flush=True)
+        arrays.update({f"{name}|{key}": array for key, array in found.items()})
+    if frozen is None:
+        np.savez_compressed(options.file, **arrays)
+        return 0
+    print(f"{changed} of {len(configurations())} configurations changed")
+    return int(changed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,209 @@
+"""Huge triangles beside small bodies: split without a gap, and shadows are what they are on a small ground."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers import FLOOR, LEVEL, z_score
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.cli.commands import main
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.refinement import MAX_DIAGONALS, SMALL_RATIO, bodies, diagonals, refine_near_bodies
+from dmis.geometry.shapes import quad, sphere
+from dmis.geometry.transforms import translate
+from dmis.scene.groups import Part
+from dmis.scene.rescale import suited
+from dmis.scene.scene import OFFSET, Scene
+
+TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
+TURN *= np.sign(np.linalg.det(TURN))
+RADIUS = 1.0
+SMALL = 100.0
+"""Half of a side of a ground whose offset is small beside the sphere: less than 3e-4."""
+
+
+def ball_on_ground(
+    extent: float, turned: bool = False, joined: bool = False, at: tuple[float, ...] = (0, 0, 0)
+) -> Scene:
+    """A sphere on a square ground of +-`extent`, which is not centred on it, under a lamp; from 6 away."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = TURN if turned else np.eye(3)
+    matrix[:3, 3] = at
+
+    def vector(v: tuple[float, ...]) -> tuple[float, float, float]:
+        x, y, z = matrix[:3, :3] @ v
+        return float(x), float(y), float(z)
+
+    def point(p: tuple[float, ...]) -> tuple[float, float, float]:
+        x, y, z = vector(p) + matrix[:3, 3]
+        return float(x), float(y), float(z)
+
+    ground = quad((-0.9 * extent, -extent, 0), (2 * extent, 0, 0), (0, 2 * extent, 0)).transformed(matrix)
+    ball = sphere(RADIUS, segments=64).transformed(matrix @ translate((0, 0, RADIUS)))
+    meshes = [Mesh(mesh.vertices, mesh.faces) for mesh in (ground, ball)]
+    if joined:
+        meshes = [dmis.geometry.mesh.concatenate(meshes)]
+    lamp = dmis.QuadLight(point((-3, -1, 5)), vector((0, 2, 0)), vector((2, 0, 0)), (10, 10, 10))
+    # downwards, so that no ray passes over the ground's far end
+    camera = dmis.Camera.look_at(
+        point((1, -4, 5)), point((0.5, 0, 0.3)), vector((0, 0, 1)), fov=30, resolution=(16, 16)
+    )
+    return Scene(camera, tuple(Part(mesh, dmis.matte(0.5)) for mesh in meshes), (lamp,))
+
+
+def blocks(scene: Scene, rule: str, seeds: range, spp: int = 64) -> Array:
+    """Means of 4x4 pixels of one channel, one row for each seed."""
+    images = [dmis.render(scene, rule, spp, seed=seed, threads=1).image[..., 0].astype(float) for seed in seeds]
+    return np.array([image.reshape(4, 4, 4, 4).mean(axis=(1, 3)).ravel() for image in images])
+
+
+@pytest.mark.parametrize("power", [3, 4, 5, 6, 7])
+@pytest.mark.parametrize("turned, joined", [(False, False), (True, False), (True, True)])
+def test_shadows_do_not_depend_on_the_ground(power: int, turned: bool, joined: bool) -> None:
+    """A ground of +-10^k under a sphere of radius 1 looks as one of +-100: each block of pixels, by t-tests."""
+    near = blocks(ball_on_ground(SMALL, turned, joined), "balance", range(8))
+    far = blocks(ball_on_ground(10.0**power, turned, joined), "balance", range(8, 16))
+    scores = [abs(z_score(far[:, k], near[:, k])) for k in range(16)]
+    assert near.mean() > 0 and max(scores) < scipy.stats.t.isf(LEVEL / 2 / 16, 14)
+    assert abs(z_score(far.mean(axis=1), near.mean(axis=1))) < scipy.stats.t.isf(LEVEL / 2, 14)
+
+
+@pytest.mark.parametrize("extent", [1e5, 1e7])
+def test_rules_agree_on_a_large_ground(extent: float) -> None:
+    """BRDF samples, light samples and both have one mean."""
+    scene = ball_on_ground(extent, turned=True)
+    means = {rule: blocks(scene, rule, range(24), 32).mean(axis=1) for rule in ("fixed:0", "balance", "fixed:1")}
+    limit = scipy.stats.t.isf(LEVEL / 2, 46)
+    for rule in ("fixed:0", "fixed:1"):
+        assert abs(z_score(means[rule], means["balance"])) < limit
+
+
+def test_the_same_samples_give_the_same_image() -> None:
+    """Grounds of 10^4 and 10^7 differ by rounding alone, if the sphere is at the origin or far from it."""
+    images = [
+        dmis.render(ball_on_ground(extent, True, at=at), "balance", 16, seed=1).image
+        for extent, at in ((1e4, (0, 0, 0)), (1e7, (0, 0, 0)), (1e7, (3e6, -2e6, 4e6)))
+    ]
+    for image in images[1:]:
+        assert np.sqrt(((image - images[0]) ** 2).mean()) < 2e-3 * images[0].mean()
+
+
+@pytest.mark.parametrize("power", [3, 5, 7])
+@pytest.mark.parametrize("kind", ["quad", "grid", "seam"])
+def test_no_gap_opens(power: int, kind: str) -> None:
+    """Every edge inside of the square has two triangles, edges of one triangle are on its boundary; the area is kept.
+
+    So are texture coordinates and shading normals, which are linear here: those of a plane.
+    """
+    extent = 10.0**power
+    side = np.linspace(-extent, extent, 2 if kind != "grid" else 4)
+    x, y = (a.ravel() for a in np.meshgrid(side, side, indexing="ij"))
+    vertices = np.stack([x, y, 0 * x], axis=1)
+    n = len(side)
+    first = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate(
+        [np.stack([first, first + n, first + n + 1], 1), np.stack([first, first + n + 1, first + 1], 1)]
+    )
+    if kind == "seam":  # triangles with corners of their own
+        vertices, faces = vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
+    mesh = Mesh(vertices, faces, np.tile([0.0, 0, 1], (len(vertices), 1)), vertices[:, :2] / extent)
+    boxes = np.array([[[-1, -1, 0], [1, 1, 2]], [[0.3 * extent, 0, 0], [0.3 * extent + 1, 2, 1]]])
+    fine = refine_near_bodies(mesh, boxes)
+    assert mesh.triangles < fine.triangles < 5000
+    corners = fine.vertices[fine.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (cross[:, 2] > 0).all() and cross[:, 2].sum() / 2 == pytest.approx(4 * extent**2, rel=1e-12)
+    np.testing.assert_allclose(fine.uv, fine.vertices[:, :2] / extent, atol=1e-12)
+    np.testing.assert_array_equal(fine.normals, np.tile([0.0, 0, 1], (len(fine.vertices), 1)))
+    edges = Counter(
+        frozenset((tuple(a), tuple(b))) for t in corners.tolist() for a, b in ((t[0], t[1]), (t[1], t[2]), (t[2], t[0]))
+    )
+    for edge, count in edges.items():
+        ends = np.array(list(edge))
+        boundary = any((np.abs(ends[:, k]) == extent).all() and np.ptp(ends[:, k]) == 0 for k in (0, 1))
+        assert count == (1 if boundary else 2)
+    # at the bodies triangles are fine, and none is larger than its distance from one
+    size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    for box, diagonal in zip(boxes, diagonals(boxes), strict=True):
+        gap = np.maximum(np.maximum(box[0] - corners.max(axis=1), corners.min(axis=1) - box[1]), 0)
+        assert (size <= np.maximum(MAX_DIAGONALS * diagonal, np.linalg.norm(gap, axis=1))).all()
+
+
+def test_ordinary_scenes_are_not_touched() -> None:
+    """A body of more than 1 / `SMALL_RATIO` of the scene: the same scene, the same offsets."""
+    side = np.sqrt(2) * SMALL * 2 / SMALL_RATIO
+    for scene in (ball_on_ground(SMALL), ball_on_ground(SMALL, joined=True)):
+        assert suited(scene)[0] is scene and scene.own_epsilon is None
+    assert np.sqrt(12) * RADIUS > side
+    mesh = FLOOR
+    assert refine_near_bodies(mesh, bodies(mesh)) is mesh
+
+
+def test_bodies_of_a_joined_mesh() -> None:
+    """A ground and a sphere in one mesh are two bodies, by what shares corners; alone a mesh is one, whatever it is."""
+    (part,) = ball_on_ground(1e4, joined=True).parts
+    boxes = bodies(part.mesh)
+    np.testing.assert_allclose(sorted(diagonals(boxes)), [np.sqrt(12), np.sqrt(8) * 1e4], rtol=1e-2)
+    assert bodies(ball_on_ground(1e4).parts[1].mesh).shape == (1, 2, 3)
+
+
+def test_offsets_follow_the_triangles() -> None:
+    """Rays begin 1e-6 of the larger of a triangle's size and coordinates above it, on the sphere of the sphere's."""
+    scene = suited(ball_on_ground(1e5))[0]
+    ground, ball = (part.mesh for part in scene.parts)
+    epsilon = scene.own_epsilon
+    assert epsilon is not None
+    corners = ground.vertices[ground.faces]
+    size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    reach = np.maximum(size, np.abs(corners).max(axis=(1, 2)))
+    np.testing.assert_allclose(epsilon[: ground.triangles], OFFSET * reach, rtol=1e-6)
+    np.testing.assert_allclose(epsilon[ground.triangles :], OFFSET * np.sqrt(12) * RADIUS, rtol=1e-2)
+    nearest = np.abs(corners).max(axis=2).min(axis=1).argmin()
+    assert (
+        epsilon[nearest] < 3e-4 * RADIUS
+        and epsilon.max() <= scene.epsilon
+        and ball.triangles == len(epsilon) - ground.triangles
+    )
+
+
+def test_a_lamp_at_the_camera_is_one_that_is_there() -> None:
+    """On a large ground a point light a fifth away from the camera has shadows of its own."""
+    scene = ball_on_ground(1e7)
+    eye = scene.camera.origin[:, 0] + np.float32([0.2, 0, 0])
+    lamp = dmis.PointLight((float(eye[0]), float(eye[1]), float(eye[2])), (5, 5, 5))
+    assert not Scene(scene.camera, scene.parts, (lamp,)).plan.headlights
+
+
+def test_what_float32_does_not_resolve_is_said() -> None:
+    """Two spheres, each of 1e-6 of their distance: wherever the origin is, one has no digits left for its shadow."""
+    scene = ball_on_ground(1e7)
+    other = sphere(RADIUS, segments=16).transformed(translate((3e6, 0, RADIUS)))
+    scene = Scene(scene.camera, (*scene.parts, Part(other, dmis.matte(0.5))), scene.lights)
+    with pytest.warns(UserWarning, match="float32 does not resolve a body of size 3.46 that is 3e.06 away"):
+        suited(scene)
+
+
+def test_too_many_triangles_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit, so that a large city does not take all memory; the image is made with what there is."""
+    monkeypatch.setattr("dmis.geometry.refinement.MAX_SPLIT_TRIANGLES", 20)
+    with pytest.warns(UserWarning, match="more than 20 triangles would be needed to resolve their shadows"):
+        scene, _ = suited(ball_on_ground(1e6))
+    assert 2 < scene.parts[0].mesh.triangles < 100
+
+
+def test_info_says_what_is_split(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """How many triangles are added to those of the file; nothing where none are."""
+    for extent in (10, 10**6):
+        (tmp_path / "a.pbrt").write_text(
+            'LookAt 0 -6 3 0 0 0 0 0 1 Camera "perspective" Film "image" "integer xresolution" [4] '
+            '"integer yresolution" [4] WorldBegin LightSource "point" "point from" [2 -2 5] "rgb I" [9 9 9] '
+            f'Shape "trianglemesh" "integer indices" [0 1 2 0 2 3] "point P" [-{extent} -{extent} 0 {extent} '
+            f"-{extent} 0 {extent} {extent} 0 -{extent} {extent} 0] "
+            'Shape "trianglemesh" "integer indices" [0 1 2] "point P" [0 0 1 1 0 1 0 1 1] WorldEnd'
+        )
+        assert main(["info", str(tmp_path / "a.pbrt"), "--dialect", "v2"]) == 0
+        assert ("triangles added" in capsys.readouterr().out) == (extent > 10)

@@ -1,0 +1,675 @@
+"""Meshes: subdivision against what is known of its limit, tessellations against exact normals, files, faults."""
+
+import importlib.util
+import pickle
+import re
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from dmis.geometry import mesh_files, subdivision
+from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
+from dmis.geometry.mesh_files import from_trimesh, load_mesh
+from dmis.geometry.shapes import bezier_patches, cylinder, disk, quad, sphere
+from dmis.geometry.subdivision import loop_subdivide
+from dmis.geometry.transforms import look_at, rotate, scale, translate
+
+OCTAHEDRON = (
+    np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float),
+    np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]),
+)
+TETRAHEDRON = (
+    np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float),
+    np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]),
+)
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]])
+ICOSAHEDRON = tuple(np.asarray(a) for a in (lambda m: (m.vertices, m.faces))(trimesh.creation.icosahedron()))
+
+
+def fan(n: int, height: float = 0.3, angle: float = 360) -> tuple[np.ndarray, np.ndarray]:
+    """A cone of n triangles around vertex 0, closed for 360 degrees; then n neighbours, else n + 1."""
+    rim = np.radians(np.linspace(0, angle, n + 1))[: n if angle == 360 else n + 1]
+    points = np.stack([np.cos(rim), np.sin(rim), 0 * rim], axis=1)
+    k = np.arange(n)
+    faces = np.stack([0 * k, 1 + k, 1 + (k + 1) % len(rim)], axis=1)
+    return np.concatenate([[[0, 0, height]], points]), faces
+
+
+def patch(n: int = 5, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A bumpy, slightly irregular n x n sheet of quads cut into triangles; it has a boundary."""
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    points = np.stack([x, y, 0 * x], axis=2).reshape(-1, 3) + rng.uniform(-0.2, 0.2, (n * n, 3))
+    index = np.arange(n * n).reshape(n, n)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    return points, np.concatenate([np.stack([a, b, c], 2).reshape(-1, 3), np.stack([a, c, d], 2).reshape(-1, 3)])
+
+
+def net_of(vertices, faces):
+    return subdivision._half_edges(np.asarray(faces, np.int64), len(vertices))
+
+
+CAGES = {
+    "octahedron": OCTAHEDRON,
+    "tetrahedron": TETRAHEDRON,
+    "icosahedron": ICOSAHEDRON,
+    "triangle": TRIANGLE,
+    "sheet": patch(),
+    **{f"cone{n}": fan(n) for n in (3, 4, 5, 6, 7, 13)},
+    **{f"open{n}": fan(n, angle=200) for n in (2, 3, 4, 5, 9)},
+}
+cages = pytest.mark.parametrize("cage", CAGES.values(), ids=CAGES)
+
+
+# Mesh
+
+
+def test_mesh_keeps_contiguous_arrays_and_unit_normals():
+    v = np.asfortranarray(np.arange(9.0).reshape(3, 3))
+    mesh = Mesh(
+        v, np.array([[0, 1, 2]], np.int64)[:, ::-1], normals=np.full((3, 3), 2.0), uv=np.zeros((3, 2), np.float32)
+    )
+    for array in (mesh.vertices, mesh.faces, mesh.normals, mesh.uv):
+        assert array.flags.c_contiguous
+    assert (mesh.vertices.dtype, mesh.faces.dtype, mesh.uv.dtype) == (np.float64, np.int32, np.float64)
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1)
+    assert mesh.triangles == 1
+    copy = pickle.loads(pickle.dumps(mesh))
+    np.testing.assert_array_equal(copy.faces, mesh.faces)
+
+
+def test_transformed_keeps_normals_perpendicular():
+    """A sphere becomes an ellipsoid, whose normals are known."""
+    matrix = translate([1, 2, 3]) @ rotate(30, [1, 2, 3]) @ scale([1, 2, 0.5])
+    ball = sphere(segments=32)
+    mesh = ball.transformed(matrix)
+    exact = ball.vertices / [1, 2, 0.5]  # gradient of x² + y²/4 + 4z² at the point (x, 2y, z/2)
+    exact = exact @ matrix_of_turn(30, [1, 2, 3]).T
+    np.testing.assert_allclose(mesh.normals, exact / np.linalg.norm(exact, axis=1, keepdims=True), atol=1e-12)
+    np.testing.assert_allclose(mesh.vertices, (np.c_[ball.vertices, np.ones(len(ball.vertices))] @ matrix.T)[:, :3])
+    assert (agreement(mesh) > 0.9).all()
+
+
+def matrix_of_turn(degrees, axis):
+    """Rodrigues' formula, vector by vector."""
+    k, t = np.asarray(axis) / np.linalg.norm(axis), np.radians(degrees)
+    return np.stack([e * np.cos(t) + np.cross(k, e) * np.sin(t) + k * (k @ e) * (1 - np.cos(t)) for e in np.eye(3)], 1)
+
+
+def agreement(mesh: Mesh) -> np.ndarray:
+    """Cosines between the face normals and the normals at the corners, (F, 3)."""
+    return (flat_normals(mesh.vertices, mesh.faces)[:, None] * mesh.normals[mesh.faces]).sum(axis=2)
+
+
+def test_mirror_keeps_corners_and_shading_normals():
+    mesh = sphere(segments=16).transformed(scale([-1, 1, 1]))
+    np.testing.assert_array_equal(mesh.faces, sphere(segments=16).faces)
+    np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=1e-12)
+    assert (agreement(mesh) < 0).all()
+
+
+def test_concatenate_mixed():
+    smooth, flat = sphere(segments=8), quad([0, 0, 5], [1, 0, 0], [0, 1, 0])
+    mesh = concatenate([smooth, Mesh(flat.vertices, flat.faces)])
+    assert mesh.triangles == smooth.triangles + 2
+    np.testing.assert_allclose(mesh.normals[mesh.faces[-2:]], np.broadcast_to([0, 0, 1], (2, 3, 3)))
+    np.testing.assert_allclose(mesh.vertices[mesh.faces[-2:]], flat.vertices[flat.faces])
+    assert not mesh.uv[len(smooth.vertices) :].any()
+    assert concatenate([flat, flat]).normals is None
+
+
+# Transforms
+
+
+def test_transforms_by_hand():
+    p = np.array([1, 2, 3, 1])
+    np.testing.assert_allclose(translate([10, 20, 30]) @ p, [11, 22, 33, 1])
+    np.testing.assert_allclose(scale([1, 2, 3]) @ p, [1, 4, 9, 1])
+    np.testing.assert_allclose(scale(2) @ p, [2, 4, 6, 1])
+    np.testing.assert_allclose(rotate(90, [0, 0, 7]) @ p, [-2, 1, 3, 1], atol=1e-12)
+    np.testing.assert_allclose(rotate(-90, [1, 0, 0]) @ p, [1, 3, -2, 1], atol=1e-12)
+    np.testing.assert_allclose(rotate(50, [1, 2, 3])[:3, :3], matrix_of_turn(50, [1, 2, 3]))
+
+
+def test_look_at_is_left_handed():
+    matrix = look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])
+    np.testing.assert_allclose(matrix @ [0, 0, 5, 1], [0, 0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(matrix @ [0, 0, 0, 1], [0, 0, 5, 1], atol=1e-12)  # z is forward
+    np.testing.assert_allclose(matrix @ [0, 1, 5, 1], [0, 1, 0, 1], atol=1e-12)  # y is up
+    np.testing.assert_allclose(matrix @ [-1, 0, 5, 1], [1, 0, 0, 1], atol=1e-12)  # and x = up x d points to -x
+    assert np.linalg.det(matrix) == pytest.approx(1)
+
+
+def test_look_at_any():
+    eye, at, up = np.array([400, 20, 30.0]), np.array([0, 63, -110.0]), np.array([0, 0, 3.0])
+    to_world = np.linalg.inv(look_at(eye, at, up))
+    d = (at - eye) / np.linalg.norm(at - eye)
+    x = np.cross([0, 0, 1], d)
+    x /= np.linalg.norm(x)
+    np.testing.assert_allclose(to_world[:3].T, [x, np.cross(d, x), d, eye], atol=1e-9)
+
+
+# Normals
+
+
+def test_vertex_normals_of_a_cube_do_not_depend_on_its_diagonals():
+    box = trimesh.creation.box()
+    normals = vertex_normals(np.asarray(box.vertices), np.asarray(box.faces))
+    np.testing.assert_allclose(normals, np.sign(box.vertices) / np.sqrt(3), atol=1e-12)
+
+
+def test_normals_ignore_faces_without_area():
+    v = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [2, 0, 0], [9, 9, 9.0]])
+    faces = np.array([[0, 1, 2], [0, 1, 3], [1, 1, 2]])
+    np.testing.assert_array_equal(flat_normals(v, faces), [[0, -1, 0], [0, 0, 1], [0, 0, 1]])
+    np.testing.assert_array_equal(vertex_normals(v, faces), [[0, -1, 0]] * 3 + [[0, 0, 1]] * 2)
+
+
+# Loop subdivision
+
+
+@cages
+@pytest.mark.parametrize("levels", [0, 1, 3])
+def test_loop_counts_and_euler(cage, levels):
+    v, f = cage
+    mesh = loop_subdivide(v, f, levels)
+    assert mesh.triangles == len(f) * 4**levels
+    assert len(mesh.vertices) - len(edges_of(mesh.faces)) + mesh.triangles == len(v) - len(edges_of(f)) + len(f)
+    assert np.isfinite(mesh.vertices).all()
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1)
+
+
+def edges_of(faces: np.ndarray) -> np.ndarray:
+    """Undirected edges, (E, 2)."""
+    return np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
+
+
+@cages
+def test_loop_matrix_rows_sum_to_one_and_are_convex(cage):
+    net = net_of(*cage)
+    for _ in range(3):
+        rule, net = subdivision._refine(net)
+        np.testing.assert_allclose(rule.sum(axis=1), 1, atol=1e-14)
+        assert rule.min() >= 0
+
+
+@cages
+def test_twins_of_a_refined_mesh_are_those_found_from_scratch(cage):
+    net = net_of(*cage)
+    for _ in range(2):
+        _, net = subdivision._refine(net)
+        again = net_of(net.valence, net.faces)
+        np.testing.assert_array_equal(net.twin, again.twin)
+        np.testing.assert_array_equal(net.valence, again.valence)
+
+
+def test_loop_weights_by_hand():
+    """One step of a closed cone of valence 5 and of a single triangle."""
+    v, f = fan(5)
+    rule, _ = subdivision._refine(net_of(v, f))
+    np.testing.assert_allclose(rule.toarray()[0], [5 / 8] + [3 / 40] * 5)
+    assert rule.toarray()[1].tolist() == [0, 3 / 4, 1 / 8, 0, 0, 1 / 8]
+    spoke = 3 / 8 * (v[0] + v[1]) + 1 / 8 * (v[2] + v[5])
+    rim = (v[1] + v[2]) / 2
+    for expected in (spoke, rim):
+        assert np.isclose((rule @ v)[len(v) :], expected).all(axis=1).sum() == 1
+    rule, _ = subdivision._refine(net_of(*fan(3)))
+    np.testing.assert_allclose(rule.toarray()[0], [7 / 16] + [3 / 16] * 3)
+
+
+def test_loop_planar_stays_planar_and_faces_one_way():
+    v, f = patch()
+    plane = v * [1, 1, 0] @ matrix_of_turn(40, [1, 2, 0.5]).T
+    mesh = loop_subdivide(plane, f, 3)
+    normal = matrix_of_turn(40, [1, 2, 0.5])[:, 2]
+    np.testing.assert_allclose(mesh.vertices @ normal, 0, atol=1e-12)
+    np.testing.assert_allclose(mesh.normals, np.broadcast_to(normal, mesh.normals.shape), atol=1e-7)
+
+
+def test_loop_boundary_depends_on_the_boundary_only():
+    v, f = patch()
+    rim = net_of(v, f).rim
+    moved = v + np.where(rim[:, None], 0, [0.1, -0.2, 5])
+    a, b = loop_subdivide(v, f, 2), loop_subdivide(moved, f, 2)
+    on_rim = net_of(a.vertices, a.faces).rim
+    np.testing.assert_array_equal(a.vertices[on_rim], b.vertices[on_rim])
+    assert (np.abs(a.vertices - b.vertices).max(axis=1)[~on_rim] > 0).all()
+
+
+def test_loop_boundary_is_the_cubic_b_spline():
+    """A vertex of a uniform cubic B-spline has its limit at (1, 4, 1)/6; the masks 1/8, 3/4, 1/2 are its refinement."""
+    v, f = patch()
+    net = net_of(v, f)
+    edge = net.twin < 0
+    after, before = (np.zeros(len(v), int) for _ in range(2))
+    after[net.tail[edge]], before[net.head[edge]] = net.head[edge], net.tail[edge]
+    spline = (v[before] + 4 * v + v[after])[net.rim] / 6
+    pushed = (v[before] + 3 * v + v[after])[net.rim] / 5  # the mask that pbrt and this library use, 1/5 for 1/6
+    np.testing.assert_allclose(loop_subdivide(v, f, 0).vertices[net.rim], pushed, atol=1e-12)
+    np.testing.assert_allclose(loop_subdivide(v, f, 6).vertices[: len(v)][net.rim], spline, atol=2e-3)
+
+
+@cages
+def test_loop_limit_points_are_the_same_from_every_level(cage):
+    """Inside, that is; the boundary's 1/5 is an approximation that fades with the levels (see above)."""
+    v, f = cage
+    inside = ~net_of(v, f).rim
+    first, *later = (loop_subdivide(v, f, levels).vertices[: len(v)] for levels in range(4))
+    for points in later:
+        np.testing.assert_allclose(points[inside], first[inside], atol=1e-12)
+
+
+@pytest.mark.parametrize("cage", [OCTAHEDRON, ICOSAHEDRON, TETRAHEDRON], ids=["octa", "icosa", "tetra"])
+def test_loop_normals_on_axes_of_symmetry_are_radial(cage):
+    """A turn of the solid about a corner's axis leaves the normal there in place."""
+    v, f = cage
+    for levels in range(4):
+        mesh = loop_subdivide(v, f, levels)
+        corner = mesh.vertices[: len(v)]
+        radial = corner / np.linalg.norm(corner, axis=1, keepdims=True)
+        np.testing.assert_allclose(mesh.normals[: len(v)], radial, atol=1e-9)
+
+
+@pytest.mark.parametrize("cage", [OCTAHEDRON, fan(7, 0.8), patch()], ids=["octahedron", "cone7", "sheet"])
+def test_loop_normals_converge_to_those_of_fine_triangles(cage):
+    """The same points, seen as ever finer meshes: the masks approach the mean of the tiny faces around."""
+    v, f = cage
+    gaps = []
+    for levels in (2, 4, 6):
+        mesh = loop_subdivide(v, f, levels)
+        inside = ~net_of(mesh.vertices, mesh.faces).rim
+        mean = vertex_normals(mesh.vertices, mesh.faces)
+        gaps.append(np.linalg.norm(mesh.normals - mean, axis=1)[inside].max())
+        assert (agreement(mesh) > 0).all()
+    assert gaps[2] < 0.3 * gaps[0] < 0.1
+    boundary = np.linalg.norm(mesh.normals - mean, axis=1)[~inside]
+    assert not len(boundary) or np.median(boundary) < 0.05
+
+
+@cages
+def test_loop_ring_order_is_counter_clockwise_from_the_boundary(cage):
+    net = net_of(*cage)
+    place = net.places()
+    for vertex in range(len(net.valence)):
+        leaving = np.flatnonzero(net.tail == vertex)
+        ring = leaving[np.argsort(place[leaving])]
+        assert sorted(place[leaving]) == list(range(len(leaving)))
+        apex = np.roll(net.faces, -2, axis=1).ravel()[ring]  # each face ends where the next one starts
+        np.testing.assert_array_equal(apex[:-1], net.head[ring[1:]])
+        assert net.rim[vertex] == (net.twin[ring[0]] < 0)
+        if not net.rim[vertex]:
+            assert apex[-1] == net.head[ring[0]]
+
+
+def test_loop_boundary_tangents_on_a_regular_half_ring():
+    """On flat half rings of any valence S runs along the boundary, T inwards, and both ignore where the origin is."""
+    masks = subdivision._tangent_masks(9)[1]
+    for n in range(2, 10):
+        angle = np.pi * np.arange(n) / (n - 1)
+        weights = masks[n, :n]
+        ring = np.exp(1j * angle)
+        s, t = weights.real @ ring, weights.imag @ ring  # complex numbers stand for points of the plane
+        assert s == pytest.approx(2)
+        if n > 2:  # two neighbours on a straight boundary have nothing inwards
+            assert t.real == pytest.approx(0, abs=1e-12) and t.imag > 0.5
+    np.testing.assert_array_equal(masks[4, :4].imag, [-1, 2, 2, -1])
+    np.testing.assert_allclose(masks[5:, :].imag[np.arange(5), :].sum(axis=1)[0], masks[5, :].imag.sum())
+
+
+def test_loop_parts_do_not_see_each_other_and_loose_vertices_stay():
+    v, f = OCTAHEDRON
+    vertices = np.concatenate([v, [[7, 7, 7]], v + 5])
+    mesh = loop_subdivide(vertices, np.concatenate([f, f + len(v) + 1]), 2)
+    alone = loop_subdivide(v, f, 2)
+    corners = mesh.vertices[mesh.faces]
+    np.testing.assert_allclose(corners[: alone.triangles], alone.vertices[alone.faces], atol=1e-12)
+    np.testing.assert_allclose(corners[alone.triangles :], alone.vertices[alone.faces] + 5, atol=1e-12)
+    np.testing.assert_array_equal(mesh.vertices[len(v)], [7, 7, 7])
+
+
+def test_loop_of_the_killeroo_cage(pbrt_scenes):
+    text = (pbrt_scenes / "geometry" / "killeroo3.pbrt").read_text()
+    v = np.array(re.search(r'"point P"\s*\[([^]]*)]', text)[1].split(), float).reshape(-1, 3)
+    f = np.array(re.search(r'"integer indices"\s*\[([^]]*)]', text)[1].split(), int).reshape(-1, 3)
+    net = net_of(v, f)
+    assert (len(v), len(f), (net.twin < 0).sum()) == (4290, 8316, 270)
+    assert (net.valence.min(), net.valence.max()) == (2, 13)
+    mesh = loop_subdivide(v, f, 3)
+    assert mesh.triangles == 532224 and len(np.unique(mesh.faces)) == len(mesh.vertices)
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1)
+    # A limit point is a mean of the vertex and its ring, with less than half of the weight on the ring inside.
+    reach = np.zeros(len(v))
+    np.maximum.at(reach, net.tail, np.linalg.norm(v[net.tail] - v[net.head], axis=1))
+    np.maximum.at(reach, net.head, np.linalg.norm(v[net.tail] - v[net.head], axis=1))
+    assert (np.linalg.norm(mesh.vertices[: len(v)] - v, axis=1) <= 0.5 * reach).all()
+    low, high = v.min(axis=0), v.max(axis=0)
+    assert (mesh.vertices >= low).all() and (mesh.vertices <= high).all()
+    mean = vertex_normals(mesh.vertices, mesh.faces)
+    along = (mesh.normals * mean).sum(axis=1)
+    assert along.min() > 0.5 and np.mean(along > 0.99) > 0.99
+
+
+# Bézier patches and quadrics
+
+
+def flat_patch() -> np.ndarray:
+    u, v = np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 2, 4), indexing="ij")
+    return np.stack([u, v, 0 * u + 3], axis=2)[None]
+
+
+def test_bezier_planar():
+    mesh = bezier_patches(flat_patch(), 5)
+    assert mesh.triangles == 50 and len(mesh.vertices) == 36
+    np.testing.assert_allclose(mesh.vertices, np.c_[mesh.uv * [1, 2], np.full(36, 3)], atol=1e-12)
+    np.testing.assert_allclose(mesh.normals, np.broadcast_to([0, 0, 1], (36, 3)), atol=1e-12)
+    assert (agreement(mesh) > 0.999).all()
+
+
+def test_bezier_paraboloid():
+    """z = x² + x y² has Bernstein coefficients from the blossoms of 1, t and t²."""
+    linear, square = np.array([0, 1, 2, 3]) / 3, np.array([0, 0, 1, 3]) / 3
+    x, y = np.broadcast_arrays(linear[:, None], linear)
+    z = square[:, None] + linear[:, None] * square
+    mesh = bezier_patches(np.stack([x, y, z], axis=2)[None], 9)
+    x, y, z = mesh.vertices.T
+    np.testing.assert_allclose(z, x**2 + x * y**2, atol=1e-12)
+    exact = np.stack([-2 * x - y**2, -2 * x * y, 1 + 0 * x], axis=1)
+    np.testing.assert_allclose(mesh.normals, exact / np.linalg.norm(exact, axis=1, keepdims=True), atol=1e-12)
+
+
+@pytest.mark.parametrize("collapsed", ["u0", "u1", "v0", "v1"])
+def test_bezier_poles(collapsed):
+    """A side drawn together to a point: no triangles without area there, and the normal's limit."""
+    net = flat_patch()
+    net[..., 2] = net[..., 0] ** 2 if collapsed[0] == "u" else net[..., 1] ** 2
+    side = [slice(None)] * 4
+    side[1 if collapsed[0] == "u" else 2] = -int(collapsed[1])
+    net[tuple(side)] = net[tuple(side)].reshape(-1, 3).mean(axis=0)
+    mesh = bezier_patches(net, 6)
+    assert mesh.triangles == 72 - 6
+    at_pole = (mesh.vertices == net[tuple(side)].reshape(-1, 3)[0]).all(axis=1) | (
+        np.linalg.norm(mesh.vertices - net[tuple(side)].reshape(-1, 3)[0], axis=1) < 1e-12
+    )
+    assert at_pole.sum() == 7
+    fine = bezier_patches(net, 150)
+    limit = fine.normals[np.linalg.norm(fine.vertices - mesh.vertices[at_pole][0], axis=1) < 0.02].mean(axis=0)
+    np.testing.assert_allclose(mesh.normals[at_pole], np.broadcast_to(limit, (7, 3)), atol=0.02)
+    assert (agreement(mesh) > 0.8).all()
+
+
+@pytest.fixture(scope="module")
+def make_teapot():
+    path = Path(__file__).parents[2] / "scenes" / "make_teapot.py"
+    spec = importlib.util.spec_from_file_location("make_teapot", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_teapot_control_points(make_teapot):
+    net = make_teapot.teapot()
+    points = np.unique(net.reshape(-1, 3).round(9) + 0.0, axis=0)
+    assert net.shape == (32, 4, 4, 3) and len(points) == 290
+    np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [[-3, -2, 0], [3.525, 2, 3.15]])
+    mirrored = np.unique(points * [1, -1, 1] + 0.0, axis=0)
+    np.testing.assert_array_equal(points, mirrored)
+
+
+def test_teapot_is_closed_where_newell_closed_it(make_teapot):
+    mesh = bezier_patches(make_teapot.teapot(), 8)
+    np.testing.assert_allclose(mesh.vertices.min(axis=0), [-3, -2, 0], atol=1e-12)
+    np.testing.assert_allclose(mesh.vertices.max(axis=0), [3.43, 2, 3.15], atol=5e-3)
+    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)  # equal to the last bit
+    faces = same.ravel()[mesh.faces]
+    assert area_of(mesh).min() > 0
+    forth = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    assert len(np.unique(forth, axis=0)) == len(forth)  # no edge is run through twice in one direction
+    # Open are: the rim inside, the lid, both ends of the handle, both ends of the spout.
+    once = 2 * len(edges_of(faces)) - len(forth)
+    assert once == 8 * (4 + 4 + 2 + 2 + 2 + 2)
+    assert (agreement(mesh) > 0).all()
+
+
+def test_teapot_is_smooth_across_patches(make_teapot):
+    """Where patches of one surface meet their normals agree, but for creases at rim, knob and foot."""
+    mesh = bezier_patches(make_teapot.teapot(), 8)
+    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    total = np.stack([np.bincount(same.ravel(), mesh.normals[:, k]) for k in range(3)], axis=1)
+    length = np.linalg.norm(total, axis=1) / np.bincount(same.ravel())
+    rough = np.unique(mesh.vertices[length[same.ravel()] < 0.999], axis=0)
+    height, radius = rough[:, 2], np.hypot(rough[:, 0], rough[:, 1])
+    rim = np.isclose(height, 2.4) & (radius < 1.52)
+    foot = np.isclose(height, 0.15)
+    knob = np.isclose(height, 2.7)
+    assert (rim | foot | knob | (rough[:, 0] > 1.6) | (rough[:, 0] < -1.4)).all(), rough
+
+
+def test_teapot_file_is_up_to_date(make_teapot):
+    mesh, file = bezier_patches(make_teapot.teapot(), make_teapot.DIVISIONS), load_mesh(make_teapot.FILE)
+    assert make_teapot.FILE.stat().st_size < 3e6
+    np.testing.assert_array_equal(file.faces, mesh.faces)
+    np.testing.assert_allclose(file.vertices, mesh.vertices, atol=1e-6)
+    np.testing.assert_allclose(file.normals, mesh.normals, atol=1e-6)
+
+
+def test_sphere():
+    mesh = sphere(2, segments=64)
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 2)
+    np.testing.assert_allclose(mesh.normals, mesh.vertices / 2, atol=1e-9)
+    assert (agreement(mesh) > 0.99).all()
+    _, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    net = subdivision._half_edges(same.ravel()[mesh.faces].astype(np.int64), int(same.max()) + 1)
+    assert (net.twin >= 0).all()  # watertight at the seam and the poles
+
+
+def test_sphere_zone():
+    mesh = sphere(2, -1, 1.5, 90, segments=64)
+    np.testing.assert_allclose([mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()], [-1, 1.5])
+    assert (mesh.vertices[:, :2] > -1e-12).all()
+    v0, v1 = np.arccos(-1 / 2), np.arccos(1.5 / 2)
+    np.testing.assert_allclose(mesh.vertices[:, 2], 2 * np.cos(v0 + mesh.uv[:, 1] * (v1 - v0)), atol=1e-8)
+    np.testing.assert_allclose(
+        np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0]), mesh.uv[:, 0] * np.pi / 2, atol=1e-8
+    )
+    np.testing.assert_allclose(sphere(1, -9, 9, segments=8).vertices, sphere(segments=8).vertices)
+
+
+def test_cylinder():
+    mesh = cylinder(2, -1, 3, 180, segments=100)
+    assert mesh.triangles == 100
+    np.testing.assert_allclose(np.hypot(*mesh.vertices[:, :2].T), 2)
+    np.testing.assert_allclose(mesh.normals, mesh.vertices / 2 * [1, 1, 0], atol=1e-8)
+    np.testing.assert_allclose(mesh.vertices[:, 2], -1 + 4 * mesh.uv[:, 1])
+    assert (agreement(mesh) > 0.99).all()
+
+
+@pytest.mark.parametrize("inner, phimax", [(0, 360), (0.5, 360), (0, 100), (0.5, 100)])
+def test_disk(inner, phimax):
+    mesh = disk(3, 2, inner, phimax)
+    np.testing.assert_allclose(flat_normals(mesh.vertices, mesh.faces), np.broadcast_to([0, 0, 1], (mesh.triangles, 3)))
+    np.testing.assert_array_equal(mesh.vertices[:, 2], 3)
+    np.testing.assert_allclose(area_of(mesh).sum(), np.pi * (4 - inner**2) * phimax / 360, rtol=1e-3)
+    r = np.hypot(*mesh.vertices[:, :2].T)
+    np.testing.assert_allclose(1 - mesh.uv[:, 1], (r - inner) / (2 - inner), atol=1e-8)
+    assert mesh.normals is None
+
+
+def area_of(mesh: Mesh) -> np.ndarray:
+    """Area of each face, (F,)."""
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def test_quad():
+    mesh = quad([1, 2, 3], [2, 0, 0], [1, 3, 0])
+    assert mesh.triangles == 2 and area_of(mesh).sum() == pytest.approx(6)
+    np.testing.assert_allclose(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]] * 2)
+    np.testing.assert_allclose(mesh.vertices, [1, 2, 3] + mesh.uv @ [[2, 0, 0], [1, 3, 0]])
+
+
+# Files
+
+
+@pytest.mark.parametrize("suffix", mesh_files.MESH_SUFFIXES)
+@pytest.mark.parametrize("smooth", [True, False])
+def test_file_round_trip(tmp_path, suffix, smooth):
+    v, f = OCTAHEDRON
+    normals = v @ matrix_of_turn(10, [1, 1, 1]).T  # not what trimesh would compute
+    path = tmp_path / f"octahedron{suffix}"
+    option = {".ply": "vertex_normal", ".obj": "include_normals", ".glb": "include_normals"}.get(suffix)
+    thing = trimesh.Trimesh(v, f, vertex_normals=normals if smooth else None, process=False)
+    thing.export(path, **({option: smooth} if option else {}))
+    mesh = load_mesh(path)
+    np.testing.assert_allclose(mesh.vertices[mesh.faces], v[f], atol=1e-6)
+    if suffix == ".stl":
+        assert mesh.normals is None and len(mesh.vertices) == 3 * len(f)
+    else:
+        np.testing.assert_array_equal(mesh.faces, f)
+        if smooth:
+            np.testing.assert_allclose(mesh.normals, normals, atol=1e-6)
+        else:
+            assert mesh.normals is None
+    assert load_mesh(path, smooth=False).normals is None
+    mesh = load_mesh(str(path), smooth=True)
+    if not smooth or suffix == ".stl":
+        np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=1e-6)  # welded: radial by symmetry
+    else:
+        np.testing.assert_allclose(mesh.normals, normals, atol=1e-6)
+
+
+def test_uv_from_a_file(tmp_path):
+    path = tmp_path / "quad.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n")
+    mesh = load_mesh(path)
+    assert mesh.triangles == 2
+    np.testing.assert_allclose(mesh.uv[mesh.faces], mesh.vertices[mesh.faces][..., :2])
+
+
+def test_scene_graph_is_applied():
+    scene = trimesh.Scene()
+    thing = trimesh.Trimesh(*OCTAHEDRON, process=False)
+    scene.add_geometry(thing, transform=translate([5, 0, 0]))
+    scene.add_geometry(thing, transform=translate([0, 7, 0]) @ scale([-1, 2, 1]))
+    scene.add_geometry(trimesh.PointCloud([[0, 0, 0]]))
+    mesh = from_trimesh(scene)
+    assert mesh.triangles == 16 and mesh.normals is None
+    centre = np.where(np.arange(16)[:, None] < 8, [5, 0, 0], [0, 7, 0])
+    outwards = mesh.vertices[mesh.faces].mean(axis=1) - centre
+    assert ((flat_normals(mesh.vertices, mesh.faces) * outwards).sum(axis=1) > 0).all()  # the mirrored one too
+    np.testing.assert_allclose(mesh.vertices.max(axis=0), [6, 9, 1])
+
+
+def test_zero_normals_in_a_file_are_mended():
+    normals = OCTAHEDRON[0].copy()
+    normals[2], normals[3] = 0, np.nan
+    thing = trimesh.Trimesh(*OCTAHEDRON, process=False)
+    thing.vertex_normals = normals
+    np.testing.assert_allclose(from_trimesh(thing).normals, OCTAHEDRON[0], atol=1e-12)
+
+
+# Faults
+
+V, F = TRIANGLE
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: Mesh(V[:, :2], F), r"vertices must have shape \(V, 3\); got \(3, 2\)"),
+        (lambda: Mesh(V * np.nan, F), r"vertices must be finite, .* in row 0"),
+        (lambda: Mesh(V, F + 1), r"faces must be indices from 0 to 2, because there are 3 vertices; got 1 to 3"),
+        (lambda: Mesh(V, F - 1), r"got -1 to 1"),
+        (lambda: Mesh(V, F[:0]), r"faces must be integers of shape \(F, 3\), F >= 1, .*; got shape \(0, 3\)"),
+        (lambda: Mesh(V, F * 1.0), r"faces must be integers .* of float64"),
+        (lambda: Mesh(V, F, normals=V[:2]), r"normals must have shape \(3, 3\), a row for each vertex; got \(2, 3\)"),
+        (lambda: Mesh(V, F, normals=V), r"normals must not be zero, .* in row 0"),
+        (lambda: Mesh(V, F, uv=V), r"uv must have shape \(3, 2\)"),
+        (lambda: Mesh(V, F, uv=np.full((3, 2), 1e19)), r"uv must be within 1e\+18 of the origin, .* in row 0"),
+        (lambda: Mesh(V, F).transformed(np.eye(3)), r"matrix must be finite, 4x4"),
+        (lambda: Mesh(V, F).transformed(np.diag([1, 1, 0, 1])), r"matrix must be invertible, because normals"),
+        (lambda: concatenate([]), r"meshes must hold at least one mesh"),
+        (lambda: from_trimesh(trimesh.Scene()), r"mesh must hold triangles"),
+        (lambda: from_trimesh(trimesh.PointCloud(V)), r"mesh must be a trimesh.Trimesh with faces"),
+        (lambda: translate([1, 2]), r"offset must be three finite numbers; got \[1.0, 2.0\]"),
+        (lambda: scale([1, np.inf, 1]), r"factors must be three finite numbers"),
+        (lambda: rotate(30, [0, 0, 0]), r"axis must not be zero, because it gives a direction"),
+        (lambda: look_at(V[0], V[0], V[1]), r"at - eye must not be zero"),
+        (lambda: look_at(V[0], V[1], V[1]), r"up must not be parallel to the line of sight"),
+        (lambda: loop_subdivide(V, F, -1), r"levels must be a whole number of at least 0; got -1"),
+        (lambda: loop_subdivide(V, F, 1.5), r"levels must be a whole number of at least 0; got 1.5"),
+        (lambda: loop_subdivide(V, F, 13), r"levels must leave at most 16777216 triangles, .* got 13 for 1 triangles"),
+        (lambda: loop_subdivide(V, [[0, 1, 1]], 1), r"three different corners; got \[0, 1, 1\] in face 0"),
+        (lambda: bezier_patches(np.zeros((4, 4, 3))), r"control must be finite, of shape \(P, 4, 4, 3\)"),
+        (lambda: bezier_patches(flat_patch(), 0), r"divisions must be a whole number of at least 1; got 0"),
+        (lambda: sphere(-1), r"radius must be positive and finite; got -1"),
+        (lambda: sphere(1, 2, 3), r"zmin must be below zmax on a sphere of radius 1, .*; got 2, 3"),
+        (lambda: sphere(phimax=0), r"phimax must be above 0 and at most 360 degrees; got 0"),
+        (lambda: sphere(segments=2), r"segments must be a whole number of at least 3; got 2"),
+        (lambda: cylinder(zmin=1, zmax=1), r"zmin must be below zmax"),
+        (lambda: disk(innerradius=1), r"innerradius must be at least 0 and less than the radius 1; got 1"),
+        (lambda: quad(V[0], V[1], V[1]), r"u x v must not be zero"),
+    ],
+)
+def test_faults(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.parametrize(
+    "faces, message",
+    [
+        ([[0, 1, 2], [1, 0, 3], [0, 1, 4]], r"got 3 faces at edge \(0, 1\)"),
+        ([[0, 1, 2], [0, 1, 3]], r"got 2 faces at edge \(0, 1\) in one direction"),
+        ([[0, 1, 2], [0, 3, 4]], r"single fan around a vertex, its ring; got several at vertex 0"),
+    ],
+)
+def test_no_manifold(faces, message):
+    with pytest.raises(ValueError, match=message):
+        loop_subdivide(np.random.default_rng(1).uniform(size=(5, 3)), faces, 1)
+
+
+@pytest.mark.parametrize(
+    "name, content, message",
+    [
+        ("mesh.xyz", b"", r"must have one of the extensions \.glb \.obj \.ply \.stl; got '\.xyz'"),
+        ("empty.ply", b"", r"cannot be read as PLY: it is empty"),
+        ("broken.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", r"cannot be read as PLY"),
+        ("broken.glb", b"glTF but not for long", r"cannot be read as GLB"),
+        ("broken.stl", b"\x00" * 90, r"cannot be read as STL"),
+        ("other.glb", b'{"asset": {"version": "2.0"}}', r"must be binary glTF of version 2; got another format"),
+        (
+            "old.glb",
+            b"glTF" + struct.pack("<IIII", 1, 84, 64, 0) + b'{"accessors": {"a": {"count": 3}}}'.ljust(64),
+            r"cannot be read as GLB: it must be binary glTF of version 2; got version 1 of it, convert it",
+        ),
+        ("broken.obj", b"what is this", r"cannot be read as OBJ"),
+        (
+            "points.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+            b"end_header\n0 0 0\n",
+            r"cannot be read as PLY",
+        ),
+    ],
+)
+def test_bad_files(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=re.escape(str(path)) + ".*" + message):
+        load_mesh(path)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"mesh file .*none\.ply does not exist"):
+        load_mesh(tmp_path / "none.ply")
+
+
+@pytest.mark.parametrize("names", [("u", "v"), ("s", "t"), ("texture_u", "texture_v"), ("texture_s", "texture_t")])
+def test_names_of_texture_coordinates_in_ply(tmp_path, names):
+    """All that pbrt knows."""
+    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {n}" for n in ("x", "y", "z", *names))]
+    head += ["element face 1", "property list uchar int vertex_indices", "end_header"]
+    (tmp_path / "a.ply").write_text("\n".join([*head, "0 0 0 .1 .2", "1 0 0 .3 .4", "0 1 0 .5 .6", "3 0 1 2", ""]))
+    np.testing.assert_allclose(load_mesh(tmp_path / "a.ply").uv, [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], rtol=1e-6)

@@ -1,0 +1,189 @@
+"""OBJ files that trimesh alone misreads, and what cannot be read."""
+
+import re
+
+import numpy as np
+import pytest
+import trimesh
+
+from dmis.geometry import mesh_files, wavefront
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.mesh_files import load_mesh
+from dmis.geometry.wavefront import check_triangles, read_obj
+
+QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+
+
+def load(folder, text: str | bytes) -> Mesh:
+    path = folder / "a.obj"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return load_mesh(path)
+
+
+def corners(mesh: Mesh) -> list[tuple[tuple[float, ...], ...]]:
+    """Triangles by the positions of their corners, in an order that is the same for equal sets of triangles."""
+    return sorted(
+        min([tuple(map(tuple, np.roll(triangle, k, axis=0).tolist())) for k in range(3)])
+        for triangle in mesh.vertices[mesh.faces]
+    )
+
+
+def blocks(relative: bool, count: int = 3) -> str:
+    """Quads at z = 0, 1, 2, ..., each behind its vertices, as McGuire's Cornell boxes are written."""
+    lines = []
+    for z in range(count):
+        lines += [f"v {x:g} {y:g} {z}" for x, y, _ in SQUARE]
+        lines += [f"vt {x:g} {y + z:g}" for x, y, _ in SQUARE] + [f"vn 0 {z} 1"]
+        last = (4 * z + 4, 4 * z + 4, z + 1)
+        at = [(k - 4, k - 4, -1) if relative else (last[0] + k - 3, last[1] + k - 3, last[2]) for k in range(4)]
+        lines.append("f " + " ".join("/".join(map(str, index)) for index in at))
+    return "\n".join(lines) + "\n"
+
+
+def test_relative_indices_count_from_their_line(tmp_path):
+    """-1 is the last vertex above the face, not the last of the file: three quads one above the other, not one."""
+    relative, absolute = load(tmp_path, blocks(True)), load(tmp_path, blocks(False))
+    assert corners(relative) == corners(absolute)
+    assert sorted({z for _, _, z in relative.vertices[relative.faces].reshape(-1, 3)}) == [0, 1, 2]
+    z = relative.vertices[:, 2]
+    np.testing.assert_array_equal(relative.uv - relative.vertices[:, :2], np.stack([0 * z, z], axis=1))
+    # the normal of the block at z is (0, z, 1)
+    np.testing.assert_allclose(relative.normals[:, 1] / relative.normals[:, 2], z)
+
+
+@pytest.mark.parametrize("face", ["f -4 -3 -2 -1", "f -4//-1 -3//-1 -2//-1 -1//-1", "f 1 -3 3 -1"])
+def test_relative_indices_in_every_form(tmp_path, face):
+    mesh = load(tmp_path, f"{QUAD}vn 0 0 1\n{face}\nv 7 7 7\nv 8 8 8\nv 9 9 9\nv 6 6 6\nvn 1 0 0\n")
+    assert corners(mesh) == corners(Mesh(SQUARE, np.array([[0, 1, 2], [0, 2, 3]])))
+    assert mesh.normals is None or (mesh.normals == (0, 0, 1)).all()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        QUAD.replace("v ", "v\t") + "f\t1 2 3 4\n",
+        QUAD.replace(" ", "\t") + "f\t1\t2\t3\t4\t\n",
+        QUAD.replace("v", "   v") + "  f 1 2 3 4\n",
+        QUAD.replace("v ", "v   ") + "f  1  2 3 4\n",
+        QUAD + "f 1 2\\\n3 4\n",
+        QUAD + "f 1 2 \\\r\n 3 \\\r\n 4\n",
+        QUAD + "f \\\n1 2 3 4",
+        QUAD + "# C:\\scenes\\\nf 1 2 3 4\n",
+        QUAD.replace("1 1 0", "1 1 0 # corner") + "f 1 2 3 4 # all\n",
+        (QUAD + "f 1 2 3 4\n").replace("\n", "\r"),
+        (QUAD + "f 1 2 3 4\n").replace("\n", "\r\n"),
+        "\ufeff" + QUAD + "f 1 2 3 4\n",
+        QUAD + "f 1 2\nf 1 2 3 4\nf\n",
+        QUAD + "f 1/ 2/ 3/ 4/\n",
+        QUAD + "vt 0 0\nvt 1 1\nf 1/1 2/1 3/2\nf 1 3 4\n",
+        QUAD + "vn 0 0 1\nvt 0 0\nf 1//1 2//1 3//1\nf 1/1 3/1 4/1\n",
+        QUAD + "f 1/1/1 2/2/1 3/3/1 4/4/1\n",
+    ],
+)
+def test_lines_that_trimesh_alone_misreads(tmp_path, text):
+    """Tabs, indents, continued lines, comments, ends of lines, faces written in several ways: always the square."""
+    assert corners(load(tmp_path, text)) == corners(Mesh(SQUARE, np.array([[0, 1, 2], [0, 2, 3]])))
+
+
+def test_polygons_beside_faces_of_as_many_numbers(tmp_path):
+    """A hexagon of bare indices has six numbers, as has a triangle with texture coordinates; each keeps its own."""
+    text = QUAD + "v 0 0 1\nv 1 0 1\nvt .5 .5\nvn 0 1 0\nf 1 2 3 4 5 6\nf 1/1 2/1 3/1\nf 1//1 2//1 6//1\n"
+    mesh = load(tmp_path, text)
+    assert mesh.triangles == 6
+    triangle = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1]])
+    (smooth,) = np.flatnonzero((mesh.vertices[mesh.faces] == triangle).all(axis=(1, 2)))
+    np.testing.assert_array_equal(mesh.normals[mesh.faces[smooth]], [[0, 1, 0]] * 3)
+    assert (mesh.uv[mesh.faces] == 0.5).all(axis=(1, 2)).sum() == 1
+
+
+def test_texture_coordinates_of_one_number(tmp_path):
+    mesh = load(tmp_path, QUAD + "vt .1\nvt .2 .3\nf 1/1 2/2 3/1\n")
+    np.testing.assert_allclose(mesh.uv[mesh.faces[0]], [[0.1, 0], [0.2, 0.3], [0.1, 0]])
+
+
+@pytest.mark.parametrize("text", ["# caf\xe9\n", "usemtl Stra\xdfe\n", "o \xe9t\xe9\n", "g Fl\xe4che\xa0 \x85\n"])
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
+def test_names_and_comments_in_either_encoding(tmp_path, text, encoding):
+    assert load(tmp_path, f"{text}{QUAD}{text}f 1 2 3 4\n".encode(encoding)).triangles == 2
+
+
+def test_right_files_reach_trimesh_as_they_are(tmp_path):
+    """So that meshes which were right keep order and bits."""
+    ball = trimesh.creation.icosphere(2)
+    data = trimesh.exchange.obj.export_obj(ball, include_normals=True).encode()
+    obj = read_obj(data)
+    assert obj.text.split() == data[data.index(b"\nv ") :].split()
+    np.testing.assert_allclose(obj.triangles, ball.triangles, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (QUAD + "f 1 2 9\n", "line 5: 'f 1 2 9' has the vertex 9, but there are 4"),
+        (QUAD + "f -5 2 3\nv 0 0 0\n", "line 5: 'f -5 2 3' has the vertex -5, but there are 4 above it"),
+        (QUAD + "f \\\n1 \\\n2 9\n", "line 5: 'f 1 2 9' has the vertex 9"),
+        (QUAD + "f 0 1 2\n", "line 5: .* has the corner '0'; write 1, 1/2, 1//3 or 1/2/3, counted from 1"),
+        (QUAD + "f 1 2 x\n", "line 5: .* has the corner 'x'"),
+        (QUAD + "f 1 2 3.5\n", "line 5: .* has the corner '3.5'"),
+        (QUAD + "f 1 2 1/2/3/4\n", "line 5: .* has the corner '1/2/3/4'"),
+        (QUAD + "f 1 2 99999999999999999999\n", "line 5: .* has the corner '99999999999999999999'"),
+        (QUAD + "vt 0 0\nf 1/1 2/1 3/2\n", "line 6: .* has the texture coordinate 2, but there are 1"),
+        (QUAD + "vn 0 0 1\nf 1//1 2//1 3//-2\n", "line 6: .* has the normal -2, but there are 1 above it"),
+        ("v 1 2\n" + QUAD + "f 1 2 3\n", "line 1: 'v 1 2' needs 3 numbers"),
+        ("v 1 2 nought\n" + QUAD + "f 1 2 3\n", "line 1: 'v 1 2 nought' must have numbers only"),
+        ("v\n" + QUAD + "f 1 2 3\n", "line 1: 'v' needs 3 numbers"),
+        (QUAD + "f 1 2 3\nsurf 0 1 0 1 1 2 3 4\n", "line 6: 'surf' is not supported; free-form surfaces are not read"),
+        (QUAD + "p 1 2\nl 3 4\n", "it has no faces, lines such as 'f 1 2 3'"),
+        ("f 1 2 3\n", "line 1: 'f 1 2 3' has the vertex 1, but there are 0"),
+        ((QUAD + "f 1 2 3").encode("utf-16"), "it is UTF-16 or binary; an OBJ file is text, save it as UTF-8"),
+        ((QUAD + "f 1 2 3").encode("utf-16-le"), "it is UTF-16 or binary"),
+    ],
+)
+def test_bad_files(tmp_path, text, message):
+    """The message names the file, the line, what is wrong with it and what may stand there."""
+    with pytest.raises(ValueError, match=re.escape(str(tmp_path / "a.obj")) + " cannot be read as OBJ: " + message):
+        load(tmp_path, text)
+
+
+def test_triangles_are_compared_with_those_of_the_lines(tmp_path, monkeypatch):
+    """Whatever trimesh makes of a file, other triangles than its lines have are an error and not an image."""
+    square = np.array([[0, 1, 2], [0, 2, 3]])
+    others = {
+        "its lines make 2 triangles, trimesh read 1": SQUARE[square[:1]],
+        "its lines make other triangles": SQUARE[[[0, 1, 2], [0, 1, 3]]],
+        "make other triangles": SQUARE[square[:, ::-1]],
+    }
+    for message, triangles in others.items():
+        with pytest.raises(ValueError, match=message):
+            check_triangles(SQUARE[square], triangles)
+    check_triangles(SQUARE[square], -SQUARE[[[2, 3, 0], [2, 0, 1]]] * -1)  # another order, other first corners, -0
+
+    from_trimesh = mesh_files.from_trimesh
+    moved = trimesh.transformations.translation_matrix((0, 0, 1e-9))
+    monkeypatch.setattr(mesh_files, "from_trimesh", lambda mesh: from_trimesh(mesh).transformed(moved))
+    with pytest.raises(ValueError, match="its lines make other triangles than trimesh read"):
+        load(tmp_path, QUAD + "f 1 2 3 4\n")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_files_keep_their_triangles(tmp_path, seed):
+    """Vertices, faces of 3 to 7 corners and materials at random; indices relative, absolute, with and without more."""
+    rng = np.random.default_rng(seed)
+    lines, points, expected = [], [], []
+    forms = ("{0}", "{0}/{1}", "{0}//{1}", "{0}/{1}/{1}")
+    allowed = rng.permutation(4)[: rng.integers(1, 5)]
+    for _ in range(30):
+        for _ in range(rng.integers(0, 9)):
+            points.append(rng.integers(0, 9, 3))
+            lines += ["v {} {} {}".format(*points[-1]), "vt .5 .5", "vn 0 0 1"]
+        if rng.random() < 0.3:
+            lines.append(f"usemtl {rng.integers(3)}")
+        if len(points) >= 7:
+            index = rng.permutation(len(points))[: rng.integers(3, 8)]
+            words = index - len(points) if rng.random() < 0.5 else index + 1
+            lines.append("f " + " ".join(forms[rng.choice(allowed)].format(k, k) for k in words))
+            expected += [np.array(points)[index[[0, k, k + 1]]] for k in range(1, len(index) - 1)]
+    mesh = load(tmp_path, "\n".join(lines))
+    assert corners(mesh) == corners(Mesh(np.concatenate(expected), np.arange(3 * len(expected)).reshape(-1, 3)))
+    assert len(wavefront.read_obj((tmp_path / "a.obj").read_bytes()).triangles) == len(expected)

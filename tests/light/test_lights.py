@@ -1,0 +1,447 @@
+"""Lights: sampling against density, geometry, energy, orientation."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import (
+    LEVEL,
+    Z_LIMIT,
+    chi2_directions,
+    columns,
+    pickled,
+    polar,
+    sphere_rule,
+    tangents,
+    uniforms,
+    unit,
+    z_score,
+)
+
+from dmis.base.vectors import Array, dot
+from dmis.geometry.shapes import sphere
+from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
+from dmis.light.delta import DistantLight, PointLight, SpotLight
+from dmis.light.environment import EnvironmentLight
+from dmis.light.light_sample import FAR, Seen
+from dmis.samplers.warp import square_to_cosine
+
+WHITE = (1.0, 2.0, 3.0)
+TILT = np.stack([*tangents(polar(50, 130)), polar(50, 130)], axis=1)
+"""A rotation that is no symmetry of anything."""
+RANDOM_SKY = np.random.default_rng(1).random((8, 16, 3)) ** 3
+ONE_TEXEL = np.zeros((8, 16, 3))
+ONE_TEXEL[2, 5] = (10.0, 20.0, 5.0)
+BENT = np.array([[-0.3, -0.4, 2.0], [0.9, -0.4, 1.8], [0.9, 0.6, 2.1], [-0.3, 0.7, 1.7]])
+"""Corners of two triangles at an angle, both facing the origin, with the common edge 0-2."""
+
+LIGHTS = {
+    "disk": DiskLight((0.3, -0.5, 2.0), (0.2, 0.1, -1.0), 0.8, WHITE),
+    "quad": QuadLight((0.5, -1.0, 1.5), (0.3, 1.5, 0.2), (1.2, 0.3, -0.1), WHITE),
+    "sphere": SphereLight((0.4, 0.8, 1.6), 0.7, WHITE),
+    "near sphere": SphereLight((0.0, 0.0, 1.0), 0.99, WHITE),
+    "mesh": MeshLight(BENT, np.array([[0, 2, 1], [0, 3, 2]]), WHITE),
+    "sky": EnvironmentLight(RANDOM_SKY),
+    "tilted sky": EnvironmentLight(RANDOM_SKY, TILT, (2.0, 1.0, 0.5)),
+    "one texel": EnvironmentLight(ONE_TEXEL),
+    "constant sky": EnvironmentLight(np.ones((1, 1, 3))),
+    "black sky": EnvironmentLight(np.zeros((4, 8, 3))),
+    "compensated sky": EnvironmentLight(RANDOM_SKY, compensation=0.9),
+    "compensated constant sky": EnvironmentLight(np.ones((2, 4, 3)), compensation=0.9),
+}
+each_light = pytest.mark.parametrize("name", LIGHTS)
+SHAPES = [name for name in LIGHTS if "sky" not in name and "texel" not in name]
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+def sampled(name: str, count: int = 2**16, p: tuple[float, ...] = ORIGIN, seed: int = 1) -> tuple[Array, Seen]:
+    points = columns(np.array(p), count)
+    return points, LIGHTS[name].sample(points, uniforms(count, seed))
+
+
+def pdf_of(name: str, p: tuple[float, ...] = ORIGIN) -> Callable[[Array], Array]:
+    return lambda w: LIGHTS[name].hit(columns(np.array(p), w.shape[1]), w).pdf
+
+
+def axis_of(name: str) -> Array:
+    """The middle of the shape; the map's pole for skies, whose texels are then rings and sectors."""
+    if name in SHAPES:
+        return unit(*sampled(name, 4096)[1].wi.mean(axis=1))
+    return TILT[:, 2] if name == "tilted sky" else np.array([0.0, 0.0, 1.0])
+
+
+@each_light
+def test_samples_follow_the_density(name: str) -> None:
+    """Chi-square of sampled directions against `hit`'s pdf, whose integral over all cells is compared with 1.
+
+    Cells of skies are half texels, so that they never straddle the steps of the density; the rotated one's azimuth
+    begins elsewhere, in a frame of the test's own, which the rotation is given in.
+    """
+    _, seen = sampled(name)
+    edges: dict[str, Array] = {}
+    if name not in SHAPES:
+        edges = {"theta": np.linspace(0, np.pi, 17), "phi": np.linspace(0, 2 * np.pi, 33)}
+    assert chi2_directions(seen.wi, pdf_of(name), axis_of(name), per_cell=16, **edges) > LEVEL
+
+
+@each_light
+def test_density_integrates_to_one(name: str) -> None:
+    """Every sampled direction meets its light, so the density's integral is 1.
+
+    Rings around the light are dense (theta ~ t^2); its outline cuts cells, which leaves 0.002. Half a million nodes.
+    """
+    w, weights = sphere_rule(axis_of(name), 1024, 512, 1.0 if name not in SHAPES else 2.0)
+    np.testing.assert_allclose(pdf_of(name)(w).astype(float) @ weights, 1, atol=2e-3)
+
+
+@each_light
+def test_sample_agrees_with_hit(name: str) -> None:
+    """The pdf, distance, radiance and bright side of a sampled direction are what `hit` says of it.
+
+    Rounding may put a direction at an outline or a texel's edge on the other side: a thousandth of them at most. Else
+    the pdf has a few roundings; at the edge of a narrow cosine, or of the sphere, whose distance has the slope of a
+    square root there, 1e-3 is left.
+    """
+    points, seen = sampled(name)
+    again = LIGHTS[name].hit(points, seen.wi)
+    np.testing.assert_allclose(dot(seen.wi, seen.wi), 1, atol=1e-6)
+    same = np.isclose(again.pdf, seen.pdf, rtol=1e-3) & (again.emits == seen.emits)
+    same &= np.isclose(again.distance, seen.distance, rtol=5e-3)
+    assert same.mean() > 0.999
+    close = np.isclose(again.radiance, seen.radiance, rtol=1e-3, atol=1e-3)
+    assert np.broadcast_to(close, seen.wi.shape)[:, same].mean() > 0.999
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_points_lie_on_the_light(name: str) -> None:
+    """``p + distance wi`` is a point of the shape, within float32 roundings of distances up to 3."""
+    light, p = LIGHTS[name], (0.1, -0.2, 0.0)
+    points, seen = sampled(name, 4096, p)
+    x = (points + seen.wi * seen.distance).astype(float).T
+    if isinstance(light, DiskLight):
+        to, normal = x - light.centre, unit(*light.normal)
+        np.testing.assert_allclose(to @ normal, 0, atol=2e-6)
+        assert np.linalg.norm(to, axis=1).max() < light.radius + 2e-6
+    elif isinstance(light, QuadLight):
+        normal = unit(*np.cross(light.edge_u, light.edge_v))
+        np.testing.assert_allclose((x - light.corner) @ normal, 0, atol=2e-6)
+        ab = np.linalg.lstsq(np.stack([light.edge_u, light.edge_v], axis=1), (x - light.corner).T, rcond=None)[0]
+        assert ab.min() > -1e-5 and ab.max() < 1 + 1e-5
+    elif isinstance(light, SphereLight):
+        # across the direction an error of 1e-7 is 5e-4 of depth at the outline (square root)
+        np.testing.assert_allclose(np.linalg.norm(x - light.centre, axis=1), light.radius, atol=1e-3)
+    else:
+        planes = [np.append(n := unit(*np.cross(b - a, c - a)), n @ a) for a, b, c in light.vertices[light.faces]]
+        off = np.abs(np.stack([x @ plane[:3] - plane[3] for plane in planes])).min(axis=0)
+        np.testing.assert_allclose(off, 0, atol=3e-6)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_one_sided(name: str) -> None:
+    """Receivers before the light see it shine, those behind it do not; the density does not care for the side."""
+    _, seen = sampled(name, 1000)
+    assert seen.emits.mean() > 0.99
+    if isinstance(LIGHTS[name], SphereLight):
+        inside = columns(np.array(LIGHTS[name].centre) + 0.1, 1000)
+        for back in (LIGHTS[name].sample(inside, uniforms(1000)), LIGHTS[name].hit(inside, seen.wi)):
+            assert not back.emits.any() and not back.pdf.any()
+            assert np.isfinite(back.wi).all()
+        return
+    behind = columns(np.array((1.0, 0.5, 6.0)), 1000)
+    for back in (LIGHTS[name].sample(behind, uniforms(1000)),):
+        assert not back.emits.any() and (back.pdf > 0).all()
+        assert not LIGHTS[name].hit(behind, back.wi).emits.any()
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_directions_that_miss(name: str) -> None:
+    """Opposite directions miss: no density, no emission, even though the light's plane lies behind."""
+    points, seen = sampled(name, 500)
+    away = LIGHTS[name].hit(points, -seen.wi)
+    assert not away.pdf.any() and not away.emits.any()
+
+
+def irradiance(name: str, p: tuple[float, ...] = ORIGIN, count: int = 2**17) -> tuple[Array, Array]:
+    """Samples of the irradiance at `p` on a floor facing +z: by the light, by the cosine hemisphere."""
+    points, seen = sampled(name, count, p, 3)
+    rgb = np.broadcast_to(seen.radiance, seen.wi.shape)[1].astype(float)
+    a = np.where(seen.emits, rgb, 0) * np.maximum(seen.wi[2], 0) / np.where(seen.pdf > 0, seen.pdf, 1)
+    wi = square_to_cosine(uniforms(count, 4))
+    met = LIGHTS[name].hit(points, wi)
+    rgb = np.broadcast_to(met.radiance, wi.shape)[1].astype(float)
+    return a, np.where(met.emits, rgb, 0) * np.pi
+
+
+@pytest.mark.parametrize("name", [n for n in LIGHTS if n != "black sky"])
+def test_irradiance_by_light_and_by_hemisphere(name: str) -> None:
+    """Two samplings of the same integral agree in the mean, by a z-test."""
+    a, b = irradiance(name)
+    assert abs(z_score(a, b)) < Z_LIMIT
+
+
+@pytest.mark.parametrize("height, radius", [(1.0, 1.0), (2.0, 0.3), (0.1, 3.0), (100.0, 0.1)])
+def test_disk_closed_form(height: float, radius: float) -> None:
+    """Under the centre of a parallel disk, ``E = pi L sin^2`` of its half angle."""
+    light = DiskLight((0, 0, height), (0, 0, -1), radius, (2.0, 2.0, 2.0))
+    seen = light.sample(columns(np.zeros(3), 2**16), uniforms(2**16))
+    samples = 2.0 * seen.wi[2] / seen.pdf
+    expected = np.pi * 2 * radius**2 / (radius**2 + height**2)
+    # the last one is nearly constant: float32 rounding, not noise
+    assert abs(samples.mean(dtype=float) - expected) < Z_LIMIT * samples.std() / 256 + 1e-6 * expected
+
+
+@pytest.mark.parametrize("distance, radius", [(2.0, 1.0), (1.001, 1.0), (100.0, 0.5), (1e4, 1e-2)])
+def test_sphere_closed_form(distance: float, radius: float) -> None:
+    """Seen straight up, ``E = pi L (r/d)^2``; in the cone of a far light nothing is lost to rounding (1e-5)."""
+    light = SphereLight((0, 0, distance), radius, (2.0, 2.0, 2.0))
+    seen = light.sample(columns(np.zeros(3), 2**16), uniforms(2**16))
+    samples = 2.0 * seen.wi[2] / seen.pdf
+    expected = np.pi * 2 * (radius / distance) ** 2
+    assert abs(samples.mean(dtype=float) - expected) < Z_LIMIT * samples.std() / 256 + 1e-5 * expected
+    met = light.hit(columns(np.zeros(3), 2**16), seen.wi)
+    # at 1e4 the outline is 1e-6 wide and a unit vector's step 6e-8 of that: a tenth of them fall outside
+    assert met.emits.mean() > (0.85 if distance == 1e4 else 0.999)
+
+
+def test_quad_is_two_triangles() -> None:
+    """A quad and a mesh of the same shape have the same irradiance."""
+    corner, u, v = (np.array(a) for a in ((0.5, -1.0, 1.5), (0.3, 1.5, 0.2), (1.2, 0.3, -0.1)))
+    corners = np.stack([corner, corner + u, corner + u + v, corner + v])
+    mesh = MeshLight(corners, np.array([[0, 1, 2], [0, 2, 3]]), WHITE)
+    p = columns(np.zeros(3), 2**15)
+    one, two = LIGHTS["quad"].sample(p, uniforms(2**15, 5)), mesh.sample(p, uniforms(2**15, 6))
+    assert one.emits.all() and two.emits.all()
+    assert abs(z_score(one.wi[2] / one.pdf, two.wi[2] / two.pdf)) < Z_LIMIT
+    w = one.wi
+    np.testing.assert_allclose(mesh.hit(p, w).pdf, LIGHTS["quad"].hit(p, w).pdf, rtol=1e-4)
+
+
+def test_closed_mesh_shines_outwards() -> None:
+    """A sphere of triangles: samples on its far side do not emit, and those that it hides; `hit` finds the nearest one.
+
+    So the pdf that `hit` gives is that of the near triangle, which is what MIS needs where the far one is dark.
+    """
+    mesh = sphere(0.7, segments=48).transformed(np.block([[np.eye(3), np.array([[0.4], [0.8], [1.6]])], [0, 0, 0, 1]]))
+    light = MeshLight(mesh.vertices, mesh.faces, WHITE)
+    p = columns(np.zeros(3), 2**16)
+    seen = light.sample(p, uniforms(2**16))
+    assert 0.2 < seen.emits.mean() < 0.5
+    wi = seen.wi[:, seen.emits].copy()
+    met = light.hit(np.zeros_like(wi), wi)
+    np.testing.assert_allclose(met.emits.mean(), 1, atol=1e-3)
+
+
+# Environment --------------------------------------------------------------------------------------------------------
+
+
+def test_environment_orientation() -> None:
+    """``u = phi / 2 pi`` from +x towards +y, ``v = theta / pi`` from +z, as in pbrt-v2; texel centres are exact."""
+    sky = EnvironmentLight(RANDOM_SKY)
+    for row, column in ((0, 0), (2, 5), (7, 15), (4, 8)):
+        theta, phi = np.pi * (row + 0.5) / 8, 2 * np.pi * (column + 0.5) / 16
+        w = columns(np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]))
+        np.testing.assert_allclose(sky.radiance(w)[:, 0], RANDOM_SKY[row, column], atol=1e-5)
+    # the middle of the map is -x on the horizon, its left edge +x
+    for x, sides in ((-1.0, [7, 8]), (1.0, [0, 15])):
+        seen = sky.radiance(columns(np.array([x, 0, 0])))[:, 0]
+        np.testing.assert_allclose(seen, RANDOM_SKY[3:5, sides].mean(axis=(0, 1)), atol=1e-5)
+
+
+def test_environment_rotation_and_scale() -> None:
+    """A rotated map is the map seen along rotated directions, times the scale; a few roundings times the contrast 1."""
+    w = np.stack([polar(d, a) for d in (10, 60, 100) for a in (0, 100, 210)], axis=1).astype(np.float32)
+    plain, tilted = EnvironmentLight(RANDOM_SKY), LIGHTS["tilted sky"]
+    turned = np.ascontiguousarray((TILT @ w).astype(np.float32))
+    np.testing.assert_allclose(tilted.radiance(turned), plain.radiance(w) * np.float32([[2], [1], [0.5]]), atol=2e-5)
+
+
+def test_environment_density_of_a_constant_map() -> None:
+    """Rows are picked by the sine at their middle, so there the density of a constant map is the same in each row."""
+    theta = (np.arange(16) + 0.5) * np.pi / 16
+    w = np.stack([polar(d, 77) for d in np.degrees(theta)], axis=1).astype(np.float32)
+    pdf = EnvironmentLight(np.ones((16, 32, 3))).hit(columns(np.zeros(3), 16), w).pdf
+    np.testing.assert_allclose(pdf, 1 / (2 * np.pi**2 * np.sin(theta).mean()), rtol=1e-5)
+
+
+def test_environment_covers_what_it_shows() -> None:
+    """The density is positive wherever the interpolated radiance is, and `emits` says so."""
+    w, _ = sphere_rule(rings=200, sectors=100)
+    for name in ("sky", "one texel"):
+        seen = LIGHTS[name].hit(columns(np.zeros(3), w.shape[1]), w)
+        bright = np.broadcast_to(seen.radiance, w.shape).max(axis=0) > 1e-6
+        assert (seen.pdf[bright] > 0).all() and seen.emits[bright].all()
+    assert not np.broadcast_to(LIGHTS["black sky"].radiance(w), w.shape).any()
+
+
+@pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, -1e-8, 0), (1e-8, 0, 1)])
+def test_environment_poles_and_seam_are_finite(direction: tuple[float, float, float]) -> None:
+    """No NaN at the poles, where sin(theta) is 0, nor at the seam, and no index outside the map."""
+    for name in ("sky", "constant sky", "one texel"):
+        seen = LIGHTS[name].hit(columns(np.zeros(3)), columns(np.array(direction, float)))
+        assert np.isfinite(seen.pdf).all() and np.isfinite(seen.radiance).all()
+
+
+@pytest.mark.parametrize("name", ["sky", "one texel", "constant sky", "black sky"])
+def test_environment_corners_of_the_square(name: str) -> None:
+    """The extreme uniform numbers give unit directions, finite densities and radiance."""
+    edge = np.float32(1 - 2**-24)
+    u = np.array([[0, 0, edge, edge], [0, edge, 0, edge]], np.float32)
+    seen = LIGHTS[name].sample(columns(np.zeros(3), 4), u)
+    np.testing.assert_allclose(dot(seen.wi, seen.wi), 1, atol=1e-6)
+    assert np.isfinite(seen.pdf).all() and np.isfinite(seen.radiance).all() and (seen.distance == FAR).all()
+
+
+def test_environment_search_is_a_binary_search() -> None:
+    """Texels of any u are those that a search of the cumulative sum finds, for a map of extreme contrast."""
+    texels = np.random.default_rng(2).random((16, 32, 3)) ** 40
+    texels[5:9] = 0
+    sky = EnvironmentLight(texels)
+    cdf = sky._distribution[0][1:]
+    u = np.concatenate([uniforms(5000)[0].astype(float), cdf[:-1], [0.0, 1 - 2**-24]])
+    u = u[u < 1]
+    expected = np.minimum(np.searchsorted(cdf, u, side="right"), len(cdf) - 1)
+    np.testing.assert_array_equal(sky._texel(u), expected)
+
+
+# Lights of one direction --------------------------------------------------------------------------------------------
+
+
+def test_point_by_hand() -> None:
+    """``I / d^2`` from the direction of the light, distance d, always in sight."""
+    seen = PointLight((1, 2, 3), (4, 8, 12)).sample(columns(np.array((1.0, 2.0, 1.0))))
+    np.testing.assert_allclose(seen.radiance, [[1], [2], [3]], rtol=1e-6)
+    np.testing.assert_allclose(seen.wi, [[0], [0], [1]], atol=1e-7)
+    assert seen.distance == pytest.approx(2) and seen.emits.all() and (seen.pdf == 1).all()
+
+
+@pytest.mark.parametrize(
+    "degrees, factor",
+    [(0.0, 1.0), (24.9, 1.0), (30.1, 0.0), (180.0, 0.0), (27.5, None)],
+)
+def test_spot_by_hand(degrees: float, factor: float | None) -> None:
+    """Full inside, dark outside, ``d^4`` in between with d linear in the cosine."""
+    if factor is None:
+        cos = np.cos(np.radians([30, 27.5, 25]))
+        factor = ((cos[1] - cos[0]) / (cos[2] - cos[0])) ** 4
+    light = SpotLight((0, 0, 0), (0, 0, -2), (8.0, 8.0, 8.0))
+    p = -2 * polar(degrees) * [1, 1, 1]
+    seen = light.sample(columns(p))
+    np.testing.assert_allclose(seen.radiance[0], 2 * factor, rtol=1e-4)  # d is a difference of cosines: 1e-7/0.04
+    assert bool(seen.emits[0]) == (factor > 0)
+    np.testing.assert_allclose(seen.wi[:, 0], -p / 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("outer", [0.01, 0.1, 1.0])
+def test_narrow_spots_keep_their_falloff(outer: float) -> None:
+    """A hundredth of a degree is 1 - cos of 1.5e-8, which a float32 cosine does not tell from 0."""
+    angles = np.radians(outer) * np.array([0.0, 0.3, 0.6, 0.8, 0.95])
+    light = SpotLight((0, 0, 0), (0, 0, -1), (1.0, 1.0, 1.0), outer=outer, inner=outer / 2)
+    seen = light.sample(np.stack([np.sin(angles), 0 * angles, -np.cos(angles)]).astype(np.float32))
+    d = np.clip((np.radians(outer) ** 2 - angles**2) / (np.radians(outer) ** 2 * 0.75), 0, 1)
+    np.testing.assert_allclose(seen.radiance[0], d**4, atol=2e-3)
+
+
+def test_spot_with_a_sharp_edge() -> None:
+    """inner = outer is a step, without a division by zero."""
+    light = SpotLight((0, 0, 0), (0, 0, -1), WHITE, outer=30, inner=30)
+    seen = light.sample(np.concatenate([columns(-polar(d)) for d in (29.9, 30.1)], axis=1))
+    np.testing.assert_allclose(seen.radiance, np.float32([[1, 0], [2, 0], [3, 0]]), rtol=1e-5)
+
+
+def test_distant_by_hand() -> None:
+    """The same radiance and direction everywhere, from infinitely far away."""
+    seen = DistantLight((0, 3, 4), WHITE).sample(columns(np.array((7.0, 8.0, 9.0)), 3))
+    np.testing.assert_allclose(seen.wi, np.repeat([[0], [0.6], [0.8]], 3, axis=1), atol=1e-7)
+    np.testing.assert_allclose(np.broadcast_to(seen.radiance, (3, 3)), np.repeat([[1], [2], [3]], 3, axis=1))
+    assert (seen.distance == FAR).all() and seen.emits.all()
+
+
+@pytest.mark.parametrize("name", [*LIGHTS, "point", "spot"])
+def test_receiver_on_the_light_is_finite(name: str) -> None:
+    """A receiver at a sampled point or at the light's centre gets finite numbers: no NaN may reach Embree."""
+    light = LIGHTS.get(name) or {"point": PointLight(ORIGIN, WHITE), "spot": SpotLight(ORIGIN, (0, 0, 1), WHITE)}[name]
+    centre = getattr(light, "centre", getattr(light, "corner", ORIGIN))
+    for p in (columns(np.array(centre, float), 64), columns(np.array(ORIGIN), 64)):
+        seen = light.sample(p, uniforms(64))
+        assert np.isfinite(seen.wi).all() and np.isfinite(seen.distance).all() and not np.isnan(seen.radiance).any()
+        assert not np.isnan(seen.pdf).any()
+
+
+@pytest.mark.parametrize("name", ["quad", "disk"])
+def test_direction_in_the_plane_of_the_light_is_finite(name: str) -> None:
+    """A ray in the plane of a flat light sees nothing of it, and gets no NaN."""
+    light = QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0), WHITE)
+    if name == "disk":
+        light = DiskLight((0, 0, 0), (0, 0, 1), 1.0, WHITE)
+    seen = light.hit(columns(np.array((-2.0, 0.3, 0.0))), columns(np.array((1.0, 0.0, 0.0))))
+    assert not seen.emits.any() and not np.isnan(seen.pdf).any()
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_pickling(name: str) -> None:
+    """A light that comes back from pickle samples the same; a mesh light's Embree handle is rebuilt."""
+    points, seen = sampled(name, 200)
+    again = pickled(LIGHTS[name])
+    np.testing.assert_array_equal(again.sample(points, uniforms(200)).wi, seen.wi)
+    np.testing.assert_array_equal(again.hit(points, seen.wi).pdf, LIGHTS[name].hit(points, seen.wi).pdf)
+
+
+ANY: Any = np.ones((1, 1, 3))
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: DiskLight(ORIGIN, (0, 0, 1), 0.0, WHITE), "radius must be positive"),
+        (lambda: DiskLight(ORIGIN, (0, 0, 1), np.nan, WHITE), "radius must be positive"),
+        (lambda: DiskLight(ORIGIN, (0, 0, 0), 1.0, WHITE), "normal must not be zero"),
+        (lambda: DiskLight(ORIGIN, (0, 0, 1), 1.0, (1, -1, 0)), "radiance must be three finite non-negative"),
+        (lambda: DiskLight((0, 0), (0, 0, 1), 1.0, WHITE), "centre must be three finite"),
+        (lambda: QuadLight(ORIGIN, (1, 0, 0), (2, 0, 0), WHITE), "must not be parallel"),
+        (lambda: QuadLight((0, np.inf, 0), (1, 0, 0), (0, 1, 0), WHITE), "corner must be three finite"),
+        (lambda: SphereLight(ORIGIN, -1.0, WHITE), "radius must be positive"),
+        (lambda: SphereLight(ORIGIN, 1.0, (np.nan,) * 3), "radiance must be three finite"),
+        (lambda: MeshLight(np.zeros((3, 3)), np.array([[0, 1, 2]]), WHITE), "positive area"),
+        (
+            lambda: MeshLight(np.eye(3), np.array([[0, 1, 7]]), WHITE),
+            "faces must be indices from 0 to 2, .* got 0 to 7",
+        ),
+        (
+            lambda: MeshLight(np.eye(3), np.array([[0, 1, -1]]), WHITE),
+            "faces must be indices from 0 to 2, .* got -1 to",
+        ),
+        (
+            lambda: MeshLight(np.eye(3), np.zeros((0, 3), int), WHITE),
+            r"faces must be integers of shape \(F, 3\), F >= 1",
+        ),
+        (lambda: EnvironmentLight(np.ones((2, 2))), "texels must have shape"),
+        (lambda: EnvironmentLight(-np.ones((2, 2, 3))), "texels must be finite and not negative"),
+        (lambda: EnvironmentLight(np.full((2, 2, 3), np.nan)), "texels must be finite"),
+        (lambda: EnvironmentLight(1e38 * ANY, scale=(1e10, 1, 1)), r"texels times scale must be below 3.4e38.*e\+47"),
+        (lambda: EnvironmentLight(ANY, 2 * np.eye(3)), "to_world must be a 3x3 rotation"),
+        (lambda: EnvironmentLight(ANY, compensation=1.0), "compensation must be in"),
+        (lambda: PointLight((0, 0, np.nan), WHITE), "position must be three finite"),
+        (lambda: PointLight(ORIGIN, (-1, 0, 0)), "intensity must be"),
+        (lambda: SpotLight(ORIGIN, (0, 0, 1), WHITE, outer=20, inner=30), "need 0 <= inner <= outer"),
+        (lambda: DistantLight((0, 0, 0), WHITE), "direction must not be zero"),
+    ],
+)
+def test_bad_lights(make: Callable[[], Any], message: str) -> None:
+    """Errors name the argument and the constraint."""
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize("radius", [1.0, 1e4, 1e6])
+def test_the_near_end_of_a_large_sphere(radius: float) -> None:
+    """Its distance is positive and has the digits that the centre's has, although both ends are millions away."""
+    light = SphereLight((0.0, 0.0, radius + 2), radius, (1, 1, 1))
+    p = np.zeros((3, 500), np.float32)
+    for seen in (light.sample(p, uniforms(500)), light.hit(p, columns((0.6, 0.0, 0.8), 500))):
+        cos = seen.wi[2].astype(float)
+        along = (radius + 2) * cos
+        near = (4 * radius + 4) / (along + np.sqrt(np.maximum(along**2 - (4 * radius + 4), 0)))
+        assert (seen.distance > 0).all()
+        if seen.emits.all():
+            np.testing.assert_allclose(np.median(seen.distance / near), 1, rtol=1e-7 * radius + 1e-5)

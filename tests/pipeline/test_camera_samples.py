@@ -1,0 +1,68 @@
+"""Camera samples of a tile: every sample in one batch, descending counts, and the way back to the order of blocks."""
+
+import numpy as np
+import pytest
+
+from dmis import Settings
+from dmis.estimator.records import Record
+from dmis.pipeline.camera_samples import SampleAllocation, pixel_shares, sample_batches
+
+PIXELS = 12
+UNEVEN = np.random.default_rng(3).integers(1, 40, PIXELS)
+
+
+@pytest.mark.parametrize("spp", [1, 7, 100, UNEVEN], ids=["1", "7", "100", "uneven"])
+@pytest.mark.parametrize("size", [5, 64, 10**6])
+def test_batches_have_every_camera_sample_once(spp, size):
+    """Each pixel has its numbers 0, 1, .. in ascending order, and no batch is larger than twice the size asked for."""
+    numbers = [[] for _ in range(PIXELS)]
+    for blocks in sample_batches(spp, PIXELS, size):
+        pixel, number = (np.concatenate(a) for a in zip(*(block.camera_samples() for block in blocks), strict=True))
+        assert len(pixel) <= max(2 * size, 2 * PIXELS)
+        for p, n in zip(pixel, number, strict=True):
+            numbers[p].append(n)
+    for pixel, expected in enumerate(np.broadcast_to(spp, PIXELS)):
+        assert numbers[pixel] == list(range(expected))
+
+
+@pytest.mark.parametrize("allocation", ["systematic", "random"])
+def test_order_of_counts_and_back(allocation):
+    """Counts for the first technique descend, and values and records of the samples return to the blocks' order."""
+    shares = np.random.default_rng(1).random(PIXELS).astype(np.float32)
+    settings = Settings(allocation=allocation, shading_samples=4)
+    allocation = SampleAllocation(shares, UNEVEN, PIXELS, settings, 1, np.random.default_rng(2))
+    for blocks in sample_batches(UNEVEN, PIXELS, 64):
+        samples = allocation.camera_samples(blocks)
+        assert (np.diff(samples.counts.first.astype(int)) <= 0).all() and np.ptp(samples.counts.first) > 0
+        np.testing.assert_array_equal(samples.slot, samples.pixel)
+        values = np.stack([samples.pixel, samples.number, samples.counts.first]).astype(np.float32)
+        record = Record(0, (0,), 0, np.array([2, 0]), values[:, [2, 0]], values[:2, [2, 0]])
+        restored, (moved,) = samples.restore_order(values, [record])
+        pixel, number = (np.concatenate(a) for a in zip(*(block.camera_samples() for block in blocks), strict=True))
+        np.testing.assert_array_equal(restored[:2], [pixel, number])
+        np.testing.assert_array_equal(restored[:, moved.sample], record.value)
+
+
+def test_equal_counts_keep_the_order():
+    """At w = 1/2 and two shading samples nothing is sorted."""
+    allocation = SampleAllocation(np.float32(0.5), 4, PIXELS, Settings(), 1, np.random.default_rng(2))
+    (blocks,) = sample_batches(4, PIXELS, 64)
+    samples = allocation.camera_samples(blocks)
+    values = np.ones((3, 4 * PIXELS), np.float32)
+    assert samples.order is None and samples.restore_order(values, None) == (values, [])
+
+
+@pytest.mark.parametrize(
+    ("w", "shape"),
+    [
+        (0.3, ()),
+        (np.full(5, 0.3), ()),
+        (np.linspace(0, 1, 5), (5,)),
+        (np.full((3, 5), 1 / 3), (3, 1)),
+        (np.stack([np.linspace(0, 1, 5), np.linspace(1, 0, 5), np.zeros(5)]), (3, 5)),
+    ],
+)
+def test_equal_shares_become_one(w, shape):
+    """Pixels that have the same shares need no array of them."""
+    assert pixel_shares(w).shape == shape and pixel_shares(w).dtype == np.float32
+    np.testing.assert_array_equal(np.broadcast_to(pixel_shares(w), np.shape(w)), np.float32(w))

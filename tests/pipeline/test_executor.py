@@ -1,0 +1,271 @@
+"""Threads, processes and a cluster give the same bits, get the scene once, and survive the death of a worker."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+import weakref
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.cli.commands import main
+from dmis.pipeline import executor
+from dmis.pipeline.film import FilmTile
+
+OPTIONS = {"rule": "second-moment", "spp": 32, "seed": 4}
+
+
+@pytest.fixture(scope="module")
+def wide(box):
+    """The box in 15 tiles."""
+    return replace(box, camera=replace(box.camera, resolution=(320, 96)))
+
+
+@pytest.fixture(scope="module")
+def threaded(wide):
+    """What every executor must give."""
+    return dmis.render(wide, threads=1, **OPTIONS)
+
+
+@pytest.fixture
+def pickled(monkeypatch):
+    """How often a scene was pickled here."""
+    calls = []
+    get = dmis.Scene.__getstate__
+    monkeypatch.setattr(dmis.Scene, "__getstate__", lambda scene: calls.append(scene) or get(scene))
+    return calls
+
+
+def check(result, threaded):
+    """Same bits, same rays."""
+    for name in ("image", "weight", "variance", "samples"):
+        np.testing.assert_array_equal(getattr(result, name), getattr(threaded, name))
+    assert result.rays == threaded.rays
+
+
+class Killer:
+    """Progress that kills a process after the third tile of the final pass, and keeps count."""
+
+    def __init__(self, victim):
+        self._victim, self.done = victim, []
+
+    def __call__(self, stage, done, total):
+        if stage == "final":
+            self.done.append(done)
+            if len(self.done) == 3:
+                os.kill(self._victim(), signal.SIGKILL)
+            self.total = total
+
+
+def test_own_processes_survive_a_death(wide, threaded, pickled, monkeypatch):
+    """One of two workers is killed: a new pool renders what was lost. The scene was written once, and is gone."""
+    made = []
+    pool = executor.Workers._pool
+    monkeypatch.setattr(executor.Workers, "_pool", lambda self: made.append(self) or pool(self))
+    progress = Killer(lambda: multiprocessing.active_children()[0].pid)
+    check(dmis.render(wide, workers=2, progress=progress, **OPTIONS), threaded)
+    assert progress.done == sorted(progress.done) and len(progress.done) == 15 and progress.done[-1] == progress.total
+    assert len(made) == 2 and len(pickled) == 1 and not made[0]._file.exists()
+
+
+def test_half_a_result(wide, threaded, monkeypatch):
+    """A worker is killed while it sends a tile: the pool, which would wait for the rest of it, is given up."""
+    made, pool = [], executor.Workers._pool
+    monkeypatch.setattr(executor.Workers, "_pool", lambda self: made.append(pool(self)) or made[-1])
+
+    def interrupted():
+        """Both stop, half a message is in the pipe, and one of them is dead."""
+        victims = [process.pid for process in made[0]._processes.values()]
+        for pid in victims:
+            os.kill(pid, signal.SIGSTOP)
+        time.sleep(0.2)
+        os.write(made[0]._result_queue._writer.fileno(), b"\x00\x01")
+        time.sleep(0.2)
+        return victims[0]
+
+    check(dmis.render(wide, workers=2, progress=Killer(interrupted), **OPTIONS), threaded)
+    assert len(made) == 2
+
+
+def test_a_given_pool_reads_the_scene_once(wide, threaded, pickled):
+    """Two processes, 20 tiles in two passes, one reading each; no file is left; a death ends with a clear error."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        check(dmis.render(wide, executor=pool, **OPTIONS), threaded)
+        assert len(pickled) == 1
+        assert pool.submit(_reads).result() == 1
+        with pytest.raises(
+            ChildProcessError, match="tiles were lost with the workers that rendered them, the first at"
+        ):
+            dmis.render(wide, executor=pool, progress=Killer(lambda: next(iter(pool._processes))), **OPTIONS)
+
+
+def _reads():
+    return executor._read.cache_info().misses
+
+
+def test_pools_that_always_die_are_given_up(wide, monkeypatch):
+    """Not one tile in three pools: an error, not a fourth one."""
+    made = []
+    pool = executor.Workers._pool
+    monkeypatch.setattr(executor.Workers, "_pool", lambda self: made.append(self) or pool(self))
+    monkeypatch.setattr(executor, "_start", int)  # fails on a path
+    with pytest.raises(ChildProcessError, match="15 tiles were lost in 3 new pools in a row"):
+        dmis.render(wide, "balance", 32, workers=1)
+    assert len(made) == 3
+
+
+def test_processes_end_with_the_one_that_started_them(tmp_path):
+    """Killed with -9, it leaves neither workers nor the scene's file behind."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    command = [sys.executable, script]
+    environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(dmis.__file__).parent.parent)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        pids = process.stdout.readline().split()
+        assert len(pids) == 2 and len(list(tmp_path.glob("dmis-scene-*"))) == 1
+        process.kill()
+    end = time.monotonic() + 20
+    while any(map(_runs, pids)) or list(tmp_path.glob("dmis-scene-*")):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+SCRIPT = """
+import multiprocessing
+import dmis
+
+def tell(*_):
+    print(*(child.pid for child in multiprocessing.active_children()), flush=True)
+
+if __name__ == "__main__":
+    dmis.render(dmis.load_scene("teapot-area-light", (400, 400)), "balance", 256, workers=2, progress=tell)
+"""
+
+
+def _runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+class Inline(Executor):
+    """An executor of some other kind: at once, through pickle."""
+
+    def submit(self, function, /, *arguments):
+        future = Future()
+        function, arguments = pickle.loads(pickle.dumps((function, arguments)))
+        future.set_result(function(*arguments))
+        return future
+
+
+def test_any_executor_will_do(wide, threaded):
+    """One that nobody knows gets the scene with every tile."""
+    check(dmis.render(wide, executor=Inline(), **OPTIONS), threaded)
+
+
+def test_another_version_is_refused(box, monkeypatch):
+    """A worker of another version than the one that asks says so."""
+    monkeypatch.setattr(executor, "_render", partial(_older, executor._render))
+    with pytest.raises(ValueError, match=r"the same version of dmis, .*; 0\.0\.1 asked, and .* has 0\.1"):
+        dmis.render(box, "balance", 2, threads=1)
+
+
+def _older(render, scene, tile, _):
+    return render(scene, tile, "0.0.1")
+
+
+def test_results_are_let_go(wide, monkeypatch):
+    """Tiles are merged as they come: few are in memory at a time."""
+    alive, most = weakref.WeakSet(), []
+    film_tile = FilmTile.of
+
+    def watched(tile, rendered):
+        alive.add(rendered)
+        most.append(len(alive))
+        return film_tile(tile, rendered)
+
+    monkeypatch.setattr(FilmTile, "of", watched)
+    dmis.render(wide, "balance", 32, threads=1)
+    assert len(most) == 15 and max(most) <= 3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"workers": 0}, "workers must be a whole number from 1 to 1024; got 0"),
+        ({"workers": 2, "threads": 2}, "not by more; got threads and workers"),
+    ],
+)
+def test_bad_arguments(box, options, message):
+    """Which arguments exclude each other."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, "balance", 2, **options)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """A Dask cluster of two processes on this machine."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def test_cluster_survives_a_death(wide, threaded, pickled, cluster):
+    """One of two workers is killed: its nanny starts another, and the scheduler has its tiles done again."""
+    before = cluster.run(os.getpid)
+    victim = next(iter(before.values()))
+    progress = Killer(lambda: victim)
+    check(dmis.render(wide, executor=cluster.get_executor(pure=False), progress=progress, **OPTIONS), threaded)
+    assert len(progress.done) == 15 and progress.done[-1] == progress.total
+    cluster.wait_for_workers(2, timeout=20)
+    assert victim not in cluster.run(os.getpid).values()
+    assert len(pickled) == 1
+
+
+def test_tiles_that_kill_their_workers_are_given_up(wide, cluster):
+    """If the scheduler does not try again, the error is the same as that of a pool."""
+    scheduler = cluster.cluster.scheduler
+    allowed, scheduler.allowed_failures = scheduler.allowed_failures, 0
+    try:
+        victim = next(iter(cluster.run(os.getpid).values()))
+        with pytest.raises(ChildProcessError, match=r"lost with the workers that rendered them, .*KilledWorker"):
+            dmis.render(wide, executor=cluster.get_executor(pure=False), progress=Killer(lambda: victim), **OPTIONS)
+    finally:
+        scheduler.allowed_failures = allowed
+
+
+def test_cluster_on_the_command_line(cluster, tmp_path):
+    """``--cluster ADDRESS`` gives the same file as ``--threads``."""
+    command = ["render", "teapot-area-light", "--resolution", "40x30", "--spp", "8", "--quiet", "-o"]
+    where = {"a.exr": ["--threads", "1"], "b.exr": ["--cluster", cluster.scheduler.address]}
+    for name, options in where.items():
+        assert main([*command, str(tmp_path / name), *options]) == 0
+    one, other = (dmis.read_exr(tmp_path / name)[0] for name in where)
+    np.testing.assert_array_equal(one["RGB"], other["RGB"])
+
+
+def test_no_cluster(monkeypatch, capsys, tmp_path):
+    """An address where no one answers ends with a message."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("dmis.cli.commands.CLUSTER_TIMEOUT", 0.5)
+    arguments = ["render", "teapot-area-light", "-o", str(tmp_path / "a.exr"), "--cluster"]
+    assert main([*arguments, "tcp://127.0.0.1:9"]) == 2
+    assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0") as empty:
+        assert main([*arguments, empty.scheduler_address]) == 2
+    assert "has no workers" in capsys.readouterr().err

@@ -1,0 +1,337 @@
+"""Fingerprints: what changes an expected image changes the key, and nothing else does."""
+
+import functools
+import importlib.util
+import os
+import pkgutil
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import box_scene, pickled
+
+import dmis
+from dmis.brdf import diffuse, microfacet
+from dmis.brdf.lobe import Lobe
+from dmis.experiment.table import Results, conditions, definition
+from dmis.fit.fixed import Fixed
+from dmis.fit.registry import RULES
+from dmis.fit.rule import Fit
+from dmis.pipeline import tile
+from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
+
+LOBE = """
+from dataclasses import dataclass
+from typing import Any
+from dmis.brdf.diffuse import cosine_pdf, cosine_sample
+from dmis.brdf.lobe import Lobe
+from dmis.samplers.warp import INV_PI
+
+FACTOR = 1.0
+TABLE = {"not": "looked at"}
+
+def shape(x):
+    return x * FACTOR
+
+class Base(Lobe):
+    colours = ("reflectance",)
+    power = 1
+    def value(self):
+        return shape(self.reflectance * INV_PI)
+
+@dataclass(frozen=True, eq=False)
+class Mine(Base):
+    reflectance: Any
+    def eval(self, pair):
+        return self.value() * 1.0
+    def pdf(self, pair):
+        return cosine_pdf(pair)
+    def sample(self, surface, u):
+        return cosine_sample(surface, u)
+"""
+EDITS = [
+    ("self.value() * 1.0", "self.value() * 0.9"),
+    ("return cosine_pdf(pair)", "return 1 * cosine_pdf(pair)"),
+    ("self.reflectance * INV_PI", "self.reflectance / 3"),
+    ("return x * FACTOR", "return x + FACTOR"),
+    ("FACTOR = 1.0", "FACTOR = 0.5"),
+    ("power = 1", "power = 2"),
+]
+
+
+def executed(text: str) -> type:
+    """The class `Mine` of a text that is in no file, as in a session: there is no source."""
+    names: dict[str, Any] = {}
+    exec(text, names)
+    return names["Mine"]
+
+
+def imported(text: str, folder, name: str = "own_lobe") -> type:
+    """The class `Mine` of a file that is imported anew."""
+    (folder / f"{name}.py").write_text(text)
+    sys.modules.pop(name, None)
+    specification = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
+    sys.modules[name] = loaded = importlib.util.module_from_spec(specification)
+    try:
+        exec(compile(text, folder / f"{name}.py", "exec"), vars(loaded))
+    finally:
+        del sys.modules[name]
+    return loaded.Mine
+
+
+def key(kind: type) -> str:
+    """The fingerprint of a scene whose floor has a lobe of the class `kind`."""
+    return fingerprint(box_scene(dmis.Material((kind(0.5),))))
+
+
+@pytest.mark.parametrize("before, after", EDITS)
+def test_an_edited_lobe_changes_the_key(tmp_path, before, after):
+    """One line of the class, its base class, a helper or a constant of its module; with source and without."""
+    assert LOBE.count(before) == 1
+    edited = LOBE.replace(before, after)
+    assert key(executed(LOBE)) == key(executed(LOBE)) != key(executed(edited))
+    first = key(imported(LOBE, tmp_path))
+    assert first == key(imported(LOBE, tmp_path)) != key(imported(edited, tmp_path))
+
+
+def test_own_class_has_no_path(tmp_path):
+    """A file of another name and folder, and a line above the class, leave the key as it is."""
+    (tmp_path / "sub").mkdir()
+    first, second = imported(LOBE, tmp_path), imported("\n# moved\n" + LOBE, tmp_path / "sub", "other_name")
+    assert key(first) == key(second)
+
+
+def test_source_that_does_not_run_is_no_key(tmp_path):
+    """A file was edited after its import: what runs is the old code, whatever the file says now."""
+    old = imported(LOBE, tmp_path)
+    edited = LOBE.replace("self.value() * 1.0", "self.value() * 0.9")
+    new = imported(edited, tmp_path)  # over the same file
+    assert key(old) != key(new)
+
+
+def test_an_edited_lobe_gets_its_own_reference(tmp_path):
+    """Against the old lobe's reference the error would be the difference of the lobes, (0.5 - 0.45)^2 and so on."""
+    edited = LOBE.replace("self.value() * 1.0", "self.value() * 0.9")
+    scenes = [box_scene(dmis.Material((executed(text)(0.5),)), resolution=(8, 8)) for text in (LOBE, edited)]
+    means = [dmis.make_reference(scene, 16, folder=tmp_path).mean.mean() for scene in scenes]
+    assert means[1] == pytest.approx(0.9 * means[0], rel=1e-4)
+
+
+def test_moving_a_shipped_class_keeps_the_key(box, monkeypatch):
+    """`Lambert` and the lights may live in any module of dmis; what is derived from them goes along."""
+
+    class Derived(diffuse.Lambert):
+        pass
+
+    before, derived = fingerprint(box), digest(Derived(0.5))
+    for kind in (diffuse.Lambert, microfacet.Microfacet, dmis.QuadLight, dmis.Mesh, dmis.Camera):
+        monkeypatch.setattr(kind, "__module__", "dmis.shading.lobes")
+    assert fingerprint(box) == before and digest(Derived(0.5)) == derived
+
+
+def test_names_of_shipped_classes_differ():
+    """They stand for the classes."""
+    for module in pkgutil.walk_packages(dmis.__path__, "dmis."):
+        if module.name != "dmis.__main__":
+            importlib.import_module(module.name)
+    kinds: dict[str, set[type]] = {}
+    for loaded in [loaded for name, loaded in sys.modules.items() if name.startswith("dmis.")]:
+        for value in vars(loaded).values():
+            if (
+                isinstance(value, type)
+                and value.__module__.startswith("dmis.")
+                and hasattr(value, "__dataclass_fields__")
+            ):
+                kinds.setdefault(value.__name__, set()).add(value)
+    assert len(kinds) > 50 and not {name for name, of in kinds.items() if len(of) > 1}
+
+
+def test_meaning_is_in_the_key(box, monkeypatch):
+    """Raised by hand where shipped code changes an image."""
+    before = fingerprint(box)
+    monkeypatch.setattr("dmis.pipeline.fingerprint.MEANING", 2)
+    assert fingerprint(box) != before
+
+
+def test_key_is_the_same_in_every_process(box):
+    """No address, no hash seed: sets and dictionaries in any order."""
+    text = (
+        f"LOBE = {LOBE!r}\nimport dmis\nfrom dmis.pipeline.fingerprint import digest\nnames = {{}}\nexec(LOBE, names)\n"
+        "print(digest([names['Mine'](0.5), {'a', 'b', 'c', 'd'}, {'x': 1, 'y': lambda v: v in {'p', 'q', 'r'}}]))"
+    )
+    keys = set()
+    for seed in "0", "1", "2":
+        run = subprocess.run(
+            [sys.executable, "-c", text],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        keys.add(run.stdout)
+    assert len(keys) == 1 and len(keys.pop().strip()) == 16
+
+
+def test_key_does_not_depend_on_use(box):
+    """What a render caches in lights, textures and meshes is no part of a scene; pickles have the same key."""
+    scene = replace(box, name="box")
+    before = fingerprint(scene)
+    dmis.render(scene, "balance", 2)
+    assert fingerprint(scene) == before == fingerprint(pickled(scene)) == fingerprint(replace(scene, name="other"))
+
+
+def test_shape_type_and_bytes_of_arrays():
+    """All of them, and the order of bytes of a machine does not matter."""
+    values = np.arange(6, dtype=np.float32)
+    distinct = [
+        values,
+        values.reshape(2, 3),
+        values.reshape(3, 2),
+        values.astype(float),
+        values + 1,
+        values[:0],
+        values[0],
+    ]
+    assert len({digest(v) for v in distinct}) == len(distinct)
+    assert digest(values) == digest(values.astype(">f4")) == digest(np.repeat(values, 2)[::2])
+    assert digest(values.reshape(2, 3)) == digest(np.asfortranarray(values.reshape(2, 3)))
+
+
+@pytest.mark.parametrize(
+    "one, other",
+    [
+        (1, True), (1, 1.0), (1, "1"), ("1", b"1"), (None, "None"), (0.1, 0.1 + 2e-17), (0.0, -0.0), ((), ""),
+        (((1, 2), 3), (1, (2, 3))), (["ab", "c"], ["a", "bc"]), ({"a": 1, "b": 2}, {"a": 2, "b": 1}), ({1}, (1,)),
+        (lambda x: x + 1, lambda x: x + 2), (functools.partial(max, 1), functools.partial(max, 2)), (max, min),
+        (np.sin, np.cos), (dmis.PointLight((0, 0, 1), (1, 1, 1)), dmis.PointLight((0, 0, 1), (1, 1, 2))),
+    ],
+)  # fmt: skip
+def test_values_that_differ(one, other):
+    """By type, value, nesting, code."""
+    same = one == other and type(one) is type(other) and repr(one) == repr(other)
+    assert (digest(one) == digest(other)) == same and digest(one) == digest(one)
+
+
+def test_closures_and_recursion():
+    """A function's key has what it encloses and its defaults; it may call itself."""
+
+    def power(n, scale=1.0):
+        def of(x):
+            return scale * x**n if n else of(x)
+
+        return of
+
+    assert digest(power(2)) == digest(power(2)) != digest(power(3))
+    assert digest(power(2)) != digest(power(2, 2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Generated(Lobe):
+    """A lobe with a field that has no content."""
+
+    reflectance: Any
+    rng: Any
+
+
+@pytest.mark.parametrize("value", [np.random.default_rng(1), sys, np.array([np.random.default_rng(1)]), iter([1])])
+def test_a_field_without_content_is_refused(value):
+    """The message has the way there, the type and a way out."""
+    scene = box_scene(dmis.Material((Generated(0.5, {"a": [1, value]}),)))
+    with pytest.raises(
+        ValueError, match=r"\['material'\]\.lobes\[0\]\.rng\['a'\]\[1\].* must be made of numbers"
+    ) as error:
+        fingerprint(scene)
+    assert "functools.cached_property" in str(error.value)
+
+
+def test_a_value_that_contains_itself_is_refused():
+    """An error, and no endless walk."""
+    value: list[Any] = []
+    value.append(value)
+    with pytest.raises(ValueError, match="value must not contain itself"):
+        digest(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """A rule with a given weight map."""
+
+    weight: Any
+    pilot = {}  # noqa: RUF012
+    settings = {}  # noqa: RUF012
+
+    def fit(self, pilot):
+        return Fit(self.weight)
+
+
+def maps() -> tuple[Map, Map]:
+    """Two maps whose `repr` is the same: NumPy leaves out the middle."""
+    first = np.full((60, 80), 0.5)
+    second = first.copy()
+    second[30, 40] = 0.75
+    assert repr(Map(first)) == repr(Map(second))
+    return Map(first), Map(second)
+
+
+def test_maps_that_differ_in_the_middle_are_not_mixed(box, tmp_path, monkeypatch):
+    """Neither in one table, nor in one checkpoint."""
+    first, second = maps()
+    monkeypatch.setitem(RULES, "mine", lambda: first)
+    before = definition("mine")
+    about = conditions(box, dmis.Reference(np.zeros((24, 32, 3)), np.zeros((24, 32, 3)), 1), 1)
+    Results(tmp_path, about, ["mine"]).append(_run("balance"))
+    monkeypatch.setitem(RULES, "mine", lambda: second)
+    assert definition("mine") != before
+    with pytest.raises(ValueError, match="another rule mine"):
+        Results(tmp_path, about, ["mine"])
+    scene = replace(box, camera=replace(box.camera, resolution=(80, 60)))
+    with pytest.raises(ValueError, match=r"belongs to a different image; .*: rule_hash is"):
+        dmis.render(scene, second, 4, checkpoint=_interrupted(scene, first, tmp_path / "c"))
+
+
+def test_another_tile_layout_or_another_dmis_is_refused(box, tmp_path, monkeypatch):
+    """Tiles of another size would be taken for those of the same number; tables of two versions would be one."""
+    file = _interrupted(box, "balance", tmp_path / "c")
+    with monkeypatch.context() as change:
+        change.setattr(tile, "CHUNK", 2**10)
+        with pytest.raises(ValueError, match=r": tiles\.batch is 65536 there, and 1024 is asked for; tiles\.chunk is"):
+            dmis.render(box, "balance", 4, checkpoint=file)
+    about = conditions(box, dmis.Reference(np.zeros((24, 32, 3)), np.zeros((24, 32, 3)), 1), 1)
+    Results(tmp_path, about).append(_run("balance"))
+    for name in ("dmis.pipeline.job", "dmis.experiment.table"):
+        monkeypatch.setattr(sys.modules[name], "package_hash", lambda: "0123")
+    with pytest.raises(ValueError, match=r": package_hash is \w+ there, and 0123 is asked for$"):
+        dmis.render(box, "balance", 4, checkpoint=file)
+    with pytest.raises(ValueError, match="package_hash was"):
+        Results(tmp_path, {**about, "package_hash": "0123"})
+
+
+def test_package_hash_is_of_the_files():
+    """Of every Python file; the same at every call."""
+    assert package_hash() == package_hash.__wrapped__() and len(package_hash()) == 16
+
+
+def test_rule_of_a_class_that_was_edited():
+    """Shipped rules by options; one's own by code as well."""
+    text = "class Mine:\n    settings = pilot = None\n    def fit(self, pilot):\n        return 0.5\n"
+    first, second = (executed(t)() for t in (text, text.replace("0.5", "0.6")))
+    assert digest(first) != digest(second) and digest(first) == digest(executed(text)())
+    assert digest(Fixed(0.5)) == digest(Fixed(0.5)) != digest(Fixed(0.25))
+
+
+def _run(rule: str) -> dmis.experiment.runs.Run:
+    return dmis.experiment.runs.Run(rule, 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0, 0.5)
+
+
+def _interrupted(scene, rule, file):
+    """A checkpoint with a tile, or none."""
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        dmis.render(scene, rule, 4, checkpoint=file, progress=stop, threads=1)
+    return file

@@ -1,0 +1,446 @@
+"""The pipeline: pilot, fit, final pass; the same image however the work is divided; work that is not lost."""
+
+import json
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT
+
+import dmis
+from dmis.fit.fixed import Fixed
+from dmis.fit.rule import Fit
+from dmis.fit.thesis import Thesis
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.tile import MAX_SIDE, make_tiles
+
+RULES = ["balance", "pbrt", "fixed:0.3", "one-sample", "thesis:patch=4"]
+
+
+def same(a, b):
+    """Whether two results are equal to the last bit."""
+    return all(np.array_equal(getattr(a, n), getattr(b, n)) for n in ("image", "weight", "variance", "samples"))
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_image_does_not_depend_on_threads(box, rule):
+    """One thread and three give the same bits, and count the same rays."""
+    one, three = (dmis.render(box, rule, 10, seed=2, threads=n) for n in (1, 3))
+    assert same(one, three)
+    assert one.rays == three.rays
+
+
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol"])
+def test_image_does_not_depend_on_the_executor(box, sampler):
+    """Threads and processes give the same bits, with every sampler."""
+    options = {"rule": "thesis:patch=4", "spp": 10, "sampler": sampler}
+    with ProcessPoolExecutor(2) as processes, ThreadPoolExecutor(2) as threads:
+        assert same(dmis.render(box, executor=processes, **options), dmis.render(box, executor=threads, **options))
+
+
+def test_seed_changes_the_image(box):
+    """Another seed is another image; the same seed is the same one."""
+    first, again, other = (dmis.render(box, "balance", 4, seed=s).image for s in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize("spp", [1, 2, 7, 8, 31, 33, 100])
+def test_tiles_cover_every_pixel_once(spp):
+    """For every number of samples, at a resolution that no tile size divides."""
+    times_covered = np.zeros((171, 229), int)
+    tiles = make_tiles((229, 171), 1, 0, spp, 0.5, dmis.Settings())
+    for tile in tiles:
+        times_covered[slice(*tile.rows), slice(*tile.columns)] += 1
+        assert max(tile.shape) <= MAX_SIDE and tile.camera_samples == spp * tile.pixels
+    assert (times_covered == 1).all()
+    assert [tile.number for tile in tiles] == list(range(len(tiles)))
+
+
+def test_tiles_have_the_maps_of_their_pixels():
+    """Samples, shares and coefficients of a tile are those of its rows and columns; constants stay constants."""
+    rng, settings = np.random.default_rng(1), dmis.Settings()
+    spp, shares, control = rng.integers(1, 9, (40, 50)), rng.random((3, 40, 50)), rng.random((40, 50, 3))
+    for tile in make_tiles((50, 40), 1, 0, spp, shares, settings, None, control):
+        area = slice(*tile.rows), slice(*tile.columns)
+        np.testing.assert_array_equal(tile.spp, spp[area].reshape(-1))
+        np.testing.assert_array_equal(tile.w, [share[area].reshape(-1) for share in shares])
+        np.testing.assert_array_equal(tile.control.T, control[area].reshape(-1, 3).astype(np.float32))
+        assert tile.camera_samples == spp[area].sum()
+    tile = make_tiles((50, 40), 1, 0, 4, np.array([0.2, 0.3, 0.5]), settings)[0]
+    assert (tile.spp, tile.w.tolist(), tile.control) == (4, [[0.2], [0.3], [0.5]], None)
+
+
+def test_crop_is_a_part_of_the_image(box):
+    """Pixels of a crop have the same means as those of the whole image: |z| of their average below 4."""
+    crop = box.crop((4, 20), (8, 25))
+    assert crop.camera.resolution == (17, 16) and crop.intersector is box.intersector
+    part, whole = dmis.render(crop, "balance", 256, seed=1), dmis.render(box, "balance", 256, seed=2)
+    inside = slice(4, 20), slice(8, 25)
+    z = (part.image - whole.image[inside]) / np.sqrt(part.variance + whole.variance[inside] + 1e-12)
+    assert abs(z.mean()) * np.sqrt(z.size / 3) < 4 and z.std() < 1.2
+    assert dmis.render(box, "balance", 1).provenance["scene_hash"] != part.provenance["scene_hash"]
+
+
+def test_the_default_rule_learns_where_that_pays(box):
+    """``auto``, but for few samples and for odd numbers of shading samples."""
+    assert dmis.render(box, spp=16).provenance["rule"] == "auto"
+    assert dmis.render(box, spp=15).provenance["rule"] == "balance"
+    for s, rule in ((3, "balance"), (50, "auto"), (52, "balance")):
+        settings = dmis.Settings(shading_samples=s)
+        assert dmis.render(box.crop((0, 8), (0, 8)), spp=16, settings=settings).provenance["rule"] == rule
+
+
+def test_pilot_counts_in_the_budget(box):
+    """Rays: spp camera rays per pixel that may see something, six of them the pilot's; `samples` says the same."""
+    result = dmis.render(box, "thesis", 16)
+    assert result.rays["camera"] == box.seeing.sum() * 16
+    assert (result.samples == 16).all()
+    assert (dmis.render(box, "thesis:reuse=yes", 16).samples == 16).all()
+
+
+def test_reused_pilot_is_averaged_by_sample_counts(box):
+    """The image is (6 pilot + 10 final) / 16, pixel by pixel: fixed weights, so nothing is biased."""
+    both, final = (dmis.render(box, f"thesis:reuse={reuse}", 16, seed=4) for reuse in ("yes", "no"))
+    pilot = (both.image.astype(float) * 16 - final.image.astype(float) * 10) / 6
+    direct = np.mean(
+        [_one_pass(box, k, w, 2, seed=4) for k, w in enumerate((0.0, 0.5, 1.0))], axis=0
+    )  # what a pass of its own gives
+    np.testing.assert_allclose(pilot, direct, atol=2e-5)
+
+
+@pytest.mark.parametrize(("sampler", "reused"), [("independent", True), ("stratified", False), ("sobol", False)])
+def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reused):
+    """Unless a rule or the settings say so: a few independent samples would spoil samples that are more even."""
+    asked = dmis.Settings(sampler=sampler)
+    by_rule = {r: dmis.render(box, f"second-moment:reuse={r}", 16, settings=asked) for r in ("yes", "no")}
+    assert not same(by_rule["yes"], by_rule["no"])
+    found = dmis.render(box, "second-moment", 16, settings=asked)
+    assert same(found, by_rule["yes" if reused else "no"])
+    assert found.provenance["settings"]["reuse_pilot"] is reused
+    for reuse, word in ((True, "yes"), (False, "no")):
+        settings = replace(asked, reuse_pilot=reuse)
+        assert same(dmis.render(box, "second-moment", 16, settings=settings), by_rule[word])
+
+
+def test_a_rules_sampler_is_not_replaced_unasked(box):
+    """However another one is asked for."""
+    for asked in ({"sampler": "stratified"}, {"settings": dmis.Settings(sampler="stratified")}):
+        with pytest.raises(ValueError, match=r"settings ask for sampler stratified, but rule .* has sobol"):
+            dmis.render(box, "thesis:sampler=sobol", 8, **asked)
+
+
+@dataclass(frozen=True)
+class Divided:
+    """A rule whose final camera samples are fewer and have more shading samples, or the other way round."""
+
+    split: float
+    reuse: bool
+    pilot: dict = field(default_factory=lambda: {0.5: 2})
+
+    @property
+    def settings(self):
+        return {"reuse_pilot": self.reuse}
+
+    def fit(self, pilot):
+        return Fit(0.5, split=self.split)
+
+
+@pytest.mark.parametrize("split", [0.5, 1, 4])
+def test_weight_of_a_reused_pilot_does_not_depend_on_what_it_found(box, split):
+    """The image is (2 pilot + 16 final) / 18 whatever the pilot makes of camera samples: else it would be biased."""
+    both, final = (dmis.render(box, Divided(split, reuse), 18, seed=4) for reuse in (True, False))
+    pilot = (both.image.astype(float) * 18 - final.image.astype(float) * 16) / 2
+    np.testing.assert_allclose(pilot, _one_pass(box, 0, 0.5, 2, seed=4), atol=2e-5)
+
+
+def _one_pass(scene, number, w, spp, seed):
+    from dmis.pipeline.checkpoint import Store
+    from dmis.pipeline.executor import Workers
+    from dmis.pipeline.passes import Passes
+
+    with closing(Workers(scene, threads=1)) as workers:
+        work = Passes(scene, seed, workers, None, Store(None, {}))
+        return work.render(number, "pilot", spp, w, dmis.Settings()).moments.mean
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
+    """Over 24 seeds, the mean of the variance layer is the images' variance (systematic rounding can only lower it)."""
+    results = [dmis.render(box, rule, 16, seed=s) for s in range(24)]
+    measured = np.var([r.image for r in results], axis=0, ddof=1).mean()
+    predicted = np.mean([r.variance for r in results])
+    assert measured < 1.25 * predicted  # the ratio itself scatters by some 5 % here
+    if rule in ("balance", "pbrt", "one-sample"):
+        assert measured > 0.8 * predicted
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "thesis:patch=4",
+        "thesis:patch=1,filter=none",
+        "thesis:patch=8,reuse=yes",
+        "thesis:patch=4,strategies=5,spp=4,channels=rgb",
+        "thesis:patch=64,combiner=power",
+    ],
+)
+def test_learning_does_not_change_the_mean(box, rule):
+    """Weights are learned from a pilot and used with other samples: the mean stays, over 24 seeds and all pixels.
+
+    Deviations are averaged over the image first: one normal deviate per rule.
+    """
+    truth = np.mean([dmis.render(box, "balance", 256, seed=s).image.mean() for s in range(100, 108)])
+    spread = np.std([dmis.render(box, "balance", 64, seed=s).image.mean() for s in range(200, 224)], ddof=1)
+    means = np.array([dmis.render(box, rule, 32, seed=s).image.mean() for s in range(24)])
+    error = np.hypot(means.std(ddof=1) / np.sqrt(24), spread / 2 / np.sqrt(8))
+    assert abs(means.mean() - truth) < Z_LIMIT * error
+    assert error < 0.01 * truth
+
+
+def test_one_sample_has_no_variance(box):
+    """A variance needs two samples; one gives NaN, not zero."""
+    assert np.isnan(dmis.render(box, "balance", 1).variance).all()
+
+
+def test_progress_reaches_the_end(box):
+    """Progress is monotonic in each stage and ends at the total."""
+    calls = []
+    dmis.render(box, "thesis", 8, progress=lambda *call: calls.append(call))
+    for stage in ("pilot", "final"):
+        done = [(d, t) for s, d, t in calls if s == stage]
+        assert done[-1][0] == done[-1][1]
+    final = [d for s, d, _ in calls if s == "final"]
+    assert final == sorted(final)
+
+
+class Interrupted(BaseException):
+    """Stands for Ctrl-C."""
+
+
+def test_interrupted_work_is_not_lost(box, tmp_path):
+    """A render stopped halfway goes on from its checkpoint to the same bits, and removes it at the end."""
+    file = tmp_path / "render.checkpoint"
+    whole = dmis.render(box, "thesis", 40, seed=9)
+    done = []
+
+    def stop(stage, finished, total):
+        done.append(finished)
+        if stage == "final" and finished >= total / 2:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        dmis.render(box, "thesis", 40, seed=9, progress=stop, checkpoint=file)
+    assert file.exists()
+    calls = []
+    resumed = dmis.render(box, "thesis", 40, seed=9, progress=lambda *c: calls.append(c), checkpoint=file)
+    assert same(whole, resumed)
+    assert whole.rays == resumed.rays
+    assert all(stage == "final" for stage, _, _ in calls)  # the pilot was not rendered again
+    assert not file.exists()
+
+
+def test_every_part_of_a_scene_is_in_its_hash(box):
+    """Another light, material, mesh or camera is another scene; the same description read twice is the same one."""
+    from dataclasses import replace
+
+    floor, ball = box.parts
+    others = [
+        replace(box, lights=(*box.lights[:1], dmis.PointLight((3, -3, 3), (2, 2, 2.5)))),
+        replace(box, parts=(replace(floor, material=dmis.matte(0.6)), ball)),
+        replace(box, parts=(floor, replace(ball, mesh=floor.mesh))),
+        replace(box, camera=replace(box.camera, fov=41)),
+    ]
+    hashes = [dmis.render(scene, "balance", 1).provenance["scene_hash"] for scene in (box, *others)]
+    assert len(set(hashes)) == len(hashes)
+    first, second = (dmis.load_scene("teapot-area-light", (8, 8)) for _ in range(2))
+    assert len({dmis.render(scene, "balance", 1).provenance["scene_hash"] for scene in (first, second)}) == 1
+
+
+def test_foreign_checkpoint_is_refused(box, tmp_path):
+    """A checkpoint of another seed, and a file that is none, are refused and left alone."""
+    file = tmp_path / "render.checkpoint"
+    with pytest.raises(Interrupted):
+        dmis.render(box, "balance", 8, seed=1, progress=_stop, checkpoint=file)
+    with pytest.raises(ValueError, match="belongs to a different image"):
+        dmis.render(box, "balance", 8, seed=2, checkpoint=file)
+    assert file.exists()
+    file.write_text("something else")
+    with pytest.raises(ValueError, match="not readable"):
+        dmis.render(box, "balance", 8, seed=1, checkpoint=file)
+
+
+def _stop(*_):
+    raise Interrupted
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"spp": 0}, "spp must be a whole number from 1 to 1048576; got 0"),
+        ({"spp": 2.5}, "spp must be a whole number"),
+        ({"spp": 2**21}, "to 1048576; got 2097152"),
+        ({"spp": np.nan}, "spp must be a whole number .*; got nan"),
+        ({"spp": "8", "rule": None}, "spp must be a whole number .*; got '8'"),
+        ({"spp": None}, "spp must be a whole number .*; got None"),
+        ({"spp": [8]}, r"spp must be a whole number .*; got \[8\]"),
+        ({"rule": "thesis", "spp": 6}, "more than the pilot's 6 camera samples"),
+        ({"seed": -1}, "seed must be a whole number of at least 0; got -1"),
+        ({"seed": 1.5}, "seed must be"),
+        ({"seed": np.nan}, "seed must be a whole number of at least 0; got nan"),
+        ({"sampler": "halton"}, "sampler must be independent or"),
+        ({"threads": 0}, "threads must be a whole number from 1 to 1024"),
+        ({"threads": 1.5}, "threads must be a whole number"),
+        ({"workers": 1.5}, "workers must be a whole number"),
+        ({"rule": "best"}, "rule must be one of"),
+        ({"rule": 3}, "rule must be a rule, or text such as thesis:patch=16; got 3"),
+        ({"rule": Thesis}, "rule must be a rule, or text"),
+        ({"rule": "thesis:patch=0"}, "patch must be 1 to 65535"),
+    ],
+)
+def test_bad_arguments(box, options, message):
+    """Each message names the argument, the constraint and the value."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, **{"rule": "balance", "spp": 4, **options})
+
+
+@dataclass(frozen=True)
+class Halves:
+    """A rule of a user's own: light sampling on the left, BRDF sampling on the right."""
+
+    pilot: dict = field(default_factory=dict)
+    settings: dict = field(default_factory=dict)
+
+    def fit(self, pilot):
+        weight = np.ones((24, 32))
+        weight[:, 16:] = 0
+        return Fit(weight)
+
+
+def test_a_rule_of_ones_own(box):
+    """Anything with a pilot, settings and a fit is a rule; the weight map says what was used."""
+    result = dmis.render(box, Halves(), 16, seed=1)
+    assert (result.weight[:, :16] == 1).all() and (result.weight[:, 16:] == 0).all()
+    light, brdf = (dmis.render(box, f"fixed:{w}", 16, seed=1) for w in (1, 0))
+    total = light.rays["shadow"] + brdf.rays["brdf"]
+    assert 0 < result.rays["shadow"] < light.rays["shadow"]
+    assert result.rays["shadow"] + result.rays["brdf"] < total
+
+
+def test_provenance_is_plain_json(box):
+    """The provenance survives JSON and names everything that the image depends on."""
+    result = dmis.render(box, Thesis(patch=4), 8, seed=3, sampler="sobol")
+    data = json.loads(json.dumps(result.provenance))
+    assert data["rule"].startswith("Thesis(patch=4")
+    assert data["settings"]["sampler"] == "sobol" and data["resolution"] == [32, 24]
+
+
+def test_numbers_of_numpy_become_pythons(box, tmp_path):
+    """They can be written with the image and to a checkpoint, and are the same image."""
+    camera = replace(box.camera, resolution=tuple(np.array(box.camera.resolution)))
+    settings = dmis.Settings(shading_samples=np.int64(2), max_depth=np.int64(5), reuse_pilot=np.bool_(True))
+    options = {"seed": np.int64(1), "threads": np.int64(1), "settings": settings, "checkpoint": tmp_path / "c"}
+    result = dmis.render(replace(box, camera=camera), "balance", np.int64(8), **options)
+    dmis.write_image(tmp_path / "o.exr", result)
+    held = json.loads(dmis.read_exr(tmp_path / "o.exr")[1]["dmis.provenance"])
+    plain = dmis.render(box, "balance", 8.0, seed=1.0, settings=dmis.Settings(max_depth=5))
+    assert same(result, plain)
+    assert held == json.loads(json.dumps(plain.provenance))
+    assert repr(settings) == repr(dmis.Settings(max_depth=5, reuse_pilot=True))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"shading_samples": 1.5}, "shading_samples must be a whole number from 1 to 100; got 1.5"),
+        ({"shading_samples": "2"}, "shading_samples must be a whole number from 1 to 100; got '2'"),
+        ({"reuse_pilot": "no"}, "reuse_pilot must be True, False or None; got 'no'"),
+    ],
+)
+def test_bad_settings(options, message):
+    """Where they are made, not where they are used."""
+    with pytest.raises(ValueError, match=message):
+        dmis.Settings(**options)
+
+
+def test_a_rule_may_carry_its_sampler_and_combiner(box):
+    """`balance:sampler=sobol,combiner=power` is the same as asking for them in the settings."""
+    carried = dmis.render(box, "balance:sampler=sobol,combiner=power", 8, seed=1)
+    settings = dmis.Settings(sampler="sobol", combiner="power")
+    assert same(carried, dmis.render(box, "pbrt", 8, seed=1, settings=settings))
+    assert not same(carried, dmis.render(box, "pbrt", 8, seed=1))
+
+
+class _Own:
+    """A rule of one's own, with what is given."""
+
+    def __init__(self, fit, pilot=None, settings=None):
+        self._fit, self.pilot, self.settings = fit, pilot or {}, settings or {}
+
+    def fit(self, pilot):
+        return self._fit
+
+
+@pytest.mark.parametrize(
+    "fit, message",
+    [
+        (Fit(1.5), "weight must be in .0, 1., a share of the samples; got 1.5 in 1 of all pixels"),
+        (Fit(np.nan), "got nan"),
+        (Fit(np.where(np.arange(32) < 8, np.nan, 0.5) * np.ones((24, 1))), "got nan in 0.25 of the image"),
+        (Fit(np.full((23, 32), 0.5)), r"weight must be of shape \(\) or \(24, 32\)"),
+        (Fit(np.full((24, 32, 3), 0.5)), "got .24, 32, 3."),
+        (Fit(0.5, samples=np.zeros((24, 32))), "samples must be finite, not negative, not all 0"),
+        (Fit(0.5, samples=np.full((24, 32), np.inf)), "from inf to inf"),
+        (None, "must be a dmis.fit.rule.Fit; got NoneType"),
+    ],
+)
+def test_what_is_no_weight_is_refused(box, fit, message):
+    """It would not stop the image, but spoil it."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, _Own(fit), 8)
+
+
+@pytest.mark.parametrize(
+    "rule, message",
+    [
+        (_Own(Fit(0.5), {2.0: 2}), "whole numbers of samples at shares in .0, 1.; got 2 at 2.0"),
+        (_Own(Fit(0.5), {0.5: 1.5}), "got 1.5 at 0.5"),
+        (_Own(Fit(0.5), None, {"sampling": "sobol"}), "settings that dmis.Settings has; got 'sampling'"),
+    ],
+)
+def test_rules_that_ask_for_what_there_is_not(box, rule, message):
+    """Before anything is rendered."""
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, rule, 8)
+
+
+@pytest.mark.parametrize("rule", ["balance", "auto", "thesis", "second-moment", "kl"])
+def test_settings_that_a_rule_would_replace(box, rule):
+    """They would be ignored without a word."""
+    with pytest.raises(ValueError, match=f"settings ask for combiner maximum, but rule {rule} has balance"):
+        dmis.render(box, rule, 32, settings=dmis.Settings(combiner="maximum"))
+
+
+def test_settings_without_a_rule(box):
+    """Too few samples to learn from: half and half, with the combiner and the techniques that are asked for."""
+    settings = dmis.Settings(combiner="maximum", techniques=("uniform", "brdf"))
+    found = dmis.render(box, None, 8, settings=settings)
+    assert found.provenance["combiner"] == "maximum"
+    assert same(found, dmis.render(box, Fixed(0.5, "maximum", ("uniform", "brdf")), 8))
+
+
+def test_everything_that_is_seen_is_in_the_hash(box):
+    """Normals, texture coordinates, and which part is which lamp."""
+    floor, ball = box.parts
+    quad = dmis.geometry.shapes.quad((-1, -1, 3), (0, 2, 0), (2, 0, 0))
+    lamps = tuple(dmis.QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), (8, 8, 8)) for _ in range(2))
+    mesh = ball.mesh
+    uv = np.zeros((len(mesh.vertices), 2))
+    scenes = [
+        dmis.Scene(box.camera, (floor, dmis.Part(m, ball.material), dmis.Part(quad, dmis.matte(0), light)), lamps)
+        for m in (mesh, dmis.Mesh(mesh.vertices, mesh.faces), dmis.Mesh(mesh.vertices, mesh.faces, mesh.normals, uv))
+        for light in (None, *lamps)
+    ]
+    assert len({fingerprint(scene) for scene in scenes}) == 9

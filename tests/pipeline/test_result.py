@@ -1,0 +1,61 @@
+"""How a result, a scene and a pilot show themselves; the other parts of a result are tested with `render`."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.fit.rule import Pilot
+from dmis.image import png_of, write_png
+
+
+@dataclass
+class Keep:
+    """A rule that keeps its pilot."""
+
+    pilot: Mapping[Any, int] = field(default_factory=lambda: {0.5: 2})
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    kept: list[Pilot] = field(default_factory=list)
+
+    def fit(self, pilot: Mapping[Any, Pilot]) -> dmis.Fit:
+        self.kept.extend(pilot.values())
+        return dmis.Fit(0.5)
+
+
+def small() -> dmis.Scene:
+    return dmis.load_scene("teapot-area-light", resolution=(20, 12))
+
+
+def test_result_is_one_line() -> None:
+    text = repr(dmis.render(small(), "thesis:patch=4", 8))
+    assert re.fullmatch(r"Result\(teapot-area-light 20x12, rule thesis:patch=4, 8 spp, \d+\.\d s\)", text)
+
+
+def test_scene_is_one_line() -> None:
+    triangle = dmis.Mesh(np.eye(3), np.array([[0, 1, 2]]))
+    assert repr(dmis.load_scene(triangle, (20, 12))) == "Scene(scene 20x12, 1 part, 1 triangle, 1 light)"
+    assert re.fullmatch(r"Scene\(teapot-area-light 20x12, \d parts, [\d,]+ triangles, 2 lights\)", repr(small()))
+
+
+def test_pilot_is_one_line() -> None:
+    rule = Keep()
+    dmis.render(small(), rule, 4)
+    assert [repr(pilot) for pilot in rule.kept] == ["Pilot(20x12, 2 spp, light + brdf, sums: none)"]
+
+
+def test_notebook_shows_the_picture(tmp_path: Path) -> None:
+    """The bytes are those of a preview file, and any PNG reader finds the image in them."""
+    pil = pytest.importorskip("PIL.Image")
+    result = dmis.render(small(), "balance", 2)
+    write_png(tmp_path / "a.png", result.image)
+    assert result._repr_png_() == png_of(result.image) == (tmp_path / "a.png").read_bytes()
+    with pil.open(io.BytesIO(result._repr_png_())) as picture:
+        assert picture.size == (20, 12) and np.asarray(picture).max() > 100

@@ -1,0 +1,77 @@
+"""Pilots with a planted answer: an integral in one dimension, and variance curves that are given."""
+
+import itertools
+
+import numpy as np
+from helpers import Z_LIMIT
+
+from dmis.base.vectors import Array
+from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.records import Record
+from dmis.fit.rule import Pilot
+from dmis.variance.curves import GRID, HALF, Curves
+from dmis.variance.moments import Moments
+
+A = 0.25  # p_l = 2 x, p_b = 2 (1 - x) on [0, 1], f = A + (1 + 2 y) x at the point y, uniform in [0, 1]
+
+
+def f(x: Array, y: Array) -> Array:
+    return A + (1 + 2 * y) * x
+
+
+def exact(w: float, s: int, combiner: str = "balance") -> tuple[float, float]:
+    """By quadrature: the variance of a camera sample with s shading samples, and that of I(y)."""
+    x = ((np.arange(20_000) + 0.5) / 20_000)[:, None]
+    y = (np.arange(50) + 0.5) / 50
+    densities, shares = (2 * x, 2 * (1 - x)), (w, 1 - w)
+    estimates = [f(x, y) * combiner_by_name(combiner).weight(shares, densities, k) for k in (0, 1)]
+    light, brdf = (np.mean(p * c, axis=0) for p, c in zip(densities, estimates, strict=True))
+    second_l, second_b = (np.mean(p * c**2, axis=0) for p, c in zip(densities, estimates, strict=True))
+    np.testing.assert_allclose(w * light + (1 - w) * brdf, np.mean(f(x, y), axis=0))  # whatever the combiner
+    total = 0.0
+    for n, share in ((int(w * s), 1 - w * s % 1), (int(w * s) + 1, w * s % 1)):  # light samples of a camera sample
+        if share:
+            mean = (n * light + (s - n) * brdf) / s
+            at_y = n * (second_l - light**2) + (s - n) * (second_b - brdf**2)
+            total += share * float(mean.var() + at_y.mean() / s**2)
+    return total, float((w * light + (1 - w) * brdf).var())
+
+
+def pilot(pixels: int, count: int, seed: int, keys: int = 1, s: int = 2, combiner: str = "balance") -> Curves:
+    """A 1-D pilot: s samples of each technique for each camera sample, at w = 1/2, from `keys` equal lights."""
+    rng = np.random.default_rng(seed)
+    curves = Curves(pixels, 2 * s, combiners=combiner.split("+"))
+    n = pixels * count
+    records, radiance, y = [], np.zeros(n), rng.random(n)
+    for key in range(keys):
+        for side, turn in itertools.product((0, 1), range(s)):
+            x = np.sqrt(rng.random(n))
+            x = x if side == 0 else 1 - x
+            pdf = np.stack([2 * x, 2 * (1 - x)])
+            value = f(x, y) / pdf.mean(axis=0)
+            radiance += value / (2 * s)
+            value = np.repeat(value[None], 3, axis=0).astype(np.float32)
+            records.append(Record(side, (key,), turn, None, value, pdf.astype(np.float32)))
+    curves.add(records, np.repeat(radiance[None], 3, axis=0).astype(np.float32), count)
+    return curves
+
+
+def unbiased(values: Array, expected: float) -> bool:
+    """A z-test of the mean."""
+    return abs(values.mean() - expected) < Z_LIMIT * values.std(ddof=1) / np.sqrt(len(values))
+
+
+PLAIN = {"filter": "none", "shrink": False, "cost": False, "guard": 0.0, "count_sigma": 0.1}
+
+
+def pilot_of_curves(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot]:
+    """A pilot whose pixels have the curves given per patch of 4 pixels ``(G, rows, columns)``, with a spread."""
+    rows = columns = size // 4
+    curve = np.broadcast_to(curve, (len(GRID), rows, columns)).astype(float)
+    square = curve**2 + noise**2
+    square[HALF] = curve[HALF] ** 2
+    cross = curve * curve[HALF]
+    sums = {"curve": curve, "square": square, "cross": cross}
+    sums |= {"pattern": np.zeros(curve.shape), "position": np.zeros((rows, columns))}
+    moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
+    return {0.5: Pilot(moments, {"camera": 100}, {name: a * 16 for name, a in sums.items()})}

@@ -1,0 +1,302 @@
+"""Uniform numbers: reproducible, in range, uniform, stratified."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, z_score
+from scipy.stats import kstest
+
+from dmis import render
+from dmis.base.vectors import Array
+from dmis.brdf.materials import matte
+from dmis.brdf.models import rough_glass
+from dmis.estimator.settings import Settings
+from dmis.geometry.shapes import quad, sphere
+from dmis.geometry.transforms import translate
+from dmis.light.area import DiskLight, QuadLight
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.samplers.streams import SAMPLERS, Sampler, make_sampler, stream
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene
+
+each_kind = pytest.mark.parametrize("kind", tuple(SAMPLERS))
+
+
+def start(sampler: Sampler, first: int, count: int, pixels: int) -> None:
+    """A batch of samples ``first`` to ``first + count`` of all pixels, sample-major."""
+    sampler.start(np.tile(np.arange(pixels), count), np.repeat(np.arange(first, first + count), pixels))
+
+
+def numbers(
+    kind: str, seed: int = 0, pass_: int = 0, tile: int = 0, pixels: int = 7, spp: int = 16, key: object = "camera"
+) -> Array:
+    """Draws ``(2, spp, pixels)`` of one key in one block."""
+    sampler = make_sampler(kind, stream(seed, pass_, tile), pixels, [spp], 2)
+    start(sampler, 0, spp, pixels)
+    return sampler.draw(key, None).reshape(2, spp, pixels)
+
+
+@each_kind
+def test_same_stream_same_numbers(kind: str) -> None:
+    """Bit-identical for the same (seed, pass, tile), different in any of them."""
+    base = numbers(kind, 1, 2, 3)
+    np.testing.assert_array_equal(base, numbers(kind, 1, 2, 3))
+    for other in ((0, 2, 3), (1, 0, 3), (1, 2, 0), (2, 1, 3), (3, 2, 1)):
+        assert (numbers(kind, *other) != base).mean() > 0.9
+
+
+@each_kind
+@pytest.mark.parametrize("spp", [1, 2, 5, 16, 37, 128])
+@pytest.mark.parametrize("key", ["camera", (0, 0, 0)])
+def test_range(kind: str, spp: int, key: object) -> None:
+    """float32 numbers in [0, 1), 1 excluded, for any count."""
+    u = numbers(kind, spp=spp, pixels=300, key=key)
+    assert u.dtype == np.float32 and u.min() >= 0 and u.max() < 1
+
+
+@each_kind
+@pytest.mark.parametrize("spp", [1, 5, 64])
+def test_marginals_are_uniform(kind: str, spp: int) -> None:
+    """Each sample number of a pixel is uniform over pixels and seeds: no sample is special.
+
+    Kolmogorov-Smirnov of the first, the second and the last sample of single pixels over 300 seeds, both coordinates.
+    """
+    u = np.stack([numbers(kind, seed, pixels=2, spp=spp) for seed in range(300)])
+    for sample, pixel, axis in itertools.product({0, spp // 2, spp - 1}, (0, 1), (0, 1)):
+        assert kstest(u[:, axis, sample, pixel], "uniform").pvalue > LEVEL
+
+
+@each_kind
+def test_coordinates_and_keys_are_independent(kind: str) -> None:
+    """Sample by sample, the two coordinates and two keys of a pixel are uncorrelated: chi-square over a 4x4 grid.
+
+    So are the first samples of two pixels, but for `Stratified`, whose order of cells is the tile's. Structured
+    samplers are more even than chance; only unevenness is a fault, and that is the upper tail.
+    """
+    spp, many = 16, 400
+    draws = []
+    for seed in range(many):
+        sampler = make_sampler(kind, stream(seed, 0, 0), 2, [spp], 2)
+        start(sampler, 0, spp, 2)
+        camera, light = (sampler.draw(key, None).reshape(2, spp, 2) for key in ("camera", (0, 0, 0)))
+        draws.append((camera[0, :, 0], camera[1, :, 0], light[0, :, 0], light[1, :, 0], light[0, :, 1]))
+    columns = np.concatenate(draws, axis=1)
+    for a, b in [(0, 1), (0, 2), (1, 3), (0, 3), (2, 3)] + [(2, 4)] * (kind != "stratified"):
+        step = spp if b == 4 else 1
+        observed = np.histogram2d(columns[a, ::step], columns[b, ::step], 4, [[0, 1], [0, 1]])[0]
+        assert chi2_p(observed, np.full((4, 4), many * spp / step / 16)) > LEVEL
+
+
+@each_kind
+@pytest.mark.parametrize("keys", [("camera", (0, 0, 0)), ((0, 0, 0), (0, 1, 0)), ((0, -2), (0, 0, 0, 0))])
+def test_two_draws_fill_four_dimensions(kind: str, keys: tuple[object, object]) -> None:
+    """Within one pixel, two draws together reach each of 4^4 cells as often as chance would have them; and what
+    depends on both is known the better the more samples there are. Points in the same order for all keys would lie on
+    a plane, and 4,096 of them reach 16 cells.
+    """
+    spp, pixels = 4096, 40
+    sampler = make_sampler(kind, stream(1, 0, 0), pixels, [spp], 2)
+    start(sampler, 0, spp, pixels)
+    u = np.concatenate([sampler.draw(key, None).reshape(2, spp, pixels) for key in keys])
+    digits = (u * 4).astype(int)
+    for pixel in range(0, pixels, 8):
+        observed = np.bincount(np.ravel_multi_index(tuple(digits[:, :, pixel]), (4,) * 4), minlength=256)
+        assert chi2_p(observed, np.full(256, spp / 256)) > LEVEL
+    product = np.prod(2 * u[[0, 2]] - 1, axis=0)  # mean 0, variance 1/9
+    for n in (64, 512, 4096):
+        error = np.sqrt(np.mean(product[:n].mean(axis=0) ** 2))
+        assert error < 1.6 / (3 * np.sqrt(n))  # of 40 pixels: 1 +- 0.11
+
+
+@pytest.mark.parametrize("spp", [2, 4, 8, 16, 64])
+@pytest.mark.parametrize("key", ["camera", (0, 0, 0)])
+def test_sobol_fills_every_elementary_interval(spp: int, key: object) -> None:
+    """2^k points have exactly one in each rectangle of 2^-a by 2^-(k-a): a (0, 2)-sequence, scrambled or not."""
+    u = numbers("sobol", spp=spp, pixels=5, key=key)
+    bits = spp.bit_length() - 1
+    for a in range(bits + 1):
+        cell = (u[0] * 2**a).astype(int) * 2 ** (bits - a) + (u[1] * 2 ** (bits - a)).astype(int)
+        for pixel in range(5):
+            np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(spp))
+
+
+@pytest.mark.parametrize("spp", [4, 16, 49])
+@pytest.mark.parametrize("key", ["camera", (0, 0, 0)])
+def test_stratified_fills_the_grid(spp: int, key: object) -> None:
+    """n^2 samples have exactly one in each of n by n cells: the camera's, and those of a technique in every sample."""
+    side = int(np.sqrt(spp))
+    u = numbers("stratified", spp=spp, pixels=5, key=key)
+    cell = (u[0] * side).astype(int) * side + (u[1] * side).astype(int)
+    for pixel in range(5):
+        np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(spp))
+
+
+@pytest.mark.parametrize("kind", ["stratified", "sobol"])
+def test_leftover_samples(kind: str) -> None:
+    """Counts that fill no grid leave at most a few cells doubly used: 37 points in 36 of 6 by 6, in 32 of 64."""
+    u = numbers(kind, spp=37, pixels=5)
+    cell = (u[0] * 6).astype(int) * 6 + (u[1] * 6).astype(int)
+    if kind == "stratified":
+        assert all(len(np.unique(cell[:, pixel])) == 36 for pixel in range(5))
+    halves = (u[0] < 0.5).sum(axis=0)
+    assert (np.abs(halves - 18.5) <= 2).all()
+
+
+@pytest.mark.parametrize("kind", ["stratified", "sobol"])
+@pytest.mark.parametrize("key", ["camera", (0, 1, 0)])
+def test_blocks_continue_the_sequence(kind: str, key: object) -> None:
+    """Blocks of 5 and 11 use the same cells of the same sequence as one block of 16.
+
+    Sobol numbers are bit-identical; stratified ones are jittered by numbers drawn per block, in the same cells.
+    """
+    whole = numbers(kind, key=key)
+    sampler = make_sampler(kind, stream(0, 0, 0), 7, [16], 2)
+    parts = []
+    for first, count in ((0, 5), (5, 11)):
+        start(sampler, first, count, 7)
+        parts.append(sampler.draw(key, None).reshape(2, count, 7))
+    parts_ = np.concatenate(parts, axis=1)
+    if kind == "sobol":
+        np.testing.assert_array_equal(parts_, whole)
+    else:
+        np.testing.assert_array_equal((parts_ * 4).astype(int), (whole * 4).astype(int))
+
+
+@pytest.mark.parametrize("n", [4, 16, 32])
+def test_pixels_that_stop_early(n: int) -> None:
+    """The first 2^k of many more points are as even as all: one in each cell, whatever the order of the key."""
+    u = numbers("sobol", spp=100, pixels=5, key=(0, 0, 0))[:, :n]
+    for a in range(n.bit_length()):
+        cell = (u[0] * 2**a).astype(int) * (n >> a) + (u[1] * (n >> a)).astype(int)
+        for pixel in range(5):
+            np.testing.assert_array_equal(np.sort(cell[:, pixel]), np.arange(n))
+
+
+def test_index_and_number_pick_points() -> None:
+    """`index` picks samples of the block; `number` picks the place in their pixel's sequence."""
+    sampler = make_sampler("sobol", stream(0, 0, 0), 7, [16], 2)
+    start(sampler, 0, 16, 7)
+    everything = sampler.draw((0, 0), None)
+    index = np.array([3, 50, 111])
+    np.testing.assert_array_equal(sampler.draw((0, 0), index), everything[:, index])
+    number = np.array([4, 4, 0])
+    np.testing.assert_array_equal(sampler.draw((0, 0), index, number), everything[:, number * 7 + index % 7])
+
+
+def test_unknown_sampler() -> None:
+    """The error lists what there is."""
+    with pytest.raises(ValueError, match="sampler must be one of independent, stratified, sobol; got 'halton'"):
+        make_sampler("halton", stream(0, 0, 0), 1, [1], 1)
+
+
+# The technique pattern and the camera's sequence -------------------------------------------------------------------
+
+
+class _Watch:
+    """A caster that keeps the origins of occlusion queries."""
+
+    def __init__(self, caster: object) -> None:
+        self._caster, self.origins = caster, []
+
+    def closest(self, *args: Array) -> object:
+        return self._caster.closest(*args)
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        self.origins.append(origin.copy())
+        return self._caster.occluded(origin, direction, distance)
+
+
+@each_kind
+@pytest.mark.parametrize("w", [0.25, 0.5, 0.75])
+def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
+    """The division between techniques does not alias with the camera's sequence.
+
+    One pixel, with light samples at w of the slots; over 400 seeds the points they start from are evenly in the left
+    and the right half of the pixel, and in the upper and the lower: a two-sided binomial test. With systematic division
+    and structured samples few pixels have all their light samples on one side; at random an eighth would at w = 1/4.
+    """
+    light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
+    scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
+    settings = Settings(shading_samples=1, sampler=kind)
+    sides = []
+    for seed in range(400):
+        watch = _Watch(scene.intersector)
+        tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, np.full(1, w), settings)
+        render_tile(scene, tile, watch)
+        # the first query is the light technique's: it goes first
+        origin = watch.origins[0]
+        sides.append([(origin[axis] > 0).sum() for axis in (0, 1)] + [origin.shape[1]])
+    sides_ = np.array(sides)
+    total = sides_[:, 2].sum()
+    assert abs(total - 400 * 16 * w) <= 400
+    for axis in (0, 1):
+        assert abs(sides_[:, axis].sum() - total / 2) < Z_LIMIT * np.sqrt(total) / 2
+        if kind != "independent":
+            assert ((sides_[:, axis] > 0) & (sides_[:, axis] < sides_[:, 2])).mean() > 0.9
+
+
+@each_kind
+@pytest.mark.parametrize("w", [0.0, 0.25, 0.5, 1.0])
+def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
+    """A pixel that is half floor and half black paper has the same mean for every sampler and share, by a z-test.
+
+    Each of 400 seeds is one independent pixel mean. The truth is the integral of a closed form over the pixel, by a
+    midpoint rule whose cells end at the paper's edge.
+    """
+    light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
+    paper = Part(quad((0, -2, 0.0001), (2, 0, 0), (0, 4, 0)), matte(0))
+    scene = box_scene(matte(0.5), (light,), (paper,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
+    means = [
+        render_tile(scene, Tile(seed, 0, 0, (0, 1), (0, 1), 8, w, Settings(sampler=kind))).moments.mean[0, 0, 0]
+        for seed in range(400)
+    ]
+    half = 4 * np.tan(np.radians(5))
+    middles = half * ((np.arange(100) + 0.5) / 50 - 1)
+    x, y = np.meshgrid(middles, middles)
+    expected = 0.5 / np.pi * (_disk_irradiance(np.hypot(x, y), 3.0, 1.0) * (x < 0)).mean()
+    assert abs(z_score(np.array(means), expected)) < Z_LIMIT
+
+
+def _disk_irradiance(r: Array, height: float, radius: float) -> Array:
+    """Irradiance of a point at distance r from the axis under a parallel disk of radiance 1 (configuration factor)."""
+    h, k = height / np.maximum(r, 1e-9), radius / np.maximum(r, 1e-9)
+    z = 1 + h * h + k * k
+    return np.pi / 2 * (1 - (1 + h * h - k * k) / np.sqrt(z * z - 4 * k * k))
+
+
+@pytest.mark.parametrize("rule, integrator", [("balance", "path"), ("resampled:0.5", "direct")])
+@each_kind
+def test_what_takes_several_draws_converges(kind: str, rule: str, integrator: Any) -> None:
+    """A path's light depends on the draws of all its surfaces, a resampled direction on two: with every sampler the
+    mean of 1,024 samples scatters over seeds no more than independent samples say that it does.
+    """
+    light = QuadLight((-1, -1, 4), (0, 2, 0), (2, 0, 0), (6, 5, 4))
+    glass = Part(sphere(1.0).transformed(translate((0, 0, 1.1))), rough_glass(alpha=0.3))
+    floor = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), matte(0.6))
+    camera = Camera.look_at((5, -5, 4), (0, 0, 0.6), (0, 0, 1), fov=35, resolution=(12, 9))
+    scene, settings = Scene(camera, (floor, glass), (light,)), Settings(integrator=integrator, max_depth=4)
+    results = [render(scene, rule, 1024, seed=k, sampler=kind, settings=settings) for k in range(6)]
+    variance = np.var([result.image for result in results], axis=0, ddof=1).mean()
+    assert variance < 1.4 * np.mean([result.variance for result in results])
+
+
+def test_streams_of_long_seeds() -> None:
+    """A seed of several words is not the beginning of another's seed and pass; shorter ones are what they were."""
+    numbers = [stream(*key).random() for key in ((5, 1, 0), (2**32 + 5, 0, 0), (2**32 + 5, 1, 0), (2**64 + 5, 0, 0))]
+    assert len(set(numbers)) == 4
+
+
+@each_kind
+def test_errors_of_pixels_are_independent(kind: str) -> None:
+    """Pixels that see the same have errors of their own: the mean of a tile is as much better as it has pixels."""
+    camera = Camera.look_at((0, -0.5, 1.2), (0, 0.3, 0), fov=2, resolution=(16, 16))
+    floor = Part(quad((-50, -50, 0), (100, 0, 0), (0, 100, 0)), matte(0.8))
+    wall = Part(quad((-50, 1.5, -1), (100, 0, 0), (0, 0, 50)), matte(0.8))
+    scene = Scene(camera, (floor, wall), (QuadLight((-1, -1, 1.5), (0, 2, 0), (2, 0, 0), (3, 3, 3)),))
+    settings = Settings(integrator="path", max_depth=3)
+    images = np.array([render(scene, "balance", 16, seed=k, sampler=kind, settings=settings).image for k in range(60)])
+    images = images[..., 0].astype(float)
+    assert images.mean(axis=(1, 2)).var(ddof=1) * 256 < 2 * images.var(axis=0, ddof=1).mean()

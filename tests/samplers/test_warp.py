@@ -1,0 +1,182 @@
+"""Maps from the square: Jacobian = 1/density, inversion, chi-square."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from helpers import LEVEL, angles, chi2_p, grid_uniforms, polar, uniforms
+
+from dmis.base.vectors import Array, dot
+from dmis.samplers import warp
+
+
+@dataclass(frozen=True)
+class Map:
+    """A warp, its inverse, the density of its result, and the dimension of that result."""
+
+    forward: Callable[[Array], Array]
+    inverse: Callable[[Array], Array]
+    density: Callable[[Array], Array]
+
+
+def cone(one_minus_cos: float) -> Map:
+    c = np.float64(one_minus_cos)
+    return Map(
+        lambda u: warp.square_to_cone(u, c.astype(u.dtype)),
+        lambda w: warp.cone_to_square(w, c.astype(w.dtype)),
+        lambda w: np.broadcast_to(warp.cone_pdf(c), w.shape[1]),
+    )
+
+
+def lobe(exponent: float) -> Map:
+    e = np.float64(exponent)
+    return Map(
+        lambda u: warp.square_to_power(u, e.astype(u.dtype)),
+        lambda w: warp.power_to_square(w, e.astype(w.dtype)),
+        lambda w: warp.power_pdf(w[2], e),
+    )
+
+
+MAPS = {
+    "disk": Map(warp.square_to_disk, warp.disk_to_square, lambda p: np.full(p.shape[1], 1 / np.pi)),
+    "sphere": Map(warp.square_to_sphere, warp.sphere_to_square, lambda w: np.full(w.shape[1], 1 / (4 * np.pi))),
+    "hemisphere": Map(
+        warp.square_to_hemisphere, warp.hemisphere_to_square, lambda w: np.full(w.shape[1], 1 / (2 * np.pi))
+    ),
+    "cosine": Map(warp.square_to_cosine, warp.cosine_to_square, lambda w: w[2] / np.pi),
+    "triangle": Map(warp.square_to_triangle, warp.triangle_to_square, lambda b: np.full(b.shape[1], 2.0)),
+    "cone 1e-12": cone(1e-12),
+    "cone 1e-6": cone(1e-6),
+    "cone 0.3": cone(0.3),
+    "cone 1.9": cone(1.9),
+    "power 0": lobe(0),
+    "power 10": lobe(10),
+    "power 1e4": lobe(1e4),
+}
+each_map = pytest.mark.parametrize("name", MAPS)
+
+
+@each_map
+def test_jacobian_is_the_reciprocal_density(name: str) -> None:
+    """The area of the image of a small square, over the square's, is 1/density: central differences in float64.
+
+    The step 1e-5 leaves a truncation of order 1e-8 (third derivatives times h^2) and a rounding of 1e-11; the maps'
+    constants (2 pi, pi) are float32, which is where 1e-6 comes from.
+    """
+    m, u, h = MAPS[name], grid_uniforms(15), 1e-5
+    du, dv = (
+        (m.forward(u + np.reshape(d, (2, 1))) - m.forward(u - np.reshape(d, (2, 1)))) / (2 * h)
+        for d in ((h, 0), (0, h))
+    )
+    if len(du) == 2:
+        area = np.abs(du[0] * dv[1] - du[1] * dv[0])
+    else:
+        area = np.linalg.norm(np.cross(du, dv, axis=0), axis=0)
+    np.testing.assert_allclose(area * m.density(m.forward(u)), 1, rtol=1e-6)
+
+
+@each_map
+def test_inverse_float64(name: str) -> None:
+    """The inverse undoes the map in float64, up to the arcsine's loss at narrow cones and powers."""
+    m, u = MAPS[name], grid_uniforms(31)
+    # cos^(e+1) multiplies an error of 1e-16 in the cosine by e + 1; 1e-10 covers e = 1e4 hundredfold
+    np.testing.assert_allclose(m.inverse(m.forward(u)), u, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", [n for n in MAPS if n != "power 1e4"])
+def test_inverse_float32(name: str) -> None:
+    """The inverse undoes the map in float32, to a few roundings: 1e-5 of the square, 170 of its smallest steps.
+
+    At exponent 1e4 a cosine is 1 minus a few hundred roundings, so that it cannot be inverted in float32.
+    """
+    m, u = MAPS[name], grid_uniforms(31, np.float32)
+    w = m.forward(u)
+    assert w.dtype == np.float32
+    np.testing.assert_allclose(m.inverse(w), u, atol=1e-5)
+
+
+@each_map
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (0.0, 1 - 2**-24), (1 - 2**-24, 0.0), (1 - 2**-24, 1 - 2**-24)])
+def test_corners_are_finite_and_of_unit_length(name: str, corner: tuple[float, float]) -> None:
+    """The extreme uniform numbers give finite results in the domain."""
+    w = MAPS[name].forward(np.array(corner, np.float32)[:, None])
+    assert np.isfinite(w).all()
+    if len(w) == 3:
+        np.testing.assert_allclose(dot(w, w), 1, atol=1e-6)
+    elif name == "triangle":
+        assert (w >= 0).all() and w.sum() <= 1 + 1e-6
+    else:
+        assert np.hypot(*w) <= 1 + 1e-6
+
+
+@each_map
+def test_chi2(name: str) -> None:
+    """Float32 results fall into equal cells of the domain as often as the density says.
+
+    The cells are cut in the domain's own coordinates in float64, not by the inverse map.
+    """
+    m, count = MAPS[name], 2**17
+    w = m.forward(uniforms(count)).astype(float)
+    if name == "triangle":
+        # (b1 + b2) and b2 / (b1 + b2) cut it into strips of area s ds
+        total = w.sum(axis=0)
+        edges = np.linspace(0, 1, 13)
+        observed = np.histogram2d(total, w[1] / total, [edges, edges])[0]
+        expected = np.outer(np.diff(edges**2), np.diff(edges))
+    elif name == "disk":
+        r, phi = np.hypot(*w), np.arctan2(w[1], w[0]) % (2 * np.pi)
+        rings, sectors = np.linspace(0, 1, 13), np.linspace(0, 2 * np.pi, 13)
+        observed = np.histogram2d(r, phi, [rings, sectors])[0]
+        expected = np.outer(np.diff(rings**2), np.full(12, 1 / 12))
+    else:
+        theta, phi = angles(w, np.array([0.0, 0.0, 1.0]))
+        height = 2 * np.sin(theta / 2) ** 2  # 1 - cos theta
+        top = {"sphere": 2.0, "hemisphere": 1.0, "cosine": 1.0}.get(name)
+        if name.startswith("cone"):
+            top = float(name.split()[1])
+        if top is not None:
+            rings = np.linspace(0, top * (1 + 1e-6), 13)
+            cdf = {"cosine": lambda h: 1 - (1 - h) ** 2}.get(name, lambda h: h / top)
+        else:
+            e = float(name.split()[1])
+            rings = np.append(np.linspace(0, min(6 / (e + 1), 1), 13), 2.0)
+            cdf = lambda h: 1 - np.maximum(1 - h, 0) ** (e + 1)  # noqa: E731
+        sectors = np.linspace(0, 2 * np.pi, 13)
+        observed = np.histogram2d(height, phi, [rings, sectors])[0]
+        expected = np.outer(np.diff(np.minimum(cdf(rings), 1)), np.full(12, 1 / 12))
+    assert observed.sum() == count
+    assert chi2_p(observed, expected * count) > LEVEL
+
+
+@pytest.mark.parametrize("exponent", [1.0, 10.0, 500.0, 1e4])
+def test_power_agrees_with_numpy(exponent: float) -> None:
+    """``exp(e log x)`` is ``x**e``: the rounding of the logarithm times e, and no NaN at 0."""
+    x = np.linspace(0.5, 1, 101, dtype=np.float32)
+    expected = x.astype(float) ** exponent
+    # |log x| <= .7, so the exponent's absolute error is at most .7 e 2^-24 (in exp) + e 2^-25 (in log) + 2^-24
+    np.testing.assert_allclose(warp.power(x, np.float32(exponent)), expected, rtol=2e-7 * (1 + exponent), atol=1e-37)
+    assert warp.power(np.zeros(1, np.float32), np.float32(exponent))[0] < 1e-29
+    assert warp.power(np.zeros(1, np.float32), np.float32(0))[0] == 1
+
+
+@pytest.mark.parametrize("degrees", [0, 40, 90, 140, 180])
+def test_to_world_turns_z_into_the_normal(degrees: float) -> None:
+    """A rotation: z becomes the normal, lengths and angles stay."""
+    n = polar(degrees)[:, None]
+    w = warp.square_to_sphere(uniforms(100).astype(float))
+    turned = warp.to_world(w, n)
+    np.testing.assert_allclose(warp.to_world(np.array([[0.0], [0.0], [1.0]]), n), n, atol=1e-12)
+    np.testing.assert_allclose(dot(n, turned), w[2], atol=1e-6)  # w itself is only as long as a float32 2 pi allows
+    np.testing.assert_allclose(turned.T @ turned, w.T @ w, atol=1e-12)
+
+
+def test_atan2_agrees_with_numpy() -> None:
+    """In all quadrants, on the axes and at all scales; 3.5e-7 is a rounding or two of an angle up to pi."""
+    angle = np.linspace(-np.pi, np.pi, 100_001)
+    for radius in (1e-20, 1.0, 1e20):
+        y, x = (radius * np.sin(angle)).astype(np.float32), (radius * np.cos(angle)).astype(np.float32)
+        expected = np.arctan2(y.astype(float), x.astype(float))
+        np.testing.assert_allclose(warp.atan2(y, x), expected, atol=3.5e-7)
+    y, x = np.array([[0, 0, 1, -1, 0], [0, -1, 0, 0, 1]], np.float32)
+    np.testing.assert_allclose(warp.atan2(y, x), np.arctan2(y, x), atol=3.5e-7)

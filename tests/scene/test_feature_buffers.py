@@ -1,0 +1,133 @@
+"""Guides: what the camera sees, and the rules that ask for it."""
+
+import numpy as np
+import pytest
+from helpers import box_scene
+
+import dmis
+from dmis.base.patches import PATCH
+from dmis.base.vectors import Array
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.lobe import Lobe
+from dmis.filter import joint
+from dmis.fit.pooling import pool
+from dmis.fit.registry import make_rule
+from dmis.geometry import shapes
+from dmis.scene.feature_buffers import SCALES, albedo, guides
+
+WALL = shapes.quad((0, -4, 0.5), (8, 0, 0), (0, 8, 0))
+"""Half a unit above the right half of the floor."""
+
+
+def seen(material: dmis.Material, resolution: tuple[int, int] = (16, 12), **options: object) -> dict[str, Array]:
+    """A white floor, whose right half, seen from above, lies under something of `material`."""
+    scene = box_scene(dmis.matte(0.9), (), (dmis.Part(WALL, material),), resolution, eye=(0, 1e-6, 9), **options)
+    return guides(scene)[0]
+
+
+def test_what_is_seen() -> None:
+    """Normals, albedos and materials of two halves; one ray for each block of 2x2 pixels."""
+    red = dmis.matte((0.5, 0.2, 0.1))
+    scene = box_scene(dmis.matte(0.9), (), (dmis.Part(WALL, red),), (16, 12), eye=(0, 1e-6, 9), fov=20)
+    found, rays = guides(scene)
+    assert rays == 8 * 6
+    assert found["normal"].shape == found["albedo"].shape == (3, 3, 4) and found["material"].shape == (2, 3, 4)
+    np.testing.assert_allclose(
+        found["normal"], np.array([0, 0, 1.0])[:, None, None].repeat(3, 1).repeat(4, 2), atol=1e-6
+    )
+    halves = {tuple(a) for a in found["albedo"].astype(float).reshape(3, -1).T.round(3)}
+    assert halves == {(0.9, 0.9, 0.9), (0.5, 0.2, 0.1)}
+    assert {tuple(a) for a in found["material"].reshape(2, -1).T} == {(1, 0), (0, 1)}
+
+
+def test_material_alone() -> None:
+    """Materials of the same colour, in the same group or not, are told apart; nothing is one of them."""
+    for material in (dmis.matte(0.9), dmis.plastic(0.45, 0.45, 0.1)):
+        assert len(seen(material, fov=20)["material"]) == 2
+    beyond = seen(dmis.matte(0.9), fov=120)
+    assert len(beyond["material"]) == 3
+    nothing = beyond["albedo"].sum(axis=0) == 0
+    assert nothing[0, 0] and (beyond["normal"][:, nothing] == 0).all()
+    np.testing.assert_allclose(beyond["material"].sum(axis=0), 1)
+
+
+@pytest.mark.parametrize(
+    "material, expected",
+    [
+        (dmis.matte(0.3, 20.0), 0.3),
+        (dmis.plastic(0.3, 0.5, 0.1, eta=1.5), 0.3 + 0.5 * 0.04),
+        (dmis.substrate(0.5, 0.2), 0.5 * 0.8 + 0.2),
+        (dmis.mirror(0.7), 0.7),
+        (dmis.glass(1.0, 0.8), 0.04 + 0.8),
+        (dmis.shiny_metal(0.5, 0.25), 0.75),
+        (dmis.matte(dmis.Image(np.full((2, 2, 1), 0.6))), 0.6),
+        (dmis.matte(0.0), None),
+    ],
+)
+def test_albedo(material: dmis.Material, expected: float | None) -> None:
+    """Colours of the lobes, times Fresnel's reflectance at normal incidence; a black surface is nothing."""
+    found = seen(material, fov=20)
+    values = np.unique(found["albedo"].round(4))
+    np.testing.assert_allclose(values, sorted([0.9, expected or 0.0]), atol=1e-4)
+
+
+@pytest.mark.parametrize("resolution", [(1, 1), (5, 3), (17, 22)])
+def test_any_size(resolution: tuple[int, int]) -> None:
+    """One entry for each base patch, the last ones smaller."""
+    found = seen(dmis.matte(0.2), resolution)
+    shape = -(-resolution[1] // PATCH), -(-resolution[0] // PATCH)
+    assert all(a.shape[1:] == shape for a in found.values())
+    assert set(found) == set(SCALES)
+
+
+def test_pool() -> None:
+    """Patches of several base patches, and edges that are not crossed; pixels say what the means are worth."""
+    material = np.zeros((2, 8, 8))
+    material[0, :, :4] = material[1, :, 4:] = 1
+    sums = {"a": 16 * np.where(material[0] > 0, 1.0, 3.0)[None], "b": 16 * np.ones((8, 8))}
+    for patch, rows in ((4, 8), (8, 4)):
+        means, pixels = pool(sums, (32, 32), patch, 1.0, 2, {"material": material})
+        assert means["a"].shape == (1, rows, rows) and means["b"].shape == pixels.shape == (rows, rows)
+        half = rows // 2
+        np.testing.assert_allclose(means["a"][0, :, :half], 1, atol=0.05)
+        np.testing.assert_allclose(means["a"][0, :, half:], 3, atol=0.05)
+        np.testing.assert_allclose(means["b"], 1)
+        assert (pixels > 2 * patch**2).all() and (pixels < 13 * patch**2).all()
+
+
+@pytest.mark.parametrize("radius", [1, 2, 9])
+def test_pool_some_rows_at_a_time(radius: int) -> None:
+    """It is the filter of the whole image, to the bit."""
+    rng = np.random.default_rng(1)
+    sums = {"a": rng.random((2, 70, 9)), "b": rng.random((70, 9))}
+    normal = rng.random((3, 70, 9)).astype(np.float32)
+    means, pixels = pool(sums, (280, 36), 4, 1.0, radius, {"normal": normal})
+    flat = np.concatenate([sums["a"], sums["b"][None], np.full((1, 70, 9), 16.0)])
+    whole, worth = joint(flat, {"normal": normal}, SCALES, 1.0, radius)
+    np.testing.assert_array_equal(means["a"], whole[:2] / whole[3])
+    np.testing.assert_array_equal(means["b"], whole[2] / whole[3])
+    np.testing.assert_array_equal(pixels, whole[3] * worth)
+
+
+def test_joint_rules_render(box: dmis.Scene) -> None:
+    """They bring guides, count their rays, and do not depend on threads; others have none."""
+    for rule in ("second-moment:filter=joint,shrink=yes", "kl:filter=joint", "auto:filter=joint"):
+        one, two = (dmis.render(box, rule, 16, seed=1, threads=n) for n in (1, 2))
+        np.testing.assert_array_equal(one.image, two.image)
+        assert one.rays["guide"] == 16 * 12 and (one.weight != 0.5).any()
+    plain = dmis.render(box, "second-moment:filter=gaussian", 16, seed=1)
+    assert "guide" not in plain.rays
+    assert plain.rays["camera"] == dmis.render(box, "second-moment:filter=joint", 16, seed=1).rays["camera"]
+    assert (
+        not make_rule("second-moment:filter=gaussian").needs_features
+        and make_rule("second-moment:filter=joint").needs_features
+    )
+
+
+def test_albedo_of_a_lobe_of_ones_own():
+    """Lobes need no attribute called reflectance: without it they count as black, and change no other's colour."""
+
+    class Own(Lobe):
+        """Neither a colour nor anything else."""
+
+    assert np.array_equal(albedo((Own(), Lambert(0.25)), 3), np.full((3, 3), 0.25, np.float32))

@@ -1,0 +1,450 @@
+"""The plan: what is left out is never called and changes no bit; and which integrator a scene has."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import FLOOR, box_scene
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.ashikhmin_shirley import BlendBase
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.materials import Material, matte, metal, mirror, plastic
+from dmis.brdf.models import ggx
+from dmis.brdf.specular import SpecularReflection
+from dmis.brdf.texture import Image
+from dmis.estimator import path, trace
+from dmis.estimator.cost import UNSEEN
+from dmis.estimator.settings import Settings, resolve_auto
+from dmis.geometry.shapes import quad, sphere
+from dmis.geometry.transforms import translate
+from dmis.intersect import Hits
+from dmis.light.area import QuadLight, SphereLight
+from dmis.light.delta import DistantLight, PointLight, SpotLight
+from dmis.light.environment import EnvironmentLight
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.scene.camera import Camera
+from dmis.scene.groups import NOTHING, Part
+from dmis.scene.scene import Scene
+from dmis.scene.shading_points import Surface
+
+LAMP = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
+POINT = PointLight((0, 0, 2), (1, 1, 1))
+SUN = DistantLight((0, 0, 1), (1, 1, 1))
+DARK, OFF = replace(LAMP, radiance=(0, 0, 0)), replace(POINT, intensity=(0, 0, 0))
+SPOT = SpotLight((0, 0, 2), (0, 0, -1), (1, 1, 1))
+GREY = Image(np.full((4, 4, 3), (0.5, 0.25, 0.125), np.float32))
+CHECKS = Image(np.indices((8, 8)).sum(axis=0)[..., None] % 2 * np.float32(0.8))
+
+
+def load_benchmark() -> Any:
+    """The script that adds unused features."""
+    path = Path(__file__).parents[2] / "benchmarks" / "unused_features.py"
+    spec = importlib.util.spec_from_file_location("unused_features", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+BENCHMARK = load_benchmark()
+
+
+def tile_of(scene: Scene, **settings: Any) -> tuple[Array, Counter[str]]:
+    width, height = scene.camera.resolution
+    tile = Tile(1, 0, 0, (0, height), (0, width), 4, 0.5, Settings(**{"integrator": "direct", **settings}))
+    found = render_tile(scene, tile)
+    return found.moments.mean, found.rays
+
+
+# What is not needed is not called -----------------------------------------------------------------------------------
+
+# what is counted; a scene that needs it; one that does not
+CALLS: dict[str, tuple[Any, str, Scene, Scene]] = {
+    "BRDF sampling": (Surface, "sample", box_scene(plastic()), box_scene(plastic(), (POINT, SUN))),
+    "BRDF densities": (Surface, "pdf", box_scene(plastic()), box_scene(plastic(), (POINT,))),
+    "light sampling": (QuadLight, "sample", box_scene(matte()), box_scene(mirror())),
+    "sampling of a dark light": (QuadLight, "sample", box_scene(), box_scene(lights=(DARK, POINT))),
+    "a dark point light": (PointLight, "sample", box_scene(lights=(POINT,)), box_scene(lights=(LAMP, OFF))),
+    "tangents": (Surface, "tangents", box_scene(ggx(alpha=0.1, alpha_v=0.3)), box_scene(metal())),
+    "textures": (Image, "__call__", box_scene(matte(CHECKS)), box_scene(matte(GREY))),
+    "environment lookups": (
+        EnvironmentLight,
+        "_lookup",
+        box_scene(lights=(EnvironmentLight(np.ones((2, 4, 3))),)),
+        box_scene(lights=(EnvironmentLight(np.zeros((2, 4, 3))), LAMP)),
+    ),
+    "BRDF of a black lobe": (Surface, "eval", box_scene(), box_scene(Material((Lambert((0, 0, 0)),)))),
+    "mirrored rays": (
+        path, "scatter", box_scene(mirror()), box_scene(Material((Lambert(0.5), SpecularReflection(0.0))))
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_left_out(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Called where it is needed, and never where it is not."""
+    owner, attribute, needs, does_not = CALLS[name]
+    called = counting(owner, attribute, monkeypatch)
+    image, _ = tile_of(needs)
+    assert called["times"] > 0 and (image.any() or name == "mirrored rays")
+    _ = does_not.plan  # which looks once at a texture, to see that it is constant
+    called.clear()
+    image, _ = tile_of(does_not)
+    assert called["times"] == 0
+
+
+def counting(owner: Any, attribute: str, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Counts how often a function, a method or a cached property is used."""
+    called: Counter[str] = Counter()
+    wrapped = vars(owner)[attribute]
+    function = getattr(wrapped, "func", wrapped)
+
+    def counted(*arguments: Any, **named: Any) -> Any:
+        called["times"] += 1
+        return function(*arguments, **named)
+
+    patched: Any = property(counted) if function is not wrapped else counted
+    for place in (owner, trace) if owner is path else (owner,):
+        monkeypatch.setattr(place, attribute, patched)
+    return called
+
+
+@pytest.mark.parametrize("table", ["normals", "uv", "dpdu"])
+def test_tables_that_nothing_needs_are_not_built(table: str) -> None:
+    """No texture coordinates for a constant texture, no tangents for isotropic lobes, no normals for flat meshes."""
+    plain, needs = box_scene(matte(GREY)), {"normals": Part(sphere(0.2, segments=16), matte())}
+    needs |= {"uv": Part(FLOOR, matte(CHECKS)), "dpdu": Part(FLOOR, ggx(alpha=0.1, alpha_v=0.2))}
+    tile_of(plain)
+    assert table not in vars(plain.tables)
+    other = replace(plain, parts=(needs[table],))
+    tile_of(other)
+    assert table in vars(other.tables)
+
+
+def test_black_surfaces_end_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No ray leaves a surface without albedo, and no random number is drawn for one."""
+    walls = Part(quad((-4, 1, 0), (8, 0, 0), (0, 0, 4)), matte(0.5))
+    grey, black = (box_scene(Material((Lambert(a),)), extra=(walls,)) for a in (0.5, 0.0))
+    assert tile_of(grey, integrator="path")[1]["bounce 1"] > 0
+    called = counting(path, "bounce", monkeypatch)
+    image, rays = tile_of(box_scene(Material((Lambert(0.0),))), integrator="path")
+    assert not image.any() and rays["bounce 1"] == 0 and called["times"] == 0 and rays["shadow"] == 0
+    assert tile_of(black, integrator="path")[1]["bounce 1"] < tile_of(grey, integrator="path")[1]["bounce 1"]
+
+
+def test_last_rays_are_followed_only_where_they_may_meet_a_light() -> None:
+    """After the last surface only mirrors count, and only if there is a light to be met."""
+    shiny = Material((Lambert(0.3), mirror(0.5).lobes[0]))
+    seen = Part(
+        quad((-1, 2, 0), (2, 0, 0), (0, 0, 2)), matte(0), lamp := QuadLight((-1, 2, 0), (2, 0, 0), (0, 0, 2), (3, 2, 1))
+    )
+    lit = box_scene(shiny, (lamp, POINT), (seen,))
+    dark = box_scene(shiny, (POINT,))
+    assert tile_of(dark, integrator="path", max_depth=1)[1]["bounce 1"] == 0
+    image, rays = tile_of(lit, integrator="path", max_depth=1)
+    # the mirror is picked in proportion to what it lets through, half of the time
+    assert 0.3 < rays["bounce 1"] / rays["camera"] < 0.7
+    assert image.any()
+
+
+def test_lamps_that_paths_may_not_see_are_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind surfaces that all scatter, a lamp is what a ray ends at, and no more: its surface is for the camera."""
+    shape = Part(quad(LAMP.corner, LAMP.edge_u, LAMP.edge_v), Material(()), LAMP)
+    looked: list[int] = []
+    surface = Scene.surface
+
+    def counted(scene: Scene, group: Any, hits: Hits, *rest: Any) -> Any:
+        looked.append(group.emission is not None)
+        return surface(scene, group, hits, *rest)
+
+    monkeypatch.setattr(Scene, "surface", counted)
+    for material, times in ((matte(0.5), 0), (Material((Lambert(0.3), mirror(0.5).lobes[0])), 1)):
+        looked.clear()
+        scene = box_scene(material, (LAMP,), (shape,), eye=(0, -1, 1))  # which sees the floor alone
+        tile_of(scene, integrator="path", max_depth=2)
+        assert sum(looked) == times
+
+
+# What is left out changes nothing -------------------------------------------------------------------------------------
+
+
+SEEN_BY_PATHS = [name for name in BENCHMARK.FEATURES if name.endswith("out of sight") and "black" not in name]
+
+
+@pytest.mark.parametrize(
+    "integrator, name",
+    [(i, n) for n in BENCHMARK.FEATURES for i in ("direct", "path") if i == "direct" or n not in SEEN_BY_PATHS],
+)
+def test_unused_features_change_no_bit(integrator: str, name: str) -> None:
+    """Random numbers are drawn for what is used only, so even they are the same."""
+    scene = BENCHMARK.plain((16, 12))
+    image, rays = tile_of(scene, integrator=integrator)
+    found, again = tile_of(BENCHMARK.FEATURES[name](scene), integrator=integrator)
+    np.testing.assert_array_equal(found, image)
+    assert again == rays
+
+
+def test_black_lobes_take_no_samples() -> None:
+    """One of two lobes is black: without it all samples go to the other, with the same mean and less variance.
+
+    Streams differ, because no number is spent on picking a lobe.
+    """
+    both, one = (box_scene(Material(lobes)) for lobes in ((Lambert(0.5), Lambert(0.0)), (Lambert(0.5),)))
+    for scene in (both, one):
+        assert [len(group.glossy) for group in scene.plan.groups] == [1]
+    np.testing.assert_array_equal(tile_of(both)[0], tile_of(one)[0])
+    assert both.plan.dropped == 1 and one.plan.dropped == 0
+
+
+def test_black_base_under_a_coat_stays() -> None:
+    """A substrate is one model of two lobes."""
+    scene = box_scene(dmis.substrate(kd=0))
+    assert any(isinstance(lobe, BlendBase) for lobe in scene.plan.groups[0].glossy)
+
+
+@pytest.mark.parametrize("light", [POINT, LAMP, SphereLight((0, 0, 3), 0.5, (1, 1, 1)), SPOT])
+def test_lights_without_power(light: Any) -> None:
+    """They are not in the plan; a single channel above 0 is power."""
+    name = "intensity" if hasattr(light, "intensity") else "radiance"
+    for value, live in (((0, 0, 0), 0), ((0, 0, 1e-9), 1)):
+        plan = box_scene(lights=(replace(light, **{name: value}),)).plan
+        assert len(plan.sampled) + len(plan.deltas) == live and plan.dark == 1 - live
+        assert plan.lit == bool(live)
+
+
+def test_surface_of_a_light_without_power_is_a_surface() -> None:
+    """It reflects, and does not glow."""
+    dark = replace(LAMP, radiance=(0.0, 0.0, 0.0))
+    part = Part(quad(dark.corner, dark.edge_u, dark.edge_v), matte(0.5), dark)
+    scene, other = (box_scene(lights=(dark, POINT), extra=(p,)) for p in (part, replace(part, light=None)))
+    assert [group.emission for group in scene.plan.groups] == [None]
+    np.testing.assert_array_equal(tile_of(scene)[0], tile_of(other)[0])
+
+
+# Pixels that see nothing ----------------------------------------------------------------------------------------------
+
+
+def ball_scene(resolution: tuple[int, int] = (40, 30), **camera: Any) -> Scene:
+    """A small ball before nothing."""
+    view = {"eye": (0.3, -4, 1), "target": (0.4, 0, 0.2), "fov": 40.0, **camera}
+    eye, target, fov = view["eye"], view["target"], view["fov"]
+    ball = sphere(0.4, segments=32).transformed(translate((0, 0, 0.5)))
+    return Scene(Camera.look_at(eye, target, fov=fov, resolution=resolution), (Part(ball, plastic()),), (LAMP,))
+
+
+class Watched:
+    """A caster that remembers the directions of camera rays."""
+
+    def __init__(self, caster: Any) -> None:
+        self._caster, self.rays, self.met = caster, 0, 0
+
+    def closest(self, origin: Array, direction: Array) -> Hits:
+        hits = self._caster.closest(origin, direction)
+        self.rays += len(hits.prim)
+        self.met += int((hits.prim >= 0).sum())
+        return hits
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        return self._caster.occluded(origin, direction, distance)
+
+
+def everything(scene: Scene) -> Scene:
+    """The same scene, in which no pixel is known to see nothing."""
+    other = replace(scene)
+    vars(other)["seeing"] = None
+    return other
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"combiner": "optimal"}, {"sampler": "sobol"}, {"allocation": "random"}, {"lights": "one"}]
+)
+def test_pixels_that_see_nothing_are_not_traced(settings: dict[str, Any]) -> None:
+    """Only rays that miss are left out, most of them, and the image has the same bits."""
+    scene = ball_scene()
+    tile = Tile(3, 0, 0, (0, 30), (0, 40), 8, np.linspace(0.2, 0.8, 1200), Settings(integrator="direct", **settings))
+    results, watched = [], []
+    for one in (scene, everything(scene)):
+        watched.append(Watched(one.intersector))
+        results.append(render_tile(one, tile, watched[-1]))
+    few, all_ = watched
+    assert all_.rays == 40 * 30 * 8 and few.met == all_.met > 0
+    assert few.rays < 0.25 * all_.rays
+    np.testing.assert_array_equal(results[0].moments.mean, results[1].moments.mean)
+    np.testing.assert_array_equal(results[0].moments.m2, results[1].moments.m2)
+    told = [result.rays for result in results]
+    assert told[0]["camera"] == few.rays and told[0]["camera"] + told[0][UNSEEN] == told[1]["camera"]
+    assert all(told[0][kind] == told[1][kind] for kind in ("shadow", "brdf"))
+
+
+@pytest.mark.parametrize("rule", ["balance", "thesis", "auto"])
+def test_rules_do_not_see_the_difference(rule: str) -> None:
+    """Learned weights are the same, too, with tiles that see nothing at all."""
+    scene = ball_scene((90, 40), fov=90.0)
+    results = [dmis.render(one, rule, 16, seed=2, threads=1) for one in (scene, everything(scene))]
+    for name in ("image", "variance", "weight", "samples"):
+        np.testing.assert_array_equal(getattr(results[0], name), getattr(results[1], name))
+    assert results[0].rays["camera"] < 0.7 * results[1].rays["camera"] and UNSEEN not in results[0].rays
+    crops = [one.crop((10, 35), (20, 60)) for one in (scene, everything(scene))]
+    crops[1] = everything(crops[1])
+    images = [dmis.render(one, rule, 16, seed=2, threads=1).image for one in crops]
+    np.testing.assert_array_equal(*images)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_seen_is_never_left_out(seed: int) -> None:
+    """Triangles anywhere, large and tiny, far from the origin and beside the camera: no ray that hits is left out."""
+    rng = np.random.default_rng(seed)
+    centres = rng.normal(size=(40, 1, 3)) * 3
+    size = 10.0 ** rng.uniform(-4, 0.5, (40, 1, 1))
+    offset = rng.choice([0.0, 1e3, 1e5], 3)
+    vertices = (centres + size * rng.normal(size=(40, 3, 3)) + offset).reshape(-1, 3)
+    mesh = dmis.Mesh(vertices, np.arange(120).reshape(40, 3))
+    eye, target = rng.normal(size=(2, 3)) * 2 + offset
+    camera = Camera.look_at(tuple(eye), tuple(target), fov=float(rng.uniform(5, 150)), resolution=(48, 32))
+    if seed % 2:
+        camera = camera.crop((5, 27), (11, 40))
+    scene = Scene(camera, (Part(mesh, matte()),), (PointLight(tuple(eye), (1, 1, 1)),))
+    width, height = camera.resolution
+    x, y = (rng.random(200_000, dtype=np.float32) * n for n in (width, height))
+    hits = scene.intersector.closest(np.repeat(camera.origin, len(x), axis=1), camera.rays(x, y))
+    if scene.seeing is not None:
+        row, column = (np.minimum(a.astype(int), n - 1) for a, n in ((y, height), (x, width)))
+        assert scene.seeing[row, column][hits.prim >= 0].all()
+
+
+def test_nothing_is_provable_under_a_sky() -> None:
+    """Every pixel sees the sky; without any light none sees anything."""
+    scene = ball_scene()
+    assert scene.seeing is not None and scene.seeing.any() and not scene.seeing.all()
+    assert replace(scene, lights=(EnvironmentLight(np.ones((2, 4, 3))),)).seeing is None
+    black = replace(scene, lights=())
+    assert black.seeing is not None and not black.seeing.any()
+    watched = Watched(black.intersector)
+    image = render_tile(black, Tile(1, 0, 0, (0, 30), (0, 40), 4, 0.5, Settings(integrator="direct")), watched)
+    assert watched.rays == 0 and not image.moments.mean.any()
+
+
+def test_surfaces_that_are_black_are_not_seen() -> None:
+    """They only occlude: pixels that see nothing else are left out."""
+    scene = ball_scene()
+    assert not replace(scene, parts=(Part(scene.parts[0].mesh, matte(0)),)).seeing.any()  # type: ignore[union-attr]
+
+
+# Which integrator ---------------------------------------------------------------------------------------------------
+
+
+def room() -> Scene:
+    """A closed room of white walls."""
+    camera = Camera.look_at((0, -1.5, 1), (0, 0, 1), fov=60, resolution=(32, 24))
+    sides = [
+        ((-2, -2, 0), (0, 4, 0), (4, 0, 0)),
+        ((-2, -2, 2.5), (4, 0, 0), (0, 4, 0)),
+        ((-2, 2, 0), (4, 0, 0), (0, 0, 2.5)),
+    ]
+    sides += [
+        ((-2, -2, 0), (0, 4, 0), (0, 0, 2.5)),
+        ((2, -2, 0), (0, 4, 0), (0, 0, 2.5)),
+        ((-2, -2, 0), (4, 0, 0), (0, 0, 2.5)),
+    ]
+    return Scene(camera, tuple(Part(quad(*side), matte(0.8)) for side in sides), (PointLight((0, 0, 2), (1, 1, 1)),))
+
+
+def test_default_integrator() -> None:
+    """A scene made in Python is rendered by direct lighting, unless it or the settings name another integrator."""
+    closed = room()
+    assert "integrator: direct, max_depth 5, the default, because the scene names none" in closed.describe()
+    assert "bounce 1" not in dmis.render(closed, "balance", 2, threads=1).rays
+    paths = replace(closed, integrator="path", max_depth=3)
+    assert "integrator: path, max_depth 3, set by the scene" in paths.describe()
+    result = dmis.render(paths, "balance", 2, threads=1)
+    assert result.provenance["settings"]["integrator"] == "path" and result.rays["bounce 2"] > 0
+    assert "bounce 3" not in result.rays
+
+
+@pytest.mark.parametrize(
+    "named, given, resolved",
+    [
+        ((None, None), ("direct", "auto"), ("direct", 5)),
+        ((None, None), ("path", None), ("path", None)),
+        ((None, None), ("auto", 2), ("direct", 2)),
+        (("path", 9), ("auto", "auto"), ("path", 9)),
+        (("path", 9), ("path", "auto"), ("path", 9)),
+        (("path", 9), ("direct", "auto"), ("direct", 5)),
+        (("path", 9), ("auto", 3), ("path", 3)),
+        (("direct", 2), ("auto", "auto"), ("direct", 2)),
+        (("path", None), ("auto", "auto"), ("path", 5)),
+    ],
+)
+def test_resolve_auto(named: Any, given: Any, resolved: Any) -> None:
+    """The settings decide, else the scene, else the defaults."""
+    scene = replace(box_scene(), integrator=named[0], max_depth=named[1])
+    settings = resolve_auto(Settings(integrator=given[0], max_depth=given[1]), scene)
+    assert (settings.integrator, settings.max_depth) == resolved
+    assert resolve_auto(settings, scene) is settings
+
+
+def test_bad_requests() -> None:
+    with pytest.raises(ValueError, match="integrator must be auto or direct or path; got 'bdpt'"):
+        Settings(integrator="bdpt")
+    for depth in (0, -3, 0.5, np.nan, 10_001, np.int64(0), np.int64(-3), np.float32(0.5), True, "deep"):
+        message = r"max_depth must be a whole number from 1 to 10000, auto or None; got .*" + re.escape(str(depth))
+        with pytest.raises(ValueError, match=message):
+            Settings(max_depth=depth)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"integrator": "bdpt"}, "integrator must be direct or path, or None; got 'bdpt'"),
+        ({"integrator": "auto"}, "integrator must be direct or path, or None; got 'auto'"),
+        ({"integrator": 0}, "integrator must be direct or path, or None; got 0"),
+        ({"max_depth": 0}, "max_depth must be a whole number from 1 to 10000, or None; got 0"),
+        ({"max_depth": 0.5}, "max_depth must be a whole number from 1 to 10000, or None; got 0.5"),
+        ({"max_depth": "auto"}, "max_depth must be a whole number from 1 to 10000, or None; got 'auto'"),
+        ({"camera": None}, "camera must be a Camera; got None"),
+        ({"parts": None}, "parts must be a sequence of parts of dmis; got None"),
+        ({"parts": [FLOOR]}, "parts must be a sequence of parts of dmis"),
+        ({"lights": LAMP}, "lights must be a sequence of lights of dmis; got QuadLight"),
+    ],
+)
+def test_scenes_that_are_none(change: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(box_scene(), **change)
+
+
+def test_references_of_paths_are_their_own() -> None:
+    """The same scene by another integrator is another image; direct light keeps the references that there are."""
+    scene = box_scene()
+    asked = [("direct", 5), ("path", 5), ("path", 6)]
+    hashes = [fingerprint(s) for s in (scene, *(replace(scene, integrator=i, max_depth=d) for i, d in asked))]
+    assert hashes[0] == hashes[1] and len(set(hashes)) == 3
+
+
+def test_description_names_what_is_done() -> None:
+    """Materials times lights, what is left out, what it costs."""
+    dark = replace(POINT, intensity=(0, 0, 0))
+    parts = (
+        Part(quad((1, 0, 0), (1, 0, 0), (0, 0, 1)), mirror()),
+        Part(quad((2, 0, 0), (1, 0, 0), (0, 0, 1)), matte(0)),
+    )
+    text = box_scene(Material((Lambert(0.5), Lambert(0.0)), "paint"), (LAMP, POINT, dark), parts).describe()
+    for words in (
+        "1 x paint: Lambert; 2 triangles; needs nothing else; MIS of QuadLight; one sample of each PointLight, no BRDF",
+        "1 x mirror: SpecularReflection; 2 triangles; needs nothing else; mirrored and refracted rays are followed: no",
+        "2 triangles neither reflect nor emit",
+        "1 light that emits nothing; 1 lobe that reflects nothing; textures, interpolated normals, tangents, emission",
+        "environment lookups",
+        "integrator: direct, max_depth 5",
+    ):
+        assert words in text, (words, text)
+    assert NOTHING not in box_scene().plan.part_group

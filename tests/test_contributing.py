@@ -1,0 +1,135 @@
+"""What CONTRIBUTING.md says about additions is followed to the letter, from outside of the package."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT
+
+import dmis
+from dmis.base import plugins
+from dmis.cli.commands import main
+from dmis.estimator.technique import TECHNIQUES
+from dmis.samplers.streams import SAMPLERS, Independent
+
+PAGE = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text("utf-8")
+
+
+def block(heading: str) -> str:
+    """Return the Python block below ``**heading.**``."""
+    found = re.search(rf"^\*\*{heading}\.\*\*.*?```python\n(.*?)```", PAGE, re.M | re.S)
+    assert found
+    return found[1]
+
+
+@pytest.fixture(autouse=True)
+def forget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Leave the tables as they were, and keep references apart."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    techniques, samplers = dict(TECHNIQUES), dict(SAMPLERS)
+    yield
+    for table, names in ((TECHNIQUES, techniques), (SAMPLERS, samplers)):
+        table.clear()
+        table.update(names)  # type: ignore[arg-type]
+
+
+def same_mean(first: dmis.Result, second: dmis.Result) -> None:
+    """Two renders have the same mean, by a z-test over the image, channels taken as fully dependent."""
+    difference = first.image.mean(dtype=np.float64) - second.image.mean(dtype=np.float64)
+    variance = sum((np.sqrt(r.variance).mean(axis=2) ** 2).sum() for r in (first, second))
+    assert abs(difference) < Z_LIMIT * np.sqrt(variance) / first.image[..., 0].size
+
+
+def test_technique() -> None:
+    """At most ten lines of code; the same mean as the shipped techniques, in place of one and beside both."""
+    code = block("A technique")
+    lines = [line for line in code.splitlines() if line.strip() and not line.startswith(("import", "from"))]
+    assert len(lines) <= 10
+    exec(code, {})
+    scene = dmis.load_scene("teapot-area-light", resolution=(48, 36))
+    balance = dmis.render(scene, "balance", 64, seed=1)
+    shares = ("light=0.5,cosine=0.5", "light=0.2,brdf=0.3,cosine=0.5", "light+brdf+cosine")
+    for k, share in enumerate(shares):
+        result = dmis.render(scene, f"simplex:{share}", 64, seed=k + 2)
+        assert result.rays["cosine"] > 0
+        same_mean(result, balance)
+
+
+def test_technique_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    path = tmp_path / "my_cosine.py"
+    path.write_text(block("A technique"), "utf-8")
+    small = ["teapot-area-light", "--resolution", "16x12", "--spp", "4", "--plugin", str(path), "--quiet"]
+    assert main(["render", *small, "--rule", "simplex:light=0.5,cosine=0.5", "-o", str(tmp_path / "a.exr")]) == 0
+    options = ["--seeds", "2", "--reference-spp", "4", "-o", str(tmp_path / "out")]
+    assert main(["compare", *small, "--rules", "simplex:light=0.5,cosine=0.5", *options]) == 0
+    assert "simplex:light=0.5,cosine=0.5" in (tmp_path / "out" / "results.csv").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": "light"}, "there is a technique 'light' already; techniques are light, brdf"),
+        ({"name": "light+brdf"}, "name must be a word of letters, digits and _; got 'light.brdf'"),
+        ({"rays": "shadow"}, "technique mine: rays must be a kind of its own, such as 'mine'; got 'shadow'"),
+        ({"rays": "camera"}, "got 'camera'"),
+        ({"numbers": 5}, "technique mine: numbers must be 2 to 4; got 5"),
+    ],
+)
+def test_techniques_that_are_refused(changes: dict[str, object], message: str) -> None:
+    light = TECHNIQUES["light"]
+    given = {"name": "mine", "rays": "mine", "sample": light.sample, "pdf": light.pdf, **changes}
+    with pytest.raises(ValueError, match=message):
+        dmis.register_technique(dmis.Technique(**given))  # type: ignore[arg-type]
+    assert "mine" not in TECHNIQUES
+
+
+def test_sampler() -> None:
+    """The same mean as independent samples and a smaller error, in a render and as an option of a rule."""
+    exec(block("A sampler"), {"__name__": "mine"})
+    scene = dmis.load_scene("killeroo-diffuse", resolution=(48, 36))
+    reference = dmis.make_reference(scene, 128)
+    independent = dmis.render(scene, "balance", 64, seed=1)
+    even = dmis.render(scene, "balance", 64, seed=2, sampler="r2")
+    same_mean(even, independent)
+    same_mean(dmis.render(scene, "thesis:sampler=r2", 16, seed=3), independent)
+    errors = [dmis.mse(result.image, reference.first, reference.second) for result in (even, independent)]
+    assert errors[0] < 0.8 * errors[1]
+
+
+def test_sampler_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    path, out = tmp_path / "my_sampler.py", tmp_path / "a.exr"
+    path.write_text(block("A sampler"), "utf-8")
+    small = ["render", "teapot-area-light", "--resolution", "16x12", "--spp", "4", "--sampler", "r2", "-o", str(out)]
+    assert main(small) == 2
+    assert "sampler must be independent or stratified or sobol; got 'r2'" in capsys.readouterr().err
+    assert main([*small, "--plugin", str(path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "factory", "message"),
+    [
+        ("sobol", Independent, "there is a sampler 'sobol' already; samplers are independent, stratified, sobol"),
+        ("my sampler", Independent, "a sampler's name must be a word of letters, digits and _; got 'my sampler'"),
+        ("mine", 3, "sampler mine must be a class or function that makes it for a tile; got 3"),
+    ],
+)
+def test_samplers_that_are_refused(name: str, factory: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dmis.register_sampler(name, factory)  # type: ignore[arg-type]
+
+
+def test_metric() -> None:
+    """It has a value for each render, within the noise of a few samples."""
+    names: dict = {"dmis": dmis}
+    exec(block("A metric"), names)
+    assert {budget: len(values) for budget, values in names["errors"].items()} == {("balance", 8): 3, ("thesis", 8): 3}
+    assert all(abs(value) < 0.1 * names["reference"].first.mean() for v in names["errors"].values() for value in v)

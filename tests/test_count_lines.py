@@ -1,0 +1,81 @@
+"""The script that counts the code of one render: `benchmarks/count_lines.py`."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+SCRIPT = ROOT / "benchmarks" / "count_lines.py"
+MODULE = '''"""A module."""
+import functools
+
+
+@functools.cache
+def called(x):
+    """Return something.
+
+    More of the docstring.
+    """
+    # a comment
+
+    text = """a string
+    of two lines"""
+
+    def inside():
+        """Docstring."""
+        return x
+
+    return inside(), text
+
+
+def other():
+    return 1
+'''
+
+
+def load() -> Any:
+    """The script as a module."""
+    spec = importlib.util.spec_from_file_location("count_lines", SCRIPT)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_lines_of_a_function(tmp_path: Path) -> None:
+    """Decorator, signature, two lines of a string, two of the inner function and the last; 4 + 1 of docstrings."""
+    path = tmp_path / "module.py"
+    path.write_text(MODULE, "utf-8")
+    namespace: dict[str, Any] = {}
+    exec(compile(MODULE, str(path), "exec"), namespace)
+    code: CodeType = namespace["called"].__wrapped__.__code__
+    other: CodeType = namespace["other"].__code__
+    count = load().count
+    assert count(path, {code}) == (7, 11)
+    assert count(path, {code, other}) == (9, 13)
+    assert count(path, set()) == (0, 0)
+
+
+def test_reading_path_is_what_a_render_calls() -> None:
+    """Every file of the reading path of docs/code.md is called, in its order; the last sums are those of the column."""
+    done = subprocess.run(
+        [sys.executable, SCRIPT],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    path = load().reading_path()
+    _, *rows, total, _ = (line.split() for line in done.stdout.splitlines())
+    assert len(path) > 10 and [row[0] for row in rows[: len(path)]] == path
+    assert all(int(row[1]) > 0 and int(row[2]) >= int(row[1]) for row in rows)
+    sums = [sum(int(row[k]) for row in rows) for k in (1, 2)]
+    assert total == [str(len(rows)), "files", *map(str, sums)]

@@ -1,0 +1,200 @@
+"""Variance curves from one pilot: closed forms, unbiasedness, and what renders measure."""
+
+import itertools
+
+import numpy as np
+import pytest
+from helpers import box_scene
+from planted import exact, f, pilot, unbiased
+
+import dmis
+from dmis.brdf.materials import matte, plastic
+from dmis.estimator.records import Record
+from dmis.fit.curve_minimum import Pooled
+from dmis.fit.second_moment import Learned
+from dmis.geometry.shapes import quad
+from dmis.light.area import QuadLight
+from dmis.scene.groups import Part
+from dmis.variance.curves import GRID, HALF, Curves
+
+
+@pytest.mark.parametrize("count, s", [(2, 2), (6, 2), (3, 4)])
+def test_curve_is_unbiased(count: int, s: int) -> None:
+    """Curve and Var_y(I) of one light are unbiased, from 2, 3 and 6 camera samples alike.
+
+    The ends of the grid have no finite variance here (p_l = 0 at one end of the interval), so they are left out.
+    """
+    sums = pilot(40_000, count, seed=count, s=s).sums()
+    assert unbiased(sums["position"], exact(0.5, s)[1])
+    for g in range(1, len(GRID) - 1):
+        total, position = exact(float(GRID[g]), s)
+        values = sums["curve"][g]
+        assert unbiased(values, total - position)
+        assert values.std() / np.sqrt(len(values)) < 0.05 * exact(0.5, s)[0]
+
+
+@pytest.mark.parametrize("combiner", ["power", "power-3", "power-9", "maximum", "cutoff-0.5"])
+def test_curves_of_other_heuristics(combiner: str) -> None:
+    """The pilot of the balance heuristic gives unbiased curves of the other heuristics."""
+    sums = pilot(40_000, 6, seed=7, combiner=combiner).sums()
+    assert unbiased(sums["position"], exact(0.5, 2)[1])
+    for g in range(1, len(GRID) - 1):
+        total, position = exact(float(GRID[g]), 2, combiner)
+        assert unbiased(sums["curve"][g], total - position)
+
+
+def test_curves_of_other_shading_samples() -> None:
+    """The curve for S = 4 gives unbiased curves for 1, 2 and 12 shading samples."""
+    sums = pilot(40_000, 4, seed=5, s=4).sums()
+    for times in (0.25, 0.5, 3.0):
+        pixels = Pooled(**sums, pixels=np.ones(40_000)).split(times, 4)
+        for g in range(1, len(GRID) - 1):
+            total, position = exact(float(GRID[g]), round(4 * times))
+            assert unbiased(pixels.curve[g], total - position)
+
+
+def test_lights_add_up() -> None:
+    """Two equal lights have twice the curve of one, and four times its Var_y(I), because both vary together with y."""
+    sums = pilot(40_000, 6, seed=2, keys=2).sums()
+    total, position = exact(0.5, 2)
+    assert unbiased(sums["curve"][HALF], 2 * (total - position)) and unbiased(sums["position"], 4 * position)
+
+
+def test_surfaces_of_a_path_add_up() -> None:
+    """One surface, then two that see the same y: their own noise adds up, and uneven counts go along, so that Var_y(D)
+    is nine times that of one.
+    """
+    pixels, count, s = 20_000, 6, 2
+    rng = np.random.default_rng(3)
+    curves = Curves(pixels, 2 * s)
+    n = pixels * count
+    y = rng.random(n)
+    radiance, records = np.zeros(n), []
+    for key in ((0,), (1, 0), (4, 0)):
+        for side in (0, 1):
+            for turn in range(s):
+                x = np.sqrt(rng.random(n))
+                x = x if side == 0 else 1 - x
+                pdf = np.stack([2 * x, 2 * (1 - x)]).astype(np.float32)
+                value = f(x, y) / pdf.mean(axis=0)
+                radiance += value / (2 * s)
+                records.append(Record(side, key, turn, None, np.repeat(value[None], 3, axis=0), pdf))
+    curves.add(records, np.repeat(radiance[None], 3, axis=0), count)
+    sums = curves.sums()
+    assert unbiased(sums["position"], 9 * exact(0.5, s)[1])
+    for g in (1, 4, HALF, 9):
+        w = float(GRID[g])
+        total, position = exact(w, s)
+        part = w * s % 1
+        rounding = part * (1 - part) / s**2
+        pattern = _pattern(w)
+        assert unbiased(sums["curve"][g], 3 * (total - position - rounding * pattern) + 9 * rounding * pattern)
+        assert unbiased(sums["pattern"][g], 9 * pattern)
+
+
+def _pattern(w: float) -> float:
+    """Var_y(D) of the planted integrand, by quadrature."""
+    x, y = ((np.arange(20_000) + 0.5) / 20_000)[:, None], (np.arange(400) + 0.5) / 400
+    p_l, p_b = 2 * x, 2 * (1 - x)
+    return float(((p_l - p_b) * f(x, y) / (w * p_l + (1 - w) * p_b)).mean(axis=0).var())
+
+
+def test_curves_predict_paths() -> None:
+    """The variance of rendered paths, over many seeds, is what pilots at 1/2 say of each weight."""
+    lamp = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
+    walls = (
+        Part(quad((-4, 1, 0), (8, 0, 0), (0, 0, 4)), matte((0.8, 0.3, 0.2))),
+        Part(quad((-1.5, -4, 0), (0, 8, 0), (0, 0, 4)), plastic((0.2, 0.5, 0.3), 0.4, 0.02)),
+    )
+    room = box_scene(plastic(0.5, 0.3, 0.02), (lamp,), walls, resolution=(12, 12)).crop((4, 12), (0, 12))
+    paths = dmis.Settings(integrator="path", max_depth=4)
+    rule = Learned(patch=32, spp=512, filter="none", shrink=False)
+    predicted = np.mean(
+        [dmis.render(room, rule, 513, seed=s, settings=paths).maps["variances"][:, 0, 0] for s in range(4)], axis=0
+    )
+    for g in (HALF - 2, HALF + 2):
+        rendered = f"fixed:{GRID[g]}"
+        images = [dmis.render(room, rendered, 64, seed=s, settings=paths).image.mean(axis=2) for s in range(96)]
+        measured = np.var(images, axis=0, ddof=1).mean() * 64
+        assert measured == pytest.approx(predicted[g], rel=0.07)  # four standard errors of both
+
+
+def test_standard_error_of_the_gain() -> None:
+    """`Pooled.gain_error` from the sums over pixels agrees with the standard error computed from the pixels."""
+    sums = pilot(500, 6, seed=4).sums()
+    cost = np.linspace(1, 1.5, len(GRID))
+    pooled = Pooled(**{name: a.mean(axis=-1) for name, a in sums.items()}, pixels=np.array(500))
+    gain = sums["curve"] * cost[:, None] - sums["curve"][HALF] * cost[HALF]
+    np.testing.assert_allclose(pooled.gain_error(cost), gain.std(axis=1, ddof=1) / np.sqrt(500), rtol=1e-5)
+    assert pooled.gain_error(cost)[HALF] == pytest.approx(0, abs=1e-9)
+
+
+def test_black_pixels() -> None:
+    """A pilot without records has curves of 0."""
+    curves = Curves(4, 4)
+    curves.add([], np.zeros((3, 8), np.float32), 2)
+    assert all((a == 0).all() for a in curves.sums().values())
+
+
+def test_one_camera_sample_is_too_few() -> None:
+    """Curves from one camera sample raise an error, because a variance needs two."""
+    with pytest.raises(ValueError, match="at least two camera samples"):
+        Curves(4, 4).add([], np.zeros((3, 4), np.float32), 1)
+
+
+def test_odd_shading_samples_are_refused(box: dmis.Scene) -> None:
+    """An odd number of shading samples is refused before anything is rendered."""
+    with pytest.raises(ValueError, match="shading_samples must be even"):
+        dmis.render(box, "second-moment", 16, settings=dmis.Settings(shading_samples=3))
+
+
+@pytest.mark.parametrize("w, combiner", [*((w, "balance") for w in (0.08, 0.27, 0.5, 0.84)), (0.27, "power")])
+def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> None:
+    """The variance of images rendered at w, over many seeds, agrees with V(w) from pilots at w = 1/2.
+
+    Both are means over a part of the floor, where all variance comes from the shading samples.
+    """
+    from dmis.fit.second_moment import Learned
+    from dmis.pipeline.render import render
+
+    floor = box.crop((18, 24), (0, 10))
+    rule = Learned(patch=32, spp=256, filter="none", shrink=False, combiner=combiner)
+    fits = [render(floor, rule, 257, seed=s).maps["variances"].mean(axis=(1, 2)) for s in range(6)]
+    predicted = np.mean(fits, axis=0)[list(GRID).index(np.float32(w))]
+    images = np.array(
+        [render(floor, f"fixed:{w},combiner={combiner}", 64, seed=s).image.mean(axis=2) for s in range(96)]
+    )
+    measured = images.var(axis=0, ddof=1).mean() * 64
+    assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both
+
+
+def test_all_samples_in_shadow() -> None:
+    """A tile in which all samples towards a light are occluded has curves of 0."""
+    record = Record(0, (0,), 0, np.arange(6), np.zeros((3, 6), np.float32), np.ones((2, 6), np.float32))
+    curves = Curves(2, 4, combiners=("balance", "power"))
+    curves.add([record], np.zeros((3, 6), np.float32), 3)
+    assert all(not values.any() for values in curves.sums().values())
+
+
+@pytest.mark.parametrize("lights", [1, 2])
+def test_dark_pixels_are_left_out(lights: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaving out unlit pixels, and the size of batches, do not change the sums of any pixel by a bit."""
+    rng = np.random.default_rng(4)
+    pixels, count = 300, 3
+    sample = np.flatnonzero(np.tile(rng.random(pixels) < 0.3, count))
+    records = []
+    for key, side, turn in itertools.product(range(lights), (0, 1), (0, 1)):
+        value = rng.random((3, len(sample))).astype(np.float32) * (rng.random(len(sample)) < 0.5)
+        pdf = rng.random((2, len(sample))).astype(np.float32)
+        records.append(Record(side, (key,), turn, sample, value.astype(np.float32), pdf))
+    results = []
+    for gather, batch in ((0, 2**16), (1, 2**16), (1, 200)):
+        monkeypatch.setattr("dmis.variance.curves.MAX_LIT_TO_GATHER", gather)
+        monkeypatch.setattr("dmis.variance.curves.CURVE_BATCH", batch)
+        curves = Curves(pixels, 4, combiners=("balance", "power"))
+        curves.add(records, np.ones((3, pixels * count), np.float32), count)
+        results.append(curves.sums())
+    assert 0 < np.count_nonzero(results[0]["curve"][0, 1]) < 0.4 * pixels
+    for other in results[1:]:
+        for name, values in results[0].items():
+            np.testing.assert_array_equal(other[name], values)

@@ -1,0 +1,143 @@
+"""Moments: closed forms, merging, unbiasedness; means over patches and luminance."""
+
+from functools import reduce
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT
+
+from dmis.base.color import luminance
+from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.vectors import Array
+from dmis.variance.moments import Film, Moments, PixelMoments
+
+
+def samples(n: int, seed: int = 1, dtype: type = np.float64) -> Array:
+    return np.random.default_rng(seed).gamma(0.5, size=(n, 4, 5, 3)).astype(dtype)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 100])
+def test_moments_agree_with_numpy(n: int) -> None:
+    """Mean and unbiased variance agree with NumPy's, to the float32 rounding of 1/n."""
+    x = samples(n)
+    moments = Moments.of(x)
+    np.testing.assert_allclose(moments.mean, x.mean(axis=0), rtol=1e-7)
+    if n > 1:
+        np.testing.assert_allclose(moments.variance(), x.var(axis=0, ddof=1), rtol=1e-6)
+
+
+def test_closed_form() -> None:
+    """The samples 0, 1, 2, 3 have mean 3/2 and variance 5/3, and a constant has variance 0 (1/n is float32)."""
+    moments = Moments.of(np.arange(4.0)[:, None])
+    assert (moments.n, moments.mean[0], moments.m2[0]) == (4, 1.5, 5.0)
+    assert moments.variance()[0] == pytest.approx(5 / 3)
+    assert Moments.of(np.full((5, 1), 0.25)).variance()[0] < 1e-16
+
+
+@pytest.mark.parametrize("cuts", [[1], [99], [50], [1, 2, 3], [10, 11, 60], list(range(1, 100))])
+def test_merging_any_split(cuts: list[int]) -> None:
+    """The merged moments of any split are those of all samples: to float64, except for 1/n in float32."""
+    x = samples(100)
+    whole = Moments.of(x)
+    merged = reduce(Moments.merge, [Moments.of(part) for part in np.split(x, cuts)])
+    assert merged.n == 100
+    np.testing.assert_allclose(merged.mean, whole.mean, rtol=1e-7)
+    np.testing.assert_allclose(merged.m2, whole.m2, rtol=1e-6)
+
+
+def test_merging_is_symmetric_and_associative() -> None:
+    """Merging in any order and grouping gives the same moments, up to float64 rounding."""
+    a, b, c = (Moments.of(samples(n, n)) for n in (3, 20, 7))
+    for other in (b.merge(a).merge(c), a.merge(b.merge(c)), c.merge(a).merge(b)):
+        np.testing.assert_allclose(other.mean, a.merge(b).merge(c).mean, rtol=1e-12)
+        np.testing.assert_allclose(other.m2, a.merge(b).merge(c).m2, rtol=1e-12)
+
+
+def test_no_cancellation() -> None:
+    """A standard deviation of 1 on a mean of 1000 is exact in float32; a sum of squares would lose it."""
+    x = np.random.default_rng(3).normal(size=(4096, 8)).astype(np.float32)
+    parts = [Moments.of(part) for part in np.split(x + np.float32(1000), 8)]
+    # the input rounds at 6e-5, the float32 mean of 512 numbers near 1000 at a few times that
+    np.testing.assert_allclose(reduce(Moments.merge, parts).variance(), x.var(axis=0, ddof=1), rtol=1e-3)
+
+
+def test_variance_is_unbiased() -> None:
+    """The mean variance of many sets of two normal samples is the true one, 4, by a z-test."""
+    variance = Moments.of(2 * np.random.default_rng(4).normal(size=(2, 20000))).variance()
+    assert abs((variance.mean() - 4) / (variance.std() / np.sqrt(20000))) < Z_LIMIT
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
+def test_pixels_with_different_numbers_of_samples(order: tuple[int, ...]) -> None:
+    """Blocks of all pixels and of some, in any order, give each pixel the moments of its own samples."""
+    rng = np.random.default_rng(2)
+    blocks = [(np.arange(6), 3), (np.array([1, 2, 5]), 4), (np.array([5]), 1)]
+    values = [rng.gamma(0.5, size=(n, 3, len(pixels))) for pixels, n in blocks]
+    moments = PixelMoments(6)
+    for k in order:
+        moments.add(values[k], blocks[k][0])
+    total = moments.total()
+    np.testing.assert_array_equal(total.n, [[3, 7, 7, 3, 3, 8]])
+    for pixel in range(6):
+        own = np.concatenate(
+            [x[..., pixels == pixel][..., 0] for (pixels, _), x in zip(blocks, values, strict=True) if pixel in pixels]
+        )
+        np.testing.assert_allclose(total.mean[:, pixel], own.mean(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(total.m2[:, pixel], own.var(axis=0) * len(own), rtol=1e-12)
+
+
+def test_pixels_without_samples_are_an_error() -> None:
+    """There are no moments of nothing."""
+    with pytest.raises(ValueError, match="moments need samples; none were added"):
+        PixelMoments(4).total()
+
+
+def test_film() -> None:
+    """`Film` keeps variances that are beyond float32, of samples that are not, with seven digits."""
+    for unit in (1e-30, 1.0, 1e30):
+        moments = Moments.of(samples(7) * unit)
+        film = Film(7, moments.mean.astype(np.float32), np.sqrt(moments.m2).astype(np.float32))
+        np.testing.assert_allclose(film.variance(), moments.variance(), rtol=2e-7)
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_variance_needs_two_samples(n: int) -> None:
+    """A variance from fewer than two samples raises an error."""
+    with pytest.raises(ValueError, match=f"at least two samples; got {n}"):
+        Moments(n, np.zeros(1), np.zeros(1)).variance()
+
+
+def test_luminance() -> None:
+    """The luminance of white is 1, and most of it is that of green."""
+    assert luminance(np.ones(3)) == pytest.approx(1)
+    assert luminance(np.eye(3)).tolist() == pytest.approx([0.212671, 0.715160, 0.072169])
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (9, 7), (1, 1), (5, 17)])
+@pytest.mark.parametrize("size", [1, 2, 4, 5, 32])
+def test_patch_means_by_hand(shape: tuple[int, int], size: int) -> None:
+    """The value of each patch is the mean of its pixels, also at ragged borders and if it is larger than the image."""
+    image = np.random.default_rng(5).random(shape)
+    means = patch_mean(image, size)
+    assert means.shape == (-(-shape[0] // size), -(-shape[1] // size))
+    for i, j in np.ndindex(means.shape):
+        block = image[i * size : (i + 1) * size, j * size : (j + 1) * size]
+        assert means[i, j] == pytest.approx(block.mean(), rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 3, 4, 100])
+def test_spreading_puts_patches_back(size: int) -> None:
+    """`patch_spread` gives each pixel the value of its patch, and averaging again gives the patches back."""
+    image = np.random.default_rng(6).random((10, 7))
+    means = patch_mean(image, size)
+    spread = patch_spread(means, size, image.shape)
+    assert spread.shape == image.shape
+    np.testing.assert_allclose(patch_mean(spread, size), means, rtol=1e-12)
+    assert spread[9, 6] == means[9 // size, 6 // size]
+
+
+@pytest.mark.parametrize("size", [0, -1])
+def test_bad_patches(size: int) -> None:
+    """A patch size below one pixel is refused."""
+    with pytest.raises(ValueError, match="patch must be at least 1 pixel"):
+        patch_mean(np.ones((2, 2)), size)
