@@ -207,7 +207,17 @@ def _watch(pool: Any, over: threading.Event) -> None:
         return
     for process in processes:
         process.kill()
-    pool._result_queue._writer.close()
+    _close_for_good(pool._result_queue._writer)
+
+
+def _close_for_good(connection: Any) -> None:
+    """Close a connection that the pool's own shutdown closes, too, perhaps at the same moment.
+
+    A connection forgets its handle after closing it. A second ``close`` in between, from another thread, would close
+    that handle again: an error, or the end of another file that has got the same number.
+    """
+    handle, connection._handle = connection.fileno(), None
+    type(connection)(handle).close()
 
 
 def _is_processes(executor: Executor | None) -> bool:

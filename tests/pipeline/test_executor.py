@@ -96,6 +96,25 @@ def test_half_a_result(wide, threaded, monkeypatch):
     assert len(made) == 2
 
 
+def test_the_pipe_of_a_pool_is_closed_once():
+    """The pool closes the connection while the watching thread does: the handle is closed once, without an error."""
+    reader, writer = multiprocessing.Pipe(duplex=False)
+    closed = []
+
+    class Watched(type(writer)):
+        def _close(self):
+            closed.append(self._handle)
+            super()._close()
+            watched.close()  # what the pool's shutdown does in another thread
+
+    watched = Watched(os.dup(writer.fileno()))
+    writer.close()
+    executor._close_for_good(watched)
+    assert len(closed) == 1 and watched.closed
+    with reader, pytest.raises(EOFError):
+        reader.recv()
+
+
 def test_a_given_pool_reads_the_scene_once(wide, threaded, pickled):
     """Two processes, 20 tiles in two passes, one reading each; no file is left; a death ends with a clear error."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
