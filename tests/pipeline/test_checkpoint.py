@@ -140,10 +140,10 @@ def test_a_disk_that_fills_up(tmp_path):
     """An error that says so; what is written is good, and there is a way on."""
     file, out = tmp_path / "c", tmp_path / "a.npz"
     with start(file, out, 160, 1_500_000) as process:
-        said, error = process.communicate(timeout=60)
+        said, error = process.communicate(timeout=300)
     assert process.returncode == 1 and f"cannot write checkpoint {file}: File too large" in error.splitlines()[-1]
     with start(file, out, 160) as process:
-        rest, error = process.communicate(timeout=60)
+        rest, error = process.communicate(timeout=300)
     assert process.returncode == 0, error
     assert said and rest and not set(said.splitlines()) & set(rest.splitlines())
 

@@ -1074,10 +1074,10 @@ def test_long_hostile_text_is_refused_at_once(tmp_path):
         "- " * 100_000,
     ):
         path.write_text(text)
-        start = time.perf_counter()
+        start = time.process_time()
         with pytest.raises(PbrtError):
             read_pbrt(path)
-        assert time.perf_counter() - start < 2
+        assert time.process_time() - start < 2  # quadratic work would take minutes
 
 
 # The original scenes ----------------------------------------------------------------------------------------------
