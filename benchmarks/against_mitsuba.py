@@ -49,7 +49,7 @@ Render = Callable[[int, int], np.ndarray]
 
 def ours(scene: dmis.Scene, rule: str) -> Render:
     """dmis on one thread."""
-    return lambda spp, seed: dmis.render(scene, rule, spp, seed=seed, threads=1).image
+    return lambda spp, seed: dmis.render(scene, rule, spp, seed=seed, parallel=1).image
 
 
 def theirs(scene: dmis.Scene, variant: str, exact: bool) -> Render:

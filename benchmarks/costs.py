@@ -34,13 +34,13 @@ cases = list(itertools.product(range(len(scenes)), weights, numbers))
 seconds: dict[tuple[int, float, int], list[float]] = {case: [] for case in cases}
 rays = {}
 for scene in scenes:
-    dmis.render(scene, "balance", 1, threads=1)  # tables are built, the first time
+    dmis.render(scene, "balance", 1, parallel=1)  # tables are built, the first time
 for seed in range(given.repeats):
     for case in cases:
         k, w, n = case
         settings = dmis.Settings(shading_samples=n)
         begin = time.process_time()
-        result = dmis.render(scenes[k], f"fixed:{w:g}", given.spp, seed=seed, settings=settings, threads=1)
+        result = dmis.render(scenes[k], f"fixed:{w:g}", given.spp, seed=seed, settings=settings, parallel=1)
         seconds[case].append(time.process_time() - begin)
         rays[case] = result.rays
 

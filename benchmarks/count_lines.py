@@ -56,7 +56,7 @@ def called_functions(scene: dmis.Scene, rule: str, spp: int) -> set[CodeType]:
     threading.setprofile(note)
     sys.setprofile(note)
     try:
-        dmis.render(scene, rule, spp, seed=1, threads=1)
+        dmis.render(scene, rule, spp, seed=1, parallel=1)
     finally:
         sys.setprofile(None)
         threading.setprofile(None)
@@ -115,7 +115,7 @@ def main() -> None:
     arguments = parser.parse_args()
     scene = small_scene()
     if not arguments.first:  # plan, tables and Embree scene are kept with the scene
-        dmis.render(scene, arguments.rule, arguments.spp, seed=1, threads=1)
+        dmis.render(scene, arguments.rule, arguments.spp, seed=1, parallel=1)
     by_file: dict[str, set[CodeType]] = {}
     for code in called_functions(scene, arguments.rule, arguments.spp):
         by_file.setdefault(Path(code.co_filename).relative_to(PACKAGE).as_posix(), set()).add(code)

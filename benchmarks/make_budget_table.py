@@ -39,7 +39,7 @@ for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 1024))
     budgets = [(rule, spp) for spp in BUDGETS for rule in (BASE, WEIGHTS, AUTO)]
-    runs = measure(scene, budgets, range(given.seeds), reference, threads=1, progress=show(name))
+    runs = measure(scene, budgets, range(given.seeds), reference, parallel=1, progress=show(name))
     width, height = scene.camera.resolution
     for rule in (WEIGHTS, AUTO):
         cells = []

@@ -43,10 +43,10 @@ for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     width, height = scene.camera.resolution
     columns.append(f"{scene.name} {width}×{height}")
-    oracle = make_oracle(scene, opts.pick(64, 1024), threads=opts.threads, progress=show("oracle"))
+    oracle = make_oracle(scene, opts.pick(64, 1024), parallel=opts.threads, progress=show("oracle"))
     for way, text in WAYS.items():
         rule = f"second-moment:combiner=balance,cost=no,{text}"
-        maps = [dmis.render(scene, rule, 8, seed=seed, threads=opts.threads).weight for seed in range(given.seeds)]
+        maps = [dmis.render(scene, rule, 8, seed=seed, parallel=opts.threads).weight for seed in range(given.seeds)]
         saving, harm = np.mean([(oracle.saving(w), oracle.harm(w)[0]) for w in maps], axis=0)
         cells[way].append(f"{saving:.0%}, harm {harm:.1%}")
         print(f"{columns[-1]} {way}: {cells[way][-1]}", flush=True)

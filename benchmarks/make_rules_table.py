@@ -70,7 +70,7 @@ for name, shrink in TABLES.items():
     saved, harmed = [], []
     for rule in (weights, costly):
         for seed in seeds:
-            result = dmis.render(scene, rule, 8, seed=seed, threads=opts.threads)
+            result = dmis.render(scene, rule, 8, seed=seed, parallel=opts.threads)
             combined = make_oracle(scene, opts.pick(64, 1024), combiner=result.provenance["combiner"], **known)
             saved.append(oracle.saving(result.weight, combined))
             harmed.append(oracle.harm(result.weight, combined)[0])

@@ -47,7 +47,7 @@ for name, shrink in SHRINK.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 1024))
     budgets = [(rule, SPP) for rule in ("balance", *RULES)]
-    runs = measure(scene, budgets, range(given.seeds), reference, threads=1, progress=show(name))
+    runs = measure(scene, budgets, range(given.seeds), reference, parallel=1, progress=show(name))
     names.append("{} {}×{}".format(scene.name, *scene.camera.resolution))
     for rule, row in rows.items():
         own, base = runs[rule, SPP], runs["balance", SPP]

@@ -53,7 +53,7 @@ def main():
         sizes.append(f"| {name} | {len(pickle.dumps(scene)) / 1e6:.1f} | {kilo} |")
 
     scene = dmis.load_scene(names[min(1, len(names) - 1)], size)
-    alone = dmis.render(scene, RULE, SPP, threads=1)
+    alone = dmis.render(scene, RULE, SPP, parallel=1)
     finals = [tile for tile in alone.tiles if tile.pass_]
     tile_seconds = alone.seconds["render"] / len(finals)
     merge, logged = (merge_seconds(scene, finals, file) for file in (False, True))
@@ -66,8 +66,8 @@ def main():
             Client(cluster) as client,
         ):
             executor = client.get_executor(pure=False)
-            dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, executor=executor)  # what is slow the first time
-            result = dmis.render(scene, RULE, SPP, executor=executor)
+            dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, parallel=executor)  # what is slow the first time
+            result = dmis.render(scene, RULE, SPP, parallel=executor)
             assert (result.image == alone.image).all()
             renders.append(row(f"{workers} worker process{'es' * (workers > 1)}", result.seconds))
             begin = time.perf_counter()

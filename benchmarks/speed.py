@@ -73,7 +73,7 @@ def threads(names: list[str], spp: int, repeats: int) -> Iterator[Target]:
         scene = dmis.load_scene(name, resolution=(342, 256))
         gains = []
         for seed in range(repeats):
-            one, two = (dmis.render(scene, "balance", spp, seed=seed, threads=n).seconds["total"] for n in (1, 2))
+            one, two = (dmis.render(scene, "balance", spp, seed=seed, parallel=n).seconds["total"] for n in (1, 2))
             gains.append(one / two)
         yield Target(f"2 threads over 1, {name}", statistics.median(gains), 1.7, " ×", least=True)
 

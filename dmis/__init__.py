@@ -34,6 +34,7 @@ _MODULES = {
     "light.area": "DiskLight MeshLight QuadLight SphereLight",
     "light.delta": "DistantLight PointLight SpotLight",
     "light.environment": "EnvironmentLight",
+    "pipeline.executor": "Processes",
     "pipeline.render": "render",
     "pipeline.result": "Result find_fireflies write_image",
     "samplers.pixel_filter": "PixelFilter",
@@ -103,6 +104,7 @@ if TYPE_CHECKING:
     from dmis.light.delta import PointLight as PointLight
     from dmis.light.delta import SpotLight as SpotLight
     from dmis.light.environment import EnvironmentLight as EnvironmentLight
+    from dmis.pipeline.executor import Processes as Processes
     from dmis.pipeline.render import render as render
     from dmis.pipeline.result import Result as Result
     from dmis.pipeline.result import find_fireflies as find_fireflies

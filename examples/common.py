@@ -96,7 +96,7 @@ class Options:
     def reference(self, scene: dmis.Scene, spp: int | None = None) -> dmis.Reference:
         """The reference of a scene in two halves: rendered the first time, read from disk afterwards."""
         spp = spp or REFERENCE_SPP[self.size]
-        return dmis.make_reference(scene, spp, threads=self.threads, progress=show(f"reference of {scene.name}"))
+        return dmis.make_reference(scene, spp, parallel=self.threads, progress=show(f"reference of {scene.name}"))
 
     def save(self, figure, title: str, caption: str) -> None:
         """Write the figure, and say where it is."""

@@ -41,7 +41,7 @@ def mse_curve(opts: Options, scene: dmis.Scene, patch: plot.Window, weights: Seq
     crop = scene.crop(*patch)
     reference = opts.reference(crop, opts.pick(1024, 8192, 16384))
     spp, seeds = opts.pick(16, 122), opts.pick(2, 16, 64)
-    runs = dmis.measure(crop, [(f"fixed:{w}", spp) for w in weights], range(seeds), reference, threads=1)
+    runs = dmis.measure(crop, [(f"fixed:{w}", spp) for w in weights], range(seeds), reference, parallel=1)
     values = [mean_and_error(np.array([run.mse for run in runs[f"fixed:{w}", spp]])) for w in weights]
     mse, error = np.transpose(values)
     return Curve(np.array(weights, float), mse, error, spp)
@@ -64,7 +64,7 @@ def pilot(scene: dmis.Scene, patch: plot.Window, seed: int, spp: int = 2) -> Pil
     (top, bottom), (left, right) = patch
     size = max(bottom - top, right - left)
     rule = f"thesis:patch={size},filter=none,spp={spp},channels=rgb"
-    maps = dmis.render(scene.crop(*patch), rule, 3 * spp + 1, seed=seed, threads=1).maps
+    maps = dmis.render(scene.crop(*patch), rule, 3 * spp + 1, seed=seed, parallel=1).maps
     return Pilot(maps["variances"][:, 0, 0], float(maps["raw"][0, 0]))
 
 

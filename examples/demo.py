@@ -48,7 +48,7 @@ def progress(stage: str, done: int, total: int) -> None:
 
 
 results = {
-    rule: dmis.render(scene, rule, spp, seed=options.seed, threads=options.threads, progress=progress)
+    rule: dmis.render(scene, rule, spp, seed=options.seed, parallel=options.threads, progress=progress)
     for rule in ("balance", "thesis")
 }
 

@@ -41,7 +41,7 @@ comparisons, limits = [], []
 for name, shrink in SIZES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 512))
-    oracle = dmis.make_oracle(scene, opts.pick(64, 256), threads=opts.threads, progress=show(f"oracle of {name}"))
+    oracle = dmis.make_oracle(scene, opts.pick(64, 256), parallel=opts.threads, progress=show(f"oracle of {name}"))
     comparison = dmis.compare(
         scene,
         RULES,
@@ -50,7 +50,7 @@ for name, shrink in SIZES.items():
         reference,
         folder / name,
         oracle=oracle,
-        threads=opts.threads,
+        parallel=opts.threads,
         progress=show(SCENES[name].title),
     )
     comparisons.append(comparison)

@@ -450,7 +450,7 @@ def measure(case: Case, rule: str, spp: int, seed: int = 1) -> Found:
     if isinstance(made, Fixed) and case.settings.techniques != dmis.Settings().techniques:
         made = replace(made, techniques=case.settings.techniques)
     try:
-        image = dmis.render(case.make(), made, spp, seed=seed, settings=case.settings, threads=1).image
+        image = dmis.render(case.make(), made, spp, seed=seed, settings=case.settings, parallel=1).image
     except ValueError as error:
         return Found(np.nan, np.nan, 0, str(error))
     means = image.astype(float).mean(axis=2)

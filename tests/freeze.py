@@ -63,7 +63,7 @@ def render(configuration: Mapping[str, Any], scenes: dict[str, dmis.Scene]) -> d
     name = configuration["scene"]
     scene = scenes.setdefault(name, dmis.load_scene(name, resolution=RESOLUTION))
     settings = Settings(**configuration["settings"])
-    result = dmis.render(scene, configuration["rule"], SPP, seed=SEED, settings=settings, threads=2)
+    result = dmis.render(scene, configuration["rule"], SPP, seed=SEED, settings=settings, parallel=2)
     arrays = {"image": result.image, "deviation": result.deviation, "weight": result.weight, "samples": result.samples}
     return {**arrays, "rays": np.array(sorted(result.rays.items()), dtype="U32")}
 

@@ -143,7 +143,7 @@ def rendering(rng: random.Random, folder: Path) -> None:
     ]
     scene = read(folder, f"{SMALL}\n" + "\n".join([*lines, f"Shape {TRIANGLE} WorldEnd"]))
     if scene is not None:
-        image = dmis.render(scene, rng.choice(["balance", "pbrt", "one-sample"]), 2, threads=1).image
+        image = dmis.render(scene, rng.choice(["balance", "pbrt", "one-sample"]), 2, parallel=1).image
         assert np.isfinite(image).all() and (image >= 0).all()
 
 
@@ -189,7 +189,7 @@ def mesh(rng: random.Random, folder: Path) -> None:
     except ValueError as error:
         assert str(path) in str(error) or len(str(error)) < 300, error
         return
-    image = dmis.render(scene, "balance", 1, threads=1).image
+    image = dmis.render(scene, "balance", 1, parallel=1).image
     assert np.isfinite(image).all()
 
 
@@ -243,7 +243,7 @@ def rule(rng: random.Random, folder: Path) -> None:
     assert sum(made.pilot.values()) >= 0
     scene = dmis.load_scene(folder / "scene.pbrt")
     with contextlib.suppress(ValueError):
-        result = dmis.render(scene, text, rng.choice([1, 8, 20]), threads=1)
+        result = dmis.render(scene, text, rng.choice([1, 8, 20]), parallel=1)
         assert np.isfinite(result.image).all()
 
 

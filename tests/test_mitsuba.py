@@ -139,7 +139,7 @@ def test_paths_have_the_same_mean(material, depth):
     integrator = mitsuba_scene.path(depth)
     ours, theirs = [], []
     for seed in range(6):
-        ours.append(dmis.render(scene, "balance", 24, seed=seed, settings=settings, threads=1).image)
+        ours.append(dmis.render(scene, "balance", 24, seed=seed, settings=settings, parallel=1).image)
         theirs.append(mitsuba_scene.render(other, camera, integrator, 64, seed))
     a, b = (np.array(x, float).reshape(6, 2, 16, 2, 20, 3).mean((2, 4)) for x in (ours, theirs))
     error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / 6)

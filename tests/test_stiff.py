@@ -100,7 +100,7 @@ def one_point(radiance: float = 1.0, resolution: tuple[int, int] = (1, 1), lit: 
 @pytest.mark.parametrize("resolution", [(1, 1), (1, 5), (3, 2)])
 def test_images_smaller_than_a_patch(rule: str, resolution: tuple[int, int]) -> None:
     """One pixel, one column, less than a patch."""
-    result = dmis.render(one_point(resolution=resolution), rule, 64, threads=1)
+    result = dmis.render(one_point(resolution=resolution), rule, 64, parallel=1)
     assert result.image.shape == (resolution[1], resolution[0], 3) and (result.image >= 0).all()
     assert np.isfinite(result.weight).all() and np.isfinite(result.variance).all()
 
@@ -109,7 +109,7 @@ def test_images_smaller_than_a_patch(rule: str, resolution: tuple[int, int]) -> 
 @pytest.mark.parametrize("radiance, lit, seen", [(0.0, False, 0.0), (0.0, True, 0.0), (7.0, True, 7.0)])
 def test_images_without_noise(rule: str, radiance: float, lit: bool, seen: float) -> None:
     """All black, all lamp: nothing varies, and no weight is better than another."""
-    result = dmis.render(one_point(radiance, (5, 4), lit), rule, 16, threads=1)
+    result = dmis.render(one_point(radiance, (5, 4), lit), rule, 16, parallel=1)
     np.testing.assert_array_equal(result.image, np.full((4, 5, 3), seen, np.float32))
     np.testing.assert_array_equal(result.variance, 0)
     assert np.isfinite(result.weight).all()
@@ -121,7 +121,7 @@ def test_images_in_shadow(rule: str) -> None:
     lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (7.0,) * 3)
     screen = dmis.Part(dmis.geometry.shapes.quad((-9, -9, 1.5), (18, 0, 0), (0, 18, 0)), dmis.matte(0.5))
     scene = box_scene(lights=(lamp,), extra=(screen,), resolution=(5, 4), eye=(0, -1, 0.7), target=(0, 0, 0), fov=5.0)
-    result = dmis.render(scene, rule, 16, threads=1)
+    result = dmis.render(scene, rule, 16, parallel=1)
     np.testing.assert_array_equal(result.image, 0)
     assert np.isfinite(result.weight).all() and sum(result.rays.values()) > result.rays["camera"]
 
@@ -213,8 +213,8 @@ def test_threads_raise_too(threads: int) -> None:
     """A material that divides by 0 fails a test wherever it is evaluated, and is no image where it does not."""
     scene = box_scene(dmis.Material((Broken(0.5),)))
     with pytest.raises(RuntimeWarning, match="divide by zero"):
-        dmis.render(scene, "balance", 2, threads=threads)
+        dmis.render(scene, "balance", 2, parallel=threads)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with pytest.raises(ValueError, match=r"pixel at row \d+, column \d+ must be finite"):
-            dmis.render(scene, "balance", 2, threads=threads)
+            dmis.render(scene, "balance", 2, parallel=threads)

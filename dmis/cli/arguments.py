@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dmis import __version__
 from dmis.fit.registry import RULES
+from dmis.pipeline.executor import MAX_WORKERS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene import camera
 
@@ -61,8 +62,8 @@ def _render(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--seed", type=int, default=0, help="seed of the random numbers (default 0)")
     executor = command.add_mutually_exclusive_group()
-    executor.add_argument("--threads", type=int, help="number of threads (default: one per processor)")
-    executor.add_argument("--workers", type=int, metavar="N", help="number of processes, in place of threads")
+    executor.add_argument("--threads", type=_workers, help="number of threads (default: one per processor)")
+    executor.add_argument("--workers", type=_workers, metavar="N", help="number of processes, in place of threads")
     executor.add_argument(
         "--cluster", metavar="ADDRESS", help="address of a Dask scheduler, such as tcp://10.0.0.1:8786"
     )
@@ -124,7 +125,7 @@ def _compare(command: argparse.ArgumentParser) -> None:
         help="also render the oracle with N samples per pixel (default: use it if it is in the cache)",
     )
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="pixels (default: as the scene says)")
-    command.add_argument("--threads", type=int, help="number of threads (default: one per processor)")
+    command.add_argument("--threads", type=_workers, help="number of threads (default: one per processor)")
     command.add_argument(
         "-o",
         "--output",
@@ -153,7 +154,7 @@ def _bench(command: argparse.ArgumentParser) -> None:
         "--resolution", type=_resolution, metavar="WxH", default=(342, 256), help="pixels (default 342x256)"
     )
     command.add_argument("--spp", type=int, default=64, help="camera samples per pixel (default 64)")
-    command.add_argument("--threads", type=int, default=1, help="number of threads (default 1)")
+    command.add_argument("--threads", type=_workers, default=1, help="number of threads (default 1)")
     command.add_argument(
         "--repeats", type=int, default=3, help="renders of each scene and rule; the table has their medians (default 3)"
     )
@@ -214,6 +215,13 @@ def _sample_counts(text: str) -> list[int]:
     if not all(number.strip().isdecimal() and int(number) > 0 for number in numbers):
         raise argparse.ArgumentTypeError(f"must be positive whole numbers separated by commas; got {text!r}")
     return [int(number) for number in numbers]
+
+
+def _workers(text: str) -> int:
+    """Return a number of threads or processes."""
+    if not (text.isdecimal() and 1 <= int(text) <= MAX_WORKERS):
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {MAX_WORKERS}; got {text!r}")
+    return int(text)
 
 
 def _depth(text: str) -> int | str | None:

@@ -19,7 +19,6 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -36,6 +35,7 @@ from dmis.experiment.speed.bench import HEADER, bench
 from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.image import check_image, write_png
+from dmis.pipeline.executor import Processes
 from dmis.pipeline.passes import Progress
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result, write_image
@@ -106,18 +106,18 @@ def _compare(options: argparse.Namespace) -> int:
             reference = load_reference(options.reference)
         else:
             reference = make_reference(
-                scene, options.reference_spp, settings=settings, threads=options.threads, progress=progress
+                scene, options.reference_spp, settings=settings, parallel=options.threads, progress=progress
             )
         seeds = range(options.seed, options.seed + options.seeds)
         oracle = None
         if options.oracle_spp is not None:
             oracle = make_oracle(
-                scene, options.oracle_spp, settings=settings, threads=options.threads, progress=progress
+                scene, options.oracle_spp, settings=settings, parallel=options.threads, progress=progress
             )
         comparison = compare(
             scene, rules, options.spp, seeds, reference, options.output,
-            settings=replace(settings, sampler=options.sampler), oracle=oracle, threads=options.threads,
-            progress=_print_run if options.verbose else progress,
+            oracle=oracle, progress=_print_run if options.verbose else progress, parallel=options.threads,
+            settings=settings, sampler=options.sampler,
         )  # fmt: skip
     missing = [(rule, n) for n in options.spp for rule in rules if (rule, n) not in comparison.runs]
     for rule, n in missing:
@@ -162,18 +162,14 @@ def _render(options: argparse.Namespace) -> int:
             options.rule,
             options.spp,
             seed=options.seed,
-            sampler=options.sampler,
-            settings=Settings(
-                shading_samples=options.shading_samples,
-                lights=options.lights,
-                integrator=options.integrator,
-                max_depth=options.max_depth,
-            ),
-            threads=options.threads,
-            workers=options.workers,
-            executor=executor,
+            parallel=executor or (Processes(options.workers) if options.workers else options.threads),
             progress=progress,
             checkpoint=options.checkpoint,
+            sampler=options.sampler,
+            shading_samples=options.shading_samples,
+            lights=options.lights,
+            integrator=options.integrator,
+            max_depth=options.max_depth,
         )
     write_image(output, result)
     if options.png:
@@ -279,11 +275,11 @@ def _info(options: argparse.Namespace) -> int:
 
 def _bench(options: argparse.Namespace) -> int:
     """Run ``bench`` and return its exit code."""
-    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
     with _ProgressBar(False) as progress:
         speeds = bench(
             options.scenes or SHIPPED, parse_rules(options.rules), options.resolution, options.spp,
-            options.threads, options.repeats, options.seed, settings, progress,
+            parallel=options.threads, repeats=options.repeats, seed=options.seed, progress=progress,
+            integrator=options.integrator, max_depth=options.max_depth,
         )  # fmt: skip
     print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     return 0

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from dmis.base.validate import whole
 from dmis.estimator import technique
@@ -104,6 +105,30 @@ class Settings:
     def deepest(self) -> float:
         """`max_depth` as a number that depths compare with; infinite for None. It must not be ``auto`` any more."""
         return math.inf if self.max_depth is None else int(self.max_depth)
+
+
+def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
+    """Return `settings`, or the default ones, with `options` in the place of the fields that they name.
+
+    Parameters
+    ----------
+    settings
+        Base of the options; None: the defaults of `Settings`.
+    options
+        Fields of `Settings` by name. An option takes the place of the field, whatever `settings` has there.
+
+    Raises
+    ------
+    ValueError
+        If `settings` is something else, there is no such field, or a value does not fit.
+    """
+    if settings is not None and not isinstance(settings, Settings):
+        raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
+    names = [field.name for field in fields(Settings)]
+    if unknown := [name for name in options if name not in names]:
+        hint = ". Write parallel=" if {"threads", "workers", "executor"} & set(unknown) else ""
+        raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
+    return replace(settings or Settings(), **options)
 
 
 def resolve_auto(settings: Settings, scene: Scene) -> Settings:

@@ -7,12 +7,13 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings
+from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
 from dmis.experiment.oracle import Oracle, cached_oracle
@@ -123,10 +124,9 @@ def compare(
     reference: Reference,
     folder: str | os.PathLike[str],
     *,
-    settings: Settings | None = None,
     oracle: Oracle | None = None,
-    threads: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    **options: Any,
 ) -> Comparison:
     """Render a scene with several rules, numbers of samples and seeds, and write table, plot and report into `folder`.
 
@@ -142,10 +142,10 @@ def compare(
         Image that errors are measured against.
     folder
         Output directory; an existing comparison in it is resumed.
-    settings, threads, progress
-        See `dmis.experiment.runs.measure`; the reference has the same settings.
     oracle
         Oracle of the maps of regret. Default: that of the cache, if it has one.
+    progress, options
+        See `dmis.experiment.runs.measure`; the reference has the same integrator and depth.
 
     Raises
     ------
@@ -155,16 +155,18 @@ def compare(
     OSError
         If a file of `folder` cannot be written.
     """
+    parallel = options.pop("parallel", None)
+    settings = make_settings(**options)
     rules = tuple(dict.fromkeys(("balance", *rules)))
     folder = Path(folder)
     _check_sizes(scene, reference, oracle)
     _check_rules_and_output(rules, settings, folder)
-    results = Results(folder, conditions(scene, reference, threads, settings), rules)
+    results = Results(folder, conditions(scene, reference, parallel, settings), rules)
     budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).pilot.values()) < n]
     measure(
         scene, budgets, seeds, reference,
-        settings=settings, threads=threads, done=tuple(results.runs),
-        keep=_image_writer(results), record=results.append, progress=progress,
+        done=tuple(results.runs), keep=_image_writer(results), record=results.append, progress=progress,
+        parallel=parallel, settings=settings,
     )  # fmt: skip
     rows = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in budgets}
@@ -188,17 +190,17 @@ def _check_sizes(scene: Scene, reference: Reference, oracle: Oracle | None) -> N
         )
 
 
-def _check_rules_and_output(rules: Sequence[str], settings: Settings | None, folder: Path) -> None:
+def _check_rules_and_output(rules: Sequence[str], settings: Settings, folder: Path) -> None:
     """Check that the files can be written and that every rule accepts the settings."""
     check_output(folder)
     for rule in rules:
-        settle(make_rule(rule), rule, settings or Settings())
+        settle(make_rule(rule), rule, settings)
 
 
-def _oracle_from_cache(scene: Scene, settings: Settings | None) -> Oracle | None:
+def _oracle_from_cache(scene: Scene, settings: Settings) -> Oracle | None:
     """Return the cached oracle of a scene; it does not depend on the sampler."""
     default_sampler = Settings().sampler
-    return cached_oracle(scene, settings=settings and replace(settings, sampler=default_sampler))
+    return cached_oracle(scene, settings=replace(settings, sampler=default_sampler))
 
 
 def _image_writer(results: Results) -> Callable[[Budget, Result], None]:

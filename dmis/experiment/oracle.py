@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +23,11 @@ from dmis.base.patches import patch_mean, patch_sum
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample
-from dmis.estimator.settings import Settings, resolve_auto
+from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
 from dmis.fit.curve_minimum import weighed
 from dmis.fit.second_moment import Learned
+from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.passes import Progress
 from dmis.pipeline.render import render
@@ -174,8 +176,9 @@ def make_oracle(
     combiner: str = "balance",
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
-    threads: int | None = None,
+    parallel: Parallel = None,
     progress: Progress | None = None,
+    **options: Any,
 ) -> Oracle:
     """Return the oracle of `scene`, rendered at the first call and read from the cache afterwards.
 
@@ -187,10 +190,11 @@ def make_oracle(
         Side of a patch in pixels, a multiple of 4.
     combiner
         Heuristic of the curves; the random numbers are the same for all.
-    settings, folder, threads, progress
+    settings, folder, parallel, progress, options
         See `dmis.experiment.reference.make_reference`.
     """
     spp, patch = whole("spp", spp, 1), whole("patch", patch, 1)
+    settings = make_settings(settings, **options)
     path = _path(scene, spp, patch, settings, folder, combiner)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -199,7 +203,7 @@ def make_oracle(
         checkpoint = path.with_suffix(".checkpoint")
         result = render(
             scene, rule, spp + 1, seed=REFERENCE_SEED + 2, settings=settings,
-            threads=threads, progress=progress, checkpoint=checkpoint,
+            parallel=parallel, progress=progress, checkpoint=checkpoint,
         )  # fmt: skip
         rays = json.dumps(result.provenance["pilot_rays"])
         with replacing(path) as partial, open(partial, "wb") as archive:
@@ -210,7 +214,7 @@ def make_oracle(
             variance = arrays["variance"].astype(np.float64)
     except Exception as error:  # a damaged archive may raise anything
         raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
-    settings = resolve_auto(settings or Settings(), scene)
+    settings = resolve_auto(settings, scene)
     s, shape = settings.shading_samples, scene.camera.resolution[::-1]
     cost = camera_sample(rays_by_kind, GRID, 2 * s, s, settings.techniques)
     return Oracle(variance, cost, patch, spp, shape)

@@ -16,8 +16,9 @@ import numpy as np
 
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings
+from dmis.estimator.settings import Settings, make_settings
 from dmis.image import check_image, read_exr, write_exr
+from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import MAX_SPP
 from dmis.pipeline.passes import Progress
@@ -62,8 +63,9 @@ def make_reference(
     rule: str = "balance",
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
-    threads: int | None = None,
+    parallel: Parallel = None,
     progress: Progress | None = None,
+    **options: Any,
 ) -> Reference:
     """Return the reference of `scene`, rendered with Sobol points at the first call and read from the cache later.
 
@@ -73,11 +75,11 @@ def make_reference(
         Camera samples per pixel of each half.
     rule
         Rule that renders it; every rule converges to the same image.
-    settings
-        Settings such as the integrator, see `dmis.pipeline.render.render`.
+    settings, options
+        Settings such as ``integrator="path"``, see `dmis.pipeline.render.render`.
     folder
         Folder of the cache. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
-    threads, progress
+    parallel, progress
         See `dmis.pipeline.render.render`. An interrupted half is resumed.
 
     Raises
@@ -88,6 +90,7 @@ def make_reference(
         If it cannot be written.
     """
     spp = whole("spp", spp, 1, MAX_SPP)
+    settings = make_settings(settings, **options)
     width, height = scene.camera.resolution
     key = json.dumps([fingerprint(scene), width, height, spp, rule, *settings_key(settings)])
     import hashlib  # imported where used: it brings OpenSSL
@@ -103,9 +106,9 @@ def make_reference(
                 rule,
                 spp,
                 seed=REFERENCE_SEED + k,
-                sampler="sobol",
                 settings=settings,
-                threads=threads,
+                sampler="sobol",
+                parallel=parallel,
                 progress=progress,
                 checkpoint=path.with_suffix(f".{k}.checkpoint"),
             ).image

@@ -10,10 +10,10 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from dmis.estimator.settings import Settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
 from dmis.experiment.reference import Reference
@@ -75,19 +75,16 @@ def measure(
     seeds: Sequence[int],
     reference: Reference,
     *,
-    settings: Settings | None = None,
-    threads: int | None = None,
     done: Iterable[Run] = (),
     keep: Callable[[Budget, Result], None] | None = None,
     record: Callable[[Run], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    **options: Any,
 ) -> dict[Budget, list[Run]]:
     """Render `scene` with every rule, budget and seed, and measure time and error of each render.
 
     Parameters
     ----------
-    settings
-        Settings of all rules, see `dmis.pipeline.render.render`.
     done
         Runs of an earlier call, which are not rendered again.
     keep
@@ -96,6 +93,9 @@ def measure(
         Called with each run as soon as it is finished.
     progress
         Called as ``progress(rule, done, total)`` after each render.
+    options
+        ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
+        `dmis.pipeline.render.render`. CPU seconds are those of this process, and not of others that ``parallel`` names.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def measure(
             if run is None:
                 scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
                 begin = time.process_time()
-                result = render(scene, rule, spp, seed=seed, settings=settings, threads=threads)
+                result = render(scene, rule, spp, seed=seed, **options)
                 run = _run_of(result, rule, spp, seed, time.process_time() - begin, reference)
                 if keep:
                     keep((rule, spp), result)

@@ -10,7 +10,6 @@ import csv
 import hashlib
 import io
 import json
-import os
 import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,6 +28,7 @@ from dmis.experiment.reference import Reference
 from dmis.experiment.runs import Budget, Run
 from dmis.fit.registry import make_rule
 from dmis.image import read_exr
+from dmis.pipeline.executor import Parallel, describe_parallel
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.scene.scene import Scene
 
@@ -40,9 +40,9 @@ COLUMNS = (
 
 
 def conditions(
-    scene: Scene, reference: Reference, threads: int | None, settings: Settings | None = None
+    scene: Scene, reference: Reference, parallel: Parallel = None, settings: Settings | None = None
 ) -> dict[str, Any]:
-    """Return what all rows of a table must share: scene, reference, settings, threads, and the code of dmis."""
+    """Return what all rows of a table must share: scene, reference, settings, executor, and the code of dmis."""
     settings = resolve_auto(settings or Settings(), scene)
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {
@@ -52,7 +52,7 @@ def conditions(
         "scene_hash": fingerprint(scene),
         "resolution": list(scene.camera.resolution),
         "reference": halves.hexdigest()[:16],
-        "threads": threads or os.cpu_count() or 1,
+        "parallel": describe_parallel(parallel),
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()},
     }
 

@@ -19,6 +19,7 @@ import tempfile
 import threading
 from collections.abc import Generator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 from dmis import __version__
 from dmis.base.malloc import keep
 from dmis.base.plugins import load_plugin, loaded_plugins
+from dmis.base.validate import whole
 from dmis.pipeline.tile import Rendered, Tile, render_tile
 from dmis.scene.scene import Scene
 
@@ -36,34 +38,76 @@ PATIENCE = 2.0
 """Seconds after the death of a process within which its pool knows of it."""
 ATTEMPTS = 3
 """New pools in a row in which not one tile was finished, after which we give up."""
+MAX_WORKERS = 1024
+"""Largest number of threads or processes."""
+
+
+@dataclass(frozen=True)
+class Processes:
+    """`number` processes of this machine, 1 to 1024, which render tiles in the place of threads.
+
+    Tiles of a process that dies are rendered again in a new pool. A script must start the render from under
+    ``if __name__ == "__main__":``.
+    """
+
+    number: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "number", whole("number of processes", self.number, 1, MAX_WORKERS))
+
+
+Parallel = int | Processes | Executor | None
+"""Where tiles are rendered: a number of threads, `Processes`, or any executor; None: one thread per processor."""
+
+
+def check_parallel(parallel: Parallel) -> int | Processes | Executor:
+    """Return `parallel`, with the number of processors in the place of None.
+
+    Raises
+    ------
+    ValueError
+        If it is nothing that `Parallel` names, or a number that is not from 1 to 1024.
+    """
+    if parallel is None:
+        return os.cpu_count() or 1
+    if isinstance(parallel, Processes | Executor):
+        return parallel
+    return whole(
+        "parallel", parallel, 1, MAX_WORKERS, "the number of threads; or dmis.Processes(number), an executor, or None"
+    )
+
+
+def describe_parallel(parallel: Parallel) -> str:
+    """Return where tiles are rendered in words: ``1 thread``, ``8 processes``, ``executor ClientExecutor``."""
+    checked = check_parallel(parallel)
+    if isinstance(checked, Executor):
+        return f"executor {type(checked).__name__}"
+    number, kind = (checked.number, "process") if isinstance(checked, Processes) else (checked, "thread")
+    return f"{number} {kind}" if number == 1 else f"{number} {kind}{'es' if kind == 'process' else 's'}"
 
 
 class Workers:
-    """An executor with the scene at its workers.
+    """An executor with the scene at its workers; an executor of its own is shut down by `close`."""
 
-    Parameters
-    ----------
-    executor
-        None: an own one, of `processes`, or else of `threads` (default: one per processor).
-    """
-
-    def __init__(
-        self, scene: Scene, executor: Executor | None = None, threads: int | None = None, processes: int | None = None
-    ) -> None:
+    def __init__(self, scene: Scene, parallel: Parallel = None) -> None:
+        parallel = check_parallel(parallel)
         keep()  # threads that are there already have their arenas
-        self._processes, self._fruitless = processes, 0
+        self._processes = parallel.number if isinstance(parallel, Processes) else None
+        self._fruitless = 0
         self._file: Path | None = None
-        self._own = executor is None
-        self._executor = executor or ThreadPoolExecutor(threads or os.cpu_count() or 1)
+        self._own = not isinstance(parallel, Executor)
         self._scene: Any = scene  # what every tile carries in the scene's place
-        if _is_processes(executor) or (executor is None and processes):
+        if isinstance(parallel, int):
+            self._executor: Executor = ThreadPoolExecutor(parallel)
+        elif isinstance(parallel, Processes) or _is_processes(parallel):
             with tempfile.NamedTemporaryFile(prefix="dmis-scene-", delete=False) as file:
                 pickle.dump(scene, file)
             self._scene = self._file = Path(file.name)
-            if executor is None:
-                self._executor = self._pool()
-        elif _is_dask(executor):
-            self._scene = _send(executor, scene)
+            self._executor = self._pool() if isinstance(parallel, Processes) else parallel
+        else:
+            self._executor = parallel
+            if _is_dask(parallel):
+                self._scene = _send(parallel, scene)
 
     def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, Rendered], None, None]:
         """Rendered tiles as they come, in any order; submitted in the order given.
@@ -220,15 +264,13 @@ def _close_for_good(connection: Any) -> None:
     type(connection)(handle).close()
 
 
-def _is_processes(executor: Executor | None) -> bool:
-    if executor is None:
-        return False
+def _is_processes(executor: Executor) -> bool:
     from concurrent.futures import ProcessPoolExecutor
 
     return isinstance(executor, ProcessPoolExecutor)
 
 
-def _is_dask(executor: Executor | None) -> bool:
+def _is_dask(executor: Executor) -> bool:
     return type(executor).__module__.partition(".")[0] == "distributed"
 
 

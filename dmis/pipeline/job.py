@@ -99,7 +99,7 @@ class Job:
             raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
         spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
         float32_scene, gain = suited(scene)
-        rule = _default_rule(spp, settings) if rule is None else rule
+        rule = default_rule(spp, settings) if rule is None else rule
         rule_text = rule if isinstance(rule, str) else repr(rule)
         rule = make_rule(rule)
         settings = resolve_auto(settle(rule, rule_text, settings), float32_scene)
@@ -199,8 +199,13 @@ def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool
     return replace(settings, shading_samples=techniques * settings.shading_samples)
 
 
-def _default_rule(spp: int, settings: Settings) -> Rule | str:
-    """Return ``auto`` where its pilot pays and its statistic exists, else the balance heuristic of the `settings`."""
+def default_rule(spp: int, settings: Settings) -> Rule | str:
+    """Return the rule of a render that names none.
+
+    ``auto`` where its pilot pays and its statistic exists; else w = 1/2 with the techniques and the combiner of
+    `settings`: for fewer than 16 samples per pixel or tens of thousands, for a number of shading samples that is odd or
+    very large, and with the technique ``resampled``.
+    """
     s = settings.shading_samples
     if MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2 and s % 2 == 0 and 2 * s <= MOST and _densities_known(settings):
         return "auto"

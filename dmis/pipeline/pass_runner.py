@@ -5,24 +5,20 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from concurrent.futures import Executor
 from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
 from dmis.base.atomic_files import check_writable
 from dmis.base.malloc import release
-from dmis.base.validate import whole
 from dmis.fit.rule import Pilot
 from dmis.pipeline.checkpoint import Store
-from dmis.pipeline.executor import Workers
+from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.job import FinalPass, Job
 from dmis.pipeline.passes import Passes, Progress
 from dmis.scene.feature_buffers import guides
 from dmis.variance.moments import Film
 
-MAX_WORKERS = 1024
-"""Largest number of threads or processes."""
 _CHECKPOINT_BYTES = 24  # of a pixel in a pass, statistics not counted
 
 
@@ -31,13 +27,13 @@ class PassRunner:
 
     Parameters
     ----------
-    checkpoint, progress, executor, threads, workers
+    parallel, progress, checkpoint
         As those of `dmis.pipeline.render.render`.
 
     Raises
     ------
     ValueError
-        If more than one of executor, threads and workers is given, or the checkpoint belongs to a different image.
+        If `parallel` is not right, or the checkpoint belongs to a different image.
     OSError
         If the checkpoint cannot be written.
     """
@@ -45,18 +41,16 @@ class PassRunner:
     def __init__(
         self,
         job: Job,
-        checkpoint: str | os.PathLike[str] | None,
+        parallel: Parallel,
         progress: Progress | None,
-        executor: Executor | None,
-        threads: int | None,
-        workers: int | None,
+        checkpoint: str | os.PathLike[str] | None,
     ) -> None:
         self._job, self._pixels = job, math.prod(job.scene.camera.resolution)
-        threads, workers = check_executor(threads, workers, executor)
+        parallel = check_parallel(parallel)
         if checkpoint is not None:
             check_writable(checkpoint, _CHECKPOINT_BYTES * self._pixels * (len(job.rule.pilot) + 1))
         self._store = Store(checkpoint, job.provenance if checkpoint is None else job.key)
-        self._workers = Workers(job.scene, executor, threads, workers)
+        self._workers = Workers(job.scene, parallel)
         self.passes = Passes(job.scene, job.seed, self._workers, progress, self._store)
 
     def __enter__(self) -> PassRunner:
@@ -99,18 +93,3 @@ class PassRunner:
     def finish(self) -> None:
         """Remove the checkpoint, once the image is made."""
         self._store.remove()
-
-
-def check_executor(
-    threads: int | None, workers: int | None, executor: Executor | None
-) -> tuple[int | None, int | None]:
-    """Return the numbers of threads and workers, checked; a ValueError if more than one of the three is given."""
-    given = {"threads": threads, "workers": workers, "executor": executor}
-    if len(names := [name for name, value in given.items() if value is not None]) > 1:
-        raise ValueError(
-            f"tiles are rendered by threads, workers or an executor, not by more; got {' and '.join(names)}"
-        )
-    return (
-        None if threads is None else whole("threads", threads, 1, MAX_WORKERS),
-        None if workers is None else whole("workers", workers, 1, MAX_WORKERS),
-    )

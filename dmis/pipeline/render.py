@@ -12,15 +12,15 @@ import os
 import time
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import Executor
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.cost import UNSEEN
-from dmis.estimator.settings import Settings
+from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule
+from dmis.pipeline.executor import Parallel
 from dmis.pipeline.job import FinalPass, Job
 from dmis.pipeline.pass_runner import PassRunner
 from dmis.pipeline.passes import Progress
@@ -35,56 +35,42 @@ def render(
     spp: int = 128,
     *,
     seed: int = 0,
-    sampler: str | None = None,
     settings: Settings | None = None,
-    threads: int | None = None,
-    workers: int | None = None,
-    executor: Executor | None = None,
+    parallel: Parallel = None,
     progress: Progress | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
+    **options: Any,
 ) -> Result:
-    """Render `scene`.
+    """Render `scene`; the image depends on these arguments and on nothing in the machine.
 
     Parameters
     ----------
     rule
         A rule or its text, ``balance``, ``fixed:0.25``, ``thesis:patch=16``; see `dmis.fit.registry.RULES`. None:
-        ``auto``, or ``balance``, with the techniques and the combiner of `settings`, for fewer than 16 samples or tens
-        of thousands, for a number of shading samples that is odd or very large, or with the technique ``resampled``.
-    spp
-        Camera samples per pixel, the rule's pilot included.
-    seed
-        Not negative. The image depends on it, on nothing in the machine.
-    sampler
-        Shorthand for ``settings.sampler``. The pilot is always independent, because a sample variance assumes it.
-    settings
-        Estimator settings. A rule has some of its own, such as its combiner; it is an error to ask for others here.
-    threads
-        Number of threads if neither workers nor an executor are given; default: one per processor.
-    workers
-        Number of processes in place of threads. Tiles of one that dies are rendered again. A script must then start
-        from under ``if __name__ == "__main__":``.
-    executor
-        Where tiles are rendered in place of these: any `concurrent.futures.Executor`, Dask's
-        ``Client.get_executor(pure=False)`` among them. It is not shut down.
+        see `dmis.pipeline.job.default_rule`.
+    spp, seed
+        Camera samples per pixel, the rule's pilot included; seed, not negative.
+    settings, options
+        Estimator settings, and fields of `dmis.Settings` by name, which take the place of those of `settings`:
+        ``sampler="sobol"``. A rule has some of its own, such as its combiner; it is an error to ask for others here.
+    parallel
+        Number of threads (None: one per processor); ``dmis.Processes(n)``; or any `concurrent.futures.Executor`,
+        Dask's ``Client.get_executor(pure=False)`` among them, which is not shut down.
     progress
-        Called in this thread after each tile.
+        Called in this thread after each tile, see `dmis.pipeline.passes.Progress`.
     checkpoint
-        A file that every finished tile is saved to; if it exists, rendering goes on from it. It is removed at the
-        end.
+        File that every finished tile is saved to; a render resumes from it if it exists. It is removed at the end.
 
     Raises
     ------
     ValueError
-        If an argument is out of range, settings and rule disagree, a rule's weights are none, or the checkpoint is
-        damaged, in use, or belongs to a different image; or if a pixel comes out as infinite or NaN, which never is in
-        an image.
+        If an argument is out of range, settings and rule disagree, a rule's weights are none, a pixel is infinite or
+        NaN, or the checkpoint is damaged, in use, or of a different image.
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
-    settings = settings or Settings()
-    job = Job.of(scene, rule, spp, seed, settings if sampler is None else replace(settings, sampler=sampler))
-    with PassRunner(job, checkpoint, progress, executor, threads, workers) as run:
+    job = Job.of(scene, rule, spp, seed, make_settings(settings, **options))
+    with PassRunner(job, parallel, progress, checkpoint) as run:
         job.scene.prepare()
         times = [time.perf_counter()]
         pilot = run.pilot()  # samples

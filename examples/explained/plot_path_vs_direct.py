@@ -33,7 +33,7 @@ for title, scene in scenes.items():
     for depth in DEPTHS if title in ("CORNELL", "KILLEROO GOLD") else (1, DEEP):
         settings = dmis.Settings(integrator="path", max_depth=depth)
         result = dmis.render(
-            scene, "auto", opts.spp, seed=depth, settings=settings, threads=opts.threads, progress=show(title)
+            scene, "auto", opts.spp, seed=depth, settings=settings, parallel=opts.threads, progress=show(title)
         )
         images[title, depth] = result.image
     print(f"{title:20} {images[title, DEEP].mean() / images[title, 1].mean():6.3f} times the light of direct lighting")

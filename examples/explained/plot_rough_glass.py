@@ -46,9 +46,9 @@ scene = dmis.Scene(camera, (floor, wall, *balls), (lamp, sky), "rough-glass")
 
 # %%
 # Three renders of the same scene: light through the glass needs paths.
-direct = dmis.render(scene, "auto", opts.spp, settings=dmis.Settings(integrator="direct"), threads=opts.threads)
+direct = dmis.render(scene, "auto", opts.spp, settings=dmis.Settings(integrator="direct"), parallel=opts.threads)
 settings = dmis.Settings(integrator="path", max_depth=12)
-paths = dmis.render(scene, "auto", opts.spp, settings=settings, threads=opts.threads, progress=show("paths"))
+paths = dmis.render(scene, "auto", opts.spp, settings=settings, parallel=opts.threads, progress=show("paths"))
 for name, result in (("direct", direct), ("paths", paths)):
     seconds = result.seconds["total"]
     print(f"{name:8} mean radiance {result.image.mean():.3f}, {seconds:.1f} s")

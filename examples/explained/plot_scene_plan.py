@@ -81,7 +81,7 @@ KINDS = {
 figure, axes = plot.canvas(3, len(SCENES), 4 * len(SCENES), 8.5, height_ratios=[3, 2.4, 1.6])
 told = []
 for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
-    result = dmis.render(one, "balance", SPP, seed=1, threads=opts.threads)
+    result = dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads)
     unseen = np.zeros(SIZE[::-1], bool) if one.seeing is None else ~one.seeing
     image = np.where(unseen[..., None], np.float32((0.25, 0.0, 0.25)), result.image)
     plot.picture(above, image, one.name)
@@ -104,7 +104,7 @@ for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
 first = SCENES[0]
 blind = replace(first)
 vars(blind)["seeing"] = None
-a, b = (dmis.render(one, "balance", SPP, seed=1, threads=opts.threads).image for one in (first, blind))
+a, b = (dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads).image for one in (first, blind))
 same = "the same to the last bit" if np.array_equal(a, b) else "not the same"
 print(f"with and without the pixels that see nothing, the images are {same}")
 opts.save(

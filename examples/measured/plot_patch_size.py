@@ -30,7 +30,7 @@ for name in SCENES:
     reference = opts.reference(scene)
     budgets = {(patch, pilot): (f"thesis:patch={patch},spp={pilot}", opts.spp) for patch in PATCHES for pilot in PILOTS}
     runs = dmis.measure(
-        scene, [("balance", opts.spp), *budgets.values()], [1], reference, threads=opts.threads, progress=show(name)
+        scene, [("balance", opts.spp), *budgets.values()], [1], reference, parallel=opts.threads, progress=show(name)
     )
     base = runs["balance", opts.spp][0]
     results[name] = {

@@ -35,7 +35,7 @@ for name in SCENES:
     scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
     budgets = [(rule, opts.spp) for rule in ("balance", *RULES)]
-    runs = dmis.measure(scene, budgets, SEEDS, reference, threads=opts.threads, progress=show(name))
+    runs = dmis.measure(scene, budgets, SEEDS, reference, parallel=opts.threads, progress=show(name))
     base = runs["balance", opts.spp]
     for rule in RULES:
         mine = runs[rule, opts.spp]

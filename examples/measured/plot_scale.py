@@ -57,9 +57,9 @@ def measure(case):
     begin = time.process_time()
     scene.prepare()
     built = time.process_time()
-    dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, threads=1)  # what is slow the first time
+    dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, parallel=1)  # what is slow the first time
     before, wall = time.process_time(), time.perf_counter()
-    dmis.render(scene, "balance", spp, seed=1, threads=1)
+    dmis.render(scene, "balance", spp, seed=1, parallel=1)
     seconds, wall = time.process_time() - before, time.perf_counter() - wall
     return {
         "side": side,

@@ -38,7 +38,7 @@ for name in SCENES:
     rules = {"one-sample ½": "one-sample", **{f"thesis, patch {p}": f"thesis:patch={p}" for p in PATCHES}}
     rules["thesis, patch 16, pilot in the image"] = "thesis:patch=16,reuse=yes"
     budgets = [(rule, opts.spp) for rule in ("balance", *rules.values())]
-    runs = dmis.measure(scene, budgets, range(given.seeds), reference, threads=opts.threads, progress=show(name))
+    runs = dmis.measure(scene, budgets, range(given.seeds), reference, parallel=opts.threads, progress=show(name))
     width, height = scene.camera.resolution
     for title, rule in rules.items():
         against = [cell(runs[rule, opts.spp], runs[base, opts.spp]) for base in ("balance", "one-sample")]

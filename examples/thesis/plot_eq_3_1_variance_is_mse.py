@@ -30,7 +30,7 @@ SEEDS = range(opts.pick(3, 5))
 scene = opts.scene("killeroo-gold")
 reference = opts.reference(scene)
 images = [
-    dmis.render(scene, "balance", opts.spp, seed=seed, threads=opts.threads, progress=show(f"seed {seed}"))
+    dmis.render(scene, "balance", opts.spp, seed=seed, parallel=opts.threads, progress=show(f"seed {seed}"))
     for seed in SEEDS
 ]
 error = np.mean([patch_mean(squared_error(i.image, reference.first, reference.second), PATCH) for i in images], axis=0)
@@ -45,12 +45,12 @@ for title, rule in (
     ("2 samples, BRDF alone", "fixed:0"),
     ("2 samples, light alone", "fixed:1"),
 ):
-    few = dmis.render(scene, rule, 2, seed=100, threads=opts.threads).variance
+    few = dmis.render(scene, rule, 2, seed=100, parallel=opts.threads).variance
     truth = error
     if rule != "balance":  # its error is too slow to converge to: the variance of very many samples instead
         truth = (
             patch_mean(
-                dmis.render(scene, rule, 2 * opts.spp, seed=200, threads=opts.threads).variance.mean(axis=2), PATCH
+                dmis.render(scene, rule, 2 * opts.spp, seed=200, parallel=opts.threads).variance.mean(axis=2), PATCH
             )
             * 2
         )

@@ -29,7 +29,7 @@ scene = opts.scene("teapot-area-light")
 reference = opts.reference(scene)
 few, many = opts.pick((2, 16), (8, 128))
 images = {
-    n: dmis.render(scene, "balance", n, seed=1, threads=opts.threads, progress=show("rendering")).image
+    n: dmis.render(scene, "balance", n, seed=1, parallel=opts.threads, progress=show("rendering")).image
     for n in (few, many)
 }
 

@@ -33,7 +33,7 @@ strategies = {
     "light sampling, w = 1": "fixed:1",
     "balance heuristic, w = ½": "balance",
 }
-pilots = {title: dmis.render(scene, rule, SPP, seed=1, threads=opts.threads) for title, rule in strategies.items()}
+pilots = {title: dmis.render(scene, rule, SPP, seed=1, parallel=opts.threads) for title, rule in strategies.items()}
 
 # %%
 # Variances of single pixels are hardly more than noise themselves; the thesis averages them over square patches.

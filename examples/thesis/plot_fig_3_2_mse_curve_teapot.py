@@ -33,7 +33,7 @@ curves, pilots = measure_patches(opts, scene, patches, count=11)
 # %%
 # The picture says where the patches are.
 figure, axes = plot.canvas(1, 3, 17, 5)
-image = dmis.render(scene, "balance", opts.pick(4, 32), seed=1, threads=opts.threads).image
+image = dmis.render(scene, "balance", opts.pick(4, 32), seed=1, parallel=opts.threads).image
 draw_patches(axes[0], image, "TEAPOT AREA LIGHT", patches, curves, pilots)
 for axis, curve in zip(axes[0, 1:], curves.values(), strict=True):
     axis.set_ylim(0, 2.2 * max(curve.mse[[0, 7, 14]].min(), curve.mse[5:10].max()))

@@ -35,7 +35,7 @@ curves, pilots = measure_patches(opts, scene, patches, count=11)
 # %%
 # The errors span orders of magnitude, so the axis is logarithmic. Parabolas that dip below zero end at the frame.
 figure, axes = plot.canvas(1, 3, 17, 5)
-image = dmis.render(scene, "balance", opts.pick(4, 32), seed=1, threads=opts.threads).image
+image = dmis.render(scene, "balance", opts.pick(4, 32), seed=1, parallel=opts.threads).image
 draw_patches(axes[0], image, "KILLEROO GOLD", patches, curves, pilots)
 for axis, curve in zip(axes[0, 1:], curves.values(), strict=True):
     axis.set_yscale("log")

@@ -29,7 +29,7 @@ PATCH = opts.pick(4, 8, 16)
 # %%
 # Only the pilot and the fit are needed, so one final sample is enough.
 results = {
-    about.title: dmis.render(opts.scene(name), f"thesis:patch={PATCH}", 7, seed=1, threads=opts.threads)
+    about.title: dmis.render(opts.scene(name), f"thesis:patch={PATCH}", 7, seed=1, parallel=opts.threads)
     for name, about in SCENES.items()
 }
 

@@ -34,7 +34,7 @@ rules = {
     "5x5 Gaussian": f"thesis:patch={PATCH}",
 }
 results = {
-    title: dmis.render(scene, rule, opts.spp, seed=1, threads=opts.threads, progress=show(title))
+    title: dmis.render(scene, rule, opts.spp, seed=1, parallel=opts.threads, progress=show(title))
     for title, rule in rules.items()
 }
 errors = {t: squared_error(r.image, reference.first, reference.second) for t, r in results.items()}

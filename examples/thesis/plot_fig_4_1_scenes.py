@@ -24,7 +24,7 @@ opts, _ = options(__file__, __doc__)
 results = {}
 for name, about in SCENES.items():
     scene = opts.scene(name)
-    result = dmis.render(scene, "thesis", opts.spp, seed=1, threads=opts.threads, progress=show(name))
+    result = dmis.render(scene, "thesis", opts.spp, seed=1, parallel=opts.threads, progress=show(name))
     results[about.title] = result
     triangles = len(scene.plan.face_row)
     width, height = scene.camera.resolution

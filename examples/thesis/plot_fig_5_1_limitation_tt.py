@@ -33,7 +33,7 @@ reference = opts.reference(scene)
 errors: dict[str, list[np.ndarray]] = {"balance": [], f"thesis:patch={PATCH}": []}
 for seed in SEEDS:
     for rule, maps in errors.items():
-        result = dmis.render(scene, rule, opts.spp, seed=seed, threads=opts.threads, progress=show(rule))
+        result = dmis.render(scene, rule, opts.spp, seed=seed, parallel=opts.threads, progress=show(rule))
         maps.append(squared_error(result.image, reference.first, reference.second))
 balance, ours = (np.mean(maps, axis=0) for maps in errors.values())
 print(f"MSE: balance {balance.mean():.3e}, thesis {ours.mean():.3e}, ratio {ours.mean() / balance.mean():.3f}")
@@ -43,7 +43,7 @@ print(f"MSE: balance {balance.mean():.3e}, thesis {ours.mean():.3e}, ratio {ours
 weights = (0, 0.25, 0.5, 0.75, 1)
 variances = [
     patch_mean(
-        dmis.render(scene, f"fixed:{w}", opts.pick(8, 32), seed=9, threads=opts.threads).variance.mean(axis=2), PATCH
+        dmis.render(scene, f"fixed:{w}", opts.pick(8, 32), seed=9, parallel=opts.threads).variance.mean(axis=2), PATCH
     )
     for w in weights
 ]

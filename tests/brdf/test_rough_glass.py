@@ -218,7 +218,9 @@ def test_light_and_brdf_sampling_agree_in_renders(lights: tuple, integrator: str
 def balanced() -> tuple[Scene, Array]:
     """A pane between two lamps, and means of images by the balance heuristic."""
     scene = box_scene(dmis.rough_glass(alpha=0.2), (ABOVE, BELOW), resolution=(8, 8))
-    return scene, np.array([dmis.render(scene, "balance", 16, seed=900 + k, threads=1).image.mean() for k in range(40)])
+    return scene, np.array(
+        [dmis.render(scene, "balance", 16, seed=900 + k, parallel=1).image.mean() for k in range(40)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -238,7 +240,7 @@ def balanced() -> tuple[Scene, Array]:
 def test_rules_are_unbiased(rule: str, balanced: tuple[Scene, Array]) -> None:
     """Learned weights, counts and combiners with light from both sides of a surface."""
     scene, others = balanced
-    combined = [dmis.render(scene, rule, 16, seed=k, threads=1).image.mean() for k in range(40)]
+    combined = [dmis.render(scene, rule, 16, seed=k, parallel=1).image.mean() for k in range(40)]
     assert abs(z_score(combined, others)) < Z_LIMIT
 
 

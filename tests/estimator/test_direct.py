@@ -260,7 +260,7 @@ def test_directions_that_miss_the_light_cost_no_ray() -> None:
 def test_threads_do_not_matter(rule: str, sampler: str) -> None:
     """One thread or two: bit-identical images, weights and ray counts. The image is four tiles."""
     scene = box_scene(plastic(), (LAMP,), (BALL,), resolution=(40, 36))
-    one, two = (render(scene, rule, 20, seed=3, sampler=sampler, threads=n) for n in (1, 2))
+    one, two = (render(scene, rule, 20, seed=3, sampler=sampler, parallel=n) for n in (1, 2))
     np.testing.assert_array_equal(one.image, two.image)
     np.testing.assert_array_equal(one.weight, two.weight)
     assert one.rays == two.rays

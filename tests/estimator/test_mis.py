@@ -217,10 +217,10 @@ def test_frozen_needs_both_techniques(rule: str) -> None:
 def test_frozen_renders(box: dmis.Scene) -> None:
     """Learned weights are clipped, and the mean of the image is that of balance, by a z-test over seeds."""
     rule = "second-moment:cost=no,combiner=frozen"
-    results = [dmis.render(box, rule, 24, seed=s, threads=1) for s in range(24)]
+    results = [dmis.render(box, rule, 24, seed=s, parallel=1) for s in range(24)]
     assert max(r.maps["patch"].max() for r in results) == 1
     assert max(r.weight.max() for r in results) == np.float32(0.95)
-    balanced = [dmis.render(box, "balance", 96, seed=s, threads=1).image.mean() for s in range(100, 124)]
+    balanced = [dmis.render(box, "balance", 96, seed=s, parallel=1).image.mean() for s in range(100, 124)]
     assert abs(z_score([r.image.mean() for r in results], balanced)) < Z_LIMIT
 
 

@@ -92,7 +92,7 @@ def test_renders(box: dmis.Scene) -> None:
         means[combiner] = np.mean(images)
     assert errors["optimal"] < errors["balance"]
     assert means["optimal"] == pytest.approx(reference.mean(), rel=0.01)
-    one, two = (dmis.render(box, "auto:combiner=optimal", 64, seed=1, threads=n).image for n in (1, 2))
+    one, two = (dmis.render(box, "auto:combiner=optimal", 64, seed=1, parallel=n).image for n in (1, 2))
     assert np.array_equal(one, two)
 
 
@@ -156,10 +156,10 @@ def test_progressive_without_enough_samples() -> None:
 @pytest.mark.parametrize("rule", ["fixed:w=0.3,combiner=optimal-progressive", "auto:combiner=optimal-progressive"])
 def test_progressive_renders(box: dmis.Scene, rule: str) -> None:
     """The mean of balance, by a z-test over seeds; threads do not matter."""
-    images = [dmis.render(box, rule, 64, seed=s, threads=1).image for s in range(16)]
-    balanced = [dmis.render(box, "balance", 128, seed=s, threads=1).image.mean() for s in range(100, 116)]
+    images = [dmis.render(box, rule, 64, seed=s, parallel=1).image for s in range(16)]
+    balanced = [dmis.render(box, "balance", 128, seed=s, parallel=1).image.mean() for s in range(100, 116)]
     assert abs(z_score([image.mean() for image in images], balanced)) < Z_LIMIT
-    assert np.array_equal(images[1], dmis.render(box, rule, 64, seed=1, threads=2).image)
+    assert np.array_equal(images[1], dmis.render(box, rule, 64, seed=1, parallel=2).image)
 
 
 @pytest.mark.parametrize("rule", ["balance:combiner=optimal-progressive,sampler=sobol", "thesis:combiner=optimal-p"])

@@ -35,7 +35,7 @@ ROOM = box_scene(plastic(0.5, 0.3, 0.1), (LAMP,), WALLS, resolution=(12, 12))
 def means(scene: Scene, rule: Rule | str, seeds: range, spp: int = 16, **settings: object) -> Array:
     """Mean over the image for each seed."""
     chosen = Settings(integrator="path", **settings)
-    return np.array([dmis.render(scene, rule, spp, seed=s, settings=chosen, threads=1).image.mean() for s in seeds])
+    return np.array([dmis.render(scene, rule, spp, seed=s, settings=chosen, parallel=1).image.mean() for s in seeds])
 
 
 def furnace(albedo: float, extra: tuple[Part, ...] = ()) -> Scene:
@@ -199,7 +199,7 @@ def test_one_lobe_of_many(material: Material) -> None:
     found = [
         [
             dmis.render(
-                scene, "balance", 32, seed=s, settings=Settings(integrator=kind, max_depth=4), threads=1
+                scene, "balance", 32, seed=s, settings=Settings(integrator=kind, max_depth=4), parallel=1
             ).image.mean()
             for s in range(first, first + 30)
         ]

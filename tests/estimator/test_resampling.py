@@ -18,7 +18,7 @@ LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
 def images(rule: str, seeds: range, roughness: float = 0.1) -> Array:
     """Images of a glossy floor under a large sphere, one per seed."""
     scene = box_scene(plastic(0.3, 0.3, roughness), (LAMP,), resolution=(8, 8))
-    return np.array([dmis.render(scene, rule, 32, seed=s, threads=1).image for s in seeds])
+    return np.array([dmis.render(scene, rule, 32, seed=s, parallel=1).image for s in seeds])
 
 
 @pytest.mark.parametrize("rule", ["resampled:1", "resampled:0.5", "resampled:w=0.25,sampler=sobol"])

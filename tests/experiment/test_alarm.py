@@ -58,7 +58,7 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
     scene, reference = stale
     for _ in range(2):
         with pytest.warns(alarm.ReferenceWarning):
-            comparison = compare(scene, ["pbrt"], [16], [0], reference, tmp_path, threads=1)
+            comparison = compare(scene, ["pbrt"], [16], [0], reference, tmp_path, parallel=1)
         lines = summary(comparison.runs).splitlines()
         assert lines[-1].startswith("Alarm in 2 of 2 renders: the mean of the image is") and lines[-2] == ""
         page = (tmp_path / "report.html").read_text("utf-8")
@@ -72,7 +72,7 @@ def test_no_alarm_where_there_is_nothing_wrong(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     scene = box_scene()
-    comparison = compare(scene, [], [16], [0], dmis.make_reference(scene, 64), tmp_path, threads=1)
+    comparison = compare(scene, [], [16], [0], dmis.make_reference(scene, 64), tmp_path, parallel=1)
     assert "Alarm" not in summary(comparison.runs)
     page = (tmp_path / "report.html").read_text("utf-8")
     assert '<p class="alarm">' not in page and "⚠" not in page

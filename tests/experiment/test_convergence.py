@@ -137,7 +137,7 @@ def repeated(scene: dmis.Scene, reference: dmis.Reference, k: int, factor: float
     runs: dict = {("balance", 8): [], ("other", 8): []}
     for seed in range(10 * k, 10 * k + 10, 2):  # in turns
         for shift, (budget, scale) in enumerate(zip(runs, (1.0, factor**0.5))):
-            (r,) = measure(scene, [("balance", 8)], [seed + shift], reference, threads=1)["balance", 8]
+            (r,) = measure(scene, [("balance", 8)], [seed + shift], reference, parallel=1)["balance", 8]
             times = {name: scale * getattr(r, name) for name in ("render_seconds", "cpu_seconds")}
             runs[budget].append(replace(r, rule=budget[0], mse=scale * r.mse, **times))
     return gains(runs)

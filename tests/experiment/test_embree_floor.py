@@ -21,5 +21,5 @@ def test_recorder_sees_every_ray_and_changes_nothing(box):
 
 def test_floor_is_part_of_the_whole(box):
     """Embree alone takes some time."""
-    result = dmis.render(box, "balance", 16, threads=1)
+    result = dmis.render(box, "balance", 16, parallel=1)
     assert embree_seconds(box, result.tiles, 1) > 0

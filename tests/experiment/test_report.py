@@ -45,7 +45,7 @@ def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Com
     folder = tmp_path_factory.mktemp("report")
     reference = dmis.make_reference(box, 64, folder=folder)
     oracle = make_oracle(box, 64, folder=folder)
-    return compare(box, RULES, SPP, SEEDS, reference, folder, oracle=oracle, threads=1), folder
+    return compare(box, RULES, SPP, SEEDS, reference, folder, oracle=oracle, parallel=1), folder
 
 
 @pytest.fixture(scope="module")

@@ -49,7 +49,7 @@ def errors(folder: Path) -> dict[tuple[str, str, str], str]:
 def test_interrupted_comparison_goes_on(box, reference, tmp_path, rendered):
     """After an interruption what is missing is rendered, and the table is that of an undisturbed run."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    first = compare(box, RULES, SPP, [0, 1], reference, whole, threads=1)
+    first = compare(box, RULES, SPP, [0, 1], reference, whole, parallel=1)
     assert len(rendered) == len(rows(whole)) == 6
 
     def stop(rule: str, done: int, total: int) -> None:
@@ -58,22 +58,22 @@ def test_interrupted_comparison_goes_on(box, reference, tmp_path, rendered):
 
     rendered.clear()
     with pytest.raises(KeyboardInterrupt):
-        compare(box, RULES, SPP, [0, 1], reference, broken, threads=1, progress=stop)
+        compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1, progress=stop)
     assert len(rows(broken)) == 3 and not (broken / "report.html").exists()
-    again = compare(box, RULES, SPP, [0, 1], reference, broken, threads=1)
+    again = compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1)
     assert len(rendered) == len(set(rendered)) == 6
     assert errors(broken) == errors(whole) and list(again.runs) == list(first.runs)
     assert set(again.pictures) == set(again.runs)
     rendered.clear()
-    compare(box, RULES, SPP, [0, 1], reference, broken, threads=1)
+    compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1)
     assert rendered == []
 
 
 def test_more_seeds_rules_and_budgets(box, reference, tmp_path, rendered):
     """They are added; what was measured before and is not asked for now stays in the table, and out of the report."""
-    compare(box, RULES, [8], [0], reference, tmp_path, threads=1)
+    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
     rendered.clear()
-    more = compare(box, ["pbrt"], [8, 16], [0, 1], reference, tmp_path, threads=1)
+    more = compare(box, ["pbrt"], [8, 16], [0, 1], reference, tmp_path, parallel=1)
     expected = {(rule, n, seed) for rule in ("balance", "pbrt") for n in (8, 16) for seed in (0, 1)}
     assert set(rendered) == expected - {("balance", 8, 0)}
     assert set(more.runs) == {(rule, n) for rule in ("balance", "pbrt") for n in (8, 16)}
@@ -83,12 +83,12 @@ def test_more_seeds_rules_and_budgets(box, reference, tmp_path, rendered):
 
 def test_a_torn_row_is_rendered_again(box, reference, tmp_path, rendered):
     """What was cut in the middle of a line is no result, even where what is left of it looks like one."""
-    compare(box, RULES, [8], [0], reference, tmp_path, threads=1)
+    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
     before = errors(tmp_path)
     text = (tmp_path / "results.csv").read_bytes()
     (tmp_path / "results.csv").write_bytes(text[:-4])
     rendered.clear()
-    compare(box, RULES, [8], [0], reference, tmp_path, threads=1)
+    compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
     assert rendered == [("thesis:patch=4", 8, 0)] and errors(tmp_path) == before
 
 
@@ -102,7 +102,7 @@ def test_written_is_what_is_read(box, reference, tmp_path):
     assert rows(tmp_path)[0]["mse_over_balance"] == "1.00000" and tuple(rows(tmp_path)[0]) == COLUMNS
 
 
-@pytest.mark.parametrize("change", ["resolution", "reference", "threads", "camera", "settings"])
+@pytest.mark.parametrize("change", ["resolution", "reference", "parallel", "camera", "settings"])
 def test_other_conditions_are_refused(box, reference, tmp_path, change):
     """With the name of what differs; the table is left as it is."""
     about = conditions(box, reference, 1)
@@ -112,7 +112,7 @@ def test_other_conditions_are_refused(box, reference, tmp_path, change):
     found, told = {
         "resolution": ({**about, "resolution": [9, 9]}, "resolution was [32, 24], now is [9, 9]"),
         "reference": (conditions(box, other, 1), "reference was"),
-        "threads": (conditions(box, reference, 2), "threads was 1, now is 2"),
+        "parallel": (conditions(box, reference, 2), "parallel was 1 thread, now is 2 threads"),
         "camera": (conditions(_moved(box), reference, 1), "scene_hash was"),
         "settings": (
             conditions(box, reference, 1, dmis.Settings(sampler="sobol")),
@@ -128,14 +128,14 @@ def test_other_conditions_are_refused(box, reference, tmp_path, change):
 def test_another_rule_of_the_same_name_is_refused(box, reference, tmp_path, monkeypatch):
     """A rule of one's own that was changed since; others may be added."""
     monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.5))
-    compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
-    compare(box, ["mine", "thesis:patch=4"], [8], [0], reference, tmp_path, threads=1)
+    compare(box, ["mine"], [8], [0], reference, tmp_path, parallel=1)
+    compare(box, ["mine", "thesis:patch=4"], [8], [0], reference, tmp_path, parallel=1)
     monkeypatch.setitem(RULES_BY_NAME, "mine", lambda: Fixed(0.25))
     with pytest.raises(ValueError, match="was measured with another rule mine: its options or its class changed"):
-        compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
-    compare(box, ["balance"], [8], [0], reference, str(tmp_path), threads=1)
+        compare(box, ["mine"], [8], [0], reference, tmp_path, parallel=1)
+    compare(box, ["balance"], [8], [0], reference, str(tmp_path), parallel=1)
     with pytest.raises(ValueError, match="another rule mine"):
-        compare(box, ["mine"], [8], [0], reference, tmp_path, threads=1)
+        compare(box, ["mine"], [8], [0], reference, tmp_path, parallel=1)
 
 
 def _moved(scene: dmis.Scene) -> dmis.Scene:

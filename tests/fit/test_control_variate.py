@@ -149,15 +149,15 @@ def test_exact(w: float, allocation: str) -> None:
 def test_renders_without_bias(box: dmis.Scene, rule: str) -> None:
     """The mean of balance, by a z-test over seeds, and the same for any number of threads."""
     rule += ("," if ":" in rule else ":") + "cost=no,combiner=controlled"
-    images = [dmis.render(box, rule, 24, seed=s, threads=1).image for s in range(24)]
-    balanced = [dmis.render(box, "balance", 96, seed=s, threads=1).image.mean() for s in range(100, 124)]
+    images = [dmis.render(box, rule, 24, seed=s, parallel=1).image for s in range(24)]
+    balanced = [dmis.render(box, "balance", 96, seed=s, parallel=1).image.mean() for s in range(100, 124)]
     assert abs(z_score([image.mean() for image in images], balanced)) < Z_LIMIT
-    assert np.array_equal(images[1], dmis.render(box, rule, 24, seed=1, threads=2).image)
+    assert np.array_equal(images[1], dmis.render(box, rule, 24, seed=1, parallel=2).image)
 
 
 def test_error(box: dmis.Scene) -> None:
     """Never much above balance at the same weights, and below it where these are not at an end."""
-    reference = np.mean([dmis.render(box, "balance", 512, seed=s, threads=1).image for s in range(100, 104)], axis=0)
+    reference = np.mean([dmis.render(box, "balance", 512, seed=s, parallel=1).image for s in range(100, 104)], axis=0)
     for options, limit in (("cost=no", 1.02), ("objective=neyman", 0.97)):
         name, _, value = options.partition("=")
         rule = f"{value}:" if name == "objective" else f"second-moment:{options},"

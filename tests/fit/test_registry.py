@@ -42,7 +42,7 @@ def scene(radius: float, roughness: float) -> dmis.Scene:
 def means(radius: float, roughness: float, rule: str, seeds: int, spp: int, first: int = 0) -> Array:
     """Means over the image, one for each seed."""
     of = scene(radius, roughness)
-    return np.array([dmis.render(of, rule, spp, seed=first + s, threads=1).image.mean() for s in range(seeds)])
+    return np.array([dmis.render(of, rule, spp, seed=first + s, parallel=1).image.mean() for s in range(seeds)])
 
 
 @cache

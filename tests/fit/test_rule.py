@@ -215,7 +215,7 @@ def test_rule_of_the_page_for_contributors(box: dmis.Scene, tmp_path: Path) -> N
     np.testing.assert_array_equal(dmis.render(box, RULES["quieter"](0.2), 16, seed=1).weight, weight)
 
     reference = dmis.make_reference(box, 16, folder=tmp_path)
-    comparison = compare(box, ["quieter", "quieter:0.3"], [16], [0, 1], reference, tmp_path / "table", threads=1)
+    comparison = compare(box, ["quieter", "quieter:0.3"], [16], [0, 1], reference, tmp_path / "table", parallel=1)
     assert comparison.runs.keys() == {("balance", 16), ("quieter", 16), ("quieter:0.3", 16)}
     assert all(np.isfinite(run.mse) for runs in comparison.runs.values() for run in runs)
 

@@ -245,7 +245,7 @@ def test_split_renders(box: dmis.Scene, monkeypatch, counts: str) -> None:
 def test_counts_render(box: dmis.Scene, sampler: str) -> None:
     """The samples layer has the budget as its mean; threads do not matter; camera rays are the samples."""
     rule = f"second-moment:counts=yes,sampler={sampler}"
-    one, two = (dmis.render(box, rule, 32, seed=3, threads=n) for n in (1, 2))
+    one, two = (dmis.render(box, rule, 32, seed=3, parallel=n) for n in (1, 2))
     assert np.array_equal(one.image, two.image) and np.array_equal(one.samples, two.samples)
     assert one.samples.mean() == pytest.approx(32, rel=0.02) and np.ptp(one.samples) > 0
     seen = one.samples[box.seeing]

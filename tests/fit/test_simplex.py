@@ -198,7 +198,7 @@ def images(rule: Any, first: int = 0, **settings: Any) -> Array:
     chosen = Settings(**settings)
     return np.array(
         [
-            dmis.render(scene, rule, 32, seed=s, threads=1, settings=chosen).image.mean()
+            dmis.render(scene, rule, 32, seed=s, parallel=1, settings=chosen).image.mean()
             for s in range(first, first + 24)
         ]
     )
@@ -237,7 +237,7 @@ def test_paths_are_unbiased() -> None:
 def test_the_image_does_not_depend_on_threads() -> None:
     """Nor on how shares are given: of two techniques the rule is that of one weight."""
     scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(40, 33))
-    one, three = (dmis.render(scene, "simplex", 12, seed=3, threads=n) for n in (1, 3))
+    one, three = (dmis.render(scene, "simplex", 12, seed=3, parallel=n) for n in (1, 3))
     np.testing.assert_array_equal(one.image, three.image)
     assert one.maps["patch"].shape == (3, 9, 10) and one.provenance["settings"]["techniques"][2] == "resampled"
     np.testing.assert_allclose(one.maps["patch"].sum(axis=0), 1)

@@ -57,7 +57,7 @@ def ball_on_ground(
 
 def blocks(scene: Scene, rule: str, seeds: range, spp: int = 64) -> Array:
     """Means of 4x4 pixels of one channel, one row for each seed."""
-    images = [dmis.render(scene, rule, spp, seed=seed, threads=1).image[..., 0].astype(float) for seed in seeds]
+    images = [dmis.render(scene, rule, spp, seed=seed, parallel=1).image[..., 0].astype(float) for seed in seeds]
     return np.array([image.reshape(4, 4, 4, 4).mean(axis=(1, 3)).ravel() for image in images])
 
 

@@ -33,7 +33,7 @@ Store.append = append_and_print
 if len(sys.argv) > 4:
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[4]),) * 2)
 scene = dmis.load_scene("teapot-area-light", resolution=(int(sys.argv[3]),) * 2)
-result = dmis.render(scene, "thesis", 40, seed=3, threads=2, checkpoint=sys.argv[1])
+result = dmis.render(scene, "thesis", 40, seed=3, parallel=2, checkpoint=sys.argv[1])
 np.savez(sys.argv[2], image=result.image, variance=result.variance, rays=json.dumps(result.rays))
 """
 

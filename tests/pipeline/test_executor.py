@@ -33,7 +33,7 @@ def wide(box):
 @pytest.fixture(scope="module")
 def threaded(wide):
     """What every executor must give."""
-    return dmis.render(wide, threads=1, **OPTIONS)
+    return dmis.render(wide, parallel=1, **OPTIONS)
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_own_processes_survive_a_death(wide, threaded, pickled, monkeypatch):
     pool = executor.Workers._pool
     monkeypatch.setattr(executor.Workers, "_pool", lambda self: made.append(self) or pool(self))
     progress = Killer(lambda: multiprocessing.active_children()[0].pid)
-    check(dmis.render(wide, workers=2, progress=progress, **OPTIONS), threaded)
+    check(dmis.render(wide, parallel=dmis.Processes(2), progress=progress, **OPTIONS), threaded)
     assert progress.done == sorted(progress.done) and len(progress.done) == 15 and progress.done[-1] == progress.total
     assert len(made) == 2 and len(pickled) == 1 and not made[0]._file.exists()
 
@@ -92,7 +92,7 @@ def test_half_a_result(wide, threaded, monkeypatch):
         time.sleep(0.2)
         return victims[0]
 
-    check(dmis.render(wide, workers=2, progress=Killer(interrupted), **OPTIONS), threaded)
+    check(dmis.render(wide, parallel=dmis.Processes(2), progress=Killer(interrupted), **OPTIONS), threaded)
     assert len(made) == 2
 
 
@@ -118,13 +118,13 @@ def test_the_pipe_of_a_pool_is_closed_once():
 def test_a_given_pool_reads_the_scene_once(wide, threaded, pickled):
     """Two processes, 20 tiles in two passes, one reading each; no file is left; a death ends with a clear error."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        check(dmis.render(wide, executor=pool, **OPTIONS), threaded)
+        check(dmis.render(wide, parallel=pool, **OPTIONS), threaded)
         assert len(pickled) == 1
         assert pool.submit(_reads).result() == 1
         with pytest.raises(
             ChildProcessError, match="tiles were lost with the workers that rendered them, the first at"
         ):
-            dmis.render(wide, executor=pool, progress=Killer(lambda: next(iter(pool._processes))), **OPTIONS)
+            dmis.render(wide, parallel=pool, progress=Killer(lambda: next(iter(pool._processes))), **OPTIONS)
 
 
 def _reads():
@@ -138,7 +138,7 @@ def test_pools_that_always_die_are_given_up(wide, monkeypatch):
     monkeypatch.setattr(executor.Workers, "_pool", lambda self: made.append(self) or pool(self))
     monkeypatch.setattr(executor, "_start", int)  # fails on a path
     with pytest.raises(ChildProcessError, match="15 tiles were lost in 3 new pools in a row"):
-        dmis.render(wide, "balance", 32, workers=1)
+        dmis.render(wide, "balance", 32, parallel=dmis.Processes(1))
     assert len(made) == 3
 
 
@@ -166,7 +166,8 @@ def tell(*_):
     print(*(child.pid for child in multiprocessing.active_children()), flush=True)
 
 if __name__ == "__main__":
-    dmis.render(dmis.load_scene("teapot-area-light", (400, 400)), "balance", 256, workers=2, progress=tell)
+    scene = dmis.load_scene("teapot-area-light", (400, 400))
+    dmis.render(scene, "balance", 256, parallel=dmis.Processes(2), progress=tell)
 """
 
 
@@ -189,14 +190,14 @@ class Inline(Executor):
 
 def test_any_executor_will_do(wide, threaded):
     """One that nobody knows gets the scene with every tile."""
-    check(dmis.render(wide, executor=Inline(), **OPTIONS), threaded)
+    check(dmis.render(wide, parallel=Inline(), **OPTIONS), threaded)
 
 
 def test_another_version_is_refused(box, monkeypatch):
     """A worker of another version than the one that asks says so."""
     monkeypatch.setattr(executor, "_render", partial(_older, executor._render))
     with pytest.raises(ValueError, match=r"the same version of dmis, .*; 0\.0\.1 asked, and .* has 0\.1"):
-        dmis.render(box, "balance", 2, threads=1)
+        dmis.render(box, "balance", 2, parallel=1)
 
 
 def _older(render, scene, tile, _):
@@ -214,21 +215,38 @@ def test_results_are_let_go(wide, monkeypatch):
         return film_tile(tile, rendered)
 
     monkeypatch.setattr(FilmTile, "of", watched)
-    dmis.render(wide, "balance", 32, threads=1)
+    dmis.render(wide, "balance", 32, parallel=1)
     assert len(most) == 15 and max(most) <= 3
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("parallel", "message"),
     [
-        ({"workers": 0}, "workers must be a whole number from 1 to 1024; got 0"),
-        ({"workers": 2, "threads": 2}, "not by more; got threads and workers"),
+        (0, "parallel must be a whole number from 1 to 1024, the number of threads; or dmis.Processes"),
+        (-1, "got -1"),
+        (1.5, "got 1.5"),
+        (True, "got True"),
+        ("4", "got '4'"),
+        (dmis.Processes, "parallel must be"),
     ],
 )
-def test_bad_arguments(box, options, message):
-    """Which arguments exclude each other."""
+def test_bad_parallel(box, parallel, message):
+    """The message says what is allowed."""
     with pytest.raises(ValueError, match=message):
-        dmis.render(box, "balance", 2, **options)
+        dmis.render(box, "balance", 2, parallel=parallel)
+
+
+@pytest.mark.parametrize("number", [0, 1025, True, 1.5])
+def test_bad_number_of_processes(number):
+    with pytest.raises(ValueError, match="number of processes must be a whole number from 1 to 1024; got"):
+        dmis.Processes(number)
+
+
+def test_parallel_in_words():
+    """As a comparison has it among its conditions."""
+    names = {None: f"{os.cpu_count()} thread", 1: "1 thread", 8: "8 threads", dmis.Processes(2): "2 processes"}
+    for parallel, words in (*names.items(), (Inline(), "executor Inline")):
+        assert executor.describe_parallel(parallel).startswith(words)
 
 
 @pytest.fixture(scope="module")
@@ -249,7 +267,7 @@ def test_cluster_survives_a_death(wide, threaded, pickled, cluster):
     before = cluster.run(os.getpid)
     victim = next(iter(before.values()))
     progress = Killer(lambda: victim)
-    check(dmis.render(wide, executor=cluster.get_executor(pure=False), progress=progress, **OPTIONS), threaded)
+    check(dmis.render(wide, parallel=cluster.get_executor(pure=False), progress=progress, **OPTIONS), threaded)
     assert len(progress.done) == 15 and progress.done[-1] == progress.total
     cluster.wait_for_workers(2, timeout=120)
     assert victim not in cluster.run(os.getpid).values()
@@ -263,7 +281,7 @@ def test_tiles_that_kill_their_workers_are_given_up(wide, cluster):
     try:
         victim = next(iter(cluster.run(os.getpid).values()))
         with pytest.raises(ChildProcessError, match=r"lost with the workers that rendered them, .*KilledWorker"):
-            dmis.render(wide, executor=cluster.get_executor(pure=False), progress=Killer(lambda: victim), **OPTIONS)
+            dmis.render(wide, parallel=cluster.get_executor(pure=False), progress=Killer(lambda: victim), **OPTIONS)
     finally:
         scheduler.allowed_failures = allowed
 

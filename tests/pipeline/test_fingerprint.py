@@ -333,5 +333,5 @@ def _interrupted(scene, rule, file):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        dmis.render(scene, rule, 4, checkpoint=file, progress=stop, threads=1)
+        dmis.render(scene, rule, 4, checkpoint=file, progress=stop, parallel=1)
     return file

@@ -27,7 +27,7 @@ def same(a, b):
 @pytest.mark.parametrize("rule", RULES)
 def test_image_does_not_depend_on_threads(box, rule):
     """One thread and three give the same bits, and count the same rays."""
-    one, three = (dmis.render(box, rule, 10, seed=2, threads=n) for n in (1, 3))
+    one, three = (dmis.render(box, rule, 10, seed=2, parallel=n) for n in (1, 3))
     assert same(one, three)
     assert one.rays == three.rays
 
@@ -37,7 +37,7 @@ def test_image_does_not_depend_on_the_executor(box, sampler):
     """Threads and processes give the same bits, with every sampler."""
     options = {"rule": "thesis:patch=4", "spp": 10, "sampler": sampler}
     with ProcessPoolExecutor(2) as processes, ThreadPoolExecutor(2) as threads:
-        assert same(dmis.render(box, executor=processes, **options), dmis.render(box, executor=threads, **options))
+        assert same(dmis.render(box, parallel=processes, **options), dmis.render(box, parallel=threads, **options))
 
 
 def test_seed_changes_the_image(box):
@@ -161,7 +161,7 @@ def _one_pass(scene, number, w, spp, seed):
     from dmis.pipeline.executor import Workers
     from dmis.pipeline.passes import Passes
 
-    with closing(Workers(scene, threads=1)) as workers:
+    with closing(Workers(scene, parallel=1)) as workers:
         work = Passes(scene, seed, workers, None, Store(None, {}))
         return work.render(number, "pilot", spp, w, dmis.Settings()).moments.mean
 
@@ -291,9 +291,9 @@ def _stop(*_):
         ({"seed": 1.5}, "seed must be"),
         ({"seed": np.nan}, "seed must be a whole number of at least 0; got nan"),
         ({"sampler": "halton"}, "sampler must be independent or"),
-        ({"threads": 0}, "threads must be a whole number from 1 to 1024"),
-        ({"threads": 1.5}, "threads must be a whole number"),
-        ({"workers": 1.5}, "workers must be a whole number"),
+        ({"shading_sample": 4}, "options must be among shading_samples, techniques, .*; got shading_sample"),
+        ({"threads": 4}, "options must be among .*; got threads. Write parallel="),
+        ({"settings": "path"}, "settings must be a dmis.Settings or None; got 'path'"),
         ({"rule": "best"}, "rule must be one of"),
         ({"rule": 3}, "rule must be a rule, or text such as thesis:patch=16; got 3"),
         ({"rule": Thesis}, "rule must be a rule, or text"),
@@ -341,7 +341,7 @@ def test_numbers_of_numpy_become_pythons(box, tmp_path):
     """They can be written with the image and to a checkpoint, and are the same image."""
     camera = replace(box.camera, resolution=tuple(np.array(box.camera.resolution)))
     settings = dmis.Settings(shading_samples=np.int64(2), max_depth=np.int64(5), reuse_pilot=np.bool_(True))
-    options = {"seed": np.int64(1), "threads": np.int64(1), "settings": settings, "checkpoint": tmp_path / "c"}
+    options = {"seed": np.int64(1), "parallel": np.int64(1), "settings": settings, "checkpoint": tmp_path / "c"}
     result = dmis.render(replace(box, camera=camera), "balance", np.int64(8), **options)
     dmis.write_image(tmp_path / "o.exr", result)
     held = json.loads(dmis.read_exr(tmp_path / "o.exr")[1]["dmis.provenance"])

@@ -118,7 +118,7 @@ def test_pixels_within_reach_of_something_are_sampled() -> None:
         masks.append(scene.seeing)
         whole = replace(scene)
         vars(whole)["seeing"] = None
-        np.testing.assert_array_equal(dmis.render(whole, "balance", 256, threads=1).image[~scene.seeing], 0)
+        np.testing.assert_array_equal(dmis.render(whole, "balance", 256, parallel=1).image[~scene.seeing], 0)
     assert masks[1].sum() > masks[0].sum() and masks[1][masks[0]].all()
 
 
@@ -130,7 +130,7 @@ def test_another_filter_is_another_scene() -> None:
     assert fingerprint(scene) != fingerprint(filtered)
     assert camera.crop((0, 4), (2, 6)).filter == PixelFilter()
     auto, balance = (
-        [dmis.render(filtered, rule, 32, seed=k, threads=1).image.mean() for k in range(first, first + 30)]
+        [dmis.render(filtered, rule, 32, seed=k, parallel=1).image.mean() for k in range(first, first + 30)]
         for rule, first in (("auto", 0), ("balance", 100))
     )
     assert abs(z_score(auto, balance)) < Z_LIMIT

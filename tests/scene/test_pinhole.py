@@ -66,7 +66,7 @@ def test_a_camera_on_a_surface_sees_the_room(place: str, turned: bool, shift: fl
     eye = np.array(PLACES[place], float)
     inwards = np.array([0.1, 0.05, 2.0]) - eye
     images = [
-        dmis.render(room(at, at + inwards, turned, shift), "balance", 4, seed=1, threads=1).image
+        dmis.render(room(at, at + inwards, turned, shift), "balance", 4, seed=1, parallel=1).image
         for at in (eye, eye + 1e-4 * inwards)
     ]
     assert images[0].min() > 0
@@ -106,7 +106,7 @@ def test_rules_agree() -> None:
     lamp = dmis.QuadLight((-0.5, -0.5, 3.9), (0, 1, 0), (1, 0, 0), (5, 4, 3))
     scene = room(np.array([0.3, 0.2, 0]), np.array([0.1, 0.9, 1.0]), lamp=lamp)
     means = {
-        rule: [dmis.render(scene, rule, 64, seed=seed, threads=1).image.mean(dtype=float) for seed in range(8)]
+        rule: [dmis.render(scene, rule, 64, seed=seed, parallel=1).image.mean(dtype=float) for seed in range(8)]
         for rule in ("fixed:0", "balance", "fixed:1")
     }
     assert min(means["balance"]) > 0

@@ -290,13 +290,13 @@ def test_pixels_that_see_nothing_are_not_traced(settings: dict[str, Any]) -> Non
 def test_rules_do_not_see_the_difference(rule: str) -> None:
     """Learned weights are the same, too, with tiles that see nothing at all."""
     scene = ball_scene((90, 40), fov=90.0)
-    results = [dmis.render(one, rule, 16, seed=2, threads=1) for one in (scene, everything(scene))]
+    results = [dmis.render(one, rule, 16, seed=2, parallel=1) for one in (scene, everything(scene))]
     for name in ("image", "variance", "weight", "samples"):
         np.testing.assert_array_equal(getattr(results[0], name), getattr(results[1], name))
     assert results[0].rays["camera"] < 0.7 * results[1].rays["camera"] and UNSEEN not in results[0].rays
     crops = [one.crop((10, 35), (20, 60)) for one in (scene, everything(scene))]
     crops[1] = everything(crops[1])
-    images = [dmis.render(one, rule, 16, seed=2, threads=1).image for one in crops]
+    images = [dmis.render(one, rule, 16, seed=2, parallel=1).image for one in crops]
     np.testing.assert_array_equal(*images)
 
 
@@ -363,10 +363,10 @@ def test_default_integrator() -> None:
     """A scene made in Python is rendered by direct lighting, unless it or the settings name another integrator."""
     closed = room()
     assert "integrator: direct, max_depth 5, the default, because the scene names none" in closed.describe()
-    assert "bounce 1" not in dmis.render(closed, "balance", 2, threads=1).rays
+    assert "bounce 1" not in dmis.render(closed, "balance", 2, parallel=1).rays
     paths = replace(closed, integrator="path", max_depth=3)
     assert "integrator: path, max_depth 3, set by the scene" in paths.describe()
-    result = dmis.render(paths, "balance", 2, threads=1)
+    result = dmis.render(paths, "balance", 2, parallel=1)
     assert result.provenance["settings"]["integrator"] == "path" and result.rays["bounce 2"] > 0
     assert "bounce 3" not in result.rays
 

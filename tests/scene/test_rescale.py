@@ -58,7 +58,7 @@ def zoo(length: float = 1.0, offset: float = 0.0, gain: float = 1.0) -> Scene:
 )
 def test_extreme_units_give_the_same_bits(length: float, gain: float, rule: str) -> None:
     """Powers of two change no digit: the image is that of the tame scene times the gain, to the last bit."""
-    tame, extreme = (dmis.render(s, rule, 16, seed=3, threads=1) for s in (zoo(), zoo(length, 0.0, gain)))
+    tame, extreme = (dmis.render(s, rule, 16, seed=3, parallel=1) for s in (zoo(), zoo(length, 0.0, gain)))
     np.testing.assert_array_equal(extreme.image, tame.image * gain)
     np.testing.assert_array_equal(extreme.variance, tame.variance * gain**2)
     np.testing.assert_array_equal(extreme.weight, tame.weight)
@@ -68,7 +68,7 @@ def test_extreme_units_give_the_same_bits(length: float, gain: float, rule: str)
 @pytest.mark.parametrize("offset", [2.0**10, 2.0**20, -(2.0**30)])
 def test_far_from_the_origin(offset: float) -> None:
     """Positions are moved before they are rounded, so a scene a billion away has the digits that it has at home."""
-    tame, far = (dmis.render(s, "balance", 64, seed=3, threads=1).image for s in (zoo(), zoo(offset=offset)))
+    tame, far = (dmis.render(s, "balance", 64, seed=3, parallel=1).image for s in (zoo(), zoo(offset=offset)))
     np.testing.assert_allclose(far, tame, rtol=2e-3)  # a few samples cross an edge
     np.testing.assert_allclose(far.mean(), tame.mean(), rtol=2e-5)
 

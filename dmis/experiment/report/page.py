@@ -93,10 +93,9 @@ def _section(number: int, c: Comparison) -> str:
     """Return the section of a comparison."""
     height, width = c.reference.first.shape[:2]
     rows = gains(c.runs)
-    threads = c.about["threads"]
     elements = [
         f'<section id="s{number}"><h2>{_text(c.scene)}</h2>',
-        f'<p class="facts">{width}×{height} pixels · {_count(c.seeds, "seed")} · {_count(threads, "thread")} · '
+        f'<p class="facts">{width}×{height} pixels · {_count(c.seeds, "seed")} · {_text(c.about["parallel"])} · '
         f"{_about_reference(c)}</p>",
         _alarm(c),
         _verdict(rows),

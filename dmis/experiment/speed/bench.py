@@ -14,10 +14,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 
-from dmis.estimator.settings import Settings
 from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
@@ -87,11 +87,12 @@ def bench(
     rules: Sequence[str],
     resolution: tuple[int, int],
     spp: int,
-    threads: int = 1,
+    *,
+    parallel: int = 1,
     repeats: int = 3,
     seed: int = 0,
-    settings: Settings | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    **options: Any,
 ) -> list[Speed]:
     """Render every scene with every rule `repeats` times, in turns, each time followed by its Embree calls alone.
 
@@ -99,10 +100,12 @@ def bench(
     ----------
     sources
         Names or files of scenes, see `dmis.formats.load_scene.load_scene`.
-    settings
-        Settings of all rules, see `dmis.pipeline.render.render`.
+    parallel
+        Number of threads, of renders and of Embree alone.
     progress
         Called as ``progress(case, done, total)`` after each render.
+    options
+        ``settings`` and fields of `dmis.Settings` by name, for all rules, see `dmis.pipeline.render.render`.
 
     Raises
     ------
@@ -120,13 +123,13 @@ def bench(
     last: list[Result] = []
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
-            result = render(scene, rule, spp, seed=seed + k, settings=settings, threads=threads)
-            runs[n].append((result.seconds, embree_seconds(scene, result.tiles, threads)))
+            result = render(scene, rule, spp, seed=seed + k, parallel=parallel, **options)
+            runs[n].append((result.seconds, embree_seconds(scene, result.tiles, parallel)))
             if k == repeats - 1:
                 last.append(result)
             if progress:
                 progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
-    return [_speed(*case, spp, threads, times, result) for case, times, result in zip(cases, runs, last)]
+    return [_speed(*case, spp, parallel, times, result) for case, times, result in zip(cases, runs, last)]
 
 
 def _speed(
@@ -173,11 +176,11 @@ def time_by_part(scene: Scene, tiles: Sequence[Tile], limit: float = 10.0) -> di
     return {part: time_of_part / total for part, time_of_part in seconds.items()}
 
 
-def peak_memory(source: str, rule: str, resolution: tuple[int, int], spp: int, threads: int = 2) -> int:
+def peak_memory(source: str, rule: str, resolution: tuple[int, int], spp: int, parallel: int = 2) -> int:
     """Return the peak resident memory in bytes of a process that loads a scene and renders it (POSIX)."""
     code = (
         "import dmis, dmis.base.malloc; "
-        f"dmis.render(dmis.load_scene({source!r}, resolution={resolution!r}), {rule!r}, {spp}, threads={threads}); "
+        f"dmis.render(dmis.load_scene({source!r}, resolution={resolution!r}), {rule!r}, {spp}, parallel={parallel}); "
         "print(dmis.base.malloc.peak())"
     )
     return int(fresh_python(code))

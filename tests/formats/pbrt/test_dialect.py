@@ -847,7 +847,7 @@ def test_techniques_agree_in_a_scene_of_each_dialect(tmp_path, dialect, words):
     scene = read_pbrt(path, resolution=(16, 12))
     assert scene.source["dialect"] == dialect and scene.source["dialect_from"] == "file"
     means = {
-        rule: np.array([dmis.render(scene, rule, 64, seed=seed, threads=1).image.mean() for seed in range(8)])
+        rule: np.array([dmis.render(scene, rule, 64, seed=seed, parallel=1).image.mean() for seed in range(8)])
         for rule in ("fixed:0", "balance", "fixed:1")
     }
     limit = scipy.stats.t.isf(LEVEL / 2, 14)
