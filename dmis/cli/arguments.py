@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from dmis import __version__
+from dmis.estimator.presets import PRESETS
 from dmis.fit.registry import RULES
 from dmis.pipeline.executor import MAX_WORKERS
 from dmis.samplers.streams import SAMPLERS
@@ -67,15 +69,17 @@ def _render(command: argparse.ArgumentParser) -> None:
     executor.add_argument(
         "--cluster", metavar="ADDRESS", help="address of a Dask scheduler, such as tcp://10.0.0.1:8786"
     )
-    command.add_argument("--sampler", default="independent", help=f"kind of sample points: {_SAMPLERS}")
-    command.add_argument(
-        "--shading-samples", type=int, default=2, help="light and BRDF samples together per camera sample (default 2)"
+    _add_setting(command, "--sampler", help=f"kind of sample points: {_SAMPLERS}")
+    _add_preset(command)
+    _add_setting(
+        command, "--shading-samples", type=int, help="light and BRDF samples together per camera sample (default 2)"
     )
-    command.add_argument(
+    _add_setting(
+        command,
         "--lights",
-        choices=("all", "one"),
-        default="all",
-        help="sample all lights at each shading point, or one chosen at random (default all)",
+        choices=("all", "one", "pbrt"),
+        help="sample all lights at each shading point, or one chosen at random; pbrt: one at each vertex of a "
+        "path, all in direct lighting (default all)",
     )
     command.add_argument(
         "--checkpoint", metavar="FILE", help="file for finished tiles; an interrupted render is resumed from it"
@@ -104,7 +108,8 @@ def _compare(command: argparse.ArgumentParser) -> None:
         help="camera samples per pixel of each budget (default 128)",
     )
     command.add_argument("--seeds", type=int, default=5, metavar="K", help="number of seeds (default 5)")
-    command.add_argument("--sampler", default="independent", help=f"kind of sample points of all rules: {_SAMPLERS}")
+    _add_setting(command, "--sampler", help=f"kind of sample points of all rules: {_SAMPLERS}")
+    _add_preset(command)
     command.add_argument("--seed", type=int, default=0, help="first seed (default 0)")
     command.add_argument(
         "--reference",
@@ -161,19 +166,34 @@ def _bench(command: argparse.ArgumentParser) -> None:
     command.add_argument("--seed", type=int, default=0, help="first seed (default 0)")
 
 
+def _add_setting(command: argparse.ArgumentParser, name: str, **arguments: Any) -> None:
+    """Add an option for a field of `dmis.Settings`, which the result has only if it is given."""
+    command.add_argument(name, default=argparse.SUPPRESS, **arguments)
+
+
+def _add_preset(command: argparse.ArgumentParser) -> None:
+    """Add --preset."""
+    _add_setting(
+        command,
+        "--preset",
+        choices=PRESETS,
+        help="settings that no later version changes; thesis: the thesis's estimator, with its rule (default none)",
+    )
+
+
 def _add_integrator(command: argparse.ArgumentParser) -> None:
     """Add --integrator and --max-depth."""
-    command.add_argument(
+    _add_setting(
+        command,
         "--integrator",
         choices=("auto", "direct", "path"),
-        default="auto",
         help="direct: light that comes straight from the lights; path: also light that other surfaces scatter; auto: "
         "as the scene file says, or the default of its dialect (default auto)",
     )
-    command.add_argument(
+    _add_setting(
+        command,
         "--max-depth",
         type=_depth,
-        default="auto",
         metavar="D",
         help="largest number of surfaces on a path; direct: through mirrors and glass; path: that scatter light, where "
         "1 is direct lighting and none sets no limit (default: as the scene says, or 5)",

@@ -19,15 +19,17 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from dmis import __version__
 from dmis.base import malloc
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import make_parser
-from dmis.estimator.settings import Settings
+from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
 from dmis.experiment.oracle import make_oracle
 from dmis.experiment.reference import make_reference
@@ -91,12 +93,20 @@ def _load(options: argparse.Namespace) -> Scene:
     )
 
 
+def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the fields of `Settings` that were given as options, by name."""
+    return {field.name: getattr(options, field.name) for field in fields(Settings) if hasattr(options, field.name)}
+
+
 def _compare(options: argparse.Namespace) -> int:
     """Run ``compare`` and return its exit code."""
     if not 1 <= options.seeds <= 10_000:
         raise ValueError(f"--seeds must be from 1 to 10000; got {options.seeds}")
     rules = parse_rules(options.rules)
-    settings = Settings(integrator=options.integrator, max_depth=options.max_depth)
+    settings = _settings(options)
+    expected = {name: settings[name] for name in ("integrator", "max_depth") if name in settings}  # of the image
+    curves = {name: value for name, value in settings.items() if name != "sampler"}
+    make_settings(**settings)  # a bad one ends the command before the reference is rendered
     check_output(options.output)  # before the reference is rendered
     scene = _load(options)
     if options.verbose:
@@ -106,18 +116,16 @@ def _compare(options: argparse.Namespace) -> int:
             reference = load_reference(options.reference)
         else:
             reference = make_reference(
-                scene, options.reference_spp, settings=settings, parallel=options.threads, progress=progress
+                scene, options.reference_spp, parallel=options.threads, progress=progress, **expected
             )
         seeds = range(options.seed, options.seed + options.seeds)
         oracle = None
         if options.oracle_spp is not None:
-            oracle = make_oracle(
-                scene, options.oracle_spp, settings=settings, parallel=options.threads, progress=progress
-            )
+            oracle = make_oracle(scene, options.oracle_spp, parallel=options.threads, progress=progress, **curves)
         comparison = compare(
             scene, rules, options.spp, seeds, reference, options.output,
             oracle=oracle, progress=_print_run if options.verbose else progress, parallel=options.threads,
-            settings=settings, sampler=options.sampler,
+            **settings,
         )  # fmt: skip
     missing = [(rule, n) for n in options.spp for rule in rules if (rule, n) not in comparison.runs]
     for rule, n in missing:
@@ -165,11 +173,7 @@ def _render(options: argparse.Namespace) -> int:
             parallel=executor or (Processes(options.workers) if options.workers else options.threads),
             progress=progress,
             checkpoint=options.checkpoint,
-            sampler=options.sampler,
-            shading_samples=options.shading_samples,
-            lights=options.lights,
-            integrator=options.integrator,
-            max_depth=options.max_depth,
+            **_settings(options),
         )
     write_image(output, result)
     if options.png:
@@ -279,7 +283,7 @@ def _bench(options: argparse.Namespace) -> int:
         speeds = bench(
             options.scenes or SHIPPED, parse_rules(options.rules), options.resolution, options.spp,
             parallel=options.threads, repeats=options.repeats, seed=options.seed, progress=progress,
-            integrator=options.integrator, max_depth=options.max_depth,
+            **_settings(options),
         )  # fmt: skip
     print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     return 0

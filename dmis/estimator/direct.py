@@ -34,7 +34,7 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
     plan = batch.scene.plan
     lights = (*plan.sampled, *plan.deltas)
     picked = None
-    if batch.settings.lights == "one" and len(lights) > 1:
+    if batch.settings.one_light and len(lights) > 1:
         picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)
     # 1 / P(light): a light that is picked with probability 1 / n stands for n
     over_probability = np.float32(1 if picked is None else len(lights))

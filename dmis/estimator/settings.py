@@ -9,6 +9,7 @@ from typing import Any
 from dmis.base.validate import whole
 from dmis.estimator import technique
 from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.presets import PRESETS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 from dmis.scene.scene import Scene
@@ -32,7 +33,8 @@ class Settings:
     allocation
         ``systematic`` or ``random``, see `dmis.estimator.allocation`.
     lights
-        ``all``: every light is sampled at every point; ``one``: one light, picked uniformly.
+        ``all``: every light is sampled at every point; ``one``: one light, picked uniformly; ``pbrt``: all in direct
+        lighting, one at each vertex of a path, as pbrt-v2 does.
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
         has been scattered by other surfaces too; ``auto``: what the scene's file says, or its
@@ -47,6 +49,9 @@ class Settings:
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
         if the final samples are independent, as the pilot's are; the others are more even, and a few independent ones
         among them cost more than they bring.
+    preset
+        Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
+        `make_settings` makes settings of a preset.
     """
 
     shading_samples: int = 2
@@ -58,6 +63,7 @@ class Settings:
     max_depth: int | str | None = "auto"
     sampler: str = "independent"
     reuse_pilot: bool | None = None
+    preset: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MOST))
@@ -76,7 +82,7 @@ class Settings:
         for option, value, allowed in (
             ("integrator", self.integrator, ("auto", "direct", "path")),
             ("allocation", self.allocation, ("systematic", "random")),
-            ("lights", self.lights, ("all", "one")),
+            ("lights", self.lights, ("all", "one", "pbrt")),
             ("sampler", self.sampler, tuple(SAMPLERS)),
         ):
             if value not in allowed:
@@ -100,6 +106,26 @@ class Settings:
             )
         if self.max_depth not in (None, "auto"):
             object.__setattr__(self, "max_depth", whole("max_depth", self.max_depth, 1, MAX_DEPTH, "auto or None"))
+        self._check_preset()
+
+    def _check_preset(self) -> None:
+        """Refuse an unknown preset, and values that the preset does not allow, by a ValueError."""
+        if self.preset is None:
+            return
+        if not isinstance(self.preset, str) or self.preset not in PRESETS:
+            raise ValueError(f"preset must be {' or '.join(PRESETS)} or None; got {self.preset!r}")
+        for name in PRESETS[self.preset].values:
+            allowed, value = PRESETS[self.preset].allowed(name), getattr(self, name)
+            if allowed and value not in allowed:
+                raise ValueError(
+                    f"preset {self.preset} has {name} {' or '.join(map(repr, allowed))}; got {value!r}. "
+                    f"Give another value, or no preset"
+                )
+
+    @property
+    def one_light(self) -> bool:
+        """Whether one light is picked at each point; `integrator` must not be ``auto`` any more."""
+        return self.lights == "one" or (self.lights == "pbrt" and self.integrator == "path")
 
     @property
     def deepest(self) -> float:
@@ -113,14 +139,15 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     Parameters
     ----------
     settings
-        Base of the options; None: the defaults of `Settings`.
+        Base of the options; None: the values of the option ``preset``, or else the defaults of `Settings`.
     options
         Fields of `Settings` by name. An option takes the place of the field, whatever `settings` has there.
 
     Raises
     ------
     ValueError
-        If `settings` is something else, there is no such field, or a value does not fit.
+        If `settings` is something else, there is no such field, or a value does not fit, for example because the preset
+        does not allow it.
     """
     if settings is not None and not isinstance(settings, Settings):
         raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
@@ -128,6 +155,14 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     if unknown := [name for name in options if name not in names]:
         hint = ". Write parallel=" if {"threads", "workers", "executor"} & set(unknown) else ""
         raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
+    preset = options.get("preset")
+    if preset is not None and settings is not None and settings.preset != preset:
+        raise ValueError(
+            f"a preset takes the place of settings; got preset={preset!r} and {settings}. Give fields of Settings by "
+            f"name: preset={preset!r}, shading_samples={settings.shading_samples}"
+        )
+    if isinstance(preset, str) and preset in PRESETS and settings is None:
+        settings = Settings(**PRESETS[preset].values)
     return replace(settings or Settings(), **options)
 
 

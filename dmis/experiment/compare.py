@@ -200,7 +200,7 @@ def _check_rules_and_output(rules: Sequence[str], settings: Settings, folder: Pa
 def _oracle_from_cache(scene: Scene, settings: Settings) -> Oracle | None:
     """Return the cached oracle of a scene; it does not depend on the sampler."""
     default_sampler = Settings().sampler
-    return cached_oracle(scene, settings=replace(settings, sampler=default_sampler))
+    return cached_oracle(scene, settings=replace(settings, preset=None, sampler=default_sampler))
 
 
 def _image_writer(results: Results) -> Callable[[Budget, Result], None]:

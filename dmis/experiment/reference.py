@@ -76,7 +76,8 @@ def make_reference(
     rule
         Rule that renders it; every rule converges to the same image.
     settings, options
-        Settings such as ``integrator="path"``, see `dmis.pipeline.render.render`.
+        Settings such as ``integrator="path"``, see `dmis.pipeline.render.render`. A preset does not hold for the
+        points, which are those of a reference.
     folder
         Folder of the cache. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
     parallel, progress
@@ -90,7 +91,7 @@ def make_reference(
         If it cannot be written.
     """
     spp = whole("spp", spp, 1, MAX_SPP)
-    settings = make_settings(settings, **options)
+    settings = replace(make_settings(settings, **options), preset=None)
     width, height = scene.camera.resolution
     key = json.dumps([fingerprint(scene), width, height, spp, rule, *settings_key(settings)])
     import hashlib  # imported where used: it brings OpenSSL
@@ -120,9 +121,14 @@ def make_reference(
 
 
 def settings_key(settings: Settings | None) -> list[dict[str, Any]]:
-    """Return settings as a part of the key of a cached file, without `reuse_pilot`; empty for the default settings."""
-    relevant = replace(settings or Settings(), reuse_pilot=None)
-    return [] if relevant == Settings() else [asdict(relevant)]
+    """Return settings as a part of the key of a cached file; empty for the default settings.
+
+    `reuse_pilot` and the name of a preset do not change what is cached.
+    """
+    relevant = replace(settings or Settings(), preset=None, reuse_pilot=None)
+    key = asdict(relevant)
+    del key["preset"]
+    return [] if relevant == Settings() else [key]
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:

@@ -17,7 +17,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.records import Statistic
-from dmis.estimator.settings import Settings
+from dmis.estimator.settings import Settings, make_settings
 from dmis.variance.moments import Film
 
 _ROUNDING = 1e-6
@@ -208,7 +208,7 @@ def settle(rule: Rule, text: str, asked: Settings) -> Settings:
             raise ValueError(
                 f"{name} of rule {text} must be a dict such as {example}; got {value!r}. Without one, leave it out"
             )
-    usual = Settings()
+    usual = make_settings(preset=asked.preset)
     for name, own in rule.settings.items():
         if not hasattr(usual, name):
             raise ValueError(f"rule {text} must have settings that dmis.Settings has; got {name!r}")

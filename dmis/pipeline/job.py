@@ -18,6 +18,7 @@ from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator import technique
 from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import MOST, Settings, resolve_auto
 from dmis.fit import control_variate
@@ -204,8 +205,10 @@ def default_rule(spp: int, settings: Settings) -> Rule | str:
 
     ``auto`` where its pilot pays and its statistic exists; else w = 1/2 with the techniques and the combiner of
     `settings`: for fewer than 16 samples per pixel or tens of thousands, for a number of shading samples that is odd or
-    very large, and with the technique ``resampled``.
+    very large, and with the technique ``resampled``. A preset has a rule of its own.
     """
+    if settings.preset is not None:
+        return PRESETS[settings.preset].rule
     s = settings.shading_samples
     if MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2 and s % 2 == 0 and 2 * s <= MOST and _densities_known(settings):
         return "auto"

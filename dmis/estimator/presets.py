@@ -1,0 +1,70 @@
+"""Presets: named, complete sets of estimator settings, which later changes of the defaults do not alter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A complete set of estimator settings.
+
+    Attributes
+    ----------
+    values
+        Value of every field of `dmis.estimator.settings.Settings` but ``preset``.
+    choices
+        Fields that may have another value, with all values that they may have; an empty tuple stands for any.
+    rule
+        Rule of a render that names none.
+    """
+
+    values: Mapping[str, Any]
+    choices: Mapping[str, tuple[Any, ...]]
+    rule: str
+
+    def allowed(self, field: str) -> tuple[Any, ...]:
+        """Return the values that a field may have; an empty tuple stands for any."""
+        return self.choices.get(field, (self.values[field],))
+
+
+PRESETS: Mapping[str, Preset] = {
+    "thesis": Preset(
+        values={
+            "shading_samples": 2,
+            "techniques": ("light", "brdf"),
+            "combiner": "balance",
+            "allocation": "systematic",
+            "lights": "pbrt",
+            "integrator": "auto",
+            "max_depth": "auto",
+            "sampler": "independent",
+            "reuse_pilot": None,
+        },
+        choices={
+            "shading_samples": (),
+            "combiner": ("balance", "power"),
+            "integrator": (),
+            "max_depth": (),
+            "sampler": ("independent", "lowdiscrepancy"),
+            "reuse_pilot": (),
+        },
+        rule="thesis",
+    ),
+}
+"""Presets by name.
+
+``thesis`` is the estimator of Seo's thesis (2014), which stands on pbrt-v2. Pinned: light and BRDF sampling, whose
+counts are rounded systematically to w S on average; all lights in direct lighting, and one, picked uniformly, at each
+vertex of a path; independent points, or pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of
+independent points, combined by the balance heuristic. The caller gives S, integrator and depth. The rule says whether
+its pilot is part of the image; if it does not, the pilot is with independent points.
+
+What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; skies
+by luminance, without compensation for the other technique; lobes of a surface picked uniformly; a path continued by a
+BRDF sample of its own, beside those of direct lighting; Russian roulette as in `dmis.estimator.path`. Whoever makes one
+of these a choice, or changes it, adds a field to `Settings` whose value in this preset is the old behaviour. Images of
+the preset are held by `tests/estimator/test_presets.py`.
+"""

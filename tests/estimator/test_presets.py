@@ -1,0 +1,130 @@
+"""The pinned estimator: its settings are complete and held, and its images stay."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pin_preset
+import pytest
+
+import dmis
+from dmis.cli.commands import main
+from dmis.estimator.presets import PRESETS
+from dmis.estimator.settings import make_settings, resolve_auto
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_preset_is_complete(name: str) -> None:
+    """A new field of Settings needs a value in each preset, the old behaviour."""
+    preset = PRESETS[name]
+    assert set(preset.values) == {field.name for field in fields(dmis.Settings)} - {"preset"}
+    assert preset.choices.keys() <= preset.values.keys()
+    assert make_settings(preset=name) == dmis.Settings(**preset.values, preset=name)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sampler": "sobol"}, "preset thesis has sampler 'independent' or 'lowdiscrepancy'; got 'sobol'"),
+        ({"lights": "all"}, "preset thesis has lights 'pbrt'; got 'all'"),
+        ({"allocation": "random"}, "preset thesis has allocation 'systematic'; got 'random'"),
+        ({"techniques": ("uniform", "brdf")}, "preset thesis has techniques"),
+        ({"combiner": "maximum"}, "preset thesis has combiner 'balance' or 'power'; got 'maximum'"),
+        ({"rule": "thesis:sampler=sobol"}, "preset thesis has sampler"),
+        ({"rule": "uniform"}, "preset thesis has techniques"),
+        ({"settings": dmis.Settings(integrator="path")}, "a preset takes the place of settings; got preset='thesis'"),
+        ({"preset": "best"}, "preset must be thesis or None; got 'best'"),
+        ({"preset": ["thesis"]}, "preset must be thesis or None"),
+    ],
+)
+def test_pinned_values_are_held(box: dmis.Scene, options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, **{"rule": "balance", "spp": 8, "preset": "thesis", **options})
+
+
+def test_open_values_are_the_callers(box: dmis.Scene) -> None:
+    """S, integrator and depth, the heuristic and the reuse of the pilot; a rule states the last two."""
+    options = {"shading_samples": 4, "integrator": "path", "max_depth": 3}
+    for rule, stated in (
+        ("balance:combiner=power", {"combiner": "power"}),
+        ("thesis:reuse=yes", {"reuse_pilot": True}),
+    ):
+        result = dmis.render(box, rule, 8, preset="thesis", **options)
+        assert result.provenance["settings"].items() >= {**options, **stated, "preset": "thesis"}.items()
+
+
+def test_preset_has_a_rule(box: dmis.Scene) -> None:
+    result = dmis.render(box, spp=32, preset="thesis")
+    assert result.provenance["rule"] == "thesis" and result.provenance["settings"]["lights"] == "pbrt"
+
+
+def test_a_changed_default_is_not_asked_for(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The value of the preset is no wish of the caller, whatever the default is: a rule may state another."""
+    monkeypatch.setattr(dmis.Settings.__init__, "__defaults__", (2, ("light", "brdf"), "power", *DEFAULTS[3:]))
+    assert dmis.Settings().combiner == "power"
+    assert make_settings(preset="thesis").combiner == "balance"
+    dmis.render(box, "balance:combiner=power", 4, preset="thesis")
+
+
+DEFAULTS = tuple(field.default for field in fields(dmis.Settings))
+
+
+@pytest.mark.parametrize(("integrator", "same_as"), [("direct", "all"), ("path", "one")])
+def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> None:
+    """All lights in direct lighting, one at each vertex of a path."""
+    scene = box.changed(lights=(*box.lights, dmis.PointLight((0, 0, 1), (1, 1, 1))))
+    images = [
+        dmis.render(scene, "balance", 4, lights=lights, integrator=integrator).image
+        for lights in ("pbrt", same_as, {"all": "one", "one": "all"}[same_as])
+    ]
+    assert np.array_equal(images[0], images[1]) and not np.array_equal(images[0], images[2])
+
+
+def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
+    settings = resolve_auto(make_settings(preset="thesis"), replace(box, integrator="path"))
+    assert settings.one_light and settings.preset == "thesis"
+    assert not resolve_auto(make_settings(preset="thesis"), replace(box, integrator="direct")).one_light
+
+
+def test_reference_of_a_preset_is_that_of_its_settings(box: dmis.Scene, tmp_path: Path) -> None:
+    """The points of a reference are its own; neither they nor the preset's name are part of what is expected."""
+    reference = dmis.make_reference(box, 4, preset="thesis", folder=tmp_path)
+    again = dmis.make_reference(box, 4, lights="pbrt", folder=tmp_path)
+    assert np.array_equal(reference.first, again.first) and len(list(tmp_path.iterdir())) == 1
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``render`` and ``compare`` take --preset; an option that it pins is refused with exit code 2."""
+    small = ["teapot-area-light", "--resolution", "16x12", "--spp", "8", "--quiet", "--preset", "thesis"]
+    assert main(["render", *small, "-o", str(tmp_path / "a.exr"), "--shading-samples", "4"]) == 0
+    assert '"preset": "thesis"' in dmis.read_exr(tmp_path / "a.exr")[1]["dmis.provenance"]
+    assert main(["render", *small, "-o", str(tmp_path / "a.exr"), "--sampler", "sobol"]) == 2
+    assert "preset thesis has sampler 'independent' or 'lowdiscrepancy'; got 'sobol'" in capsys.readouterr().err
+    rest = ["--rules", "balance,thesis:patch=4", "--seeds", "1", "--reference-spp", "8", "--threads", "1"]
+    assert main(["compare", *small, *rest, "-o", str(tmp_path / "table")]) == 0
+    assert '"preset": "thesis"' in (tmp_path / "table" / "comparison.json").read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def stored() -> dict[str, np.ndarray]:
+    with np.load(pin_preset.FILE) as arrays:
+        return dict(arrays)
+
+
+def test_images_are_the_pinned_ones(stored: dict[str, np.ndarray]) -> None:
+    assert list(pin_preset.differences(stored, pin_preset.render_all())) == []
+
+
+def test_changed_images_are_found(stored: dict[str, np.ndarray]) -> None:
+    """One image that is noise away is found by the share of its blocks, one bright block by its standard error."""
+    name = "killeroo-gold balance independent path"
+    noisy = {**stored, name: stored[name] + np.array([1, 0])[:, None, None, None] * stored[name][1]}
+    (line,) = pin_preset.differences(stored, noisy)
+    assert "of the blocks agree to 1e-05" in line and name in line
+    bright = {**stored, name: stored[name].copy()}
+    row, column, channel = np.unravel_index(stored[name][1].argmax(), stored[name][1].shape)
+    bright[name][0, row, column, channel] += 6 * stored[name][1].max()
+    (line,) = pin_preset.differences(stored, bright)
+    assert line.startswith(f"{name}: 1 of 324 values are more than 5 standard errors off")

@@ -1,0 +1,101 @@
+"""Block means of small images of the preset ``thesis``, which no later change may alter.
+
+    python tests/pin_preset.py write       renders every configuration and writes tests/data/preset_thesis.npz
+    python tests/pin_preset.py compare     renders again and prints what differs; exit code 1 if anything does
+
+Unlike the hashes of `freeze.py` these are in the repository, as means over blocks of 4x4 pixels with standard errors:
+other processors round differently, which flips single shadow rays. `tests/estimator/test_presets.py` compares them.
+Write them anew only with a new configuration, or when the preset itself was wrong; the commit says which.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dmis
+
+FILE = Path(__file__).with_name("data") / "preset_thesis.npz"
+RESOLUTION = (48, 36)
+BLOCK = 4
+SPP = 16
+SEED = 7
+SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt")
+RULES = ("balance", "thesis:patch=8")
+SAMPLERS = ("independent",)
+INTEGRATORS = ("direct", "path")
+CLOSE, SHARE, FAR = 1e-5, 0.98, 5.0
+"""Relative difference that `SHARE` of the blocks keep, and standard errors that all of them keep."""
+
+
+def configurations() -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield scene, rule and options of each image."""
+    for scene in SCENES:
+        for rule in RULES:
+            for sampler in SAMPLERS:
+                for integrator in INTEGRATORS:
+                    yield scene, rule, {"sampler": sampler, "integrator": integrator}
+
+
+def blocks(result: dmis.Result) -> np.ndarray:
+    """Return means and standard errors of the blocks of an image, ``(2, rows, columns, 3)`` float32."""
+    height, width = result.image.shape[:2]
+    shape = height // BLOCK, BLOCK, width // BLOCK, BLOCK, 3
+    mean = result.image.reshape(shape).mean(axis=(1, 3), dtype=np.float64)
+    error = np.sqrt(result.variance.reshape(shape).sum(axis=(1, 3))) / BLOCK**2
+    return np.stack([mean, error]).astype(np.float32)
+
+
+def render_all() -> dict[str, np.ndarray]:
+    """Return the blocks of every configuration by name."""
+    scenes = {name: dmis.load_scene(name, resolution=RESOLUTION) for name in SCENES}
+    images = {}
+    for scene, rule, options in configurations():
+        result = dmis.render(scenes[scene], rule, SPP, seed=SEED, preset="thesis", **options)
+        images[f"{scene} {rule} {options['sampler']} {options['integrator']}"] = blocks(result)
+    return images
+
+
+def differences(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """Yield a line for each configuration with blocks that are too far off, and one if too many blocks differ."""
+    if before.keys() != after.keys():
+        yield f"configurations differ: {', '.join(sorted(before.keys() ^ after.keys()))}"
+        return
+    near = []
+    for name, (old, old_error) in before.items():
+        new, new_error = after[name]
+        off = np.abs(new - old)
+        near.append(off <= CLOSE * np.abs(old))
+        if far := int((off > FAR * np.maximum(old_error, new_error) + CLOSE * np.abs(old)).sum()):
+            yield f"{name}: {far} of {off.size} values are more than {FAR:g} standard errors off"
+    share = float(np.mean([close.all(axis=-1) for close in near]))
+    if share < SHARE:
+        worst = min(zip(near, before, strict=True), key=lambda item: item[0].mean())[1]
+        yield f"{share:.1%} of the blocks agree to {CLOSE:g}, and {SHARE:.0%} must; least in {worst}"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the blocks, or compare with those in the file."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("action", choices=("write", "compare"))
+    parser.add_argument("--file", type=Path, default=FILE)
+    given = parser.parse_args(arguments)
+    after = render_all()
+    if given.action == "write":
+        given.file.parent.mkdir(exist_ok=True)
+        np.savez_compressed(given.file, **after)
+        print(f"{given.file}: {len(after)} configurations, {given.file.stat().st_size / 1000:.0f} kB")
+        return 0
+    with np.load(given.file) as stored:
+        lines = list(differences(dict(stored), after))
+    print(*lines, sep="\n")
+    return bool(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
