@@ -56,6 +56,13 @@ class Counts:
         """How many go to the first technique."""
         return self.per_technique[0]
 
+    def of_every_camera_sample(self, k: int, shading_samples: int) -> int | None:
+        """Return how many of S shading samples every camera sample gives to technique `k`; None if they differ."""
+        counts = [n for n in self.per_technique if isinstance(n, int)]
+        if len(counts) < len(self.per_technique):
+            return None
+        return counts[k] if k < len(counts) else shading_samples - sum(counts)
+
     def take(self, index: np.ndarray) -> Counts:
         """Those of the camera samples `index`."""
         samples_before = None if self.samples_before is None else self.samples_before.take(index, axis=1)

@@ -47,7 +47,3 @@ class Batch:
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
     control: Array | None = None
-
-
-MORE, CONTINUE = -1, -2
-"""In the place of a light's number these tell apart random numbers beyond a sample's first two, and those of paths."""

@@ -16,10 +16,12 @@ from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import Array, dot
 from dmis.estimator import technique
 from dmis.estimator.allocation import Counts
-from dmis.estimator.batch import MORE, Batch
+from dmis.estimator.batch import Batch
 from dmis.estimator.samples import Samples, Vertices
 from dmis.estimator.technique import SampledLight
 from dmis.light.light_sample import Seen
+from dmis.samplers.keys import MORE
+from dmis.samplers.streams import BlockSampler
 from dmis.scene.shading_points import Surface
 
 POINTS = 2**17
@@ -141,6 +143,9 @@ def draw_numbers(
         parts = [draw_numbers(batch, counts, (key, k, i), camera_sample) for key in (key, (*key, MORE))]
         return np.concatenate(parts)[:numbers]
     if counts.samples_before is None:
+        count = counts.of_every_camera_sample(k, batch.settings.shading_samples)
+        if count is not None and isinstance(batch.sampler, BlockSampler):
+            return batch.sampler.draw_block((*key, k), camera_sample, i, count)
         return batch.sampler.draw((*key, k, i), camera_sample)
     return batch.sampler.draw((*key, k), camera_sample, take(counts.samples_before[k], camera_sample) + i)
 

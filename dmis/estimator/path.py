@@ -23,6 +23,7 @@ from dmis.base.selection import Selection, compose, indices, take
 from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Pair
 from dmis.brdf.specular import index as index_beyond
+from dmis.samplers.keys import CONTINUE
 from dmis.scene.shading_points import Surface
 
 Way = int | Literal["glossy", "through"]
@@ -119,7 +120,7 @@ def bounce(
         return None
     origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
     sees = sees if isinstance(sees, bool) else take(sees, index)
-    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (depth + 1,), sees)
+    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (CONTINUE,) * (depth + 1), sees)
 
 
 def _scaled(surface: Surface, direction: Array) -> Array | np.float32:

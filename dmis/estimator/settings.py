@@ -44,7 +44,8 @@ class Settings:
         may scatter light on its way from a light to the camera, 1 being direct lighting; None: any number, ended by
         Russian roulette. ``auto``: what the scene says, or else `dmis.scene.defaults.DEFAULT_DEPTH`.
     sampler
-        ``independent``, ``stratified`` or ``sobol``, for the final pass; see `dmis.samplers`.
+        ``independent``, ``stratified``, ``sobol`` or ``lowdiscrepancy`` (pbrt-v2's), for the final pass; see
+        `dmis.samplers`.
     reuse_pilot
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
         if the final samples are independent, as the pilot's are; the others are more even, and a few independent ones

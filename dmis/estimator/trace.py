@@ -13,13 +13,14 @@ import numpy as np
 
 from dmis.base.selection import Selection, compose, indices, size, take
 from dmis.base.vectors import Array
-from dmis.estimator.batch import CONTINUE, Batch
+from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, point_chunks, take_optional
 from dmis.estimator.cost import UNSEEN
 from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
 from dmis.estimator.samples import Vertices
 from dmis.intersect import Hits
+from dmis.samplers.keys import CONTINUE
 from dmis.scene.shading_points import Surface
 
 

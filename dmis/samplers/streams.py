@@ -5,7 +5,7 @@ which order.
 
 All draws are two-dimensional. `Independent` numbers have no structure. The others spread the numbers of one pixel
 evenly: `Stratified` over a jittered grid, `Sobol` over a (0, 2)-sequence with a random digit shift per pixel and
-draw, as pbrt's low-discrepancy sampler does.
+draw. `dmis.samplers.lowdiscrepancy` does as pbrt-v2's sampler of that name does.
 
 Draws with different keys are independent of each other, because each key has its own order of the points. If sample i
 had point i of the sequence in all of them, two draws would differ by their digit shifts alone: an integrand of both,
@@ -21,12 +21,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from dmis.base.selection import Selection, size, take
 from dmis.base.vectors import Array
+from dmis.samplers.lowdiscrepancy import LowDiscrepancy, nested_order
 
 
 def stream(seed: int, pass_: int, tile: int) -> np.random.Generator:
@@ -56,6 +57,23 @@ class Sampler(Protocol):
             Selection of camera samples from the batch; None selects all.
         number
             Index in its pixel's sequence for each number, ``(N,)``; None: the number of the camera sample.
+        """
+        ...
+
+
+@runtime_checkable
+class BlockSampler(Sampler, Protocol):
+    """Sampler that keeps the samples which a camera sample has of one dimension together."""
+
+    def draw_block(self, key: Hashable, index: Selection | None, sample: int, count: int) -> Array:
+        """Return two uniform numbers in [0, 1) for each of N points, ``(2, N)`` float32.
+
+        Parameters
+        ----------
+        key, index
+            See `draw`.
+        sample, count
+            Which of how many samples of the dimension each camera sample has.
         """
         ...
 
@@ -135,22 +153,13 @@ class Sobol(_Sequence):
         """See `Sampler.draw`."""
         bits = (self._length - 1).bit_length()
         if key not in self._orders:
-            self._orders[key] = _nested(self._rng, bits)
+            self._orders[key] = nested_order(self._rng, bits)
             self._begins[key] = self._rng.integers(2**bits, size=self._pixels, dtype=np.int32)
             self._shifts[key] = self._rng.integers(2**32, size=(2, self._pixels), dtype=np.uint32)
         pixel = take(self._pixel, index)
         point = self._orders[key].take(self._place(key, index, number) ^ self._begins[key].take(pixel))
         digits = _sobol(bits).take(point, axis=1) ^ self._shifts[key].take(pixel, axis=1)
         return (digits >> np.uint32(8)).astype(np.float32) * np.float32(2**-24)
-
-
-def _nested(rng: np.random.Generator, bits: int) -> np.ndarray:
-    """Return a random order of ``2^bits`` numbers in which each aligned block of 2^k numbers stays together."""
-    order = np.zeros(1, np.int32)
-    for _ in range(bits):
-        flip = rng.integers(2, size=len(order), dtype=np.int32)
-        order = np.stack([2 * order + flip, 2 * order + (1 - flip)], axis=1).reshape(-1)
-    return order
 
 
 @lru_cache(maxsize=8)
@@ -168,7 +177,12 @@ def _independent(rng: np.random.Generator, pixels: int, stops: Sequence[int], sh
 
 SamplerFactory = Callable[[np.random.Generator, int, Sequence[int], int], Sampler]
 """Makes the sampler of one tile from the arguments of `make_sampler` after the first."""
-SAMPLERS: dict[str, SamplerFactory] = {"independent": _independent, "stratified": Stratified, "sobol": Sobol}
+SAMPLERS: dict[str, SamplerFactory] = {
+    "independent": _independent,
+    "stratified": Stratified,
+    "sobol": Sobol,
+    "lowdiscrepancy": LowDiscrepancy,
+}
 """By name; `register_sampler` adds to it."""
 
 

@@ -188,7 +188,9 @@ def test_index_and_number_pick_points() -> None:
 
 def test_unknown_sampler() -> None:
     """The error lists what there is."""
-    with pytest.raises(ValueError, match="sampler must be one of independent, stratified, sobol; got 'halton'"):
+    with pytest.raises(
+        ValueError, match="sampler must be one of independent, stratified, sobol, lowdiscrepancy; got 'halton'"
+    ):
         make_sampler("halton", stream(0, 0, 0), 1, [1], 1)
 
 

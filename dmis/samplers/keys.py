@@ -1,0 +1,6 @@
+"""Marks in the keys by which `dmis.samplers.streams.Sampler.draw` tells dimensions apart."""
+
+MORE = -1
+"""Mark of the second pair of numbers of a shading sample."""
+CONTINUE = -2
+"""Mark of the direction in which a path goes on; the key of a path's vertex has as many as the path has bounces."""

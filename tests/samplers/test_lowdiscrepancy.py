@@ -1,0 +1,156 @@
+"""The sampler ``lowdiscrepancy``: nets of each pixel and dimension, shuffled, and what it does for an integral."""
+
+import itertools
+
+import numpy as np
+import pytest
+from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.materials import matte
+from dmis.estimator.settings import Settings
+from dmis.light.area import DiskLight
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.samplers.keys import CONTINUE
+from dmis.samplers.lowdiscrepancy import BOUNCES, LowDiscrepancy
+from dmis.samplers.streams import stream
+
+
+def sampler(seed: int, pixels: int, spp: int, shading_samples: int = 2) -> LowDiscrepancy:
+    """A sampler of which a batch of all samples of all pixels has begun, sample-major."""
+    out = LowDiscrepancy(stream(seed, 0, 0), pixels, [spp], shading_samples)
+    out.start(np.tile(np.arange(pixels), spp), np.repeat(np.arange(spp), pixels))
+    return out
+
+
+def blocks(seed: int, pixels: int, spp: int, count: int, key: object = (0, 0)) -> Array:
+    """Numbers of `count` samples of each camera sample, ``(2, spp, count, pixels)``."""
+    source = sampler(seed, pixels, spp, 2 * count)
+    draws = [source.draw_block(key, None, i, count).reshape(2, spp, pixels) for i in range(count)]
+    return np.stack(draws, axis=2)
+
+
+def is_net(u: Array) -> bool:
+    """Whether 2^k points ``(2, 2^k)`` have one in each elementary interval, of 2^-a by 2^-(k-a)."""
+    n = u.shape[1]
+    return all(
+        len(np.unique((u[0] * 2**a).astype(int) * (n >> a) + (u[1] * (n >> a)).astype(int))) == n
+        for a in range(n.bit_length())
+    )
+
+
+@pytest.mark.parametrize("spp", [1, 2, 16, 128])
+@pytest.mark.parametrize("key", ["camera", (0, 0, 0), (CONTINUE,), (CONTINUE, CONTINUE, 0, 1, 0)])
+def test_camera_samples_of_a_pixel_are_a_net(spp: int, key: object) -> None:
+    u = sampler(3, 5, spp).draw(key, None).reshape(2, spp, 5)
+    assert all(is_net(u[..., pixel]) for pixel in range(5))
+
+
+@pytest.mark.parametrize(("spp", "count"), [(8, 4), (16, 16), (1, 8)])
+def test_blocks_are_nets(spp: int, count: int) -> None:
+    """The samples of each camera sample are a net, and so are all of the pixel."""
+    u = blocks(1, 4, spp, count)
+    for pixel in range(4):
+        assert is_net(u[..., pixel].reshape(2, -1))
+        assert all(is_net(u[:, k, :, pixel]) for k in range(spp))
+
+
+def test_counts_that_are_no_powers_of_two() -> None:
+    """5 camera samples of 3 samples use distinct points of a net of 8 times 4, each camera sample one of its blocks."""
+    u = blocks(2, 50, 5, 3)
+    cell = (u[0] * 32).astype(int)  # elementary intervals of 1/32 by 1
+    assert all(len(np.unique(cell[..., pixel])) == 15 for pixel in range(50))
+    quarter = (u[0] * 4).astype(int)
+    assert all(len(np.unique(quarter[k, :, pixel])) == 3 for k in range(5) for pixel in range(50))
+
+
+def test_uneven_counts_use_even_beginnings() -> None:
+    """Numbers by their place in a technique's sequence: the first 2^k of a pixel are a net for every k."""
+    for n in (2, 8, 32):
+        source = LowDiscrepancy(stream(4, 0, 0), 3, [100], 2)
+        source.start(np.tile(np.arange(3), n), np.repeat(np.arange(n), 3))
+        u = source.draw((0, 1), None, np.repeat(np.arange(n), 3)).reshape(2, n, 3)
+        assert all(is_net(u[..., pixel]) for pixel in range(3))
+
+
+def test_orders_are_uniform() -> None:
+    """Which two of four blocks, and which two of the four points of a block, come first: chi-square over 12 pairs.
+
+    A block or point is known by the rank of its first coordinate among the four, which the order decides.
+    """
+    points = np.concatenate([blocks(seed, 100, 4, 4) for seed in range(40)], axis=-1)
+    for order in (points[:, :, 0], points[:, 0]):
+        rank = np.argsort(np.argsort(order[0], axis=0), axis=0)
+        observed = np.bincount(rank[0] * 4 + rank[1], minlength=16).reshape(4, 4)
+        observed = observed[~np.eye(4, dtype=bool)]
+        assert chi2_p(observed, np.full(12, order.shape[-1] / 12)) > LEVEL
+
+
+@pytest.mark.parametrize("keys", [((0, 0), (0, 0)), ((0, 0), (0, 1)), ((0, 0), (0, -1, 0))])
+def test_pixels_and_dimensions_are_uncorrelated(keys: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
+    """Sample by sample, two pixels (equal keys) or two dimensions of one pixel are uncorrelated, in all coordinates.
+
+    A correlation of n pairs has standard deviation n^-1/2 over the random scrambles and orders; in one pixel the sums
+    of a net are more even than chance, so this is an upper bound.
+    """
+    products = []
+    for seed in range(100):
+        source = sampler(seed, 40, 8, 8)
+        first, second = (
+            np.stack([source.draw_block(key, None, i, 4).reshape(2, 8, 40) for i in range(4)]) - 0.5 for key in keys
+        )
+        second = np.roll(second, 1, axis=-1) if keys[0] == keys[1] else second
+        products.append([np.mean(first[:, a] * second[:, b]) * 12 for a, b in itertools.product((0, 1), repeat=2)])
+    limit = Z_LIMIT / np.sqrt(100 * 40 * 32)
+    assert (np.abs(np.mean(products, axis=0)) < limit).all()
+
+
+def test_error_of_a_smooth_integrand_falls_faster_than_one_over_n() -> None:
+    """The MSE of the mean of a smooth function falls like n^-2 or faster, and that of random numbers like n^-1."""
+    counts = np.array([8, 32, 128, 512])
+    mse = []
+    for n in counts:
+        u = sampler(6, 400, int(n)).draw((0, 0, 0), None).reshape(2, n, 400)
+        value = np.exp(u[0]) * np.sin(np.pi * u[1])
+        mse.append(np.mean((value.mean(axis=0) - (np.e - 1) * 2 / np.pi) ** 2))
+    slope = np.polyfit(np.log(counts), np.log(mse), 1)[0]
+    assert slope < -2
+
+
+def test_late_bounces_have_random_numbers() -> None:
+    """Vertices of a path from the fourth on are as uneven as random numbers: not one of 20 pixels has a net."""
+    spp = 64
+    for key in ((*[CONTINUE] * BOUNCES, 0, 0), (*[CONTINUE] * (BOUNCES + 1),)):
+        source = sampler(7, 20, spp)
+        u = source.draw_block(key, None, 0, 1).reshape(2, spp, 20)
+        assert not any(is_net(u[..., pixel]) for pixel in range(20))
+        assert u.shape == source.draw(key, None, np.zeros(20 * spp, int)).reshape(2, spp, 20).shape
+
+
+@pytest.mark.parametrize(("rule", "shading_samples"), [("balance", 2), ("balance", 8), ("thesis:patch=4", 3)])
+@pytest.mark.parametrize("integrator", ["direct", "path"])
+def test_same_mean_as_independent_samples(rule: str, shading_samples: int, integrator: str) -> None:
+    """Means of whole images over 12 seeds each, by a z-test; long paths have sequences and random numbers."""
+    scene = dmis.load_scene("cornell", resolution=(16, 16))
+    settings = Settings(shading_samples=shading_samples, integrator=integrator)  # type: ignore[arg-type]
+    means = {
+        name: [dmis.render(scene, rule, 12, seed=k, sampler=name, settings=settings).image.mean() for k in range(12)]
+        for name in ("independent", "lowdiscrepancy")
+    }
+    a, b = (np.array(values, float) for values in means.values())
+    error = np.sqrt((a.var(ddof=1) + b.var(ddof=1)) / 12)
+    assert abs(a.mean() - b.mean()) < Z_LIMIT * error
+
+
+def test_blocks_of_a_camera_sample_are_better_than_separate_sequences() -> None:
+    """One camera sample with 8 light samples: these are a net, so their mean scatters less than of random numbers."""
+    light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
+    scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=0.01, target=(0.9, 1e-4, 0))
+    variance = {}
+    for name in ("independent", "lowdiscrepancy"):
+        settings = Settings(shading_samples=8, sampler=name)
+        tiles = (Tile(seed, 0, 0, (0, 1), (0, 1), 1, 1.0, settings) for seed in range(200))
+        means = np.array([render_tile(scene, tile).moments.mean[0, 0, 0] for tile in tiles])
+        variance[name] = means.var(ddof=1)
+    assert variance["lowdiscrepancy"] < 0.2 * variance["independent"]
