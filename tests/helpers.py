@@ -211,6 +211,12 @@ def pickled(value: Any) -> Any:
     return pickle.loads(pickle.dumps(value))
 
 
+def pixel_shares(w: Array | float) -> Array:
+    """Shares of both techniques, ``(2, P)`` from `w` of the first, ``(P,)``; ``(2, 1)`` from a number."""
+    first = np.atleast_1d(np.float32(w))
+    return np.stack([first, 1 - first])
+
+
 def tile_of(
     scene: Scene,
     seed: int = 0,
@@ -223,7 +229,8 @@ def tile_of(
     """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays; `beta` of a control variate."""
     width, height = scene.camera.resolution
     control = None if beta is None else np.full((3, width * height), beta, np.float32)
-    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, w, Settings(sampler=sampler, **settings), control=control)
+    shares, settings = pixel_shares(w), Settings(sampler=sampler, **settings)
+    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, shares, settings, control=control)
     rendered = render_tile(scene, tile)
     return rendered.moments.mean, rendered.rays
 

@@ -1,8 +1,8 @@
 """Division of shading samples between techniques: systematic rounding, or at random for teaching.
 
 A camera sample carries S shading samples. A share ``w`` of a pixel's ``n = S spp`` shading samples goes to the first
-technique (light sampling), ``1 - w`` to the second (BRDF sampling). K > 2 techniques have shares ``w_1 .. w_K`` of sum
-1, a point of the simplex. See `shares` for how both are written.
+technique (light sampling), ``1 - w`` to the second (BRDF sampling). K techniques have shares ``w_1 .. w_K`` of sum 1,
+a point of the simplex. Everywhere below a rule's fit they are an array ``(K, ...)``, see `shares_of`.
 
 The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes
 to the first technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one
@@ -29,9 +29,14 @@ from dmis.base.vectors import Array
 Allocation = Literal["systematic", "random"]
 
 
-def shares(w: Array | float) -> tuple[Array | float, ...]:
-    """Shares of all techniques: ``(w, 1 - w)`` of a number or ``(N,)``, the rows of ``(K, N)`` or ``(K, 1)``."""
-    return tuple(w) if np.ndim(w) == 2 else (w, 1 - w)  # type: ignore[arg-type]
+def shares_of(weight: Array | float | Sequence[float]) -> Array:
+    """Return the shares of all techniques, ``(K,)`` or ``(K, H, W)`` float32, from a rule's weight.
+
+    A number or a map ``(H, W)`` is the share w of the first of two techniques, and becomes ``(w, 1 - w)``. An array
+    ``(K,)`` or ``(K, H, W)`` has all shares already. This is the only place where the two forms meet.
+    """
+    shares = np.asarray(weight, np.float32)
+    return shares if shares.ndim in (1, 3) else np.stack([shares, 1 - shares])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +75,7 @@ class Counts:
 
 
 def allocate(
-    w: Array | float,
+    shares: Array,
     shading_samples: int,
     pixel: np.ndarray,
     number: np.ndarray,
@@ -82,37 +87,36 @@ def allocate(
 
     Parameters
     ----------
-    w
-        See `shares`: ``(P,)`` or ``(K, P)`` for P pixels, or one number or ``(K, 1)`` for all of them.
+    shares
+        Of K techniques, ``(K, P)`` for P pixels, or ``(K, 1)`` for all of them.
     shading_samples
         S, shading samples per camera sample.
     pixel, number
         Pixel of each camera sample, and number of the sample within it, ``(N,)``.
     offset
-        Random offsets of the systematic rounding in [0, 1), ``(P,)`` for two techniques, ``(K - 1, P)`` for more.
+        Random offsets of the systematic rounding in [0, 1), ``(K - 1, P)``.
     rng
         None for systematic rounding; otherwise each shading sample picks its technique at random (the one-sample
         model of MIS), with numbers from here.
     track_sequence
         Whether to count `Counts.samples_before`, which only samplers with a sequence ask for.
     """
-    parts = shares(w)
-    if (np.ndim(w) == 0 or np.shape(w)[1:] == (1,)) and (rng is None or any(np.all(share == 1) for share in parts)):
-        whole = [float(shading_samples * np.max(share)) for share in parts[:-1]]
+    if shares.shape[1] == 1 and (rng is None or (shares == 1).any()):
+        whole = [float(shading_samples * share) for share in shares[:-1, 0]]
         if all(n.is_integer() for n in whole):
             return Counts(tuple(int(n) for n in whole))
     if rng is not None:
         u = rng.random((shading_samples, len(pixel)), dtype=np.float32)
-        bounds = (_of_samples(np.asarray(bound), pixel) for bound in itertools.accumulate(parts[:-1]))
+        bounds = (_of_samples(bound, pixel) for bound in itertools.accumulate(shares[:-1]))
         below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
         return Counts(tuple(np.diff(below, axis=0, prepend=np.int8(0))))
     per_technique: list[np.ndarray] = []
     samples_before: list[np.ndarray] = []
     slot, left = number * shading_samples, np.asarray(shading_samples)
-    for k, (share, of_pixel) in enumerate(zip(parts[:-1], np.atleast_2d(offset), strict=True)):
-        fraction = np.asarray(share, np.float64)  # of what the techniques before it have left
+    for k, (share, of_pixel) in enumerate(zip(shares[:-1], offset, strict=True)):
+        fraction = share.astype(np.float64)  # of what the techniques before it have left
         if k:
-            rest = np.sum(np.broadcast_arrays(*parts[k:]), axis=0, dtype=np.float64)
+            rest = shares[k:].sum(axis=0, dtype=np.float64)
             fraction = np.divide(fraction, rest, out=np.zeros_like(rest), where=rest > 0)
         fraction, start = _of_samples(fraction, pixel), of_pixel.take(pixel)
         before, after = ((n * fraction + start).astype(np.int32) for n in (slot, slot + left))  # rounded down

@@ -22,8 +22,8 @@ class Batch:
 
     Attributes
     ----------
-    w
-        Share of the first technique, ``(N,)`` or one number; of K > 2 techniques all shares, ``(K, N)`` or ``(K, 1)``.
+    shares
+        Shares w_k of the K techniques, ``(K, N)``, or ``(K, 1)`` if those of all camera samples are the same.
     counts
         How many shading samples of each camera sample go to each technique; falling for the first, so that those with
         the same number are a slice at the first surface, and nothing needs to be gathered.
@@ -42,7 +42,7 @@ class Batch:
     settings: Settings
     sampler: Sampler
     rng: np.random.Generator
-    w: Array
+    shares: Array
     counts: Counts
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None

@@ -56,10 +56,10 @@ def shading_samples(
     """
     settings = batch.settings
     camera_sample = compose(vertices.sample, index)
-    w, counts = batch.w, batch.counts
+    counts = batch.counts
     per_technique = [count if isinstance(count, int) else take(count, camera_sample) for count in counts.per_technique]
     per_technique.append(settings.shading_samples - sum(per_technique))
-    w, control = take(w, camera_sample), take_optional(batch.control, camera_sample)
+    shares, control = take(batch.shares, camera_sample), take_optional(batch.control, camera_sample)
     n = size(index, vertices.radiance.shape[1])
     for k, (name, count) in enumerate(zip(settings.techniques, per_technique, strict=True)):
         sampling = technique.find(name)
@@ -76,7 +76,7 @@ def shading_samples(
             surface = vertices.surface.take(vertex)
             light_sample = sampling.sample(surface, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
             beta = take_optional(control, points)
-            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(w, points), beta)
+            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(shares, points), beta)
 
 
 def merged_samples(

@@ -82,17 +82,19 @@ class Combiner:
     control_variate: bool = False
     share_range: tuple[float, float] = (0.0, 1.0)
 
-    def weight(self, shares: Sequence[Array | float], pdf: Sequence[Array], k: int) -> Array:
+    def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
         """Return ``W / (w_k p_k)`` of samples of technique k, the factor of f in their estimate, ``(N,)``.
 
         Parameters
         ----------
-        shares, pdf
-            w_j and p_j of all techniques, each of the latter ``(N,)``.
+        shares
+            w_j of all techniques, ``(K, N)`` or ``(K, 1)``.
+        pdf
+            p_j of all techniques, K arrays ``(N,)``.
         """
         return self.heuristic([w * p for w, p in zip(shares, pdf, strict=True)], k)
 
-    def collector(self, w: Array | float, samples: Array) -> Collector | None:
+    def collector(self, shares: Array, samples: Array) -> Collector | None:
         """Return sums that correct pixels, see `dmis.estimator.optimal_mis.Optimal`; None: weights are all there is."""
         return None
 
@@ -115,7 +117,7 @@ class Frozen(Combiner):
     two_techniques: bool = True
     share_range: tuple[float, float] = (0.05, 0.95)
 
-    def weight(self, shares: Sequence[Array | float], pdf: Sequence[Array], k: int) -> Array:
+    def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
         """See `Combiner.weight`; the share of technique k stands for all, so that it cancels in W."""
         return super().weight([shares[k]] * len(shares), pdf, k)
 
@@ -130,9 +132,9 @@ class OptimalMIS(Combiner):
     exact_densities: bool = True
     fits_pixels: bool = True
 
-    def collector(self, w: Array | float, samples: Array) -> Collector:
+    def collector(self, shares: Array, samples: Array) -> Collector:
         """Return the sums of the direct form, or of the progressive one if samples are `independent`."""
-        return (Progressive if self.independent else Optimal)(w, samples)
+        return (Progressive if self.independent else Optimal)(shares, samples)
 
 
 SPECIAL = {
@@ -179,14 +181,15 @@ def combiner_by_name(name: str) -> Combiner:
     )
 
 
-def control_variate(k: int, w: Array, n: int, lit: Index | None, pdf: Sequence[Array]) -> Array:
+def control_variate(k: int, shares: Array, n: int, lit: Index | None, pdf: Sequence[Array]) -> Array:
     """Return ``g = (p_l - p_b) / p_w`` of n samples of technique k, ``(n,)``, whose mean over all samples is 0.
 
-    `pdf` are p_l and p_b of the samples `lit`; in the directions of the others, which meet no light, the density of the
-    other technique is 0: g is 1 / w or -1 / (1 - w). See `dmis.fit.control_variate`.
+    `shares` are those of the n samples, ``(2, n)`` or ``(2, 1)``; `pdf` are p_l and p_b of the samples `lit`. In the
+    directions of the others, which meet no light, the density of the other technique is 0: g is 1 / w or -1 / (1 - w).
+    See `dmis.fit.control_variate`.
     """
-    w = np.broadcast_to(w, n)
-    g = 1 / w if k == 0 else -1 / (1 - w)
-    w, (p_l, p_b) = take(w, lit), pdf
-    g[slice(None) if lit is None else lit] = (p_l - p_b) / (w * p_l + (1 - w) * p_b)
+    shares = np.broadcast_to(shares, (2, n))
+    g = 1 / shares[0] if k == 0 else -1 / shares[1]
+    (w_l, w_b), (p_l, p_b) = take(shares, lit), pdf
+    g[slice(None) if lit is None else lit] = (p_l - p_b) / (w_l * p_l + w_b * p_b)
     return g

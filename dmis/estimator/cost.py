@@ -12,7 +12,6 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator import technique
-from dmis.estimator.allocation import shares
 
 CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
@@ -37,12 +36,12 @@ def surface_points(rays: Mapping[str, int]) -> float:
 
 def camera_sample(
     rays: Mapping[str, int],
-    w: Array,
+    shares: Array,
     pilot_samples: int = 4,
     shading_samples: float = 2,
     techniques: Sequence[str] = ("light", "brdf"),
 ) -> Array:
-    """Cost of a camera sample at the weights `w`, ``(G,)``, from the rays of a pilot at equal shares.
+    """Cost of a camera sample at the `shares` of its K techniques, ``(G,)``, from the rays of a pilot at equal shares.
 
     Where paths go on, a camera sample is as many surface points as there are rays that lead to one. Shading samples
     whose direction meets no light, or that the surface does not reflect, trace no ray; how often
@@ -51,15 +50,15 @@ def camera_sample(
 
     Parameters
     ----------
-    w
-        See `dmis.estimator.allocation.shares`: ``(G,)``, or ``(K, G)`` for K techniques.
+    shares
+        ``(K, G)``, at G points.
     pilot_samples, shading_samples
         Shading samples of each camera sample, in the pilot and in what is asked for.
     """
     camera, points = camera_samples(rays), surface_points(rays)
     per_technique = camera * points * pilot_samples / len(techniques)  # samples of each technique
     mixed: Array | float = 0
-    for share, of in zip(shares(np.asarray(w)), map(technique.find, techniques), strict=True):
+    for share, of in zip(shares, map(technique.find, techniques), strict=True):
         mixed = mixed + share * ((SHADING if of.exact else RESAMPLED) + RAY * rays.get(of.rays, 0) / per_technique)
     always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
     return np.asarray(always + points * shading_samples * mixed)

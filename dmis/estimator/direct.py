@@ -21,7 +21,6 @@ from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Pair
 from dmis.estimator import technique
-from dmis.estimator.allocation import shares
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded
 from dmis.estimator.combiner import combiner_by_name, control_variate
@@ -60,7 +59,7 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     if lit is not None and len(lit) == 0:
         _add_control_variate(vertices, samples, lit, [np.zeros(0, np.float32)] * len(techniques), over_s)
         return
-    surface, wi, w = samples.surface.take(lit), take(light_sample.wi, lit), take(samples.w, lit)
+    surface, wi, shares = samples.surface.take(lit), take(light_sample.wi, lit), take(samples.shares, lit)
     directions = Pair(surface, wi)
 
     # p_l, p_b: the density of every technique in the sampled direction, whichever picked it
@@ -69,7 +68,7 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     accepted = pdf[k] > 0  # others count as samples of value 0
 
     # 1 / p_w,  p_w = w p_l + (1 - w) p_b   (Veach 1997, Eq. 9.8);  of other heuristics  W / (w_k p_k)
-    over_p_w = combiner_by_name(settings.combiner).weight(shares(w), pdf, k)
+    over_p_w = combiner_by_name(settings.combiner).weight(shares, pdf, k)
 
     # f_r |n.wi| / p_w / S: what f / p_w would be with L = V = 1
     weighted_cosine = over_p_w * directions.cos_i
@@ -100,7 +99,7 @@ def _add_control_variate(
 ) -> None:
     """Add ``-beta g / S``, ``g = (p_l - p_b) / p_w``, of every sample; `pdf` are the densities of the samples `lit`."""
     if samples.control is not None:
-        g = control_variate(samples.technique_index, samples.w, len(samples), lit, pdf)
+        g = control_variate(samples.technique_index, samples.shares, len(samples), lit, pdf)
         accumulate(vertices.radiance, -(samples.control * over_s) * g, samples.vertex)
 
 

@@ -34,17 +34,17 @@ class Optimal:
 
     Parameters
     ----------
-    w
-        Share of the first technique, ``(P,)`` or one number.
+    shares
+        Of the two techniques, ``(2, P)`` or ``(2, 1)``.
     samples
         Shading samples of each pixel in all, ``(P,)``.
     """
 
     stages = 1
 
-    def __init__(self, w: Array | float, samples: Array) -> None:
+    def __init__(self, shares: Array, samples: Array) -> None:
         pixels = len(samples)
-        self._w = np.broadcast_to(np.asarray(w, np.float64), (pixels,))
+        self._w = np.broadcast_to(np.asarray(shares[0], np.float64), (pixels,))
         self._samples = np.asarray(samples, np.float64)
         self._taken = np.zeros((2, pixels))
         self._keys: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = {}
@@ -111,8 +111,8 @@ class Progressive(Optimal):
 
     stages = STAGES
 
-    def __init__(self, w: Array | float, samples: Array) -> None:
-        super().__init__(np.tile(np.broadcast_to(w, samples.shape), STAGES), np.tile(samples, STAGES))
+    def __init__(self, shares: Array, samples: Array) -> None:
+        super().__init__(np.tile(np.broadcast_to(shares, (2, *samples.shape)), STAGES), np.tile(samples, STAGES))
 
     def correction(self) -> Array:
         """What the control variates change in the mean of each pixel, ``(3, P)``."""

@@ -58,8 +58,8 @@ class Samples:
         Those vertices' surface points.
     light_sample
         Directions, and what they see of the light.
-    w
-        Shares of the techniques, as in `dmis.estimator.batch.Batch.w`.
+    shares
+        Shares w_k of the techniques, as in `dmis.estimator.batch.Batch.shares`.
     control
         Coefficient of the control variate, ``(3, N)``; None: there is none.
     """
@@ -70,7 +70,7 @@ class Samples:
     vertex: Selection | None
     surface: Surface
     light_sample: Seen
-    w: Array
+    shares: Array
     control: Array | None = None
 
     def __len__(self) -> int:

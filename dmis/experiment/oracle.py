@@ -32,7 +32,7 @@ from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.passes import Progress
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
-from dmis.variance.curves import GRID, HALF
+from dmis.variance.curves import GRID, GRID_SHARES, HALF
 
 LAYOUT = 2
 """Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
@@ -216,7 +216,7 @@ def make_oracle(
         raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
     settings = resolve_auto(settings, scene)
     s, shape = settings.shading_samples, scene.camera.resolution[::-1]
-    cost = camera_sample(rays_by_kind, GRID, 2 * s, s, settings.techniques)
+    cost = camera_sample(rays_by_kind, GRID_SHARES, 2 * s, s, settings.techniques)
     return Oracle(variance, cost, patch, spp, shape)
 
 

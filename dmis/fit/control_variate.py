@@ -117,8 +117,9 @@ def without(pilot: Pilot) -> Pilot:
     return replace(pilot, sums={name: a for name, a in pilot.sums.items() if name not in NAMES})
 
 
-def coefficients(pilot: Pilot, weight: Array | float) -> Array:
-    """Return beta of the pixels and channels, ``(H, W, 3)``, for a final pass at `weight`.
+def coefficients(pilot: Pilot, shares: Array) -> Array:
+    """Return beta of the pixels and channels, ``(H, W, 3)``, for a final pass at `shares` ``(2,)`` or
+    ``(2, H, W)``.
 
     Sums are averaged over patches of `PATCH` pixels and their neighbours with a 5x5 Gaussian. beta is in proportion to
     the mean light of a channel there, and bounded by what combinations ``a_l p_l + a_b p_b`` with positive coefficients
@@ -127,7 +128,8 @@ def coefficients(pilot: Pilot, weight: Array | float) -> Array:
     """
     shape = pilot.moments.mean.shape[:2]
     means, _ = pool({name: pilot.sums[name] for name in NAMES}, shape, PATCH, sigma=1.0)
-    w = patch_mean(np.broadcast_to(np.asarray(weight, np.float64), shape), PATCH)
+    share = np.broadcast_to(shares[0].astype(np.float64), shape)
+    w = patch_mean(share, PATCH)
     k = np.abs(WEIGHTS[:, None, None] - w).argmin(axis=0)[None]
     product, square = (np.take_along_axis(means[name], k, axis=0)[0] for name in NAMES[:2])
     colours = means["control_light"]
@@ -135,9 +137,7 @@ def coefficients(pilot: Pilot, weight: Array | float) -> Array:
     usable = (square > DEGENERATE) & (light > 0)
     relative = np.clip(np.where(usable, product, 0) / np.where(usable, square * light, 1), -w, 1 - w)
     beta = patch_spread(np.moveaxis(np.where(usable, relative, 0) * colours, 0, -1), PATCH, shape)
-    share = np.asarray(weight)
-    both = (share > WEIGHTS[0] - 1e-6) & (share < WEIGHTS[-1] + 1e-6)
-    beta *= np.broadcast_to(both, shape)[..., None]
+    beta *= ((share > WEIGHTS[0] - 1e-6) & (share < WEIGHTS[-1] + 1e-6))[..., None]
     return beta
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, make_settings
 from dmis.variance.moments import Film
@@ -32,8 +33,9 @@ class Fit:
     Attributes
     ----------
     weight
-        Share of light samples: ``(H, W)``, or one number for the whole image. Of K > 2 techniques the shares of all:
-        ``(K, H, W)``, or ``(K,)`` for the whole image.
+        Shares of samples, in the form that suits the rule. Of two techniques the share of the first, light sampling:
+        ``(H, W)``, or one number for the whole image. Of any K techniques all shares: ``(K, H, W)``, or ``(K,)`` for
+        the whole image. `shares` are those of all techniques, whichever the form.
     samples
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
@@ -50,6 +52,11 @@ class Fit:
     samples: Array | None = None
     split: float = 1
     combiner: str | None = None
+
+    @property
+    def shares(self) -> Array:
+        """Shares of all K techniques, ``(K, H, W)``, or ``(K,)`` for the whole image; float32."""
+        return shares_of(self.weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +111,8 @@ class Rule:
     needs_features
         Whether the pilot brings feature buffers, see `dmis.scene.feature_buffers`. Default: False.
     multi_technique
-        Whether weights are shares of all techniques, ``(K, ...)``, as those of `dmis.fit.simplex.Simplex` are; then
-        the statistic does without their densities. Default: False, the share of the first of two.
+        Whether the rule divides samples between any number of techniques, as `dmis.fit.simplex.Simplex` does; then
+        the statistic does without their densities. Default: False, two techniques.
     """
 
     if TYPE_CHECKING:  # read-only, so that rules may have a field or a property of the name
@@ -242,21 +249,24 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
         raise ValueError(
             f"what a rule fits must be a dmis.fit.rule.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)"
         )
-    of_all = (techniques,) if techniques > 2 else ()
     weight = np.asarray(fit.weight, np.float64)
-    if weight.shape not in (of_all, (*of_all, *shape)):
+    allowed = [*([(), shape] if techniques == 2 else []), (techniques,), (techniques, *shape)]
+    if weight.shape not in allowed:
         raise ValueError(
-            f"a rule's weight must be of shape {of_all} or {(*of_all, *shape)}, for the image or for each pixel "
-            f"(height, width); got {weight.shape}"
+            f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
+            f"for each pixel (height, width); got {weight.shape}"
         )
     inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
     if not inside.all():
         raise ValueError(
             f"a rule's weight must be in [0, 1], a share of the samples; got {weight[~inside][0]} in "
-            f"{np.mean(~inside):.3g} of {'the image' if weight.ndim > len(of_all) else 'all pixels'}"
+            f"{np.mean(~inside):.3g} of {'the image' if weight.ndim > 1 else 'all pixels'}"
         )
-    if of_all and np.abs(weight.sum(axis=0) - 1).max() > 1e-3:
-        raise ValueError("a rule's weights must add up to 1, because they divide samples")
+    if np.abs(fit.shares.sum(axis=0) - 1).max() > 1e-3:
+        raise ValueError(
+            f"a rule's weights must add up to 1 over the techniques, because they divide samples; got sums from "
+            f"{fit.shares.sum(axis=0).min():g} to {fit.shares.sum(axis=0).max():g}"
+        )
     if fit.samples is not None:
         samples = np.asarray(fit.samples)
         if samples.shape != shape or not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):

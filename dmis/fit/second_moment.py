@@ -24,7 +24,7 @@ from dmis.fit.objectives import objective
 from dmis.fit.pooling import check_sharing, pool
 from dmis.fit.rule import Fit, Pilot, Rule, of_final
 from dmis.fit.shrinkage import shrink
-from dmis.variance.curves import GRID, HALF, Curves
+from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
 SPLITS = (1, 0.5, 2, 4, 8)
 """Times the shading samples that camera samples may have."""
@@ -165,7 +165,7 @@ class Learned(Rule):
         if self.objective != "second-moment":
             s, pair = found.shading_samples, [1.0, 1.0]
             if self.cost:
-                pair = camera_sample(found.rays, np.array([0, 1]), s, s // 2, found.techniques).tolist()
+                pair = camera_sample(found.rays, np.array([[0, 1], [1, 0]]), s, s // 2, found.techniques).tolist()
             weight = np.clip(objective(self.objective, self.gamma).solve(means, (pair[0], pair[1])), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         curves = _pooled(means, pixels)
@@ -224,7 +224,7 @@ class Learned(Rule):
         for times in (t for t in SPLITS if t == 1 or (self.split and self.cost and s * t <= MOST)):
             cost = np.ones(len(GRID))
             if self.cost:
-                cost = camera_sample(pilot.rays, GRID, pilot.shading_samples, s * times, pilot.techniques)
+                cost = camera_sample(pilot.rays, GRID_SHARES, pilot.shading_samples, s * times, pilot.techniques)
             v, c = _at(curves, cost, times, s)
             total = (np.sqrt(v * c) * area).sum() ** 2
             if not self.counts:

@@ -157,4 +157,4 @@ class Simplex(Rule):
             "variance": np.maximum(np.take_along_axis(curves.variance, index[None], axis=0)[0], 0),
             "variances": curves.variance,
         }
-        return Fit(weight[0] if len(weight) == 2 else weight, maps)
+        return Fit(weight, maps)

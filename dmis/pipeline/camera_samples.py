@@ -69,7 +69,7 @@ class SampleAllocation:
     Parameters
     ----------
     shares
-        As `pixel_shares` returns them.
+        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all pixels are the same.
     spp
         Camera samples of each pixel, ``(P,)`` or one number.
     pixels
@@ -89,11 +89,10 @@ class SampleAllocation:
         stages: int,
         rng: np.random.Generator,
     ) -> None:
-        self._shares = shares if stages == 1 or shares.ndim == 0 else np.tile(shares, stages)
+        self._shares = shares if stages == 1 or shares.shape[1] == 1 else np.tile(shares, stages)
         self._spp, self._pixels, self._stages = spp, pixels, stages
         self._shading_samples = settings.shading_samples
-        techniques = len(settings.techniques)
-        self._offset = rng.random((stages * pixels,) if techniques == 2 else (techniques - 1, stages * pixels))
+        self._offset = rng.random((len(shares) - 1, stages * pixels))
         self._random_allocation = rng if settings.allocation == "random" else None
         self._track_sequence = settings.sampler != "independent"
 
@@ -116,16 +115,6 @@ class SampleAllocation:
             return CameraSamples(pixel, number, slots, counts, None)
         order = descending_order(counts.first)
         return CameraSamples(pixel.take(order), number.take(order), slots.take(order), counts.take(order), order)
-
-
-def pixel_shares(w: Array | float) -> Array:
-    """Return the shares of the pixels as an array, ``(P,)`` or ``(K, P)``; of no dimension or ``(K, 1)`` if all pixels
-    have the same.
-    """
-    shares = np.asarray(w, np.float32)
-    if shares.ndim == 0 or (shares != shares[..., :1]).any():
-        return shares
-    return shares[0] if shares.ndim == 1 else shares[:, :1]
 
 
 def descending_order(counts: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from dmis import __version__
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator import technique
+from dmis.estimator.allocation import shares_of
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
@@ -45,7 +46,9 @@ class FinalPass:
     Attributes
     ----------
     fit
-        The fit, its weights within the range of the combiner, its factor of shading samples that of `settings`.
+        The fit, its factor of shading samples that of `settings`.
+    shares
+        Shares of the techniques, within the range of the combiner, ``(K,)`` or ``(K, H, W)``.
     settings
         Estimator settings, with the combiner and the shading samples of the fit.
     samples
@@ -55,6 +58,7 @@ class FinalPass:
     """
 
     fit: Fit
+    shares: Array
     settings: Settings
     samples: Array | int
     control: Array | None
@@ -159,19 +163,20 @@ class Job:
         controlled = combiner_by_name(settings.combiner).control_variate
         fit = self.rule.fit({w: control_variate.without(p) for w, p in pilot.items()} if controlled else pilot)
         height_width = self.scene.camera.resolution[::-1]
-        check_fit(fit, height_width, len(settings.techniques) if self.rule.multi_technique else 2)
+        check_fit(fit, height_width, len(settings.techniques))
+        shares = fit.shares
         combiner = fit.combiner or settings.combiner
         share_range = combiner_by_name(combiner).share_range
         if share_range != (0, 1):
-            fit = replace(fit, weight=np.clip(fit.weight, *share_range))
+            shares = shares_of(np.clip(shares[0], *share_range))
         mean_spp, shading_samples = divided(self.final_spp, settings.shading_samples, fit.split)
         fit = replace(fit, split=shading_samples / settings.shading_samples)
         samples: Array | int = mean_spp
         if fit.samples is not None:
             samples = whole_samples(np.asarray(fit.samples), mean_spp, stream(self.seed, len(pilot), 2**31))
         settings = replace(settings, combiner=combiner, shading_samples=shading_samples)
-        control = control_variate.coefficients(pilot[0.5], fit.weight) if controlled else None
-        return FinalPass(fit, settings, samples, control)
+        control = control_variate.coefficients(pilot[0.5], shares) if controlled else None
+        return FinalPass(fit, shares, settings, samples, control)
 
 
 def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool) -> Settings:

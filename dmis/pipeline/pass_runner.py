@@ -11,6 +11,7 @@ from typing import Any
 
 from dmis.base.atomic_files import check_writable
 from dmis.base.malloc import release
+from dmis.estimator.allocation import shares_of
 from dmis.fit.rule import Pilot
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
@@ -74,7 +75,7 @@ class PassRunner:
         """Render the pilot: one pass for each weight, and the feature buffers if the rule needs them."""
         job = self._job
         pilot = {
-            w: self.passes.render(number, "pilot", spp, w, job.pilot_settings, job.statistic)
+            w: self.passes.render(number, "pilot", spp, shares_of(w), job.pilot_settings, job.statistic)
             for number, (w, spp) in enumerate(job.pilot_samples.items())
         }
         if job.rule.needs_features:
@@ -87,8 +88,9 @@ class PassRunner:
     def final(self, final: FinalPass) -> Film:
         """Render the final pass; its moments per pixel."""
         number = len(self._job.rule.pilot)
-        weight, control = final.fit.weight, final.control
-        return self.passes.render(number, "final", final.samples, weight, final.settings, control=control).moments
+        return self.passes.render(
+            number, "final", final.samples, final.shares, final.settings, control=final.control
+        ).moments
 
     def finish(self) -> None:
         """Remove the checkpoint, once the image is made."""

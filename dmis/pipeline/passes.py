@@ -51,7 +51,7 @@ class Passes:
         pass_: int,
         stage: str,
         spp: Array | int,
-        w: Array | float,
+        shares: Array,
         settings: Settings,
         statistic: Callable[[int, int], Statistic] | None = None,
         control: Array | None = None,
@@ -64,11 +64,11 @@ class Passes:
             Number of the pass, which its random streams are made from.
         stage
             Name of the pass for `Progress`.
-        spp, w, settings, statistic, control
+        spp, shares, settings, statistic, control
             As in `dmis.pipeline.tile.make_tiles`.
         """
         width, height = self._scene.camera.resolution
-        tiles = make_tiles((width, height), self._seed, pass_, spp, w, settings, statistic, control)
+        tiles = make_tiles((width, height), self._seed, pass_, spp, shares, settings, statistic, control)
         self.tiles.extend(tiles)
         film = PassFilm.empty((width, height), len(tiles))
         for film_tile in self._store.finished_tiles(pass_):

@@ -105,8 +105,8 @@ def _result(
     return Result(
         image=image[0],
         deviation=image[1],
-        weight=_map(_first(final.fit.weight), shape),
-        samples=_map(samples, shape),
+        weight=np.full(shape, final.shares[0], np.float32),
+        samples=np.full(shape, samples, np.float32),
         seconds={**stages, "total": times[-1] - times[0]},
         rays=rays,
         maps=final.fit.maps,
@@ -142,14 +142,3 @@ def _average(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
         with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
             image[row], deviation[row] = mean, np.sqrt(variance) * gain
     return image, deviation
-
-
-def _map(values: Array | float, shape: tuple[int, int]) -> Array:
-    """Return a number or a map as a map ``(H, W)`` float32."""
-    return np.ascontiguousarray(np.broadcast_to(np.asarray(values, np.float32), shape))
-
-
-def _first(weight: Array | float) -> Array:
-    """Return the share of the first technique from the weight of a `dmis.fit.rule.Fit`."""
-    shares = np.asarray(weight, np.float32)
-    return shares[0] if shares.ndim in (1, 3) else shares

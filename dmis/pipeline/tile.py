@@ -17,7 +17,7 @@ from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.intersect import RayCaster
-from dmis.pipeline.camera_samples import SampleAllocation, SampleBlock, pixel_shares, sample_batches
+from dmis.pipeline.camera_samples import SampleAllocation, SampleBlock, sample_batches
 from dmis.samplers.streams import Sampler, make_sampler, stream
 from dmis.scene.pinhole import ray_origins
 from dmis.scene.scene import Scene
@@ -45,8 +45,8 @@ class Tile:
         ``(begin, end)`` in the image.
     spp
         Camera samples per pixel, one number or ``(P,)`` in row order.
-    w
-        Share of the first technique, one number or ``(P,)``; of K > 2 techniques all shares, ``(K, 1)`` or ``(K, P)``.
+    shares
+        Shares of samples of the K techniques, ``(K, P)``, or ``(K, 1)`` if those of all pixels are the same; float32.
     statistic
         Makes the `Statistic` that gathers the shading samples; None: there is none.
     control
@@ -59,7 +59,7 @@ class Tile:
     rows: tuple[int, int]
     columns: tuple[int, int]
     spp: np.ndarray | int
-    w: Array | float
+    shares: Array
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
     control: Array | None = None
@@ -122,7 +122,7 @@ def make_tiles(
     seed: int,
     pass_: int,
     spp: np.ndarray | int,
-    w: Array | float,
+    shares: Array,
     settings: Settings,
     statistic: Callable[[int, int], Statistic] | None = None,
     control: Array | None = None,
@@ -137,8 +137,8 @@ def make_tiles(
         As in `Tile`.
     spp
         Camera samples per pixel, one number or ``(H, W)``.
-    w
-        Shares, one number or ``(H, W)``; of K > 2 techniques ``(K,)`` or ``(K, H, W)``. See `dmis.fit.rule.Fit`.
+    shares
+        Shares of samples of the K techniques, ``(K,)`` or ``(K, H, W)`` float32, see `dmis.fit.rule.Fit.shares`.
     control
         Coefficient of the control variate, ``(H, W, 3)``; None: there is none.
     """
@@ -148,8 +148,8 @@ def make_tiles(
         area = slice(*rows), slice(*columns)
         tile_spp = spp if isinstance(spp, int) else spp[area].reshape(-1)
         tile_control = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
-        shares = _shares_of_area(w, area)
-        tiles.append(Tile(seed, pass_, number, rows, columns, tile_spp, shares, settings, statistic, tile_control))
+        tile_shares = _shares_of_area(shares, area)
+        tiles.append(Tile(seed, pass_, number, rows, columns, tile_spp, tile_shares, settings, statistic, tile_control))
     return tiles
 
 
@@ -172,12 +172,12 @@ def _tile_areas(
     ]
 
 
-def _shares_of_area(w: Array | float, area: tuple[slice, slice]) -> Array | float:
-    """Return the shares of the pixels of an area of the image, as `Tile.w` has them."""
-    shares = np.asarray(w)
-    if shares.ndim < 2:
-        return shares[:, None] if shares.ndim else w
-    return shares[..., *area].reshape(*shares.shape[:-2], -1)
+def _shares_of_area(shares: Array, area: tuple[slice, slice]) -> Array:
+    """Return the shares of the pixels of an area of the image, ``(K, P)``, or ``(K, 1)`` if all are equal."""
+    if shares.ndim == 1:
+        return shares[:, None]
+    of_pixels = shares[:, *area].reshape(len(shares), -1)
+    return of_pixels if (of_pixels != of_pixels[:, :1]).any() else of_pixels[:, :1].copy()
 
 
 def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Rendered:
@@ -197,11 +197,10 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     settings, pixels, shading_samples = tile.settings, tile.pixels, tile.settings.shading_samples
     rng = stream(tile.seed, tile.pass_, tile.number)
     sampler = make_sampler(settings.sampler, rng, pixels, np.unique(tile.spp).tolist(), shading_samples)
-    collector = combiner_by_name(settings.combiner).collector(tile.w, tile.spp * np.full(pixels, shading_samples))
+    collector = combiner_by_name(settings.combiner).collector(tile.shares, tile.spp * np.full(pixels, shading_samples))
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
-    shares = pixel_shares(tile.w)
     stages = 1 if collector is None else collector.stages
-    allocation = SampleAllocation(shares, tile.spp, pixels, settings, stages, rng)
+    allocation = SampleAllocation(tile.shares, tile.spp, pixels, settings, stages, rng)
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     rays: Counter[str] = Counter()
     moments = PixelMoments(pixels)
@@ -217,7 +216,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
             settings,
             sampler,
             rng,
-            take(shares, samples.pixel),
+            take(tile.shares, samples.pixel),
             samples.counts,
             rays,
             None if statistic is None and collector is None else [],

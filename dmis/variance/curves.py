@@ -46,6 +46,8 @@ from dmis.estimator.records import Record
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)
 """Shares w of light samples at which V(w) is estimated: dense at the ends, where the curves are steep."""
+GRID_SHARES = np.stack([GRID, 1 - GRID])
+"""Shares of both techniques at `GRID`, shape (2, G)."""
 W_TIMES_REST = (GRID * (1 - GRID))[:, None].astype(np.float64)
 """Products w (1 - w) of the shares of `GRID`, shape (G, 1)."""
 HALF = int(np.flatnonzero(GRID == 0.5)[0])

@@ -6,7 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, box_scene, chi2_directions, columns, polar, sphere_rule, surface, uniforms, z_score
+from helpers import (
+    LEVEL,
+    Z_LIMIT,
+    box_scene,
+    chi2_directions,
+    columns,
+    pixel_shares,
+    polar,
+    sphere_rule,
+    surface,
+    uniforms,
+    z_score,
+)
 
 import dmis
 from dmis.base.vectors import Array, dot, normalise
@@ -411,7 +423,10 @@ def test_light_and_brdf_sampling_agree_in_renders(name: str) -> None:
     scene = box_scene(RENDERED[name], (LAMP,), (ball,), resolution=(8, 8))
 
     def means(w: float, seed: int) -> Array:
-        tiles = (Tile(seed + k, 0, 0, (0, 8), (0, 8), 16, w, Settings(sampler="independent")) for k in range(30))
+        tiles = (
+            Tile(seed + k, 0, 0, (0, 8), (0, 8), 16, pixel_shares(w), Settings(sampler="independent"))
+            for k in range(30)
+        )
         return np.array([render_tile(scene, tile).moments.mean.mean() for tile in tiles])
 
     light, brdf, both = means(1.0, 0), means(0.0, 1000), means(0.5, 2000)

@@ -4,7 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import FLOOR, LEVEL, Z_LIMIT, box_scene, chi2_directions, polar, sphere_rule, surface, uniforms, z_score
+from helpers import (
+    FLOOR,
+    LEVEL,
+    Z_LIMIT,
+    box_scene,
+    chi2_directions,
+    pixel_shares,
+    polar,
+    sphere_rule,
+    surface,
+    uniforms,
+    z_score,
+)
 
 import dmis
 from dmis.base.vectors import Array, dot
@@ -198,7 +210,7 @@ BELOW = QuadLight((-0.7, -0.7, -1.6), (1.4, 0, 0), (0, 1.4, 0), (4, 2, 1))
 
 
 def means(scene: Scene, w: float, seed: int, settings: Settings, count: int = 30) -> Array:
-    tiles = (Tile(seed + k, 0, 0, (0, 8), (0, 8), 16, w, settings) for k in range(count))
+    tiles = (Tile(seed + k, 0, 0, (0, 8), (0, 8), 16, pixel_shares(w), settings) for k in range(count))
     return np.array([render_tile(scene, tile).moments.mean.mean() for tile in tiles])
 
 
@@ -270,7 +282,7 @@ def test_smooth_glass_in_an_even_sky_has_no_noise() -> None:
     camera = box_scene(glass(), eye=(0, -6, 0), resolution=(8, 8)).camera
     ball = replace(sphere(0.9, segments=48), normals=None)  # at edges, light refracted about others may not get in
     scene = Scene(camera, (Part(ball, glass()),), (EnvironmentLight(np.ones((2, 4, 3), np.float32)),))
-    tile = Tile(0, 0, 0, (0, 8), (0, 8), 64, 0.5, Settings(integrator="path", max_depth=None))
+    tile = Tile(0, 0, 0, (0, 8), (0, 8), 64, pixel_shares(0.5), Settings(integrator="path", max_depth=None))
     moments = render_tile(scene, tile).moments
     np.testing.assert_allclose(moments.mean, 1, atol=2e-4)
     np.testing.assert_allclose(moments.variance(), 0, atol=1e-6)

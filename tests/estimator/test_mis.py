@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, chi2_p, z_score
+from helpers import LEVEL, Z_LIMIT, chi2_p, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.estimator.allocation import Counts, allocate, rounding
+from dmis.estimator.allocation import Counts, allocate, rounding, shares_of
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.mis import balance, cutoff, maximum, power
 from dmis.fit.registry import make_rule
@@ -111,7 +111,7 @@ def test_limits() -> None:
 def estimates(combiner: str, w: float, side: int, p_own: Array, p_other: Array) -> Array:
     """The factor of f in the estimate of a sample, as the estimator makes it."""
     pdf = (p_own, p_other) if side == 0 else (p_other, p_own)
-    return combiner_by_name(combiner).weight((np.float64(w), np.float64(1 - w)), pdf, side)
+    return combiner_by_name(combiner).weight(np.array([[w], [1 - w]]), pdf, side)
 
 
 @pytest.mark.parametrize("w", [0.05, 0.3, 0.5, 0.95])
@@ -246,10 +246,11 @@ def test_unknown_heuristics(name: str, message: str) -> None:
 
 
 def divide(w, shading_samples: int, start: int, count: int, offset: Array, rng=None) -> Counts:
-    """Samples `start` to ``start + count`` of all pixels, sample-major."""
+    """Samples `start` to ``start + count`` of all pixels, sample-major; `w` is all shares, or the first of two."""
     pixels = offset.shape[-1]
     pixel, number = np.tile(np.arange(pixels), count), np.repeat(np.arange(start, start + count), pixels)
-    return allocate(w, shading_samples, pixel, number, offset, rng)
+    shares = w if np.ndim(w) == 2 else pixel_shares(w)
+    return allocate(shares, shading_samples, pixel, number, np.atleast_2d(offset), rng)
 
 
 # Allocation ---------------------------------------------------------------------------------------------------------
@@ -310,7 +311,8 @@ def test_counts_do_not_depend_on_track_sequence() -> None:
     """Counts are the same whether or not the samples before are counted, too."""
     offset, w = np.random.default_rng(7).random(20), np.random.default_rng(8).random(20)
     pixel, number = np.tile(np.arange(20), 5), np.repeat(np.arange(5), 20)
-    tracked, plain = (allocate(w, 3, pixel, number, offset, None, track) for track in (True, False))
+    shares = pixel_shares(w)
+    tracked, plain = (allocate(shares, 3, pixel, number, offset[None], None, track) for track in (True, False))
     assert tracked.samples_before is not None and plain.samples_before is None
     np.testing.assert_array_equal(tracked.first, plain.first)
 
@@ -355,19 +357,20 @@ SHARES = [
 each_shares = pytest.mark.parametrize("w", SHARES)
 
 
-@pytest.mark.parametrize("w", [0.0, 0.1, 0.25, 1 / 3, 0.5, 0.77, 1.0])
-@pytest.mark.parametrize("shading_samples", [1, 2, 3])
-@pytest.mark.parametrize("random", [False, True])
-def test_two_shares_are_one_weight(w: float, shading_samples: int, random: bool) -> None:
-    """Shares of both techniques divide samples as the share of the first does."""
-    offset = np.random.default_rng(12).random(100)
-    rngs = [np.random.default_rng(13) if random else None for _ in range(2)]
-    one = divide(np.full(100, w), shading_samples, 2, 7, offset, rngs[0])
-    both = divide(np.repeat([[w], [1 - w]], 100, axis=1), shading_samples, 2, 7, offset, rngs[1])
-    for a, b in zip(one.per_technique, both.per_technique, strict=True):
-        np.testing.assert_array_equal(a, b)
-    if not random:
-        np.testing.assert_array_equal(one.samples_before, both.samples_before)
+@pytest.mark.parametrize("weight", [0.0, 0.3, 1.0, np.linspace(0, 1, 6).reshape(2, 3)])
+def test_shares_of_the_first_of_two(weight: float | Array) -> None:
+    """A number or a map w becomes ``(w, 1 - w)``, of sum 1 in float32, too."""
+    shares = shares_of(weight)
+    assert shares.dtype == np.float32 and shares.shape == (2, *np.shape(weight))
+    np.testing.assert_array_equal(shares[0], np.float32(weight))
+    np.testing.assert_allclose(shares[1], 1 - np.asarray(weight), atol=1e-7)
+    np.testing.assert_array_equal(shares.sum(axis=0), np.ones(np.shape(weight)))
+
+
+@pytest.mark.parametrize("weight", [(0.3, 0.7), (0.2, 0.3, 0.5), np.full((3, 2, 4), 1 / 3)])
+def test_shares_of_all_techniques(weight: tuple[float, ...] | Array) -> None:
+    """Shares of all techniques stay what they are, for the image and for each pixel."""
+    np.testing.assert_array_equal(shares_of(weight), np.float32(weight))
 
 
 @each_shares
@@ -458,7 +461,9 @@ def test_every_combiner_weighs_all_of_f(name: str, w: float) -> None:
     pdf = 10 ** np.random.default_rng(4).uniform(-3, 3, (2, 1000))
     combiner = combiner_by_name(name)
     assert combiner.name == name and combiner is combiner_by_name(name)
-    total = sum(share * pdf[k] * combiner.weight((w, 1 - w), pdf, k) for k, share in enumerate((w, 1 - w)))
+    total = sum(
+        share * pdf[k] * combiner.weight(np.array([[w], [1 - w]]), pdf, k) for k, share in enumerate((w, 1 - w))
+    )
     np.testing.assert_allclose(total, 1, rtol=1e-6)
 
 
@@ -466,7 +471,7 @@ def test_every_combiner_weighs_all_of_f(name: str, w: float) -> None:
 def test_combiners_that_correct_pixels(name: str, corrects: bool) -> None:
     """Only combiners that fit pixels collect records; what they add to pixels without samples is 0."""
     combiner = combiner_by_name(name)
-    collector = combiner.collector(0.5, np.full(4, 2))
+    collector = combiner.collector(pixel_shares(0.5), np.full(4, 2))
     assert (collector is not None) == corrects == combiner.fits_pixels
     if collector is not None:
         np.testing.assert_array_equal(collector.correction(), np.zeros((3, 4)))

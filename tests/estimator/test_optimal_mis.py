@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, z_score
+from helpers import Z_LIMIT, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -46,7 +46,7 @@ def add_samples(optimal: Optimal, f, w: float, n: int, seed: int = 1, missed: fl
 @pytest.mark.parametrize("w", [0.25, 0.5, 0.75])
 def test_exact_for_combinations_of_the_densities(w: float) -> None:
     """``f = 3 p_l + 5 p_b`` has the integral 8 for any samples, and no variance."""
-    optimal = Optimal(w, np.full(PIXELS, 64))
+    optimal = Optimal(pixel_shares(w), np.full(PIXELS, 64))
     plain = add_samples(optimal, lambda x: 3 * 2 * x + 5 * 2 * (1 - x), w, 64)
     answer = plain + optimal.correction()
     np.testing.assert_allclose(answer, 8, rtol=1e-6)
@@ -56,7 +56,7 @@ def test_exact_for_combinations_of_the_densities(w: float) -> None:
 @pytest.mark.parametrize("missed", [0.0, 0.3])
 def test_consistent(missed: float) -> None:
     """With many samples the mean is the integral, misses or not, and the spread is below that of balance."""
-    optimal = Optimal(0.5, np.full(PIXELS, 4000))
+    optimal = Optimal(pixel_shares(0.5), np.full(PIXELS, 4000))
     plain = add_samples(optimal, lambda x: x + 0.25, 0.5, 4000, missed=missed)
     answer = (plain + optimal.correction())[0]
     assert answer.mean() == pytest.approx(0.75, abs=4 * answer.std() / np.sqrt(PIXELS) + 1e-3)
@@ -66,7 +66,7 @@ def test_consistent(missed: float) -> None:
 @pytest.mark.parametrize("w, n", [(0.0, 64), (1.0, 64), (0.5, 2 * LEAST - 2), (0.1, 40)])
 def test_balance_where_the_fit_is_not_possible(w: float, n: int) -> None:
     """A technique without samples, or with too few: no correction."""
-    optimal = Optimal(w, np.full(PIXELS, n))
+    optimal = Optimal(pixel_shares(w), np.full(PIXELS, n))
     add_samples(optimal, lambda x: x + 0.25, w, n)
     assert not optimal.correction().any()
 
@@ -74,7 +74,7 @@ def test_balance_where_the_fit_is_not_possible(w: float, n: int) -> None:
 def test_identical_densities() -> None:
     """A singular fit is no fit."""
     rng = np.random.default_rng(1)
-    optimal = Optimal(0.5, np.full(1, 64))
+    optimal = Optimal(pixel_shares(0.5), np.full(1, 64))
     first = np.tile(np.array([1, 0], np.int8), 32)
     index = [np.flatnonzero(first == 1 - side) for side in (0, 1)]
     records = [Record(side, (0,), 0, index[side], rng.random((3, 32)), np.ones((2, 32))) for side in (0, 1)]
@@ -102,11 +102,12 @@ def test_renders(box: dmis.Scene) -> None:
 def staged(kind: type[Optimal], f, w: float, spp: int, missed: float, pixels: int = 40_000) -> tuple[Array, Array]:
     """The plain and the combined estimates of pixels with two shading samples for each camera sample."""
     rng = np.random.default_rng(round(100 * w))
-    collector = kind(w, np.full(pixels, 2 * spp))
+    collector = kind(pixel_shares(w), np.full(pixels, 2 * spp))
     pixel, number = np.tile(np.arange(pixels), spp), np.repeat(np.arange(spp), pixels)
     place = slot(pixel, number, spp, pixels, collector.stages)
-    shares = np.full(collector.stages * pixels, w)
-    first = np.asarray(allocate(shares, 2, place, number, rng.random(len(shares)), None).first)
+    shares = pixel_shares(np.full(collector.stages * pixels, w))
+    offset = rng.random((1, collector.stages * pixels))
+    first = np.asarray(allocate(shares, 2, place, number, offset, None).first)
     plain, records = np.zeros(pixels), []
     for side, count in enumerate((first, 2 - first)):
         for turn in range(2):
@@ -200,7 +201,7 @@ def test_rejected_directions_count_as_missed() -> None:
     camera = dmis.Camera.look_at((0, -6, 2), (0, 0, 0), fov=30, resolution=(16, 16))
     scene = dmis.Scene(camera, (part,), (dmis.EnvironmentLight(np.ones((1, 1, 3))),), "coarse ball")
     scene.prepare()
-    tiles = [Tile(s, 0, 0, (0, 16), (0, 16), 64, 0.5, dmis.Settings(), Control) for s in range(40)]
+    tiles = [Tile(s, 0, 0, (0, 16), (0, 16), 64, pixel_shares(0.5), dmis.Settings(), Control) for s in range(40)]
     assert abs(z_score([render_tile(scene, tile).sums["control"].mean() for tile in tiles], 0.0)) < Z_LIMIT
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, Z_LIMIT, box_scene, tile_of
+from helpers import LEVEL, Z_LIMIT, box_scene, pixel_shares, tile_of
 
 import dmis
 from dmis.base.vectors import Array
@@ -105,7 +105,7 @@ def test_densities_and_values_are_equal(page: SimpleNamespace, monkeypatch: pyte
     page.radiance(scene, x, y, np.full(len(x), 0.5, np.float32), stream(SEED, 0, 0))
     width, height = scene.camera.resolution
     settings = Settings(sampler="independent")
-    render_tile(scene, Tile(SEED, 0, 0, (0, height), (0, width), 1, 0.5, settings, Shelf))
+    render_tile(scene, Tile(SEED, 0, 0, (0, height), (0, width), 1, pixel_shares(0.5), settings, Shelf))
     floor = [entry for entry in logged if entry[0].shape[1] == len(x)]  # four lights, two of them by two techniques
     assert len(floor) == 6 and len(Shelf.records) == 4
     for record, (f, p_l, p_b) in zip(Shelf.records, floor, strict=False):
@@ -127,7 +127,7 @@ def test_images_agree(page: SimpleNamespace, name: str, w: str) -> None:
     plain = np.stack([page.radiance(scene, x, y, share, rng).mean(axis=0) for _ in range(spp)]).astype(float)
     width, height = scene.camera.resolution
     images = [
-        render_tile(scene, Tile(SEED, 2, k, (0, height), (0, width), 1, share, Settings())).moments.mean
+        render_tile(scene, Tile(SEED, 2, k, (0, height), (0, width), 1, pixel_shares(share), Settings())).moments.mean
         for k in range(spp)
     ]
     fast = np.stack([image.mean(axis=-1).reshape(-1) for image in images])

@@ -4,11 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, box_scene, z_score
+from helpers import Z_LIMIT, box_scene, pixel_shares, z_score
 
 import dmis
 from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Record
 from dmis.fit.control_variate import NAMES, WEIGHTS, Controls, coefficients
 from dmis.fit.rule import Pilot
@@ -102,26 +103,26 @@ def test_coefficients() -> None:
     """Of pixels alike: beta of each channel at its weight, bounded, and 0 where one technique is alone."""
     sums = planted(lambda x, y: 3 * 2 * x + 5 * 2 * (1 - x), pixels=80 * 80)
     weight = np.repeat([0.0, 0.27, 0.5, 0.97, 1.0], 16)[None] * np.ones((80, 1))
-    beta = coefficients(pilot(sums, (80, 80)), weight)
+    beta = coefficients(pilot(sums, (80, 80)), shares_of(weight))
     assert beta.shape == (80, 80, 3)
     assert not beta[:, :16].any() and not beta[:, 64:].any()
     for columns, w in ((slice(16, 32), 0.27), (slice(32, 48), 0.5), (slice(48, 64), 0.97)):
         mean = beta[:, columns].mean(axis=(0, 1))
         np.testing.assert_allclose(mean, (3 - 8 * w) * np.array([0.5, 1, 1.5]), rtol=0.05, atol=0.05)
     mixed = np.where(np.arange(80) % 2, 0.0, 0.54) * np.ones((80, 1))  # the mean of a patch is not its pixels' weight
-    beta = coefficients(pilot(sums, (80, 80)), mixed)
+    beta = coefficients(pilot(sums, (80, 80)), shares_of(mixed))
     assert not beta[:, 1::2].any() and beta[:, ::2].any()
     sharp = planted(lambda x, y: 1000.0 * (x > 0.99), pixels=80 * 80)
-    beta = coefficients(pilot(sharp, (80, 80)), 0.5).mean(axis=2)
+    beta = coefficients(pilot(sharp, (80, 80)), shares_of(0.5)).mean(axis=2)
     assert beta.max() <= 0.5 * sharp["control_light"].max()
 
 
 def test_black_pilot() -> None:
     """Where nothing was seen there is no control; nor where the techniques never meet."""
     zeros = {name: np.zeros((3 if name == NAMES[2] else len(WEIGHTS), 64)) for name in NAMES}
-    assert not coefficients(pilot(zeros, (8, 8)), 0.5).any()
+    assert not coefficients(pilot(zeros, (8, 8)), shares_of(0.5)).any()
     apart = {**zeros, NAMES[0]: zeros[NAMES[0]] + 1, NAMES[2]: zeros[NAMES[2]] + 1}
-    assert not coefficients(pilot(apart, (8, 8)), 0.5).any()
+    assert not coefficients(pilot(apart, (8, 8)), shares_of(0.5)).any()
 
 
 # The estimator ------------------------------------------------------------------------------------------------------
@@ -138,7 +139,7 @@ def test_exact(w: float, allocation: str) -> None:
     scene.prepare()
     settings = dmis.Settings(allocation=allocation)
     plain, controlled = (
-        render_tile(scene, Tile(1, 0, 0, (0, 4), (0, 4), 8, w, settings, None, control)).moments.mean
+        render_tile(scene, Tile(1, 0, 0, (0, 4), (0, 4), 8, pixel_shares(w), settings, None, control)).moments.mean
         for control in (None, np.full((3, 16), -w, np.float32))
     )
     assert np.ptp(plain) > 0.05

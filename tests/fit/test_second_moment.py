@@ -15,7 +15,7 @@ from dmis.fit.registry import make_rule
 from dmis.fit.rule import Pilot
 from dmis.fit.second_moment import Learned
 from dmis.pipeline.budget import LEVELS, divided, whole_samples
-from dmis.variance.curves import GRID
+from dmis.variance.curves import GRID, GRID_SHARES
 
 
 def test_memory_of_a_fit() -> None:
@@ -84,7 +84,7 @@ def test_cost_moves_the_minimum() -> None:
     than in bright ones, because the image has one number of samples everywhere.
     """
     rays = {"camera": 100, "shadow": 100, "brdf": 0}
-    assert (np.diff(camera_sample(rays, GRID)) > 0).all()
+    assert (np.diff(camera_sample(rays, GRID_SHARES)) > 0).all()
     bowl = ((GRID - GRID[9]) ** 2 + 0.2)[:, None, None]
     curve = bowl * np.where(np.arange(8) < 2, 1.0, 1e-2)  # columns of patches; too few are bright to be filtered away
     found = pilot_of_curves(curve)

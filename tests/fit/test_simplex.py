@@ -103,7 +103,7 @@ def variance(f: Any, w: Array, s: int, exact=(True, True, True)) -> float:
     offset = np.random.default_rng(1).random((len(w) - 1, 4000))
     at = np.arange(4000)
     shares = np.repeat(np.array(w)[:, None], 4000, axis=1)
-    counts = allocate(shares if len(w) > 2 else shares[0], s, at, at * 0 + 3, np.squeeze(offset), None).per_technique
+    counts = allocate(shares, s, at, at * 0 + 3, offset, None).per_technique
     counts = (*counts, s - sum(counts))
     found, number = np.unique(np.array(counts), axis=1, return_counts=True)
     total = 0.0

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers import pixel_shares
 
 from dmis import Settings
 from dmis.estimator.records import Record
-from dmis.pipeline.camera_samples import SampleAllocation, pixel_shares, sample_batches
+from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
 
 PIXELS = 12
 UNEVEN = np.random.default_rng(3).integers(1, 40, PIXELS)
@@ -28,7 +29,7 @@ def test_batches_have_every_camera_sample_once(spp, size):
 @pytest.mark.parametrize("allocation", ["systematic", "random"])
 def test_order_of_counts_and_back(allocation):
     """Counts for the first technique descend, and values and records of the samples return to the blocks' order."""
-    shares = np.random.default_rng(1).random(PIXELS).astype(np.float32)
+    shares = pixel_shares(np.random.default_rng(1).random(PIXELS))
     settings = Settings(allocation=allocation, shading_samples=4)
     allocation = SampleAllocation(shares, UNEVEN, PIXELS, settings, 1, np.random.default_rng(2))
     for blocks in sample_batches(UNEVEN, PIXELS, 64):
@@ -45,24 +46,8 @@ def test_order_of_counts_and_back(allocation):
 
 def test_equal_counts_keep_the_order():
     """At w = 1/2 and two shading samples nothing is sorted."""
-    allocation = SampleAllocation(np.float32(0.5), 4, PIXELS, Settings(), 1, np.random.default_rng(2))
+    allocation = SampleAllocation(pixel_shares(0.5), 4, PIXELS, Settings(), 1, np.random.default_rng(2))
     (blocks,) = sample_batches(4, PIXELS, 64)
     samples = allocation.camera_samples(blocks)
     values = np.ones((3, 4 * PIXELS), np.float32)
     assert samples.order is None and samples.restore_order(values, None) == (values, [])
-
-
-@pytest.mark.parametrize(
-    ("w", "shape"),
-    [
-        (0.3, ()),
-        (np.full(5, 0.3), ()),
-        (np.linspace(0, 1, 5), (5,)),
-        (np.full((3, 5), 1 / 3), (3, 1)),
-        (np.stack([np.linspace(0, 1, 5), np.linspace(1, 0, 5), np.zeros(5)]), (3, 5)),
-    ],
-)
-def test_equal_shares_become_one(w, shape):
-    """Pixels that have the same shares need no array of them."""
-    assert pixel_shares(w).shape == shape and pixel_shares(w).dtype == np.float32
-    np.testing.assert_array_equal(np.broadcast_to(pixel_shares(w), np.shape(w)), np.float32(w))

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import pixel_shares
 
 import dmis
 from dmis.pipeline import checkpoint
@@ -197,7 +198,7 @@ def test_damage_is_found(tmp_path):
     store = checkpoint.Store(file, key)
     for k in range(3):
         columns = 4 * k, 4 * k + 4
-        tile = Tile(1, 0, k, (0, 4), columns, 2, 0.5, settings)
+        tile = Tile(1, 0, k, (0, 4), columns, 2, pixel_shares(0.5), settings)
         moments = Moments(2, rng.random((4, 4, 3)), rng.random((4, 4, 3)))
         store.append(FilmTile.of(tile, Rendered(k, moments, Counter(camera=k), {"sums": rng.random((2, 1, 1))})))
     store.close()

@@ -10,6 +10,7 @@ import pytest
 from helpers import Z_LIMIT
 
 import dmis
+from dmis.estimator.allocation import shares_of
 from dmis.fit.fixed import Fixed
 from dmis.fit.rule import Fit
 from dmis.fit.thesis import Thesis
@@ -51,7 +52,7 @@ def test_seed_changes_the_image(box):
 def test_tiles_cover_every_pixel_once(spp):
     """For every number of samples, at a resolution that no tile size divides."""
     times_covered = np.zeros((171, 229), int)
-    tiles = make_tiles((229, 171), 1, 0, spp, 0.5, dmis.Settings())
+    tiles = make_tiles((229, 171), 1, 0, spp, shares_of(0.5), dmis.Settings())
     for tile in tiles:
         times_covered[slice(*tile.rows), slice(*tile.columns)] += 1
         assert max(tile.shape) <= MAX_SIDE and tile.camera_samples == spp * tile.pixels
@@ -60,17 +61,19 @@ def test_tiles_cover_every_pixel_once(spp):
 
 
 def test_tiles_have_the_maps_of_their_pixels():
-    """Samples, shares and coefficients of a tile are those of its rows and columns; constants stay constants."""
+    """Samples, shares and coefficients of a tile are those of its rows and columns; equal shares become one column."""
     rng, settings = np.random.default_rng(1), dmis.Settings()
     spp, shares, control = rng.integers(1, 9, (40, 50)), rng.random((3, 40, 50)), rng.random((40, 50, 3))
     for tile in make_tiles((50, 40), 1, 0, spp, shares, settings, None, control):
         area = slice(*tile.rows), slice(*tile.columns)
         np.testing.assert_array_equal(tile.spp, spp[area].reshape(-1))
-        np.testing.assert_array_equal(tile.w, [share[area].reshape(-1) for share in shares])
+        np.testing.assert_array_equal(tile.shares, [share[area].reshape(-1) for share in shares])
         np.testing.assert_array_equal(tile.control.T, control[area].reshape(-1, 3).astype(np.float32))
         assert tile.camera_samples == spp[area].sum()
-    tile = make_tiles((50, 40), 1, 0, 4, np.array([0.2, 0.3, 0.5]), settings)[0]
-    assert (tile.spp, tile.w.tolist(), tile.control) == (4, [[0.2], [0.3], [0.5]], None)
+    of_image = np.array([0.2, 0.3, 0.5])
+    for equal in (of_image, np.broadcast_to(of_image[:, None, None], (3, 40, 50))):
+        tile = make_tiles((50, 40), 1, 0, 4, equal, settings)[0]
+        assert (tile.spp, tile.shares.tolist(), tile.control) == (4, [[0.2], [0.3], [0.5]], None)
 
 
 def test_crop_is_a_part_of_the_image(box):
@@ -163,7 +166,7 @@ def _one_pass(scene, number, w, spp, seed):
 
     with closing(Workers(scene, parallel=1)) as workers:
         work = Passes(scene, seed, workers, None, Store(None, {}))
-        return work.render(number, "pilot", spp, w, dmis.Settings()).moments.mean
+        return work.render(number, "pilot", spp, shares_of(w), dmis.Settings()).moments.mean
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -389,8 +392,10 @@ class _Own:
         (Fit(1.5), "weight must be in .0, 1., a share of the samples; got 1.5 in 1 of all pixels"),
         (Fit(np.nan), "got nan"),
         (Fit(np.where(np.arange(32) < 8, np.nan, 0.5) * np.ones((24, 1))), "got nan in 0.25 of the image"),
-        (Fit(np.full((23, 32), 0.5)), r"weight must be of shape \(\) or \(24, 32\)"),
+        (Fit(np.full((23, 32), 0.5)), r"weight must be of shape \(\), \(24, 32\), "),
         (Fit(np.full((24, 32, 3), 0.5)), "got .24, 32, 3."),
+        (Fit(np.full((3, 24, 32), 1 / 3)), r"\(24, 32\), \(2,\) or \(2, 24, 32\), .*got .3, 24, 32."),
+        (Fit((0.5, 0.4)), "must add up to 1 over the techniques, .*; got sums from 0.9 to 0.9"),
         (Fit(0.5, samples=np.zeros((24, 32))), "samples must be finite, not negative, not all 0"),
         (Fit(0.5, samples=np.full((24, 32), np.inf)), "from inf to inf"),
         (None, "must be a dmis.fit.rule.Fit; got NoneType"),

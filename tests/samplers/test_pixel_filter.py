@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, uniforms, z_score
+from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, pixel_shares, uniforms, z_score
 from scipy.integrate import quad
 
 import dmis
@@ -92,7 +92,9 @@ def test_pixels_are_means_of_the_image_around_them(name: str) -> None:
     )  # black, before the right half
     scene = Scene(camera, (Part(wall, dmis.matte(0)),), (light,))
     images = [
-        render_tile(scene, Tile(seed, 0, 0, (0, 3), (0, 9), 64, 0.5, Settings(sampler="independent"))).moments.mean
+        render_tile(
+            scene, Tile(seed, 0, 0, (0, 3), (0, 9), 64, pixel_shares(0.5), Settings(sampler="independent"))
+        ).moments.mean
         for seed in range(30)
     ]
     radius = filter.radius[0]

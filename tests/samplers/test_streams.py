@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, z_score
+from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, pixel_shares, z_score
 from scipy.stats import kstest
 
 from dmis import render
@@ -226,7 +226,7 @@ def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
     sides = []
     for seed in range(400):
         watch = _Watch(scene.intersector)
-        tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, np.full(1, w), settings)
+        tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, pixel_shares(np.full(1, w)), settings)
         render_tile(scene, tile, watch)
         # the first query is the light technique's: it goes first
         origin = watch.origins[0]
@@ -252,7 +252,9 @@ def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
     paper = Part(quad((0, -2, 0.0001), (2, 0, 0), (0, 4, 0)), matte(0))
     scene = box_scene(matte(0.5), (light,), (paper,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
     means = [
-        render_tile(scene, Tile(seed, 0, 0, (0, 1), (0, 1), 8, w, Settings(sampler=kind))).moments.mean[0, 0, 0]
+        render_tile(scene, Tile(seed, 0, 0, (0, 1), (0, 1), 8, pixel_shares(w), Settings(sampler=kind))).moments.mean[
+            0, 0, 0
+        ]
         for seed in range(400)
     ]
     half = 4 * np.tan(np.radians(5))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, box_scene, z_score
+from helpers import LEVEL, box_scene, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -95,7 +95,7 @@ def test_brute_force_agrees(place: str) -> None:
     scene = room(eye, np.array([0.1, 0.05, 2.0]), turned=True, shift=3.0)
     vertices = np.concatenate([part.mesh.vertices for part in scene.parts]).astype(np.float32)
     faces = np.concatenate([part.mesh.faces + 4 * k for k, part in enumerate(scene.parts)])
-    tile = Tile(1, 0, 0, (0, 16), (0, 16), 2, 0.5, Settings(integrator="direct"))
+    tile = Tile(1, 0, 0, (0, 16), (0, 16), 2, pixel_shares(0.5), Settings(integrator="direct"))
     a, b = (render_tile(scene, tile, caster).moments.mean for caster in (None, BruteForce(vertices, faces)))
     assert a.min() > 0
     np.testing.assert_allclose(a, b, rtol=1e-3)

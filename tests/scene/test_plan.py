@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import FLOOR, box_scene
+from helpers import FLOOR, box_scene, pixel_shares
 
 import dmis
 from dmis.base.vectors import Array
@@ -61,7 +61,9 @@ BENCHMARK = load_benchmark()
 
 def tile_of(scene: Scene, **settings: Any) -> tuple[Array, Counter[str]]:
     width, height = scene.camera.resolution
-    tile = Tile(1, 0, 0, (0, height), (0, width), 4, 0.5, Settings(**{"integrator": "direct", **settings}))
+    tile = Tile(
+        1, 0, 0, (0, height), (0, width), 4, pixel_shares(0.5), Settings(**{"integrator": "direct", **settings})
+    )
     found = render_tile(scene, tile)
     return found.moments.mean, found.rays
 
@@ -271,7 +273,16 @@ def everything(scene: Scene) -> Scene:
 def test_pixels_that_see_nothing_are_not_traced(settings: dict[str, Any]) -> None:
     """Only rays that miss are left out, most of them, and the image has the same bits."""
     scene = ball_scene()
-    tile = Tile(3, 0, 0, (0, 30), (0, 40), 8, np.linspace(0.2, 0.8, 1200), Settings(integrator="direct", **settings))
+    tile = Tile(
+        3,
+        0,
+        0,
+        (0, 30),
+        (0, 40),
+        8,
+        pixel_shares(np.linspace(0.2, 0.8, 1200)),
+        Settings(integrator="direct", **settings),
+    )
     results, watched = [], []
     for one in (scene, everything(scene)):
         watched.append(Watched(one.intersector))
@@ -330,7 +341,9 @@ def test_nothing_is_provable_under_a_sky() -> None:
     black = replace(scene, lights=())
     assert black.seeing is not None and not black.seeing.any()
     watched = Watched(black.intersector)
-    image = render_tile(black, Tile(1, 0, 0, (0, 30), (0, 40), 4, 0.5, Settings(integrator="direct")), watched)
+    image = render_tile(
+        black, Tile(1, 0, 0, (0, 30), (0, 40), 4, pixel_shares(0.5), Settings(integrator="direct")), watched
+    )
     assert watched.rays == 0 and not image.moments.mean.any()
 
 
