@@ -4,8 +4,8 @@ The rules at the thesis's resolution
 
 The thesis's rule, the second-moment rule and auto against the balance heuristic with one light and one BRDF sample, at
 the size that the thesis rendered (``--full``): at equal camera samples (128, pilot included; auto: equal shading
-samples), and by efficiency, mean squared error times seconds, which is what the error would be in equal time. A
-quarter of an hour, and some minutes for the references, which are kept; the result is kept with the project.
+samples), with the time of that one render beside it. A quarter of an hour, and some minutes for the references, which
+are kept; the result is kept with the project.
 """
 
 import sys
@@ -30,10 +30,9 @@ BASE, *RULES = "balance", "thesis", "second-moment", "auto"
 # A million pixels need no second seed: the spread of their squared errors, in blocks that learn together, tells how
 # well the mean is known. Seconds are the processor's, of one thread.
 lines = [
-    "| scene | balance: s | " + " | ".join(f"{rule} | time, equal time" for rule in RULES) + " |",
+    "| scene | balance: s | " + " | ".join(f"{rule} | time" for rule in RULES) + " |",
     "|---|---|" + "---|---|" * len(RULES),
 ]
-short = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
 for name in SCENES:
     scene = opts.scene(name, opts.pick(16, 8, 1))
     reference = opts.reference(scene, opts.pick(16, 128, 128))
@@ -43,23 +42,18 @@ for name in SCENES:
     runs = measure(scene, budgets, range(given.seeds), reference, **more)
     base = runs[BASE, opts.spp]
     width, height = scene.camera.resolution
-    size = f"{scene.name} {width}×{height}"
-    cells, fair = [size, f"{median_seconds(on_cpu(base)):.1f}"], [size]
+    cells = [f"{scene.name} {width}×{height}", f"{median_seconds(on_cpu(base)):.1f}"]
     for rule in RULES:
         own = runs[rule, opts.spp]
         value, half = errors.ratio((rule, opts.spp), (BASE, opts.spp))
         time = median_seconds(on_cpu(own)) / median_seconds(on_cpu(base))
-        cells += [bold(value, half), f"× {time:.2f} = {value * time:.3f}"]
-        fair.append(bold(value * time, half * time))
+        cells += [bold(value, half), f"× {time:.2f}"]
     lines.append("| " + " | ".join(cells) + " |")
-    short.append("| " + " | ".join(fair) + " |")
     print(lines[-1], flush=True)
 
 # %%
-# The table goes between two marks in the page; the ratios in equal time into the README, too.
+# The table goes between two marks in the page.
 kind = "thesis's resolution" if opts.scene_dir is None else "thesis's resolution, original"
 seeds = f"{given.seeds} seed{'s' * (given.seeds > 1)}"
 about = f"Made on {date.today()} with {seeds} at {opts.spp} spp, on {machine()}."
 replace_table(given.page, kind, about, "", *lines)
-if opts.size == "full" and opts.scene_dir is None:
-    replace_table(ROOT / "README.md", "equal time", *short, "", about)

@@ -80,7 +80,7 @@ for column, comparison, oracle in zip(axes.T, comparisons, limits, strict=True):
         mark = "†" if gain.extrapolated else ""
         lines.append(
             f"| {title} | {gain.rule} | {told} | {gain.over_balance:.3f} ± {gain.interval:.3f} "
-            f"| {1 / gain.equal_time:.2f}{mark} | {gain.equal_error:.2f}{mark} |"
+            f"| {gain.equal_time:.2f}{mark} | {gain.equal_error:.2f}{mark} |"
         )
     best = f"{oracle.limit():.3f} | {oracle.limit(costly=True):.2f} | {1 / oracle.limit(costly=True):.2f}"
     lines.append(f"| {title} | *best weights there are* | | | {best} |")

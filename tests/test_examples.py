@@ -107,7 +107,7 @@ def test_reproduction_table(cache, tmp_path):
             {"| auto |": 4, "| second-moment |": 4, "<!-- budgets sobol: begin -->": 1, "| 16 spp | 32 spp |": 1},
         ),
         ("make_filter_table", ("--seeds", "1"), {"%, harm ": 20, "| joint, shrunk |": 1}),
-        ("make_full_table", (), {" ± ": 12, " = ": 12}),
+        ("make_full_table", (), {" ± ": 12, " × ": 12}),
         pytest.param(
             "make_simplex_table", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24, "nan": 0}, marks=pytest.mark.slow
         ),

@@ -1,4 +1,4 @@
-"""The Gaussian filter of weight maps, and the joint filter of statistics."""
+"""The Gaussian filter of share maps, and the joint filter of statistics."""
 
 import numpy as np
 import pytest

@@ -209,9 +209,14 @@ def _time_and_rays(result: Result) -> list[str]:
 
 
 def _fireflies(result: Result) -> str:
-    """Return the number of pixels that look like fireflies, as the end of a sentence; empty if there are none."""
+    """Return a line that counts the pixels that look like fireflies and says what helps; empty if there are none."""
     number = int(result.fireflies.sum())
-    return f"; {number} pixel{'s look' if number > 1 else ' looks'} like fireflies" if number else ""
+    if not number:
+        return ""
+    return (
+        f"\n  {number} of {result.fireflies.size:,} pixels are noisy specks (fireflies), each made by a few rare "
+        f"bright samples: the image is right on average, and a larger --spp makes them fade"
+    )
 
 
 @contextmanager

@@ -33,8 +33,8 @@ PLOT_FILES = ("convergence.png", "report.html")
 def parse_rules(text: str) -> list[str]:
     """Return the rules of a text that separates them by commas, such as ``balance,thesis:patch=8,filter=none``.
 
-    Commas also separate the options of a rule: a name of a rule begins a new one. ``all`` stands for every rule with
-    its defaults.
+    Commas also separate the options of a rule, ``name=value``; anything else begins a new rule. ``all`` stands for
+    every rule with its defaults.
 
     Raises
     ------
@@ -42,14 +42,14 @@ def parse_rules(text: str) -> list[str]:
         If the text names something that is not a rule, or an option that its rule does not have.
     """
     rules: list[str] = []
-    for item in text.split(","):
-        name = item.partition(":")[0].strip()
-        if name == "all":
+    for item in map(str.strip, text.split(",")):
+        is_option = "=" in item and ":" not in item.partition("=")[0]
+        if item == "all":
             rules += [rule for rule in RULES if rule not in ("fixed", "uniform")]
-        elif name in RULES or not rules:
-            rules.append(item.strip())
+        elif is_option and rules:
+            rules[-1] += f",{item}"
         else:
-            rules[-1] += f",{item.strip()}"
+            rules.append(item)
     for rule in rules:
         make_rule(rule)
     return list(dict.fromkeys(rules))

@@ -42,7 +42,7 @@ class Gain:
     equal_error
         Seconds that the balance heuristic needs for the same error, over those of the rule.
     equal_time
-        Mean squared error of the balance heuristic in the same seconds, over that of the rule.
+        Mean squared error over that of the balance heuristic in the same seconds; below 1 the rule is better.
     extrapolated
         Whether either lies outside of the budgets that the balance heuristic was measured at.
     """
@@ -204,7 +204,7 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
                 rays=float(np.mean([run.rays for run in by_seed])),
                 error_time=products[rule, spp],
                 equal_error=equal_error_seconds / time,
-                equal_time=equal_time_mse / mse if mse > 0 else float("nan"),
+                equal_time=mse / equal_time_mse if mse > 0 else float("nan"),
                 extrapolated=not (between and within),
             )
         )

@@ -1,7 +1,7 @@
 """Oracle: converged variance curves of an image, the best weights by them, and the regret of other weights.
 
 The curves V(w) are those of `dmis.variance.curves`, from a pilot of thousands of samples per pixel with its own random
-numbers, cached on disk like references. They give the error of any weight map without rendering it.
+numbers, cached on disk like references. They give the error of any share map without rendering it.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Oracle:
         return best
 
     def at(self, weight: Array | float) -> Array:
-        """Return the variance of a camera sample per patch at a weight map ``(H, W)``, or at one weight for all."""
+        """Return the variance of a camera sample per patch at a share map ``(H, W)``, or at one share for all."""
         rows, columns = self.variance.shape[1:]
         w = (
             np.full((rows, columns), float(weight))
@@ -107,7 +107,7 @@ class Oracle:
         return low + t * (high - low)
 
     def saving(self, weight: Array, combined: Oracle | None = None) -> float:
-        """Return the share of the best weights' saving over w = 1/2 that a weight map reaches.
+        """Return the share of the best weights' saving over w = 1/2 that a share map reaches.
 
         It is 1 for the oracle and 0 for w = 1/2; NaN if no weight saves anything.
         `combined` is the oracle of the combiner that the weights are used with; None: this one. With another one the
@@ -157,7 +157,7 @@ class Oracle:
         return np.divide(excess, self.variance[HALF], out=np.zeros_like(excess), where=self.variance[HALF] > 0)
 
     def harm(self, weight: Array, combined: Oracle | None = None) -> tuple[float, float]:
-        """Return the share of lit patches that a weight map harms, and its standard error; 0 if no patch is lit.
+        """Return the share of lit patches that a share map harms, and its standard error; 0 if no patch is lit.
 
         A patch is harmed if its variance is more than `HARM_LIMIT` times that of w = 1/2. `combined` as in `saving`.
         """

@@ -44,6 +44,8 @@ def describe_plan(plan: Plan) -> str:
         lines.append(f"  {type(delta).__name__}: a single direction, outside MIS{rays}")
     if not plan.sampled:
         lines.append("  no light to sample by two techniques: MIS does not apply")
+    if len(plan.pinhole_offsets):
+        lines.append("  the camera lies in the plane of triangles around it, and does not see them")
     if plan.unread:
         lines.append(f"  not read from the file: {', '.join(plan.unread)}")
     lines.append(f"  left out: {'; '.join(_left_out(plan)) or 'nothing'}")

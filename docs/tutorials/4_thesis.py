@@ -112,9 +112,12 @@ print(f"z of the mean of the image: {(final.image - result.image)[..., 1].sum() 
 # Was it worth it?
 # ----------------
 # A fair comparison gives both the same budget, the pilot's samples included, and several seeds. `measure`
-# renders rules side by side. (The thesis took 128 samples; half as many will do here.)
-reference = dmis.make_reference(scene, 64)
-runs = measure(scene, [("balance", 64), (rule, 64)], range(3), reference)
+# renders rules side by side. (The thesis took 128 samples; half as many will do here.) Much of the image's error is
+# at the visible edge of the lamp, in a few pixels that no choice of directions can help, and it differs so much from
+# seed to seed that it hides the rest. So we leave the lamp out: a `crop` is a part of the image, here the rows below.
+below = scene.crop((32, 80), (0, 80))
+reference = dmis.make_reference(below, 64)
+runs = measure(below, [("balance", 64), (rule, 64)], range(8), reference)
 balance, thesis = (np.array([run.mse for run in runs[name, 64]]) for name in ("balance", rule))
 value, half = ratio(thesis, balance)
 print(f"squared error: balance {balance.mean():.2e}, thesis {thesis.mean():.2e}, ratio {value:.2f} ± {half:.2f}")
@@ -122,15 +125,14 @@ for name in ("balance", rule):
     print(f"seconds, {name}: {np.median([run.seconds for run in runs[name, 64]]):.2f}")
 
 # %%
-# Much of the error is at the visible edge of the lamp, where no choice of directions matters; hence the wide
-# interval. With the thesis's resolution and numbers of samples the rule wins on this scene, as the
-# reproduction report says; on others it loses, and pilot and fit cost time. The next tutorial is about why it loses,
-# and what to do.
+# The whole interval is below 1: with as many samples the rule has a quarter less error, although six of its 64 were
+# spent on the pilot. Pilot and fit also cost time, which on so small an image eats the gain. On other scenes the rule
+# loses at equal samples, too; the next tutorial is about why it loses, and what to do.
 #
 # Exercises
 # ---------
 # * Take patches of 1 and of 20 pixels, ``thesis:patch=1`` and ``thesis:patch=20``. What is wrong with either?
-# * Leave the filter out: ``thesis:filter=none``. Does the error say what your eye says about the weight maps?
+# * Leave the filter out: ``thesis:filter=none``. Does the error say what your eye says about the share maps?
 # * Why is it unbiased to learn weights from samples that are then thrown away? Would it still be if the final samples
 #   themselves chose their weights?
 for path in plot.show("4_thesis"):

@@ -2,7 +2,7 @@
 Figure 3.4: the learned weights
 ===============================
 
-The weight map of each scene, as the final pass uses it: red where the thesis's rule gives the samples to BRDF sampling,
+The share map of each scene, as the final pass uses it: red where the thesis's rule gives the samples to BRDF sampling,
 blue where to light sampling, white where to both alike. The map next to it says how the weight of each patch came
 about. A parabola has a minimum inside [0, 1] in a part of the patches only; elsewhere the thesis does not say what to
 do, and this library clips to the nearer end, or takes the best of the three pilots where the parabola is not convex.

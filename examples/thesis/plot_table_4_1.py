@@ -37,8 +37,8 @@ OURS = f"thesis:patch={given.patch}"
 # %%
 # Equal samples first. The times tell how many samples fit into the time of the balance heuristic; render with that
 # number, again next to the balance heuristic, and see whether the times agree. If they do not, correct it once; what is
-# left of the difference is taken out of the ratio, because error times time stays the same. Time is the processor's, of
-# one thread: wall times also depend on what else a machine does.
+# left of the difference stands beside the ratio. Time is the processor's, of one thread: wall times also depend on what
+# else a machine does.
 rows = []
 for name, about in SCENES.items():
     scene = opts.scene(name)
@@ -56,7 +56,6 @@ for name, about in SCENES.items():
         share = median_seconds(timed[OURS, spp]) / median_seconds(timed[base])
         if abs(share - 1) < 0.05:
             break
-    value, half = errors.ratio((OURS, spp), base)
     row = {
         "about": about,
         "scene": f"{scene.name} {scene.camera.resolution[0]}x{scene.camera.resolution[1]}",
@@ -65,7 +64,7 @@ for name, about in SCENES.items():
         "equal samples": equal,
         "overhead": median_seconds(runs[same]) / median_seconds(runs[base]) - 1,
         "spp": spp,
-        "equal time": (value * share, half * share),
+        "equal time": errors.ratio((OURS, spp), base),
         "time": share,
     }
     rows.append(row)
@@ -96,7 +95,7 @@ for row in rows:
     )
     short.append(
         f"| {row['scene']} | {about.equal_samples:.3f} | {equal[0]:.3f} ± {equal[1]:.3f} "
-        f"| {about.equal_time:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} |"
+        f"| {about.equal_time:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} (time × {row['time']:.2f}) |"
     )
 print("", *lines, "", sep="\n")
 if opts.size == "full" and opts.scene_dir is None:

@@ -42,6 +42,15 @@ def test_bad_rules(text):
         parse_rules(text)
 
 
+@pytest.mark.parametrize(
+    "text", ["thesis,nope", "nope,thesis", "thesis:patch=8,nope:patch=4,auto", "simplex:light+brdf,nope"]
+)
+def test_misspelt_rule_is_named(text):
+    """The error names the misspelt rule, wherever it stands, and lists the rules."""
+    with pytest.raises(ValueError, match=r"^rule must be one of .*thesis.*; got 'nope'"):
+        parse_rules(text)
+
+
 def test_compare(tmp_path, capsys, monkeypatch):
     """The table has a row per rule, budget and seed; a rule whose pilot does not fit is left out."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))

@@ -78,7 +78,7 @@ def test_gains(runs):
         assert g.mse == pytest.approx(0.5 / n) and g.over_balance == pytest.approx(0.5)
         assert g.interval == pytest.approx(0, abs=1e-12)
         assert g.equal_error == pytest.approx((2 * n / 8) / seconds)
-        assert g.equal_time == pytest.approx((1 / (8 * seconds)) / (0.5 / n))
+        assert g.equal_time == pytest.approx((0.5 / n) / (1 / (8 * seconds)))
         assert g.efficiency == pytest.approx(2 * n / seconds)
         assert g.overhead == pytest.approx(1 / seconds) and g.cpu_seconds == pytest.approx(2 * seconds)
         assert g.extrapolated == (n == 128)

@@ -257,7 +257,7 @@ def test_a_value_that_contains_itself_is_refused():
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """A rule with a given weight map."""
+    """A rule with a given share map."""
 
     weight: Any
     pilot = {}  # noqa: RUF012

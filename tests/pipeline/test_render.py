@@ -323,7 +323,7 @@ class Halves:
 
 
 def test_a_rule_of_ones_own(box):
-    """Anything with a pilot, settings and a fit is a rule; the weight map says what was used."""
+    """Anything with a pilot, settings and a fit is a rule; the share map says what was used."""
     result = dmis.render(box, Halves(), 16, seed=1)
     assert (result.weight[:, :16] == 1).all() and (result.weight[:, 16:] == 0).all()
     light, brdf = (dmis.render(box, f"fixed:{w}", 16, seed=1) for w in (1, 0))

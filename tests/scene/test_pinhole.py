@@ -118,7 +118,7 @@ def test_rules_agree() -> None:
 def test_a_camera_above_a_surface_is_not_moved(height: float) -> None:
     """A floor through 0 has no rounding: however near, the camera is above it or below it, and sees it so."""
     scene = box_scene(eye=(0.3, 0.2, height), target=(0.9, 0.9, -1.0))
-    assert scene.plan.pinhole_offsets.shape == (0, 3)
+    assert scene.plan.pinhole_offsets.shape == (0, 3) and "the camera lies" not in scene.describe()
     direction = scene.camera.rays(np.float32([3, 5, 9]), np.float32([2, 7, 11]))
     np.testing.assert_array_equal(
         ray_origins(scene.camera.origin, scene.plan.pinhole_offsets, direction),
@@ -142,3 +142,4 @@ def test_planes_count_once() -> None:
     eyes = [np.array(place, float) for place in PLACES.values()]
     scenes = [room(eye, np.array([0.1, 0.05, 2.0]), turned=True) for eye in eyes]
     assert [len(scene.plan.pinhole_offsets) for scene in scenes] == [1, 1, 1, 2, 3]
+    assert all("the camera lies in the plane of triangles around it" in scene.describe() for scene in scenes)

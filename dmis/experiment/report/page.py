@@ -41,8 +41,8 @@ GAINS_NOTE = """Means over seeds; seconds are medians, from the pilot to the las
 confidence interval. MSE·CPU s / balance: mean squared error times CPU seconds, over that of the balance heuristic, with
 the 95 % interval over paired seeds, which includes the scatter of the times; with several rules at one number of
 samples the intervals are wider (Holm). Bold: the lowest value, if its interval is below 1. Speed-up at equal
-error: seconds in which the balance heuristic reaches this MSE, over the rule's. Error ratio in equal time: MSE of the
-balance heuristic in the rule's seconds, over the rule's. Both are interpolated on the line of the balance heuristic; †
+error: seconds in which the balance heuristic reaches this MSE, over the rule's. Error ratio in equal time: MSE over
+that of the balance heuristic in the rule's seconds. Both are interpolated on the line of the balance heuristic; †
 where it is extrapolated as MSE ∝ 1 / seconds."""
 MAPS_NOTE = """Each render estimates its variance from its own samples, in patches of 4×4 pixels. The estimate is noisy
 and assumes independent samples. The samples are more even than that, most of all at uneven weights, so that ratios are
@@ -52,6 +52,9 @@ REGRET_NOTE = """ Regret of a rule's weights, with the balance heuristic: varian
 that of w = ½, at equal samples. Saving: variance saved over w = ½, as a share of the saving of the best weights. Harm:
 share of lit patches with more than 1.02 times the variance of w = ½."""
 NO_REGRET_NOTE = " Maps of regret need an oracle of the scene: render it with compare --oracle-spp."
+RUNS_NOTE = f"""mean_z: mean of the image less that of the reference, in standard errors, of the channel where it is
+largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are not noise, and a paragraph above says why
+that may be. The other columns are explained in docs/report.md."""
 RATIO_LIMIT = 4.0
 """Largest variance ratio of the colour scale, whose smallest is its inverse."""
 
@@ -105,9 +108,9 @@ def _section(number: int, c: Comparison) -> str:
         _efficiency(rows, {budget for budget, by_seed in c.runs.items() if any(map(alarm.raises_alarm, by_seed))}),
         "<h3>Images and errors</h3>",
         f'<div class="viewer" data-scene="{number}" tabindex="0"></div>',
-        "<h3>Weights, variance and regret</h3>",
+        "<h3>Share maps, variance and regret</h3>",
         _maps(c),
-        f"<details><summary>All runs, as in results.csv</summary>{_runs(c)}</details>",
+        f'<details><summary>All runs, as in results.csv</summary>{_runs(c)}<p class="note">{RUNS_NOTE}</p></details>',
         "</section>",
     ]
     return "\n".join(elements)
@@ -189,7 +192,7 @@ def _efficiency(gains_of_budgets: Sequence[Gain], alarmed: Collection[Budget]) -
                 str(g.spp) if first else "", name, f"{g.mse:.4g}", f"{_ratio(g.over_balance)}{interval}",
                 f"{g.relmse:.4g}", f"{g.seconds:.2f}", f"{g.cpu_seconds:.2f}", _interval(g.error_time),
                 f"{g.overhead:.0%}", f"{g.rays / 1e6:.2f}", f"{g.efficiency:.4g}",
-                f"{_times(g.equal_error)}{dagger}", f"{_times(g.equal_time)}{dagger}",
+                f"{_times(g.equal_error)}{dagger}", f"{_ratio(g.equal_time)}{dagger}",
             ]
         )  # fmt: skip
         marks.append(" ".join((["group"] if first else []) + (["best"] if g is best[g.spp] else [])))
@@ -247,11 +250,11 @@ def _maps(c: Comparison) -> str:
         note = f"{c.oracle.spp} samples per pixel; {c.oracle.limit():.2f} times the variance of w = ½"
         lit = c.oracle.variance[HALF] > 0
         best = map_png(np.where(lit, c.oracle.best(), np.nan), "RdBu", 0, 1)
-        rows.append(_map_row("oracle", [("best weights", note, best)]))
+        rows.append(_map_row("oracle", [("best shares", note, best)]))
     for rule in rules:
         layers = c.pictures[rule, largest]
         weight = layers["weight"]
-        maps = [("weight", f"mean {weight.mean():.2f}", map_png(weight, "RdBu", 0, 1))]
+        maps = [("share map", f"mean {weight.mean():.2f}", map_png(weight, "RdBu", 0, 1))]
         if baseline is not None:
             ratios = variance_ratio(layers, baseline)
             middle = np.nanmedian(ratios) if np.isfinite(ratios).any() else np.nan
