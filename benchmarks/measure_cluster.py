@@ -27,7 +27,9 @@ from dmis.formats.load_scene import SHIPPED
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import _send
 from dmis.pipeline.film import FilmTile, PassFilm
-from dmis.pipeline.tile import render_tile
+from dmis.pipeline.job import Job
+from dmis.pipeline.render import render_job
+from dmis.pipeline.tile import Tile, render_tile
 
 PAGE = ROOT / "docs" / "cluster.md"
 RULE, SPP = "auto", 128
@@ -46,15 +48,17 @@ def main():
     sizes = ["| scene | scene, MB | tile out, kB | pilot result, kB | final result, kB |", "|---|---|---|---|---|"]
     for name in names:
         scene = dmis.load_scene(name, size)
-        tiles = dmis.render(scene, RULE, SPP).tiles
+        tiles: list[Tile] = []
+        render_job(Job.of(scene, RULE, SPP, 0, dmis.Settings()), observer=tiles.extend)
         pilot, final = tiles[0], tiles[-1]
         bytes_ = [len(pickle.dumps(x)) for x in (final, render_tile(scene, pilot), render_tile(scene, final))]
         kilo = " | ".join(f"{b / 1e3:.0f}" for b in bytes_)
         sizes.append(f"| {name} | {len(pickle.dumps(scene)) / 1e6:.1f} | {kilo} |")
 
     scene = dmis.load_scene(names[min(1, len(names) - 1)], size)
-    alone = dmis.render(scene, RULE, SPP, parallel=1)
-    finals = [tile for tile in alone.tiles if tile.pass_]
+    tiles = []
+    alone = render_job(Job.of(scene, RULE, SPP, 0, dmis.Settings()), 1, observer=tiles.extend)
+    finals = [tile for tile in tiles if tile.pass_]
     tile_seconds = alone.seconds["render"] / len(finals)
     merge, logged = (merge_seconds(scene, finals, file) for file in (False, True))
     renders = [f"| {scene.name}, {RULE}, {SPP} samples | seconds | pilot | fit | final |", "|---|---|---|---|---|"]
@@ -112,12 +116,13 @@ def merge_seconds(scene, tiles, file):
     """Return the seconds to merge one of `tiles` into the film, and to append it to a checkpoint if `file`."""
     rendered = render_tile(scene, tiles[0])
     with tempfile.TemporaryDirectory() as folder:
-        store = Store(Path(folder) / "checkpoint" if file else None, {})
+        store = Store(Path(folder) / "checkpoint", {})
         film = PassFilm.empty(scene.camera.resolution, 1 + max(tile.number for tile in tiles))
         begin = time.perf_counter()
         for _ in range(100):
             film_tile = FilmTile.of(tiles[0], rendered)
-            store.append(film_tile)
+            if file:
+                store.append(film_tile)
             film.merge_tile(film_tile)
         seconds = (time.perf_counter() - begin) / 100
         store.close()

@@ -38,9 +38,11 @@ from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.image import check_image, write_png
 from dmis.pipeline.executor import Processes
+from dmis.pipeline.job import Job
 from dmis.pipeline.passes import Progress
-from dmis.pipeline.render import render
+from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
+from dmis.pipeline.tile import Tile
 from dmis.scene.rescale import suited
 from dmis.scene.scene import Scene
 
@@ -164,23 +166,17 @@ def _render(options: argparse.Namespace) -> int:
     scene = _load(options)
     for path in files:
         check_writable(path, 32 * math.prod(scene.camera.resolution) + 2**16)  # eight channels and their description
+    tiles: list[Tile] = []
     with _cluster(options.cluster) as executor, _ProgressBar(options.quiet) as progress:
-        result = render(
-            scene,
-            options.rule,
-            options.spp,
-            seed=options.seed,
-            parallel=executor or (Processes(options.workers) if options.workers else options.threads),
-            progress=progress,
-            checkpoint=options.checkpoint,
-            **_settings(options),
-        )
+        job = Job.of(scene, options.rule, options.spp, options.seed, make_settings(**_settings(options)))
+        parallel = executor or (Processes(options.workers) if options.workers else options.threads)
+        result = render_job(job, parallel, progress, options.checkpoint, tiles.extend if options.stats else None)
     write_image(output, result)
     if options.png:
         write_png(options.png, result.image)
     if options.stats:
         peak_bytes = malloc.peak()  # before the Embree-only run, which keeps the rays of some tiles
-        embree_floor = embree_seconds(scene, result.tiles, threads)
+        embree_floor = embree_seconds(job.scene, tiles, threads)
         with replacing(options.stats) as partial:
             partial.write_text(json.dumps(_stats(result, embree_floor, peak_bytes, threads), indent=2) + "\n")
     if not options.quiet:

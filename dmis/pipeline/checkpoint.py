@@ -27,12 +27,12 @@ _START = len(MAGIC) + _NUMBER
 
 
 class Store:
-    """Appends the finished tiles of all passes to a file and reads them back; without a path it keeps nothing.
+    """Appends the finished tiles of all passes to a file, and reads them back.
 
     Parameters
     ----------
     path
-        The checkpoint, which is made if it does not exist; None: there is no file.
+        The checkpoint, which is made if it does not exist.
     provenance
         Everything that the tiles depend on, which must be that of the file.
 
@@ -42,17 +42,14 @@ class Store:
         If the file is not a checkpoint, is damaged, belongs to another image, or is in use.
     """
 
-    def __init__(self, path: str | os.PathLike[str] | None, provenance: Mapping[str, Any]) -> None:
+    def __init__(self, path: str | os.PathLike[str], provenance: Mapping[str, Any]) -> None:
         self._places: dict[int, list[int]] = {}
-        self._file: BinaryIO | None = None
-        if path is None:
-            return
         self._path = Path(path)
         if not self._path.exists():
             key = _pack({"key": dict(provenance)}, {})
             with replacing(self._path) as partial:
                 partial.write_bytes(MAGIC + (_START + len(key)).to_bytes(_NUMBER, "little") + key)
-        self._file = open(self._path, "r+b", buffering=0)
+        self._file: BinaryIO = open(self._path, "r+b", buffering=0)
         try:
             self._whole = self._read(json.loads(json.dumps(provenance)))
         except BaseException:
@@ -66,8 +63,6 @@ class Store:
 
     def append(self, tile: FilmTile) -> None:
         """Append a tile to the file."""
-        if self._file is None:
-            return
         record = _record(tile)
         self._write(self._whole, record)
         self._whole += len(record)
@@ -75,17 +70,14 @@ class Store:
 
     def close(self) -> None:
         """Close the file and keep it, so that the render can be resumed."""
-        if self._file is not None:
-            self._file.close()
+        self._file.close()
 
     def remove(self) -> None:
         """Delete the file, because the image is finished."""
-        if self._file is not None:
-            self._path.unlink(missing_ok=True)
-            self._file.close()
+        self._path.unlink(missing_ok=True)
+        self._file.close()
 
     def _write(self, place: int, data: bytes) -> None:
-        assert self._file is not None
         try:
             while data:  # an unbuffered file may take a part
                 written = os.pwrite(self._file.fileno(), data, place)
@@ -95,7 +87,6 @@ class Store:
 
     def _read(self, provenance: Mapping[str, Any]) -> int:
         """Check the whole file, note where its tiles are, and return the number of complete bytes."""
-        assert self._file is not None
         try:
             fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -129,7 +120,6 @@ class Store:
 
     def _unpack(self, place: int) -> tuple[dict[str, Any], dict[str, np.ndarray], int]:
         """Return the JSON and the arrays of the record at byte `place`, and the place of the next record."""
-        assert self._file is not None
         try:
             self._file.seek(place)
             length, checksum = (int.from_bytes(self._file.read(_NUMBER), "little") for _ in range(2))

@@ -2,49 +2,107 @@
 
 from __future__ import annotations
 
+import math
+import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import replace
+from types import TracebackType
+from typing import Any
 
+from dmis.base.atomic_files import check_writable
 from dmis.base.malloc import release
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings
 from dmis.fit.rule import Pilot
 from dmis.pipeline.checkpoint import Store
-from dmis.pipeline.executor import Workers
+from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.film import FilmTile, PassFilm
+from dmis.pipeline.job import FinalPass, Job
 from dmis.pipeline.tile import Tile, make_tiles
-from dmis.scene.scene import Scene
+from dmis.scene.feature_buffers import guides
 from dmis.variance.moments import Film
 
 Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
+Observer = Callable[[Sequence[Tile]], None]
+"""Called with the tiles of a pass before they are rendered."""
+_CHECKPOINT_BYTES = 24  # of a pixel in a pass, statistics not counted
 
 
 class Passes:
-    """Renders passes over an image, tile by tile, on the film of each pass.
+    """Renders the passes of a job; a context manager that closes the executor, and the checkpoint after an error.
+
+    Parameters
+    ----------
+    parallel, progress, checkpoint
+        As those of `dmis.pipeline.render.render`.
+    observer
+        See `Observer`.
 
     Attributes
     ----------
     rays
         Rays traced in all passes so far, by kind.
-    tiles
-        Tiles of all passes so far.
+
+    Raises
+    ------
+    ValueError
+        If `parallel` is not right, or the checkpoint belongs to a different image.
+    OSError
+        If the checkpoint cannot be written.
     """
 
     def __init__(
         self,
-        scene: Scene,
-        seed: int,
-        workers: Workers,
-        progress: Progress | None,
-        store: Store,
+        job: Job,
+        parallel: Parallel = None,
+        progress: Progress | None = None,
+        checkpoint: str | os.PathLike[str] | None = None,
+        observer: Observer | None = None,
     ) -> None:
-        self._scene, self._seed = scene, seed
-        self._workers, self._progress, self._store = workers, progress, store
+        self._job, self._progress, self._observer = job, progress, observer
+        self._pixels = math.prod(job.scene.camera.resolution)
         self.rays: Counter[str] = Counter()
-        self.tiles: list[Tile] = []
+        parallel = check_parallel(parallel)
+        self._store: Store | None = None
+        if checkpoint is not None:
+            check_writable(checkpoint, _CHECKPOINT_BYTES * self._pixels * (len(job.rule.pilot) + 1))
+            self._store = Store(checkpoint, job.key)
+        self._workers = Workers(job.scene, parallel)
+
+    def __enter__(self) -> Passes:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None and self._store is not None:
+            self._store.close()
+        self._workers.close(now=kind is not None)
+
+    def pilot(self) -> dict[Any, Pilot]:
+        """Render the pilot: one pass for each weight, and the feature buffers if the rule needs them."""
+        job = self._job
+        pilot = {
+            w: self.render(number, "pilot", spp, shares_of(w), job.pilot_settings, job.statistic)
+            for number, (w, spp) in enumerate(job.pilot_samples.items())
+        }
+        if job.rule.needs_features:
+            features, rays = guides(job.scene)
+            self.rays["guide"] += rays
+            pilot = {w: replace(p, guides=features) for w, p in pilot.items()}
+            release(self._pixels)
+        return pilot
+
+    def final(self, final: FinalPass) -> Film:
+        """Render the final pass; its moments per pixel."""
+        number = len(self._job.rule.pilot)
+        shares, control = final.shares, final.control
+        return self.render(number, "final", final.samples, shares, final.settings, control=control).moments
 
     def render(
         self,
@@ -67,13 +125,14 @@ class Passes:
         spp, shares, settings, statistic, control
             As in `dmis.pipeline.tile.make_tiles`.
         """
-        width, height = self._scene.camera.resolution
-        tiles = make_tiles((width, height), self._seed, pass_, spp, shares, settings, statistic, control)
-        self.tiles.extend(tiles)
-        film = PassFilm.empty((width, height), len(tiles))
-        for film_tile in self._store.finished_tiles(pass_):
+        resolution = self._job.scene.camera.resolution
+        tiles = make_tiles(resolution, self._job.seed, pass_, spp, shares, settings, statistic, control)
+        if self._observer:
+            self._observer(tuple(tiles))
+        film = PassFilm.empty(resolution, len(tiles))
+        for film_tile in self._store.finished_tiles(pass_) if self._store else ():
             film.merge_tile(film_tile)
-        release(width * height)
+        release(self._pixels)
         tiles.sort(key=lambda tile: tile.camera_samples, reverse=True)  # so that no large one is waited for at the end
         missing = [tile for tile in tiles if not film.done[tile.number]]
         total = sum(tile.camera_samples for tile in tiles)
@@ -81,13 +140,19 @@ class Passes:
         with closing(self._workers.render(missing)) as results:
             for tile, rendered in results:
                 film_tile = FilmTile.of(tile, rendered)
-                self._store.append(film_tile)
+                if self._store:
+                    self._store.append(film_tile)
                 film.merge_tile(film_tile)
                 finished += tile.camera_samples
                 if self._progress:
                     self._progress(stage, finished, total)
-        release(width * height)
+        release(self._pixels)
         self.rays.update(film.rays)
         moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
         techniques = tuple(settings.techniques)
         return Pilot(moments, dict(film.rays), film.sums, settings.shading_samples, techniques=techniques)
+
+    def finish(self) -> None:
+        """Remove the checkpoint, once the image is made."""
+        if self._store:
+            self._store.remove()

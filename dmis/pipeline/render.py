@@ -1,9 +1,9 @@
 """Rendering with a rule: pilot, fit, final pass, one image.
 
-`dmis.pipeline.job` checks the arguments and decides what is rendered, `dmis.pipeline.pass_runner` renders it. The
-budget `spp` includes the pilot. Pilot and final image are both unbiased. Where the pilot is part of the image they are
-averaged with weights fixed beforehand, their camera samples: so the result is unbiased although the weights were
-learned. (Weighting by estimated variance would not be.) Each of them is a pass over the image (`dmis.pipeline.passes`).
+`dmis.pipeline.job` checks the arguments and decides what is rendered, `dmis.pipeline.passes` renders it, pass by pass.
+The budget `spp` includes the pilot. Pilot and final image are both unbiased. Where the pilot is part of the image they
+are averaged with weights fixed beforehand, their camera samples: so the result is unbiased although the weights were
+learned. (Weighting by estimated variance would not be.)
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.job import FinalPass, Job
-from dmis.pipeline.pass_runner import PassRunner
-from dmis.pipeline.passes import Progress
+from dmis.pipeline.passes import Observer, Passes, Progress
 from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Film
@@ -71,34 +70,48 @@ def render(
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
     job = Job.of(scene, rule, spp, seed, make_settings(settings, **options))
-    with PassRunner(job, parallel, progress, checkpoint) as run:
+    return render_job(job, parallel, progress, checkpoint)
+
+
+def render_job(
+    job: Job,
+    parallel: Parallel = None,
+    progress: Progress | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    observer: Observer | None = None,
+) -> Result:
+    """Render a job: pilot, fit, final pass.
+
+    Parameters and errors are those of `render`; `observer` gets the tiles of each pass, in row order, before they are
+    rendered.
+    """
+    with Passes(job, parallel, progress, checkpoint, observer) as passes:
         job.scene.prepare()
         times = [time.perf_counter()]
-        pilot = run.pilot()  # samples
+        pilot = passes.pilot()  # samples
         times.append(time.perf_counter())
         final_pass = job.final_pass(pilot)  # variance, fit, filter
         films = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if job.settings.reuse_pilot else []
         pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
         del pilot  # its statistics are large, and nothing else of them is needed
         times.append(time.perf_counter())
-        final = run.final(final_pass)  # samples again
+        final = passes.final(final_pass)  # samples again
         times.append(time.perf_counter())
     # weights are the budgets: those of adaptive samples depend on the pilot, and would bias the mean
     image, deviation = _average([(final, job.final_spp), *films], job.gain)
-    run.finish()
-    return _result(job, run, final_pass, (image, deviation), times, pilot_rays)
+    passes.finish()
+    return _result(job, final_pass, (image, deviation), times, (passes.rays, pilot_rays))
 
 
 def _result(
     job: Job,
-    run: PassRunner,
     final: FinalPass,
     image: tuple[Array, Array],
     times: Sequence[float],
-    pilot_rays: Counter[str],
+    counts: tuple[Mapping[str, int], Mapping[str, int]],
 ) -> Result:
-    """Return the image and its deviation with its share map, sample map, seconds, rays and provenance."""
-    rays = {kind: number for kind, number in run.rays.items() if kind != UNSEEN}
+    """Return the result of a job; `counts` are all rays and those of the pilot, by kind."""
+    rays = {kind: number for kind, number in counts[0].items() if kind != UNSEEN}
     shape = image[0].shape[:2]
     samples = job.spp - job.final_spp + np.float32(final.fit.split) * np.asarray(final.samples, np.float32)
     stages = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
@@ -111,9 +124,8 @@ def _result(
         rays=rays,
         maps=final.fit.maps,
         provenance={
-            **job.provenance, "combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(pilot_rays)
+            **job.provenance, "combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])
         },
-        tiles=tuple(run.passes.tiles),
     )  # fmt: skip
 
 

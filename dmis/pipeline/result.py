@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ import numpy as np
 from dmis.base.color import luminance
 from dmis.base.vectors import Array
 from dmis.image import png_of, write_exr, write_png
-from dmis.pipeline.tile import Tile
 
 FEW = 4.0
 """A pixel of a firefly is the work of fewer than this many of its samples."""
@@ -78,7 +77,6 @@ class Result:
     rays: Mapping[str, int]
     maps: Mapping[str, np.ndarray]
     provenance: Mapping[str, Any]
-    tiles: tuple[Tile, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]

@@ -4,14 +4,17 @@ import numpy as np
 
 import dmis
 from dmis.experiment.speed.embree_floor import Recorder, embree_seconds
+from dmis.pipeline.job import Job
+from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import render_tile
 
 
 def test_recorder_sees_every_ray_and_changes_nothing(box):
     """Recorded rays equal counted rays, tile by tile, and the image of the tile stays the same."""
-    result = dmis.render(box, "thesis", 12)
+    tiles = []
+    result = render_job(Job.of(box, "thesis", 12, 0, dmis.Settings()), observer=tiles.extend)
     recorded = 0
-    for tile in result.tiles:
+    for tile in tiles:
         recorder = Recorder(box.intersector)
         kept, plain = render_tile(box, tile, recorder), render_tile(box, tile)
         np.testing.assert_array_equal(kept.moments.mean, plain.moments.mean)
@@ -21,5 +24,6 @@ def test_recorder_sees_every_ray_and_changes_nothing(box):
 
 def test_floor_is_part_of_the_whole(box):
     """Embree alone takes some time."""
-    result = dmis.render(box, "balance", 16, parallel=1)
-    assert embree_seconds(box, result.tiles, 1) > 0
+    tiles = []
+    render_job(Job.of(box, "balance", 16, 0, dmis.Settings()), 1, observer=tiles.extend)
+    assert embree_seconds(box, tiles, 1) > 0

@@ -13,6 +13,9 @@ from dmis.base.vectors import Array
 from dmis.fit.choose_heuristic import choose
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import Pilot
+from dmis.pipeline.job import Job
+from dmis.pipeline.render import render_job
+from dmis.pipeline.tile import Tile
 from dmis.variance.curves import GRID
 from dmis.variance.moments import Moments
 
@@ -107,8 +110,9 @@ def test_the_chosen_one_is_used(k: int, name: str, monkeypatch: pytest.MonkeyPat
     """By the final pass alone, and told; the image is that of the rule with this combiner alone."""
     monkeypatch.setattr("dmis.fit.second_moment.choose", lambda *_: k)
     scene, rule = box_scene(), make_rule("second-moment")
-    chosen = dmis.render(scene, rule, 16, seed=1)
-    pilot_tiles, final_tiles = ({t.settings.combiner for t in chosen.tiles if t.pass_ == p} for p in (0, 1))
+    tiles: list[Tile] = []
+    chosen = render_job(Job.of(scene, rule, 16, 1, dmis.Settings()), observer=tiles.extend)
+    pilot_tiles, final_tiles = ({t.settings.combiner for t in tiles if t.pass_ == p} for p in (0, 1))
     assert pilot_tiles == {"balance"} and final_tiles == {name} and chosen.provenance["combiner"] == name
     alone = dmis.render(scene, replace(rule, combiner=name), 16, seed=1)
     np.testing.assert_array_equal(chosen.image, alone.image)

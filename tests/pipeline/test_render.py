@@ -2,7 +2,6 @@
 
 import json
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,6 +14,8 @@ from dmis.fit.fixed import Fixed
 from dmis.fit.rule import Fit
 from dmis.fit.thesis import Thesis
 from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.job import Job
+from dmis.pipeline.passes import Passes
 from dmis.pipeline.tile import MAX_SIDE, make_tiles
 
 RULES = ["balance", "pbrt", "fixed:0.3", "one-sample", "thesis:patch=4"]
@@ -160,13 +161,8 @@ def test_weight_of_a_reused_pilot_does_not_depend_on_what_it_found(box, split):
 
 
 def _one_pass(scene, number, w, spp, seed):
-    from dmis.pipeline.checkpoint import Store
-    from dmis.pipeline.executor import Workers
-    from dmis.pipeline.passes import Passes
-
-    with closing(Workers(scene, parallel=1)) as workers:
-        work = Passes(scene, seed, workers, None, Store(None, {}))
-        return work.render(number, "pilot", spp, shares_of(w), dmis.Settings()).moments.mean
+    with Passes(Job.of(scene, "balance", spp, seed, dmis.Settings()), 1) as passes:
+        return passes.render(number, "pilot", spp, shares_of(w), dmis.Settings()).moments.mean
 
 
 @pytest.mark.parametrize("rule", RULES)

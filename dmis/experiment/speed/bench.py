@@ -18,10 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from dmis.estimator.settings import make_settings
 from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
-from dmis.pipeline.render import render
+from dmis.pipeline.job import Job
+from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
@@ -120,35 +122,37 @@ def bench(
     scenes = [load_scene(source, resolution=resolution) for source in sources]
     cases = [(scene, rule) for scene in scenes for rule in rules]
     runs: list[list[tuple[Mapping[str, float], float]]] = [[] for _ in cases]
-    last: list[Result] = []
+    last: list[tuple[Job, Result, list[Tile]]] = []
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
-            result = render(scene, rule, spp, seed=seed + k, parallel=parallel, **options)
-            runs[n].append((result.seconds, embree_seconds(scene, result.tiles, parallel)))
+            tiles: list[Tile] = []
+            job = Job.of(scene, rule, spp, seed + k, make_settings(**options))
+            result = render_job(job, parallel, observer=tiles.extend)
+            runs[n].append((result.seconds, embree_seconds(job.scene, tiles, parallel)))
             if k == repeats - 1:
-                last.append(result)
+                last.append((job, result, tiles))
             if progress:
                 progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
-    return [_speed(*case, spp, parallel, times, result) for case, times, result in zip(cases, runs, last)]
+    return [_speed(*case, parallel, times) for case, times in zip(last, runs)]
 
 
 def _speed(
-    scene: Scene, rule: str, spp: int, threads: int, runs: Sequence[tuple[Mapping[str, float], float]], last: Result
+    job: Job, last: Result, tiles: Sequence[Tile], threads: int, runs: Sequence[tuple[Mapping[str, float], float]]
 ) -> Speed:
     """Return the times of the renders of one case."""
     height, width = last.image.shape[:2]
     pilot, fit = (statistics.median(times[stage] / times["total"] for times, _ in runs) for stage in ("pilot", "fit"))
     return Speed(
-        scene=scene.name,
-        rule=rule,
+        scene=job.scene.name,
+        rule=job.rule_text,
         threads=threads,
-        samples=height * width * spp,
+        samples=height * width * job.spp,
         rays=dict(last.rays),
         seconds=[times["total"] for times, _ in runs],
         floor=[floor for _, floor in runs],
         pilot=pilot,
         fit=fit,
-        parts=time_by_part(scene, last.tiles),
+        parts=time_by_part(job.scene, tiles),
     )
 
 
