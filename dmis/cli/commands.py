@@ -181,7 +181,7 @@ def _render(options: argparse.Namespace) -> int:
             partial.write_text(json.dumps(_stats(result, embree_floor, peak_bytes, threads), indent=2) + "\n")
     if not options.quiet:
         seconds = result.seconds["total"]
-        rate = result.image.shape[0] * result.image.shape[1] * options.spp / seconds / 1e6
+        rate = _samples(result) / seconds / 1e6
         rule = result.provenance["rule"]
         print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_fireflies(result)}")
     if options.verbose:
@@ -243,9 +243,14 @@ def _cluster(address: str | None) -> Iterator[Executor | None]:
         yield client.get_executor(pure=False)
 
 
+def _samples(result: Result) -> int:
+    """Return the number of camera samples that were taken, none in pixels that are known to see nothing."""
+    return result.rays.get("camera", 0)
+
+
 def _stats(result: Result, embree_floor: float, peak_bytes: int, threads: int) -> dict[str, object]:
     """Return the content of the ``--stats`` file, see docs/cli.md."""
-    samples = int(result.image.shape[0] * result.image.shape[1] * result.provenance["spp"])
+    samples = _samples(result)
     seconds = result.seconds["total"]
     return {
         "seconds": seconds,
