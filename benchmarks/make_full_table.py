@@ -38,7 +38,7 @@ for name in SCENES:
     reference = opts.reference(scene, opts.pick(16, 128, 128))
     budgets = [(rule, opts.spp) for rule in (BASE, *RULES)]
     errors = Errors(reference)
-    more = {"threads": 1, "progress": show(name), "keep": errors.keep}
+    more = {"parallel": 1, "progress": show(name), "keep": errors.keep}
     runs = measure(scene, budgets, range(given.seeds), reference, **more)
     base = runs[BASE, opts.spp]
     width, height = scene.camera.resolution

@@ -42,7 +42,7 @@ for name in ("cornell", *TABLES):
         scene = dmis.load_scene(name, resolution=opts.pick((16, 16), (200, 200)))
     else:
         scene = opts.scene(name, TABLES[name] * opts.pick(8, 1))
-    about = {"settings": PATHS, "threads": 1}
+    about = {"settings": PATHS, "parallel": 1}
     reference = dmis.make_reference(
         scene, opts.pick(32, 256), rule=opts.pick("balance", "auto"), progress=show("reference"), **about
     )

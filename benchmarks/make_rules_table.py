@@ -49,13 +49,13 @@ for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     seeds = range(given.seeds * NOISY.get(scene.name, 1))
     reference = opts.reference(scene, opts.pick(64, 1024))
-    known = {"threads": opts.threads, "progress": show("oracle")}
+    known = {"parallel": opts.threads, "progress": show("oracle")}
     oracle = make_oracle(scene, opts.pick(64, 1024), **known)
     weights, costly, auto = (
         f"{rule},sampler={given.sampler}"
         for rule in ("second-moment:cost=no", "second-moment:cost=yes", "auto:cost=yes")
     )
-    more = {"threads": 1, "progress": show(name)}
+    more = {"parallel": 1, "progress": show(name)}
     runs = measure(scene, [(rule, opts.spp) for rule in (BASE, weights, costly, auto)], seeds, reference, **more)
     base = runs[BASE, opts.spp]
     timed = dict.fromkeys((costly, auto), opts.spp)

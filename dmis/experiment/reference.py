@@ -103,18 +103,11 @@ def make_reference(
         check_image(path)
         halves = [
             render(
-                scene,
-                rule,
-                spp,
-                seed=REFERENCE_SEED + k,
-                settings=settings,
-                sampler="sobol",
-                parallel=parallel,
-                progress=progress,
-                checkpoint=path.with_suffix(f".{k}.checkpoint"),
+                scene, rule, spp, seed=REFERENCE_SEED + k, settings=settings, sampler="sobol",
+                parallel=parallel, progress=progress, checkpoint=path.with_suffix(f".{k}.checkpoint"),
             ).image
             for k in range(2)
-        ]
+        ]  # fmt: skip
         write_exr(path, {"first": halves[0], "second": halves[1]}, {"spp": str(spp)})
     layers, _ = read_exr(path)
     return Reference(layers["first"], layers["second"], spp)

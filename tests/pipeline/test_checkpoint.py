@@ -18,7 +18,7 @@ from dmis.pipeline.film import FilmTile
 from dmis.pipeline.tile import Rendered, Tile
 from dmis.variance.moments import Moments
 
-OPTIONS = {"rule": "thesis", "spp": 32, "seed": 9, "threads": 1}
+OPTIONS = {"rule": "thesis", "spp": 32, "seed": 9, "parallel": 1}
 CHILD = """
 import json, resource, sys
 import numpy as np
