@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -71,7 +72,9 @@ class Job:
     Attributes
     ----------
     scene
-        The scene in units and at a place that float32 holds; its radiance times `gain` is that of the given scene.
+        The scene in units and at a place that float32 holds; its radiance times `gain` is that of `given_scene`.
+    given_scene
+        The scene of the caller.
     rule, rule_text
         The rule, and its text in messages and in the provenance.
     spp, seed
@@ -82,8 +85,6 @@ class Job:
         Estimator settings of the pilot, see `pilot_settings`.
     statistic
         Makes the statistic that the pilot gathers; None: the moments of the pixels alone.
-    provenance
-        What is known of the image before it is rendered; plain JSON data.
     """
 
     scene: Scene
@@ -95,7 +96,7 @@ class Job:
     settings: Settings
     pilot_settings: Settings
     statistic: Callable[[int, int], Statistic] | None
-    provenance: Mapping[str, Any]
+    given_scene: Scene
 
     @classmethod
     def of(cls, scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings: Settings) -> Job:
@@ -120,21 +121,8 @@ class Job:
                 f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
                 f"of rule {rule_text}; got {spp}"
             )
-        provenance = {
-            "dmis": __version__,
-            "scene": scene.name,
-            "scene_hash": fingerprint(scene),
-            **({"source": dict(scene.source)} if scene.source else {}),
-            "resolution": list(scene.camera.resolution),
-            "rule": rule_text,
-            "spp": spp,
-            "seed": seed,
-            "settings": asdict(settings),
-        }
         learning = pilot_settings(settings, rule.pilot, statistic is not None)
-        return cls(
-            float32_scene, gain, rule, rule_text, spp, seed, settings, learning, statistic, provenance
-        )  # fmt: skip
+        return cls(float32_scene, gain, rule, rule_text, spp, seed, settings, learning, statistic, scene)
 
     @property
     def pilot_samples(self) -> dict[Any, int]:
@@ -151,11 +139,43 @@ class Job:
         """Camera samples per pixel that the pilot leaves of the budget."""
         return self.spp - sum(self.rule.pilot.values())
 
+    @cached_property
+    def provenance(self) -> Mapping[str, Any]:
+        """What is known of the image before it is rendered; plain JSON data.
+
+        The hash of the scene takes time: so all of it is made when it is first read. The hash is None if a part of the
+        scene has no fingerprint (`dmis.pipeline.fingerprint.digest`), because an image is written all the same.
+        """
+        scene = self.given_scene
+        try:
+            scene_hash = fingerprint(scene)
+        except ValueError:
+            scene_hash = None
+        return {
+            "dmis": __version__,
+            "scene": scene.name,
+            "scene_hash": scene_hash,
+            **({"source": dict(scene.source)} if scene.source else {}),
+            "resolution": list(scene.camera.resolution),
+            "rule": self.rule_text,
+            "spp": self.spp,
+            "seed": self.seed,
+            "settings": asdict(self.settings),
+        }
+
+    def without_tables(self) -> Job:
+        """Return a job with the same provenance that does not keep the tables of its scene and Embree's copy."""
+        description = self.given_scene.changed()
+        return replace(self, scene=description, given_scene=description)
+
     @property
     def key(self) -> dict[str, Any]:
-        """What a checkpoint's tiles depend on: the provenance, the rule's content, the layout of tiles, the code."""
-        layout_and_code = {"tiles": layout(self.settings), "package_hash": package_hash()}
-        return {**self.provenance, "rule_hash": digest(self.rule, "rule"), **layout_and_code}
+        """What a checkpoint's tiles depend on: the provenance, the rule's content, the layout of tiles, the code.
+
+        A ValueError if the scene or the rule has no fingerprint.
+        """
+        hashes = {"scene_hash": fingerprint(self.given_scene), "rule_hash": digest(self.rule, "rule")}
+        return {**self.provenance, **hashes, "tiles": layout(self.settings), "package_hash": package_hash()}
 
     def final_pass(self, pilot: Mapping[Any, Pilot]) -> FinalPass:
         """Return the final pass that the rule fits to the `pilot`, the whole samples of its budget included."""

@@ -114,6 +114,8 @@ def _result(
     rays = {kind: number for kind, number in counts[0].items() if kind != UNSEEN}
     shape = image[0].shape[:2]
     samples = job.spp - job.final_spp + np.float32(final.fit.split) * np.asarray(final.samples, np.float32)
+    described = job.without_tables()
+    of_image = {"combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
     stages = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
     return Result(
         image=image[0],
@@ -123,10 +125,8 @@ def _result(
         seconds={**stages, "total": times[-1] - times[0]},
         rays=rays,
         maps=final.fit.maps,
-        provenance={
-            **job.provenance, "combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])
-        },
-    )  # fmt: skip
+        describe=lambda: {**described.provenance, **of_image},
+    )
 
 
 def _average(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +66,8 @@ class Result:
         from so many surfaces); ``guide``, towards what a rule's filter is guided by.
     maps
         Diagnostics of the rule.
-    provenance
-        What is needed to make the image again; plain JSON data.
+    describe
+        Makes `provenance`.
     """
 
     image: Array
@@ -76,7 +77,12 @@ class Result:
     seconds: Mapping[str, float]
     rays: Mapping[str, int]
     maps: Mapping[str, np.ndarray]
-    provenance: Mapping[str, Any]
+    describe: Callable[[], Mapping[str, Any]] = field(repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: the fields, with the provenance in the place of what makes it."""
+        state = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {**state, "describe": partial(dict, self.provenance)}
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
@@ -86,6 +92,14 @@ class Result:
     def _repr_png_(self) -> bytes:
         """Return `image` as a PNG file, which notebooks show: sRGB, exposure 1, clipped."""
         return png_of(self.image)
+
+    @cached_property
+    def provenance(self) -> Mapping[str, Any]:
+        """What is needed to make the image again; plain JSON data. It is made when it is first read.
+
+        Its ``scene_hash`` is None if a part of the scene has no content to be hashed.
+        """
+        return self.describe()
 
     @property
     def variance(self) -> Array:

@@ -3,6 +3,7 @@
 import functools
 import importlib.util
 import os
+import pickle
 import pkgutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from helpers import box_scene, pickled
 
 import dmis
 from dmis.brdf import diffuse, microfacet
+from dmis.brdf.diffuse import Lambert
 from dmis.brdf.lobe import Lobe
 from dmis.experiment.table import Results, conditions, definition
 from dmis.fit.fixed import Fixed
@@ -245,6 +247,35 @@ def test_a_field_without_content_is_refused(value):
     ) as error:
         fingerprint(scene)
     assert "functools.cached_property" in str(error.value)
+
+
+def test_a_scene_without_fingerprint_is_rendered(tmp_path):
+    """Its image has no hash of the scene; a checkpoint, which needs it, is refused before the first ray."""
+    scene = box_scene(dmis.Material((Drawn(0.5, np.random.default_rng(1)),)))
+    dmis.write_image(tmp_path / "a.exr", result := dmis.render(scene, "balance", 2, parallel=1))
+    assert result.provenance["scene_hash"] is None
+    with pytest.raises(ValueError, match="must be made of numbers"):
+        dmis.render(scene, "balance", 2, checkpoint=tmp_path / "c", progress=pytest.fail, parallel=1)
+    assert not (tmp_path / "c").exists()
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn(Lambert):
+    """A lobe that can be rendered, with a field that has no content."""
+
+    rng: Any
+
+
+def test_a_render_hashes_nothing_that_nobody_reads(box, monkeypatch):
+    """The scene is hashed when the provenance is read, once; a pickled result has it."""
+    calls = []
+    monkeypatch.setattr("dmis.pipeline.job.fingerprint", lambda scene: calls.append(scene) or fingerprint(scene))
+    result = dmis.render(box, "thesis:patch=4", 8, parallel=1)
+    assert not calls
+    again = pickle.loads(pickle.dumps(result))
+    assert len(calls) == 1 and again.provenance == result.provenance and len(calls) == 1
+    assert result.provenance["scene_hash"] == fingerprint(box)
+    np.testing.assert_array_equal(again.image, result.image)
 
 
 def test_a_value_that_contains_itself_is_refused():
