@@ -46,6 +46,31 @@ def test_closed_form() -> None:
     np.testing.assert_allclose(weight, np.clip(-a1 / (2 * a2), 0, 1), atol=1e-12)
 
 
+def test_exact_parabola_of_a_monotone_curve_cannot_lose() -> None:
+    """Of three variances that fall the weight is at least 3/4, or 1 without a minimum; alike of three that rise."""
+    y = -np.sort(-(np.random.default_rng(3).exponential(size=(3, 10_000)) ** 4), axis=0)
+    for curve, mirror in ((y, False), (y[::-1], True)):
+        weight, status = parabola_minimum(PILOT, curve)
+        weight = 1 - weight if mirror else weight
+        assert set(np.unique(status)) == {0, 1, 2} and (weight[status == 2] == 1).all() and weight.min() > 0.75 - 1e-9
+
+
+def test_exact_parabola_of_a_convex_curve_loses_little() -> None:
+    """V(w) - V(1/2) is at most half of what the higher end of its side has beyond V(1/2) (docs/theory.md)."""
+    rng = np.random.default_rng(4)
+    light, brdf = rng.exponential(size=(2, 8, 10_000)) ** 3 + 1e-3
+
+    def variance(w: Array | float) -> Array:  # a sum of f^2 / p_w: convex
+        return (1 / (w * light + (1 - w) * brdf)).sum(axis=0)
+
+    y = np.stack([variance(w) for w in PILOT])
+    weight, _ = parabola_minimum(PILOT, y)
+    side = np.where(weight > 0.5, y[2], y[0])
+    excess = variance(weight) - y[1]
+    assert (excess <= 0.5 * np.maximum(side - y[1], 0) + 1e-9 * y[1]).all()
+    assert (excess > 0).any() and ((y[0] > y[1]) & (y[2] > y[1])).mean() > 0.2
+
+
 def test_least_squares_of_more_points() -> None:
     """With five weights the parabola is NumPy's least-squares fit; their order does not matter."""
     w = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
