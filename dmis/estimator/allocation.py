@@ -69,7 +69,7 @@ class Counts:
         return counts[k] if k < len(counts) else shading_samples - sum(counts)
 
     def take(self, index: np.ndarray) -> Counts:
-        """Those of the camera samples `index`."""
+        """Return the counts of the camera samples `index`."""
         samples_before = None if self.samples_before is None else self.samples_before.take(index, axis=1)
         return Counts(tuple(n if isinstance(n, int) else n.take(index) for n in self.per_technique), samples_before)
 
@@ -129,13 +129,14 @@ def allocate(
 
 
 def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
-    """What camera samples have of what their pixels have, ``(P,)``; or of what all have."""
+    """Return the values of the camera samples' pixels, ``(N,)``; one value for all pixels stays one."""
     return of_pixels if of_pixels.size == 1 else of_pixels.take(pixel)
 
 
-def rounding(shares: Sequence[float], shading_samples: int) -> Array:
-    """Covariance of the shares of a camera sample's S shading samples that techniques really get, ``(K, K)``, after
-    systematic rounding by `allocate`.
+def rounding_covariance(shares: Sequence[float], shading_samples: int) -> Array:
+    """Return the covariance of ``n_k / S``, the realised shares of a camera sample's S shading samples, ``(K, K)``.
+
+    They differ from the `shares` by the systematic rounding of `allocate`.
     """
     wanted = np.asarray(shares, np.float64)
     covariance = np.zeros((len(wanted), len(wanted)))
@@ -146,7 +147,7 @@ def rounding(shares: Sequence[float], shading_samples: int) -> Array:
 
 
 def _roundings(shares: tuple[float, ...], n: int) -> Iterator[tuple[float, tuple[int, ...]]]:
-    """All ways to round n times the shares, and their probabilities."""
+    """Yield all ways to round n times the shares, with their probabilities."""
     if len(shares) == 1:
         yield 1.0, (n,)
         return

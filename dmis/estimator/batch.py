@@ -1,4 +1,4 @@
-"""A batch: camera samples that are shaded together, what they need for it, and what is written down of them."""
+"""Batches: camera samples that are shaded together, and the state that the estimator shares while it shades them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dmis.scene.scene import Scene
 
 @dataclass(eq=False)
 class Batch:
-    """One block of camera samples of one tile, and what is needed to shade it.
+    """N camera samples of one tile, and the state that shading them needs.
 
     Attributes
     ----------

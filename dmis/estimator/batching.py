@@ -14,11 +14,10 @@ import numpy as np
 
 from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import Array, dot
-from dmis.estimator import technique
 from dmis.estimator.allocation import Counts
 from dmis.estimator.batch import Batch
 from dmis.estimator.samples import Samples, Vertices
-from dmis.estimator.technique import SampledLight
+from dmis.estimator.technique import SampledLight, technique_by_name
 from dmis.light.light_sample import Seen
 from dmis.samplers.keys import MORE
 from dmis.samplers.streams import BlockSampler
@@ -62,7 +61,7 @@ def shading_samples(
     shares, control = take(batch.shares, camera_sample), take_optional(batch.control, camera_sample)
     n = size(index, vertices.radiance.shape[1])
     for k, (name, count) in enumerate(zip(settings.techniques, per_technique, strict=True)):
-        sampling = technique.find(name)
+        sampling = technique_by_name(name)
         ordered = not vertices.path and (k == 0 or len(per_technique) == 2)  # as camera samples are
         for merged in merged_samples(batch, count, n, ordered):
             u = [
@@ -108,13 +107,13 @@ def merged_samples(
 
 
 def joined_selections(n: int, *selections: Selection | None) -> Index:
-    """Selections from n points, one after the other."""
+    """Return selections from n points as one, one after the other."""
     every = np.arange(n)
     return np.concatenate([take(every, selection) for selection in selections])
 
 
 def prefix_or_suffix(condition: np.ndarray) -> slice | None:
-    """Where `condition` holds, which is at the beginning or at the end; None if it holds everywhere."""
+    """Return the beginning or the end where `condition` holds; None if it holds everywhere."""
     length, number = len(condition), np.count_nonzero(condition)
     if number == length:
         return None
@@ -151,7 +150,7 @@ def draw_numbers(
 
 
 def facing_light(surface: Surface, light_sample: Seen) -> Index | None:
-    """Indices of directions that meet the light and leave the triangle on the side of wo; None: all of them."""
+    """Return the indices of directions that meet the light and leave the triangle on the side of wo; None: all."""
     if 2 * np.count_nonzero(light_sample.emits) < len(light_sample.emits):  # few, as of BRDF samples and a small light
         met = np.flatnonzero(light_sample.emits)
         return met[dot(take(surface.ng, met), take(light_sample.wi, met)) > 0]
@@ -159,13 +158,13 @@ def facing_light(surface: Surface, light_sample: Seen) -> Index | None:
 
 
 def unoccluded(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:
-    """V: whether nothing stands between the points and the light, ``(N,)`` bool; rays are counted as `kind`."""
+    """Return V, whether nothing occludes the light from the points, ``(N,)`` bool; rays are counted as `kind`."""
     batch.rays[kind] += wi.shape[1]
     return ~batch.caster.occluded(origin, wi, np.broadcast_to(distance * SHADOW_END, wi.shape[1:]))
 
 
 def take_optional(values: Array | None, index: Selection | None) -> Array | None:
-    """`take` that lets None through."""
+    """Return `take` of the values; None if they are None."""
     return None if values is None else take(values, index)
 
 

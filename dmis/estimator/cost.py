@@ -1,4 +1,4 @@
-"""What a camera sample costs at each weight, from counted rays and stored constants.
+"""Cost of a camera sample at each share, from counted rays and stored constants.
 
 An image must not depend on a clock: rules that weigh variance against cost use rays by kind, counted in their pilot,
 times the constants below, which were measured once. Only ratios matter.
@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator import technique
+from dmis.estimator.technique import technique_by_name
 
 CAMERA, SHADING, RAY = 1.0, 0.25, 0.4
 """A camera ray with its surface point; a shading sample before its ray; an occlusion ray. Relative units."""
@@ -19,29 +19,29 @@ RESAMPLED = 2.3
 """A resampled sample (`dmis.estimator.resampling`) before its ray: 2.3 on the teapot, 1.8 and 1.9 on the killeroos,
 3.6 on tt, whose candidates look up a sky; where all samples are resampled, in large batches, half as much.
 """
-UNSEEN = "unseen"
-"""Beside the kinds of rays: camera samples of pixels that are known to see nothing, for which no ray is traced."""
+UNTRACED = "untraced"
+"""Beside the kinds of rays: camera samples of pixels that no triangle covers, for which no ray is traced."""
 
 
-def camera_samples(rays: Mapping[str, int]) -> int:
-    """How many there are, at least 1."""
-    return max(rays.get("camera", 0) + rays.get(UNSEEN, 0), 1)
+def count_camera_samples(rays: Mapping[str, int]) -> int:
+    """Return the number of camera samples of a pass, at least 1."""
+    return max(rays.get("camera", 0) + rays.get(UNTRACED, 0), 1)
 
 
 def surface_points(rays: Mapping[str, int]) -> float:
-    """Surface points of a camera sample: where it meets the scene, and where paths that go on do."""
+    """Return the surface points per camera sample: its first hit, and those of rays that go on."""
     onward = sum(number for kind, number in rays.items() if kind.startswith(("bounce", "specular")))
-    return 1 + onward / camera_samples(rays)
+    return 1 + onward / count_camera_samples(rays)
 
 
-def camera_sample(
+def camera_sample_cost(
     rays: Mapping[str, int],
     shares: Array,
     pilot_samples: int = 4,
     shading_samples: float = 2,
     techniques: Sequence[str] = ("light", "brdf"),
 ) -> Array:
-    """Cost of a camera sample at the `shares` of its K techniques, ``(G,)``, from the rays of a pilot at equal shares.
+    """Return the cost of a camera sample at `shares` of K techniques, ``(G,)``, from the rays of a pilot at equal ones.
 
     Where paths go on, a camera sample is as many surface points as there are rays that lead to one. Shading samples
     whose direction meets no light, or that the surface does not reflect, trace no ray; how often
@@ -53,12 +53,12 @@ def camera_sample(
     shares
         ``(K, G)``, at G points.
     pilot_samples, shading_samples
-        Shading samples of each camera sample, in the pilot and in what is asked for.
+        Shading samples of each camera sample, in the pilot and in the final pass.
     """
-    camera, points = camera_samples(rays), surface_points(rays)
+    camera, points = count_camera_samples(rays), surface_points(rays)
     per_technique = camera * points * pilot_samples / len(techniques)  # samples of each technique
     mixed: Array | float = 0
-    for share, of in zip(shares, map(technique.find, techniques), strict=True):
+    for share, of in zip(shares, map(technique_by_name, techniques), strict=True):
         mixed = mixed + share * ((SHADING if of.exact else RESAMPLED) + RAY * rays.get(of.rays, 0) / per_technique)
     always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
     return np.asarray(always + points * shading_samples * mixed)

@@ -20,11 +20,11 @@ import numpy as np
 from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Pair
-from dmis.estimator import technique
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded
 from dmis.estimator.combiner import combiner_by_name, control_variate
 from dmis.estimator.samples import Samples, Vertices, record_samples
+from dmis.estimator.technique import technique_by_name
 from dmis.light.light import DeltaLight
 
 
@@ -53,7 +53,7 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
 def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probability: np.float32) -> None:
     """Add ``f / p_w / S`` of each shading sample to its vertex."""
     settings, k, light_sample = batch.settings, samples.technique_index, samples.light_sample
-    techniques = [technique.find(name) for name in settings.techniques]
+    techniques = [technique_by_name(name) for name in settings.techniques]
     over_s = over_probability / np.float32(settings.shading_samples)
     lit = facing_light(samples.surface, light_sample)  # elsewhere f = 0
     if lit is not None and len(lit) == 0:

@@ -18,11 +18,11 @@ from dmis.base.selection import take
 from dmis.base.vectors import Array
 from dmis.estimator.records import Record
 
-LEAST = 8
+MIN_SAMPLES_TO_FIT = 8
 """Samples of each technique that the fit needs in a pixel; with fewer the balance heuristic stays."""
 STAGES = 16
-"""Into how many stages the progressive form divides the samples of a pixel: at 128 camera samples the first fit has
-`LEAST` samples of each technique, and misses a sixteenth of them.
+"""Number of stages into which the progressive form divides the samples of a pixel: at 128 camera samples the first fit
+has `MIN_SAMPLES_TO_FIT` samples of each technique, and misses a sixteenth of them.
 """
 
 
@@ -82,9 +82,9 @@ class Optimal:
             recorded[record.technique_index] += np.bincount(at, minlength=pixels)
 
     def correction(self) -> Array:
-        """What the optimal weights change in the mean of each pixel, ``(3, P)``; 0 where the fit is not possible."""
+        """Return the change of the mean of each pixel by the optimal weights, ``(3, P)``; 0 without a fit."""
         out = np.zeros((3, len(self._samples)))
-        enough = (self._taken >= LEAST).all(axis=0) & (self._w > 0) & (self._w < 1)
+        enough = (self._taken >= MIN_SAMPLES_TO_FIT).all(axis=0) & (self._w > 0) & (self._w < 1)
         share = np.where(enough, self._w, 0.5)
         alone = 1 / (self._samples * np.stack([share, 1 - share])) ** 2
         for a, b, plain, recorded in self._keys.values():
@@ -98,8 +98,8 @@ class Progressive(Optimal):
     """Sums for the progressive estimator (Kondapaneni et al. 2019, Sec. 7): unbiased.
 
     The samples of a pixel are taken in `STAGES` stages. What all stages before found as ``a`` is the control variate of
-    the next; it is 0 in the first, and until there are `LEAST` samples of each technique. With n samples in all, n_k of
-    them in stage k, the estimate is
+    the next; it is 0 in the first, and until there are `MIN_SAMPLES_TO_FIT` samples of each technique. With n samples
+    in all, n_k of them in stage k, the estimate is
 
         ``sum_k [sum_k f / S + sum_j a_j (n_k / n - sum_k p_j / S)]``,
 
@@ -115,11 +115,11 @@ class Progressive(Optimal):
         super().__init__(np.tile(np.broadcast_to(shares, (2, *samples.shape)), STAGES), np.tile(samples, STAGES))
 
     def correction(self) -> Array:
-        """What the control variates change in the mean of each pixel, ``(3, P)``."""
+        """Return the change of the mean of each pixel by the control variates, ``(3, P)``."""
         taken, w, n = (a.reshape(*a.shape[:-1], STAGES, -1) for a in (self._taken, self._w, self._samples))
         usable = (w > 0) & (w < 1)
         share = np.where(usable, np.stack([w, 1 - w]), 0.5)
-        enough = usable & (_before(taken) >= LEAST).all(axis=0)
+        enough = usable & (_before(taken) >= MIN_SAMPLES_TO_FIT).all(axis=0)
         out = np.zeros((3, taken.shape[-1]))
         for sums in self._keys.values():
             a, b, _, recorded = (total.reshape(*total.shape[:-1], STAGES, -1) for total in sums)
@@ -134,7 +134,7 @@ class Progressive(Optimal):
 
 
 def slot(pixel: Array, number: Array, spp: Array | int, pixels: int, stages: int) -> Array:
-    """Pixel and stage of camera samples as one number, ``(N,)``: those of the first stage come first.
+    """Return pixel and stage of camera samples as one number, ``(N,)``: those of the first stage come first.
 
     Parameters
     ----------
@@ -149,12 +149,12 @@ def slot(pixel: Array, number: Array, spp: Array | int, pixels: int, stages: int
 
 
 def _solve(ll: Array, lb: Array, bb: Array, b: Array) -> tuple[Array, Array]:
-    """Solve ``A a = b``, `b` ``(2, 3, ...)``, and where that is possible, ``(...)``."""
+    """Return the solution of ``A a = b``, `b` ``(2, 3, ...)``, and whether there is one, ``(...)`` bool."""
     determinant = ll * bb - lb * lb
     good = determinant > 1e-9 * ll * bb
     return np.stack([bb * b[0] - lb * b[1], ll * b[1] - lb * b[0]]) / np.where(good, determinant, 1), good
 
 
 def _before(sums: Array) -> Array:
-    """Sums over the stages before each, which are in the last axis but one."""
+    """Return the sums over the stages before each; stages are the last axis but one."""
     return np.cumsum(sums, axis=-2) - sums

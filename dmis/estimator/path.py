@@ -27,7 +27,7 @@ from dmis.samplers.keys import CONTINUE
 from dmis.scene.shading_points import Surface
 
 Way = int | Literal["glossy", "through"]
-"""How light comes to a surface: by one of the delta lobes, or by glossy lobes of one side or the other."""
+"""Way in which light comes to a surface: by one of the delta lobes, or by glossy lobes of one side or the other."""
 ROULETTE = 3
 """Depth from which on paths of little throughput are ended at random."""
 
@@ -60,7 +60,7 @@ class Rays:
 
 
 def scatter(surface: Surface, lobe: Any) -> tuple[Array, Array, Array]:
-    """Origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on."""
+    """Return origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on."""
     wi, factor = lobe.scatter(surface)
     # p lies on wo's side of the surface; what goes through begins on the other
     through = dot(surface.ng, wi) < 0
@@ -124,7 +124,7 @@ def bounce(
 
 
 def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
-    """By what the throughput of rays that go on in `direction` has been divided because they are inside of glass."""
+    """Return eta^2 by which the throughput of rays in `direction` was divided inside of glass; 1 outside."""
     scales = (lobe.eta_scale() for lobe in (*surface.through, *surface.delta))
     eta = next((eta for eta in scales if eta != 1), None)
     if eta is None:
@@ -134,7 +134,7 @@ def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
 
 
 def _ways(surface: Surface) -> list[Way]:
-    """How light can come to the surface."""
+    """Return the ways in which light can come to the surface."""
     ways: list[Way] = list(range(len(surface.delta)))
     if surface.glossy:
         ways.append("glossy")
@@ -144,7 +144,7 @@ def _ways(surface: Surface) -> list[Way]:
 
 
 def _follow(surface: Surface, way: Way, u: Array) -> tuple[Array, Array, Array]:
-    """Origins, directions and factors, each ``(3, N)``, of rays that go one way."""
+    """Return origins, directions and factors, each ``(3, N)``, of rays that go one way."""
     if isinstance(way, int):
         return scatter(surface, surface.delta[way])
     if way == "through":
@@ -154,7 +154,7 @@ def _follow(surface: Surface, way: Way, u: Array) -> tuple[Array, Array, Array]:
 
 
 def merge(parts: Sequence[Rays], samples: int) -> Rays:
-    """Rays of one depth as one batch, part after part; there are `samples` camera samples."""
+    """Return rays of one depth as one batch, part after part; there are `samples` camera samples."""
     if len(parts) == 1:
         return parts[0]
     every = np.arange(samples)
@@ -172,7 +172,7 @@ def _throughput(rays: Rays) -> Array:
 
 
 def _reflected(surface: Surface, wi: Array) -> Array:
-    """``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
+    """Return ``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
     pair = Pair(surface, wi)
     if len(surface.glossy) == 1 and (weight := surface.glossy[0].weight()) is not None:
         factor = (pair.above & surface.faces(pair)).astype(np.float32)
@@ -186,7 +186,7 @@ def _reflected(surface: Surface, wi: Array) -> Array:
 def _choose(
     surface: Surface, ways: list[Way], n: int, rng: np.random.Generator
 ) -> list[tuple[Way, Selection | None, Array | np.float32]]:
-    """Divide the points among the ways: which, points, probability.
+    """Divide the points among the ways; returns each way with its points and its probability.
 
     Delta lobes are picked in proportion to the power that they reflect or let through, glossy ones share what is left
     of 1, and get at least a tenth. Of that, what a smooth surface would let through goes to those of light that comes

@@ -41,15 +41,15 @@ class Record:
 
 
 class Statistic(Protocol):
-    """What is gathered from the shading samples of a tile; made with its number of pixels and of shading samples.
+    """Sums over the shading samples of a tile; made with its number of pixels and of shading samples.
 
     `dmis.variance.curves.Curves` is one.
     """
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
-        """Take in one block: `count` camera samples of every pixel, sample-major, their radiance ``(3, N)``."""
+        """Add one block: `count` camera samples of every pixel, sample-major, their radiance ``(3, N)``."""
         ...
 
     def sums(self) -> Mapping[str, Array]:
-        """Results by name, one per pixel in the last axis, which are summed over patches: `dmis.base.patches.PATCH`."""
+        """Return the sums by name, pixels in the last axis; the tile adds them up over patches."""
         ...

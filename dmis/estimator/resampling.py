@@ -26,16 +26,16 @@ from dmis.light.light_sample import Seen
 from dmis.scene.shading_points import Surface
 
 CANDIDATES = 8
-"""M: more of them gain little, because the shadows stay."""
+"""M, number of candidates: more of them gain little, because the shadows stay."""
 _PLASTIC = 1.32471795724474602596
 SHIFTS = (np.arange(CANDIDATES)[:, None] / np.array([_PLASTIC, _PLASTIC**2]) % 1).astype(np.float32)[..., None]
-"""From one candidate's numbers to the others', the R2 sequence: each is uniform, together they cover the light. The
-estimate stays unbiased, because it is linear in the candidates once the choice is averaged over.
+"""Shifts from one candidate's numbers to the others', points of the R2 sequence: each is uniform, together they cover
+the light. The estimate stays unbiased, because it is linear in the candidates once the choice is averaged over.
 """
 
 
 def resampled(surface: Surface, light: SampledLight, u: Array) -> Seen:
-    """One of M light samples for each of the points; `u` is ``(3, N)``, the last for the choice."""
+    """Return one of M light samples for each of the points; `u` is ``(3, N)``, the last for the choice."""
     weights = np.stack([_weight(surface, light.sample(surface.p, _shifted(u, shift))) for shift in SHIFTS])
     cumulative = np.cumsum(weights, axis=0)
     total = cumulative[-1]
@@ -54,13 +54,13 @@ def resampled(surface: Surface, light: SampledLight, u: Array) -> Seen:
 
 
 def _shifted(u: Array, shift: Array) -> Array:
-    """The first two rows of `u`, moved by `shift` on the torus."""
+    """Return the first two rows of `u`, moved by `shift` on the torus."""
     moved = u[:2] + shift
     return moved - (moved >= 1)
 
 
 def _weight(surface: Surface, seen: Seen) -> Array:
-    """g / p_l, ``(N,)``."""
+    """Return g / p_l of light samples, ``(N,)``."""
     weight = np.zeros(len(seen.pdf), np.float32)
     index = np.flatnonzero(seen.emits & (dot(surface.ng, seen.wi) > 0) & (seen.pdf > 0))
     if len(index):

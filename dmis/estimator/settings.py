@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from dmis.base.validate import whole
-from dmis.estimator import technique
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.presets import PRESETS
+from dmis.estimator.technique import technique_by_name
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 from dmis.scene.scene import Scene
@@ -70,7 +70,7 @@ class Settings:
         object.__setattr__(self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MOST))
         if len(self.techniques) < 2:
             raise ValueError(f"techniques must be at least two names, which share the samples; got {self.techniques}")
-        techniques = [technique.find(name) for name in self.techniques]
+        techniques = [technique_by_name(name) for name in self.techniques]
         combiner = combiner_by_name(self.combiner)
         if len(techniques) > 2 and combiner.two_techniques:
             raise ValueError(

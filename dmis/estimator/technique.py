@@ -77,13 +77,13 @@ BRDF = Technique("brdf", "brdf", _brdf_sample, _brdf_pdf)
 UNIFORM = Technique("uniform", "uniform", _uniform_sample, _uniform_pdf)
 RESAMPLED = Technique("resampled", "resampled", resampled, _light_pdf, numbers=3, exact=False)
 TECHNIQUES = {technique.name: technique for technique in (LIGHT, BRDF, UNIFORM, RESAMPLED)}
-"""By name. `UNIFORM`, equal density over the hemisphere, is for teaching: importance sampling improves on it."""
+"""Techniques by name. `UNIFORM`, of equal density over the hemisphere, is for teaching."""
 _OTHER_RAYS = frozenset({"camera", "delta", "specular", "guide"})
 """Kinds of rays that are not of a technique, see `dmis.pipeline.result.Result.rays`."""
 
 
 def register_technique(technique: Technique) -> None:
-    """Make a technique known by its name, as in the rule ``simplex:light=0.5,NAME=0.5``.
+    """Add a technique by its name, as in the rule ``simplex:light=0.5,NAME=0.5``.
 
     Raises
     ------
@@ -104,8 +104,8 @@ def register_technique(technique: Technique) -> None:
     TECHNIQUES[name] = technique
 
 
-def find(name: str) -> Technique:
-    """The technique called `name`.
+def technique_by_name(name: str) -> Technique:
+    """Return the technique called `name`.
 
     Raises
     ------

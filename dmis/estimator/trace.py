@@ -15,7 +15,7 @@ from dmis.base.selection import Selection, compose, indices, size, take
 from dmis.base.vectors import Array
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, point_chunks, take_optional
-from dmis.estimator.cost import UNSEEN
+from dmis.estimator.cost import UNTRACED
 from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
 from dmis.estimator.samples import Vertices
@@ -32,7 +32,7 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     origin, direction
         ``(3, N)`` float32, unit directions; sample-major, see `dmis.samplers`.
     coverage
-        Those that may meet something; None: all of them. The others are counted as `UNSEEN`.
+        Those that may meet something; None: all of them. The others are counted as `UNTRACED`.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     traced = size(coverage, direction.shape[1])
     batch.rays["camera"] += traced
     if traced < direction.shape[1]:
-        batch.rays[UNSEEN] += direction.shape[1] - traced
+        batch.rays[UNTRACED] += direction.shape[1] - traced
     if not traced:
         return total
     pending = [Rays(take(origin, coverage), take(direction, coverage), coverage, None, 0, ())]

@@ -21,7 +21,7 @@ from dmis.experiment.reference import Reference
 from dmis.experiment.runs import Budget, Run, measure
 from dmis.experiment.table import Comparison, Results, conditions
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.rule import settle
+from dmis.fit.rule import merge_settings
 from dmis.image import read_exr
 from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
@@ -194,7 +194,7 @@ def _check_rules_and_output(rules: Sequence[str], settings: Settings, folder: Pa
     """Check that the files can be written and that every rule accepts the settings."""
     check_output(folder)
     for rule in rules:
-        settle(make_rule(rule), rule, settings)
+        merge_settings(make_rule(rule), rule, settings)
 
 
 def _oracle_from_cache(scene: Scene, settings: Settings) -> Oracle | None:

@@ -22,11 +22,11 @@ from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.patches import patch_mean, patch_sum
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator.cost import camera_sample
+from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
-from dmis.fit.curve_minimum import weighed
-from dmis.fit.second_moment import Learned
+from dmis.fit.curve_minimum import cost_weighted
+from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.passes import Progress
@@ -90,7 +90,7 @@ class Oracle:
         for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
             variance = np.take_along_axis(self.variance, best[None], axis=0)[0]
             price = self._mean(variance) / self._mean(self.cost[best])
-            best = weighed(self.variance, self.cost, price).argmin(axis=0)
+            best = cost_weighted(self.variance, self.cost, price).argmin(axis=0)
         return best
 
     def at(self, weight: Array | float) -> Array:
@@ -142,13 +142,13 @@ class Oracle:
     def limit_with_counts(self) -> float:
         """Return variance times cost with the best weights and allocation, over that with w = 1/2 and even samples.
 
-        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot, see `dmis.fit.curve_minimum.weighed`; 1 if there is
-        no variance.
+        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot, see `dmis.fit.curve_minimum.cost_weighted`. It is
+        1 if there is no variance.
         """
         half = self._mean(self.variance[HALF])
         if not half > 0:
             return 1.0
-        least = weighed(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
+        least = cost_weighted(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
         return float(self._mean(np.sqrt(least)) ** 2 / (half * self.cost[HALF]))
 
     def regret(self, weight: Array) -> Array:
@@ -199,7 +199,7 @@ def make_oracle(
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
-        rule = Learned(patch=patch, spp=spp, filter="none", shrink=False, combiner=combiner)
+        rule = SecondMoment(patch=patch, spp=spp, filter="none", shrink=False, combiner=combiner)
         checkpoint = path.with_suffix(".checkpoint")
         result = render(
             scene, rule, spp + 1, seed=REFERENCE_SEED + 2, settings=settings,
@@ -216,7 +216,7 @@ def make_oracle(
         raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
     settings = resolve_auto(settings, scene)
     s, shape = settings.shading_samples, scene.camera.resolution[::-1]
-    cost = camera_sample(rays_by_kind, GRID_SHARES, 2 * s, s, settings.techniques)
+    cost = camera_sample_cost(rays_by_kind, GRID_SHARES, 2 * s, s, settings.techniques)
     return Oracle(variance, cost, patch, spp, shape)
 
 

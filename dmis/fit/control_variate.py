@@ -47,7 +47,7 @@ WEIGHTS = GRID[1:-1]
 """Weights at which the regression is known; at the ends one technique alone does not cover g."""
 DEGENERATE = 1e-3
 """Least mean of ``G (1 - w (1 - w) G)``, which is at most ``1 / (4 w (1 - w))``, that a fit can rest on."""
-NAMES = ("control_product", "control_square", "control_light")
+SUM_NAMES = ("control_product", "control_square", "control_light")
 """Sums that `Controls` adds to a rule's own statistic."""
 
 
@@ -91,13 +91,13 @@ class Controls:
     def sums(self) -> dict[str, Array]:
         """See `dmis.estimator.records.Statistic.sums`."""
         found = (self._product, self._square, self._light)
-        return {**self._own.sums(), **{name: a / max(self._n, 1) for name, a in zip(NAMES, found, strict=True)}}
+        return {**self._own.sums(), **{name: a / max(self._n, 1) for name, a in zip(SUM_NAMES, found, strict=True)}}
 
 
 def statistic(
     pilot: Mapping[float, int], own: Callable[[int, int], Statistic] | None
 ) -> Callable[[int, int], Statistic]:
-    """`Controls` about a rule's `own` statistic.
+    """Return `Controls` around a rule's `own` statistic.
 
     Raises
     ------
@@ -112,9 +112,9 @@ def statistic(
     return partial(Controls, own)
 
 
-def without(pilot: Pilot) -> Pilot:
-    """What a rule's own statistic has found."""
-    return replace(pilot, sums={name: a for name, a in pilot.sums.items() if name not in NAMES})
+def without_control_sums(pilot: Pilot) -> Pilot:
+    """Return the pilot with the sums of the rule's own statistic alone."""
+    return replace(pilot, sums={name: a for name, a in pilot.sums.items() if name not in SUM_NAMES})
 
 
 def coefficients(pilot: Pilot, shares: Array) -> Array:
@@ -127,11 +127,11 @@ def coefficients(pilot: Pilot, shares: Array) -> Array:
     (`DEGENERATE`), and in pixels with a weight outside `WEIGHTS`, where one technique may be left out.
     """
     shape = pilot.moments.mean.shape[:2]
-    means, _ = pool({name: pilot.sums[name] for name in NAMES}, shape, PATCH, sigma=1.0)
+    means, _ = pool({name: pilot.sums[name] for name in SUM_NAMES}, shape, PATCH, sigma=1.0)
     share = np.broadcast_to(shares[0].astype(np.float64), shape)
     w = patch_mean(share, PATCH)
     k = np.abs(WEIGHTS[:, None, None] - w).argmin(axis=0)[None]
-    product, square = (np.take_along_axis(means[name], k, axis=0)[0] for name in NAMES[:2])
+    product, square = (np.take_along_axis(means[name], k, axis=0)[0] for name in SUM_NAMES[:2])
     colours = means["control_light"]
     light = colours.mean(axis=0)
     usable = (square > DEGENERATE) & (light > 0)
@@ -142,5 +142,5 @@ def coefficients(pilot: Pilot, shares: Array) -> Array:
 
 
 def _halves(pairs: Array) -> Array:
-    """Means over the first and over the second half of the pairs ``(S / 2, N)``, ``(2, N)``."""
+    """Return the means over the first and over the second half of the pairs ``(S / 2, N)``, ``(2, N)``."""
     return np.stack([pairs[::2].mean(axis=0), pairs[1::2].mean(axis=0)])

@@ -1,4 +1,4 @@
-"""Choosing from curves: variance and cost of patches at every weight, and where both together are least."""
+"""Minimum of variance curves: V(w) of patches at every share w, and the share where variance and cost are least."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from dmis.variance.curves import HALF, share_variance
 
 
 @dataclass(frozen=True, eq=False)
-class Pooled:
-    """Curves averaged over patches, in any shape ``(...)``.
+class PatchCurves:
+    """Variance curves V(w), averaged over the pixels of each patch, in any shape ``(...)``.
 
     Attributes
     ----------
     curve
-        Variance of a camera sample as far as it depends on w, at the weights of `GRID`, ``(G, ...)``.
+        Part of the variance of a camera sample that depends on w, at the G shares of the grid, ``(G, ...)``.
     square, cross
-        Means over pixels of its square and of its product with itself at w = 1/2, for standard errors.
+        Means over pixels of its square and of its product with itself at the baseline point, for standard errors.
     pattern
-        Variance of D over the pixel, which counts if light samples are unevenly divided, ``(G, ...)``.
+        Var_y(D), the variance that uneven numbers of light samples add, ``(G, ...)``.
     position
-        The rest of it: that of the radiance over the pixel.
+        Var_y(I), the part of the variance that does not depend on w.
     pixels
-        How many pixels were averaged.
-    half
-        Where in the grid the weights are that others are compared with: w = 1/2.
+        Number of pixels in each mean.
+    baseline
+        Index of the baseline point, which rules leave only for a significant gain: of w = 1/2.
     """
 
     curve: Array
@@ -36,43 +36,44 @@ class Pooled:
     pattern: Array
     position: Array
     pixels: Array
-    half: int = HALF
+    baseline: int = HALF
 
     @property
     def variance(self) -> Array:
-        """Variance of a camera sample at each weight, ``(G, ...)``.
+        """Variance of a camera sample at each share, ``(G, ...)``.
 
         An estimate: where the pilot is small it may be negative.
         """
         return self.curve + np.maximum(self.position, 0)
 
-    def rows(self, block: slice) -> Pooled:
-        """Those of some rows of patches, as views."""
+    def rows(self, block: slice) -> PatchCurves:
+        """Return the curves of some rows of patches, as views."""
         return replace(self, **{name: a[..., block, :] for name, a in vars(self).items() if np.ndim(a) > 1})
 
-    def split(self, times: float, shading_samples: int) -> Pooled:
-        """The curves of camera samples with that many times the `shading_samples` that these have.
+    def with_shading_samples(self, factor: float, shading_samples: int) -> PatchCurves:
+        """Return the curves of camera samples with `factor` times the `shading_samples` that these have.
 
         In standard errors the part that comes from rounding counts as known.
         """
-        change = share_variance(shading_samples * times) - share_variance(shading_samples) / times
+        # E_y[...] / S falls as 1 / factor, var(n / S) Var_y(D) is that of the new number of samples
+        change = share_variance(shading_samples * factor) - share_variance(shading_samples) / factor
         more = np.reshape(change, (-1,) + (1,) * self.position.ndim) * self.pattern
-        curve = self.curve / times
-        square = self.square / times**2 + (2 * curve + more) * more
-        cross = self.cross / times**2 + more * (curve[HALF] + more[HALF]) + curve * more[HALF]
+        curve = self.curve / factor
+        square = self.square / factor**2 + (2 * curve + more) * more
+        cross = self.cross / factor**2 + more * (curve[HALF] + more[HALF]) + curve * more[HALF]
         return replace(self, curve=curve + more, square=square, cross=cross)
 
     def gain_error(self, cost: Array) -> Array:
-        """Standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""
+        """Return the standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""
         c = np.reshape(cost, (-1,) + (1,) * self.position.ndim)
-        half = c[self.half]
-        second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[self.half]
-        mean = c * self.curve - half * self.curve[self.half]
+        half = c[self.baseline]
+        second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[self.baseline]
+        mean = c * self.curve - half * self.curve[self.baseline]
         return np.sqrt(np.maximum(second - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
 
 
-def weighed(variance: Array, cost: Array, price: float | None) -> Array:
-    """What is minimised patch by patch, from `variance` ``(G, ...)`` and `cost` ``(G,)`` of a camera sample.
+def cost_weighted(variance: Array, cost: Array, price: float | None) -> Array:
+    """Return the objective of each patch, from `variance` ``(G, ...)`` and `cost` ``(G,)`` of a camera sample.
 
     The error of an image times its time is ``sum(V / n) sum(n C)`` over patches. With the same number n of samples in
     all of them that is least where each minimises ``V + price C``, the price being ``sum V / sum C``: dark patches
@@ -83,28 +84,32 @@ def weighed(variance: Array, cost: Array, price: float | None) -> Array:
     return variance * c if price is None else variance + np.asarray(price * c, variance.dtype)
 
 
-def least(curves: Pooled, cost: Array, guard: float, allowed: np.ndarray, price: float | None = None) -> np.ndarray:
-    """Where variance and cost together are least (`weighed`): indices into the grid.
+def guarded_argmin(
+    curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, price: float | None = None
+) -> np.ndarray:
+    """Return the index into the grid at which `cost_weighted` variance is least, ``(...)``.
 
-    w = 1/2 is left only for a gain of more than `guard` standard errors, in variance alone too: that something is
-    cheaper is always sure, and would have the last word where the pilot knows nothing. And only for weights that are
+    The baseline point is left only for a gain of more than `guard` standard errors, in variance alone too: a lower
+    cost is always certain, and would decide alone where the pilot has no information. And only for shares that are
     `allowed` ``(G,)``.
     """
-    objective = weighed(curves.variance, cost, price)
+    objective = cost_weighted(curves.variance, cost, price)
     error = curves.gain_error(np.ones_like(cost))
-    sure = curves.variance - curves.variance[curves.half] < -guard * error
-    sure &= objective - objective[curves.half] < -guard * (curves.gain_error(cost) if price is None else error)
-    sure &= np.reshape(allowed, (-1,) + (1,) * curves.position.ndim)
-    sure[curves.half] = True
-    return np.where(sure, objective, np.inf).argmin(axis=0)
+    significant = curves.variance - curves.variance[curves.baseline] < -guard * error
+    gain = objective - objective[curves.baseline]
+    significant &= gain < -guard * (curves.gain_error(cost) if price is None else error)
+    significant &= np.reshape(allowed, (-1,) + (1,) * curves.position.ndim)
+    significant[curves.baseline] = True
+    return np.where(significant, objective, np.inf).argmin(axis=0)
 
 
-def allowed(curve: Array) -> np.ndarray:
-    """Which weights of the grid may be used, ``(G,)`` bool, by the curve of the whole image ``(G,)``.
+def allowed_weights(curve: Array) -> np.ndarray:
+    """Return which shares of the grid may be used, ``(G,)`` bool, by the curve of the whole image ``(G,)``.
 
-    At its ends one technique is left out. Where that fails it is for rare samples that would count a lot, and that
-    the pilot of a patch seldom has; the image's has some. So an end may be used if it is as good for the image.
+    At the ends of the grid one technique is left out. Where that fails it fails by rare samples of large value, which
+    the pilot of a patch seldom has; that of the image has some. So an end may be used if it is as good for the image
+    as its neighbour.
     """
-    out = np.ones(len(curve), bool)
-    out[0], out[-1] = curve[0] <= curve[1], curve[-1] <= curve[-2]
-    return out
+    allowed = np.ones(len(curve), bool)
+    allowed[0], allowed[-1] = curve[0] <= curve[1], curve[-1] <= curve[-2]
+    return allowed

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dmis.estimator.combiner import combiner_by_name
-from dmis.fit.rule import Fit, Pilot, Rule, Weight, of_final
+from dmis.fit.rule import Fit, Pilot, Rule, Weight, final_settings
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Fixed(Rule):
     @property
     def settings(self) -> Mapping[str, Any]:
         own = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
-        return own | of_final(self.sampler)
+        return own | final_settings(self.sampler)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)

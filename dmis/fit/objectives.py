@@ -1,7 +1,7 @@
-"""What the literature minimises: weights from one pilot at w = 1/2.
+"""Objectives of the literature: shares from one pilot at w = 1/2.
 
 With ``X = f / q``, ``d = (p_l - p_b) / (p_l + p_b)`` and ``m(w) = p_w / q = 1 + (2 w - 1) d`` as in
-`dmis.variance.curves`. An objective names what is gathered in the pilot, and solves for the weight
+`dmis.variance.curves`. An objective has the statistic that the pilot gathers, and solves for the share
 of each patch; `dmis.fit.second_moment` makes rules of them. All but the first are approximations of the variance that
 the first estimates itself, or stand-ins for it.
 """
@@ -26,7 +26,7 @@ Integrand = Callable[[Array, Array], Mapping[str, Array]]
 
 @dataclass(frozen=True)
 class Objective:
-    """What is gathered, and the weights that follow from its means over patches.
+    """A statistic of the pilot, and the shares that follow from its means over patches.
 
     Attributes
     ----------
@@ -61,13 +61,16 @@ class Gather:
         """See `dmis.estimator.records.Statistic.add`."""
         self._n += count
         n, pairs = radiance.shape[1], self._shading_samples // 2
-        black = unrecorded_samples(2, n)  # every name is there, whatever was seen
+        black = unrecorded_samples(2, n)  # so that every name has a sum, even without a record
         for light in (*samples_by_light(records, self._shading_samples, n), black):
             for x, d in zip(*light, strict=True):
                 for name, values in self._integrand(x, d).items():
-                    split = values.reshape(*values.shape[:-1], count, self._pixels)
-                    found = split.var(axis=-2, ddof=1, dtype=np.float64) if self._variance else split.mean(axis=-2)
-                    self._sums[name] = self._sums.get(name, 0) + count / pairs * found
+                    of_pixels = values.reshape(*values.shape[:-1], count, self._pixels)
+                    if self._variance:
+                        result = of_pixels.var(axis=-2, ddof=1, dtype=np.float64)
+                    else:
+                        result = of_pixels.mean(axis=-2)
+                    self._sums[name] = self._sums.get(name, 0) + count / pairs * result
 
     def sums(self) -> dict[str, Array]:
         """See `dmis.estimator.records.Statistic.sums`."""
@@ -103,19 +106,19 @@ def _squares(x: Array, d: Array) -> dict[str, Array]:
 def _inverse_variance(means: Means, cost: tuple[float, float]) -> Array:
     """Shares in proportion to ``1 / (c_i v_i)``."""
     light, brdf = means["alone"]
-    return _share(brdf * cost[0], light * cost[1])
+    return _proportion(brdf * cost[0], light * cost[1])
 
 
 def _neyman(means: Means, cost: tuple[float, float]) -> Array:
     """Shares in proportion to ``s_i / sqrt(c_i)``."""
     light, brdf = np.sqrt(np.maximum(means["halves"], 0))
-    return _share(light / np.sqrt(cost[1]), brdf / np.sqrt(cost[0]))
+    return _proportion(light / np.sqrt(cost[1]), brdf / np.sqrt(cost[0]))
 
 
 def _representativity(means: Means, cost: tuple[float, float]) -> Array:
     """Shares in proportion to ``E[f / p_i]^2 / E[(f / p_i)^2]``, 1 where a technique follows the integrand exactly."""
     light, brdf = _divide(means["first"] ** 2, means["second"], 0.0)
-    return _share(light, brdf)
+    return _proportion(light, brdf)
 
 
 def _tsallis(gamma: float, x: Array, d: Array) -> dict[str, Array]:
@@ -129,7 +132,7 @@ def _tsallis(gamma: float, x: Array, d: Array) -> dict[str, Array]:
 
 
 def _root(means: Means, cost: tuple[float, float]) -> Array:
-    """Where xi changes its sign: it falls with w, because the divergence is convex. An end if it does not change."""
+    """Return the root of xi, which falls with w because the divergence is convex; an end of the grid if it has none."""
     xi, w = means["xi"], GRID[1:-1].astype(float)
     k = np.clip((xi > 0).sum(axis=0) - 1, 0, len(w) - 2)
     high, low = (np.take_along_axis(xi, i[None], axis=0)[0] for i in (k, k + 1))
@@ -156,16 +159,16 @@ def _combination(means: Means, cost: tuple[float, float]) -> Array:
     regular = light * brdf - both * both > 1e-6 * light * brdf
     a_light = np.where(regular, np.maximum(brdf * f_light - both * f_brdf, 0), 0)
     a_brdf = np.where(regular, np.maximum(light * f_brdf - both * f_light, 0), 0)
-    return _share(a_light, a_brdf)
+    return _proportion(a_light, a_brdf)
 
 
 def _divide(a: Array, b: Array, otherwise: float = 0.0) -> Array:
-    """a / b, and `otherwise` where b is 0."""
+    """Return a / b, and `otherwise` where b is 0."""
     return np.divide(a, b, out=np.full(np.shape(a), otherwise), where=b != 0)
 
 
-def _share(a: Array, b: Array) -> Array:
-    """a / (a + b), 1/2 where both are 0."""
+def _proportion(a: Array, b: Array) -> Array:
+    """Return a / (a + b), 1/2 where both are 0."""
     return _divide(a, a + b, 0.5)
 
 
@@ -177,11 +180,11 @@ _OBJECTIVES = {
     "kl": Objective(partial(Gather, partial(_tsallis, 1.0), False), _root),
     "linear": Objective(partial(Gather, _normal, False), _combination),
 }
-NAMES = (*_OBJECTIVES, "tsallis")
+OBJECTIVE_NAMES = (*_OBJECTIVES, "tsallis")
 
 
 def objective(name: str, gamma: float = 2.0) -> Objective:
-    """An objective by name; `gamma` is the order of ``tsallis``.
+    """Return an objective by name; `gamma` is the order of ``tsallis``.
 
     ``taylor``
         Lu, Pacanowski, Granier 2013: one Newton step of the second moment. Two sums per pixel. Moves too little where
@@ -218,5 +221,5 @@ def objective(name: str, gamma: float = 2.0) -> Objective:
     if name == "tsallis":
         return Objective(partial(Gather, partial(_tsallis, gamma), False), _root)
     if name not in _OBJECTIVES:
-        raise ValueError(f"objective must be second-moment, {', '.join(NAMES)}; got {name!r}")
+        raise ValueError(f"objective must be second-moment, {', '.join(OBJECTIVE_NAMES)}; got {name!r}")
     return _OBJECTIVES[name]

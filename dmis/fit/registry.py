@@ -12,7 +12,7 @@ from typing import Any
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.fixed import Fixed
 from dmis.fit.rule import Rule, complete_rule
-from dmis.fit.second_moment import Learned
+from dmis.fit.second_moment import SecondMoment
 from dmis.fit.simplex import Simplex
 from dmis.fit.thesis import Thesis
 
@@ -41,10 +41,10 @@ RULES: dict[str, Callable[..., Rule]] = {
     "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
     "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
     "thesis": Thesis,
-    "second-moment": partial(Learned, "second-moment", combiner="balance+power"),
-    **{name: partial(Learned, name, shrink=False) for name in _RELATIVES},
+    "second-moment": partial(SecondMoment, "second-moment", combiner="balance+power"),
+    **{name: partial(SecondMoment, name, shrink=False) for name in _RELATIVES},
     "simplex": _simplex,
-    "auto": partial(Learned, "second-moment", counts=True, split=True, reuse=False),
+    "auto": partial(SecondMoment, "second-moment", counts=True, split=True, reuse=False),
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),

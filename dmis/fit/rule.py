@@ -28,7 +28,7 @@ Weight = float | tuple[float, ...]
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What a rule found.
+    """The result of a rule: shares of samples for each pixel, and how the final samples are taken.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Fit:
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
         Diagnostics by name, in the last two axes one value per patch.
-    split
+    shading_factor
         Final camera samples have this many times the shading samples, and are as many times fewer; a whole number
         of shading samples.
     combiner
@@ -50,7 +50,7 @@ class Fit:
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
-    split: float = 1
+    shading_factor: float = 1
     combiner: str | None = None
 
     @property
@@ -61,30 +61,30 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Pilot:
-    """What a pilot pass at one weight brought.
+    """The samples of a pilot pass at one weight.
 
     Attributes
     ----------
     moments
-        Of the samples of each pixel, mean ``(H, W, 3)``.
+        Moments of the samples of each pixel, mean ``(H, W, 3)``.
     rays
-        Traced, by kind.
+        Rays traced, by kind.
     sums
-        What the rule's statistic found, summed over patches of `dmis.base.patches.PATCH` pixels,
+        Sums of the rule's statistic over patches of `dmis.base.patches.PATCH` pixels,
         ``(..., rows, columns)``.
     shading_samples
-        Of each camera sample.
-    guides
+        Shading samples of each camera sample.
+    features
         Feature buffers of these patches, if the rule has `needs_features`, see `dmis.scene.feature_buffers`.
     techniques
-        Whose samples these are.
+        Names of the techniques that took the samples.
     """
 
     moments: Film
     rays: Mapping[str, int] = field(default_factory=dict)
     sums: Mapping[str, Array] = field(default_factory=dict)
     shading_samples: int = 4
-    guides: Mapping[str, Array] = field(default_factory=dict)
+    features: Mapping[str, Array] = field(default_factory=dict)
     techniques: tuple[str, ...] = ("light", "brdf")
 
     def __repr__(self) -> str:
@@ -190,22 +190,22 @@ def complete_rule(rule: Any) -> Rule:
     return rule if isinstance(rule, Rule) else _Completed(rule)
 
 
-def settle(rule: Rule, text: str, asked: Settings) -> Settings:
-    """Return `asked` with the rule's own settings, after a check of these and of the rule's pilot.
+def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
+    """Return the caller's `settings` with the rule's own, after a check of these and of the rule's pilot.
 
     Parameters
     ----------
     text
-        The rule in messages.
-    asked
-        What the caller gave.
+        The rule's text in messages.
+    settings
+        The settings that the caller gave.
 
     Raises
     ------
     ValueError
         If pilot or settings are no mapping, a name is no setting, a pilot's number of samples is not whole or its
-        shares are not in [0, 1], `asked` differs both from the default and from the rule, or the two do not go
-        together.
+        shares are not in [0, 1], a name of `settings` differs both from its default and from the rule's, or the two
+        are incompatible.
     """
     for name, value, example in (
         ("pilot", rule.pilot, "{0.5: 2}, camera samples by weight"),
@@ -215,14 +215,17 @@ def settle(rule: Rule, text: str, asked: Settings) -> Settings:
             raise ValueError(
                 f"{name} of rule {text} must be a dict such as {example}; got {value!r}. Without one, leave it out"
             )
-    usual = make_settings(preset=asked.preset)
-    for name, own in rule.settings.items():
-        if not hasattr(usual, name):
-            raise ValueError(f"rule {text} must have settings that dmis.Settings has; got {name!r}")
-        if getattr(asked, name) not in (getattr(usual, name), own):
+    defaults = make_settings(preset=settings.preset)
+    for name, value in rule.settings.items():
+        if not hasattr(defaults, name):
             raise ValueError(
-                f"settings ask for {name} {getattr(asked, name)}, but rule {text} has {own}; a rule takes its own by "
-                f"option, such as balance:combiner=power or second-moment:reuse=no"
+                f"settings of rule {text} must be fields of dmis.Settings; got {name!r}. Fields are "
+                f"{', '.join(vars(defaults))}"
+            )
+        if getattr(settings, name) not in (getattr(defaults, name), value):
+            raise ValueError(
+                f"conflicting {name}: Settings has {getattr(settings, name)!r}, rule {text} uses {value!r}. Give it as "
+                f"an option of the rule, such as balance:combiner=power or second-moment:reuse=no"
             )
     for w, n in rule.pilot.items():
         shares = w if isinstance(w, tuple) else (w,)
@@ -230,14 +233,14 @@ def settle(rule: Rule, text: str, asked: Settings) -> Settings:
             raise ValueError(
                 f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n} at {w}"
             )
-    return replace(asked, **rule.settings)
+    return replace(settings, **rule.settings)
 
 
 def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
-    """Refuse the fit of a rule that is not shares of that many `techniques` for an image of `shape`.
+    """Raise a ValueError unless a rule's fit has shares of that many `techniques` for an image of `shape`.
 
-    A NaN, such as the ratio of two variances that are 0, or a share outside [0, 1] would not stop the image, but spoil
-    it.
+    A NaN, such as the ratio of two variances that are 0, or a share outside [0, 1] would not stop the render, but make
+    the image wrong.
 
     Raises
     ------
@@ -246,9 +249,7 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
         negative, not finite or all 0; or if either has another shape.
     """
     if not isinstance(fit, Fit):
-        raise ValueError(
-            f"what a rule fits must be a dmis.fit.rule.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)"
-        )
+        raise ValueError(f"a rule's fit must be a dmis.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)")
     weight = np.asarray(fit.weight, np.float64)
     allowed = [*([(), shape] if techniques == 2 else []), (techniques,), (techniques, *shape)]
     if weight.shape not in allowed:
@@ -276,6 +277,6 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
             )
 
 
-def of_final(sampler: str, reuse: bool | None = None) -> dict[str, Any]:
-    """The settings that a rule's own `sampler` and `reuse` of the pilot make; none of what is empty or None."""
+def final_settings(sampler: str, reuse: bool | None = None) -> dict[str, Any]:
+    """Return the settings of a rule's options `sampler` and `reuse`; none of an option that is empty or None."""
     return ({"sampler": sampler} if sampler else {}) | ({} if reuse is None else {"reuse_pilot": reuse})

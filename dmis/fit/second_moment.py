@@ -7,68 +7,55 @@ then each patch takes its own minimum.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dmis.base.patches import PATCH, patch_mean, patch_spread, patch_sum, row_blocks
+from dmis.base.patches import patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import Array
-from dmis.estimator.cost import camera_sample
+from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import MOST
-from dmis.fit.choose_heuristic import SIDE, check_choice, choose
-from dmis.fit.curve_minimum import Pooled, allowed, least
+from dmis.fit.choose_heuristic import CHOICE_PATCH, check_choice, choose
+from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import objective
-from dmis.fit.pooling import check_sharing, pool
-from dmis.fit.rule import Fit, Pilot, Rule, of_final
-from dmis.fit.shrinkage import shrink
+from dmis.fit.pooled_rule import PooledRule
+from dmis.fit.pooling import pool
+from dmis.fit.rule import Fit, Pilot, final_settings
+from dmis.fit.shrinkage import shrink_in_place
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
-SPLITS = (1, 0.5, 2, 4, 8)
-"""Times the shading samples that camera samples may have."""
+SHADING_FACTORS = (1, 0.5, 2, 4, 8)
+"""Factors of the shading samples that final camera samples may have."""
 
 
 @dataclass(frozen=True)
-class Learned(Rule):
-    """Weights that minimise an objective per patch.
+class SecondMoment(PooledRule):
+    """Shares that minimise an objective per patch.
 
     The objective ``second-moment`` is variance and cost, V(w) and C(w), weighed such that the image's error times its
-    time is least (`dmis.fit.curve_minimum.weighed`): the pilot gives unbiased curves V(w) (`dmis.variance.curves`),
-    which are averaged over patches, filtered, weighed with the cost of a camera sample at w (`dmis.estimator.cost`)
-    and minimised on a grid of weights. The others, ``taylor``, ``inverse-variance``, ``neyman``, ``representativity``,
-    ``kl``, ``tsallis`` and ``linear``, are those of the literature (`dmis.fit.objectives`). The closest relative of
-    ``second-moment`` is Grittmann et al. 2022, "Efficiency-aware multiple importance sampling for bidirectional
-    rendering algorithms" (ACM Transactions on Graphics 41(4)), where the samples of one combination of techniques give
-    the efficiencies of many others.
+    time is least (`dmis.fit.curve_minimum.cost_weighted`): the pilot gives unbiased curves V(w)
+    (`dmis.variance.curves`), which are averaged over patches, filtered, weighed with the cost of a camera sample at w
+    (`dmis.estimator.cost`) and minimised on a grid of shares. The others, ``taylor``, ``inverse-variance``, ``neyman``,
+    ``representativity``, ``kl``, ``tsallis`` and ``linear``, are those of the literature (`dmis.fit.objectives`). The
+    closest relative of ``second-moment`` is Grittmann et al. 2022, "Efficiency-aware multiple importance sampling for
+    bidirectional rendering algorithms" (ACM Transactions on Graphics 41(4)), where the samples of one combination of
+    techniques give the efficiencies of many others.
 
     Parameters
     ----------
     objective
-        Name of what is minimised.
-    patch
-        Side of a patch in pixels, a multiple of 4.
+        Name of the objective. All others than ``second-moment`` have no variance, and so none of the options `shrink`,
+        `guard`, `split` and `counts`.
     spp
         Samples of the pilot, at w = 1/2: an even number of at least 4, see `dmis.pipeline.job.pilot_settings`.
-    filter
-        Of the statistics: ``gaussian`` or ``none``; or ``joint``, a Gaussian among neighbours that look alike
-        (`dmis.filter.joint`, `dmis.scene.feature_buffers`).
-    size, sigma
-        Of the Gaussian, in patches.
-    shrink
-        Whether each patch's curve is moved towards that of its kind by as much as it is uncertain, after the filter
-        (second-moment, see `dmis.fit.shrinkage`). Kinds are materials if the filter is ``joint``, else there is but
-        one.
-    cost
-        Whether cost counts; otherwise variance alone.
-    guard
-        Leave w = 1/2 only where the gain is more than this many standard errors (second-moment).
     split
         Whether camera samples may have 2, 4 or 8 times the shading samples, and be fewer for it, or half of them, and
-        be more, if that is best for the image (second-moment, and only if cost counts).
+        be more, if that is best for the image; only if cost counts.
     counts
-        Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)`` (second-moment).
+        Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)``.
     floor
         Least number of samples of a patch, as a share of the mean.
     count_sigma
@@ -76,42 +63,29 @@ class Learned(Rule):
         number of samples that is a little off costs little, and highlights are small.
     gamma
         Order of the divergence (tsallis); 1 is Kullback-Leibler, 2 the second moment.
-    reuse
-        Whether the pilot's samples are part of the image. None: as the settings say, and if these do not, where the
-        final samples are independent too.
-    combiner, sampler
+    combiner
         Of the final samples. Curves are those of the combiner if it is a heuristic (second-moment); of balance if not,
         and with ``frozen``. Of several heuristics, joined by ``+``, the pilot chooses the one that is best for the
         image, see `dmis.fit.choose_heuristic`.
+    patch, filter, size, sigma, shrink, cost, guard, reuse, sampler
+        See `dmis.fit.pooled_rule.PooledRule`; the baseline point is w = 1/2.
     """
 
     objective: str = "second-moment"
-    patch: int = 4
-    spp: int = 6
-    filter: str = "joint"
-    size: int = 5
-    sigma: float = 1.0
-    shrink: bool = True
-    cost: bool = True
-    guard: float = 1.5
+    _: KW_ONLY
     split: bool = False
     counts: bool = False
     floor: float = 0.1
     count_sigma: float = 0.4
     gamma: float = 2.0
-    reuse: bool | None = None
-    combiner: str = "balance"
-    sampler: str = ""
 
     def __post_init__(self) -> None:
-        check_sharing(self.patch, self.size, self.sigma, self.guard)
+        super().__post_init__()
         if self.spp < 4 or self.spp % 2:
             raise ValueError(
                 f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
                 f"twice the shading samples; got {self.spp}"
             )
-        if self.filter not in ("gaussian", "none", "joint"):
-            raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
         for name, value in (("count_sigma", self.count_sigma), ("gamma", self.gamma)):
             if not 0 < value < np.inf:
                 raise ValueError(f"{name} must be positive and finite; got {value}")
@@ -125,7 +99,7 @@ class Learned(Rule):
                 (f"combiner {self.combiner}", "+" in self.combiner),
             ):
                 if chosen:
-                    raise ValueError(f"{name} needs variances, which the objective {self.objective} does not estimate")
+                    raise ValueError(f"{name} needs variances, which objective {self.objective} does not estimate")
         if "+" in self.combiner:
             check_choice(self.combiners)
         if self.filter == "gaussian" or (self.counts and not self.needs_features):
@@ -137,138 +111,142 @@ class Learned(Rule):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiners[0]} | of_final(self.sampler, self.reuse)
+        return {"combiner": self.combiners[0]} | final_settings(self.sampler, self.reuse)
 
     @property
     def combiners(self) -> tuple[str, ...]:
-        """Those that the pilot chooses from."""
+        """Combiners that the pilot chooses from."""
         return tuple(self.combiner.split("+"))
 
     @property
-    def needs_features(self) -> bool:
-        """Whether the filter compares feature buffers."""
-        return self.filter == "joint"
-
-    @property
     def statistic(self) -> Callable[[int, int], Statistic]:
-        """What is gathered in the pilot."""
+        """Makes the statistic that the pilot gathers."""
         if self.objective != "second-moment":
             return objective(self.objective, self.gamma).statistic
         return partial(Curves, combiners=self.combiners)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
-        found, combiner = pilot[0.5], None
-        shape = found.moments.mean.shape[:2]
-        if len(self.combiners) > 1:
-            found, combiner = self._choose(found, shape)
-        means, pixels = self._pool(found, shape, self.sigma)
+        """Return the shares, and numbers of samples if asked for, from the pilot at w = 1/2."""
+        samples = pilot[0.5]
+        shape = samples.moments.mean.shape[:2]
         if self.objective != "second-moment":
-            s, pair = found.shading_samples, [1.0, 1.0]
-            if self.cost:
-                pair = camera_sample(found.rays, np.array([[0, 1], [1, 0]]), s, s // 2, found.techniques).tolist()
-            weight = np.clip(objective(self.objective, self.gamma).solve(means, (pair[0], pair[1])), 0, 1)
+            weight = self._solve_objective(samples)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
-        curves = _pooled(means, pixels)
-        area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how sure means are
-        times, cost = self._split(curves, area, found)
-        curves = self._prepare(curves, times, found)
+        combiner = None
+        if len(self.combiners) > 1:
+            samples, combiner = self._choose_combiner(samples, shape)
+        # V(w) of patches
+        means, pixels = self._pool(samples)
+        curves = _patch_curves(means, pixels)
+        area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how certain means are
+        factor, cost = self._choose_shading_samples(curves, area, samples)
+        curves = self._shrunk(curves, factor, samples)
+        # min over w of V + price C, or of V C where the numbers of samples differ
         variance = curves.variance
-        half = (np.maximum(variance[HALF], 0) * area).sum() / area.sum()
-        price = None if self.counts else half / cost[HALF]
-        best = self._least(curves, area, cost, price)
+        mean_half = (np.maximum(variance[HALF], 0) * area).sum() / area.sum()
+        best = self._best_shares(curves, area, cost, None if self.counts else mean_half / cost[HALF])
         weight = GRID[best]
         del means, curves  # they are large
-        samples = None
-        if self.counts:
-            guides = found.guides if self.needs_features else None
-            errors = ("square", "cross")  # which numbers of samples do without
-            known = {name: a for name, a in found.sums.items() if name not in errors}
-            sharp, n = pool(known, shape, self.patch, self.count_sigma, self.size // 2, guides)
-            sharp |= dict.fromkeys(errors, np.broadcast_to(0.0, sharp["curve"].shape))
-            v, c = _at(_pooled(sharp, n), cost, times, found.shading_samples // 2, best)
-            samples = self._shares(np.sqrt(v / c), shape)
-        maps = {"patch": weight, "variance": np.maximum(_take(variance, best), 0), "variances": variance}
-        return Fit(patch_spread(weight, self.patch, shape), maps, samples, times, combiner)
+        counts = self._sample_counts(samples, shape, factor, cost, best) if self.counts else None
+        maps = {"patch": weight, "variance": np.maximum(_at_index(variance, best), 0), "variances": variance}
+        return Fit(patch_spread(weight, self.patch, shape), maps, counts, factor, combiner)
 
-    def _choose(self, pilot: Pilot, shape: tuple[int, int]) -> tuple[Pilot, str]:
-        """The best combiner for the image, and what the pilot says of it."""
-        each = [
+    def _solve_objective(self, pilot: Pilot) -> Array:
+        """Return the shares of the patches by an objective of the literature."""
+        means, _ = self._pool(pilot)
+        s, pair = pilot.shading_samples, [1.0, 1.0]
+        if self.cost:
+            ends = np.array([[0, 1], [1, 0]])
+            pair = camera_sample_cost(pilot.rays, ends, s, s // 2, pilot.techniques).tolist()
+        return np.clip(objective(self.objective, self.gamma).solve(means, (pair[0], pair[1])), 0, 1)
+
+    def _choose_combiner(self, pilot: Pilot, shape: tuple[int, int]) -> tuple[Pilot, str]:
+        """Return the best combiner for the image, and the pilot with the sums of its curves."""
+        sums_of_each = [
             {name: a if name == "position" else a[k] for name, a in pilot.sums.items()}
             for k in range(len(self.combiners))
         ]
-        area, found = patch_sum(np.ones(shape), SIDE), []
-        for sums in each:
-            means, pixels = pool(sums, shape, SIDE)
-            curves = _pooled(means, pixels)
-            times, cost = self._split(curves, area, pilot)
-            found.append(_at(curves, cost, times, pilot.shading_samples // 2))
-        variance, cost = (np.stack(a) for a in zip(*found, strict=True))
+        area, of_each = patch_sum(np.ones(shape), CHOICE_PATCH), []
+        for sums in sums_of_each:
+            curves = _patch_curves(*pool(sums, shape, CHOICE_PATCH))
+            factor, cost = self._choose_shading_samples(curves, area, pilot)
+            of_each.append(_variance_and_cost(curves, cost, factor, pilot.shading_samples // 2))
+        variance, cost = (np.stack(a) for a in zip(*of_each, strict=True))
         k = choose(variance, cost, area, self.counts)
-        return replace(pilot, sums=each[k]), self.combiners[k]
+        return replace(pilot, sums=sums_of_each[k]), self.combiners[k]
 
-    def _prepare(self, curves: Pooled, times: float, pilot: Pilot) -> Pooled:
-        """Return the curves for `times` the shading samples, shrunk if the rule is; those given may be written to."""
+    def _shrunk(self, curves: PatchCurves, factor: float, pilot: Pilot) -> PatchCurves:
+        """Return the curves for `factor` times the shading samples, shrunk if the rule says so.
+
+        The arrays of `curves` may be overwritten.
+        """
         s = pilot.shading_samples // 2
         if not self.shrink:
-            return curves.split(times, s)
-        material = pilot.guides.get("material") if self.needs_features else None
-        kinds = None if material is None else patch_mean(material, self.patch // PATCH)
-        return shrink(curves, kinds, lambda part: part.split(times, s), in_place=True)
+            return curves.with_shading_samples(factor, s)
+        return shrink_in_place(curves, self._kinds(pilot), lambda part: part.with_shading_samples(factor, s))
 
-    def _split(self, curves: Pooled, area: Array, pilot: Pilot) -> tuple[float, Array]:
-        """Return how many times the shading samples are best for the image, and the cost of camera samples with them at
-        the weights of the grid, ``(G,)``.
+    def _choose_shading_samples(self, curves: PatchCurves, area: Array, pilot: Pilot) -> tuple[float, Array]:
+        """Return the factor of the shading samples that is best for the image, and the cost of a camera sample with it.
+
+        The cost is at the shares of the grid, ``(G,)``.
         """
-        found = []
+        candidates = []
         s = pilot.shading_samples // 2
-        for times in (t for t in SPLITS if t == 1 or (self.split and self.cost and s * t <= MOST)):
+        for factor in (f for f in SHADING_FACTORS if f == 1 or (self.split and self.cost and s * f <= MOST)):
             cost = np.ones(len(GRID))
             if self.cost:
-                cost = camera_sample(pilot.rays, GRID_SHARES, pilot.shading_samples, s * times, pilot.techniques)
-            v, c = _at(curves, cost, times, s)
+                cost = camera_sample_cost(pilot.rays, GRID_SHARES, pilot.shading_samples, s * factor, pilot.techniques)
+            v, c = _variance_and_cost(curves, cost, factor, s)
+            # error times time: (sum sqrt(V C))^2, or sum V sum C at equal numbers of samples
             total = (np.sqrt(v * c) * area).sum() ** 2
             if not self.counts:
                 total = (v * area).sum() * (c * area).sum()
-            found.append((total, times, cost))
-        return min(found, key=lambda one: one[:2])[1:]
+            candidates.append((total, factor, cost))
+        return min(candidates, key=lambda candidate: candidate[:2])[1:]
 
-    def _pool(self, pilot: Pilot, shape: tuple[int, int], sigma: float) -> tuple[dict[str, Array], Array]:
-        guides = pilot.guides if self.needs_features else None
-        wide = sigma if self.filter in ("gaussian", "joint") else None
-        return pool(pilot.sums, shape, self.patch, wide, self.size // 2, guides)
-
-    def _least(self, curves: Pooled, area: Array, cost: Array, price: float | None) -> np.ndarray:
-        may = allowed(np.einsum("gyx,yx->g", curves.curve, area))
+    def _best_shares(self, curves: PatchCurves, area: Array, cost: Array, price: float | None) -> np.ndarray:
+        """Return the index into the grid of the best share of each patch, ``(rows, columns)``."""
+        allowed = allowed_weights(np.einsum("gyx,yx->g", curves.curve, area))
         blocks = (curves.rows(rows) for rows in row_blocks(len(area)))
-        return np.concatenate([least(block, cost, self.guard, may, price) for block in blocks])
+        return np.concatenate([guarded_argmin(block, cost, self.guard, allowed, price) for block in blocks])
 
-    def _shares(self, wanted: Array, shape: tuple[int, int]) -> Array:
-        """Numbers of samples in proportion to `wanted`, not below the floor."""
-        wanted = wanted.astype(np.float32)
-        least = self.floor * wanted.mean()
-        return patch_spread(np.maximum(wanted, least) if least > 0 else np.ones_like(wanted), self.patch, shape)
+    def _sample_counts(
+        self, pilot: Pilot, shape: tuple[int, int], factor: float, cost: Array, best: np.ndarray
+    ) -> Array:
+        """Return numbers of samples in proportion to ``sqrt(V / C)``, not below the floor, ``(H, W)``."""
+        errors = ("square", "cross")  # not needed here
+        sums = {name: a for name, a in pilot.sums.items() if name not in errors}
+        means, pixels = pool(sums, shape, self.patch, self.count_sigma, self.size // 2, self._features(pilot))
+        means |= dict.fromkeys(errors, np.broadcast_to(0.0, means["curve"].shape))
+        curves = _patch_curves(means, pixels)
+        v, c = _variance_and_cost(curves, cost, factor, pilot.shading_samples // 2, best)
+        counts = np.sqrt(v / c).astype(np.float32)
+        least = self.floor * counts.mean()
+        return patch_spread(np.maximum(counts, least) if least > 0 else np.ones_like(counts), self.patch, shape)
 
 
-def _pooled(means: Mapping[str, Any], pixels: Array) -> Pooled:
+def _patch_curves(means: Mapping[str, Any], pixels: Array) -> PatchCurves:
     """Return the curves of patches from the means of `dmis.variance.curves.Curves.sums` over them."""
-    return Pooled(**means, pixels=pixels)
+    return PatchCurves(**means, pixels=pixels)
 
 
-def _at(
-    curves: Pooled, cost: Array, times: float, shading_samples: int, best: np.ndarray | None = None
+def _variance_and_cost(
+    curves: PatchCurves, cost: Array, factor: float, shading_samples: int, best: np.ndarray | None = None
 ) -> tuple[Array, Array]:
-    """Return variance and cost of camera samples with `times` the `shading_samples`, at the index `best` into the grid;
-    None: where variance times cost is least. Some rows at a time.
+    """Return variance and cost of camera samples with `factor` times the `shading_samples`, ``(rows, columns)`` each.
+
+    They are at the index `best` into the grid; None: where variance times cost is least.
     """
-    found = []
-    for rows in row_blocks(len(curves.position)):
-        variance = np.maximum(curves.rows(rows).split(times, shading_samples).variance, 0)
+    blocks = []
+    for rows in row_blocks(len(curves.position)):  # some rows at a time, because curves are large
+        part = curves.rows(rows).with_shading_samples(factor, shading_samples)
+        variance = np.maximum(part.variance, 0)
         index = (variance * cost[:, None, None]).argmin(axis=0) if best is None else best[rows]
-        found.append((_take(variance, index), cost[index]))
-    v, c = (np.concatenate(a) for a in zip(*found, strict=True))
+        blocks.append((_at_index(variance, index), cost[index]))
+    v, c = (np.concatenate(a) for a in zip(*blocks, strict=True))
     return v, c
 
 
-def _take(values: Array, index: np.ndarray) -> Array:
+def _at_index(values: Array, index: np.ndarray) -> Array:
     """Return the values ``(G, ...)`` at an index ``(...)`` into the grid."""
     return np.take_along_axis(values, index[None], axis=0)[0]

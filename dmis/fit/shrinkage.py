@@ -1,4 +1,4 @@
-"""Shrinkage: the curve of each patch, moved towards those of its kind by as much as it is uncertain (empirical Bayes).
+"""Shrinkage of variance curves by empirical Bayes: the less certain a patch's curve, the closer to that of its kind.
 
 Patches differ in brightness by orders of magnitude, so what they share can only be the shape of their curves: ``rho(w)
 = sum V(w) / sum V(1/2)`` over all patches of a kind. (A mean of the patches' own ratios would favour those whose pilot
@@ -25,22 +25,21 @@ stays as the scale, and is not taken for uncertain, because it has no bearing on
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array
-from dmis.fit.curve_minimum import Pooled
+from dmis.fit.curve_minimum import PatchCurves
 
 
-def shrink(
-    curves: Pooled,
+def shrink_in_place(
+    curves: PatchCurves,
     kinds: Array | None = None,
-    change: Callable[[Pooled], Pooled] = lambda curves: curves,
-    in_place: bool = False,
-) -> Pooled:
-    """The curves of patches ``(G, rows, columns)``, moved towards the shape of their kind; errors are those after it.
+    change: Callable[[PatchCurves], PatchCurves] = lambda curves: curves,
+) -> PatchCurves:
+    """Overwrite the curves of patches ``(G, rows, columns)`` with those moved towards the shape of their kind.
 
     The scale of a patch is V(1/2), or its standard error if that is more: the estimate of a quiet patch may be
     negative, which would turn the shape upside down. Where the curve of a kind is bad, such as at an end of the grid
@@ -52,86 +51,111 @@ def shrink(
     Parameters
     ----------
     kinds
-        Which share of each patch is of which kind, ``(K, rows, columns)``, of sum 1; patches of several have the mean
-        of their shapes. None: all are of one kind.
+        Share of each kind in each patch, ``(K, rows, columns)``, of sum 1; patches of several kinds have the mean of
+        their shapes. None: all are of one kind.
     change
-        What is done with the curves of each patch beforehand, see `dmis.fit.curve_minimum.Pooled.split`.
-    in_place
-        Whether the arrays of `curves` may be written to.
+        Applied to the curves of each patch beforehand, such as `PatchCurves.with_shading_samples`.
+
+    Returns
+    -------
+    The curves, with the errors that they have after shrinkage.
     """
-    rows = list(row_blocks(len(curves.position)))  # curves are large, and what is worked out on the way is more
-    of = np.ones((1, *curves.position.shape), np.float32) if kinds is None else kinds
-
-    def block(k: int) -> Pooled:
-        return change(curves.rows(rows[k]))
-
-    at, sums = curves.half, np.zeros((len(curves.curve), len(of)))
-    for k, part in enumerate(map(block, range(len(rows)))):
-        sums += _over(of[:, rows[k]], part.pixels * part.curve)
-    lit = sums[at] > 0  # the other kinds are black
+    row_parts = list(row_blocks(len(curves.position)))  # curves are large, and intermediate results are larger
+    if kinds is None:
+        kinds = np.ones((1, *curves.position.shape), np.float32)
+    # rho(w) = sum V(w) / sum V(1/2)
+    sums = np.zeros((len(curves.curve), len(kinds)))
+    for rows in row_parts:
+        part = change(curves.rows(rows))
+        sums += _sum_over_patches(kinds[:, rows], part.pixels * part.curve)
+    lit = sums[curves.baseline] > 0  # the other kinds are black
     if not lit.any():
         return change(curves)
-    if not lit.all():
-        of, sums = of[lit], sums[:, lit]
-    rho = sums / sums[at]
+    kinds, sums = kinds[lit], sums[:, lit]
+    rho = sums / sums[curves.baseline]
+    tau_2, rho_variance = _scatter_of_kinds(curves, rho, kinds, change)
+    rho_variance /= sums[curves.baseline] ** 2
+    for rows in row_parts:
+        part = change(curves.rows(rows))
+        mean, posterior = _Deviations.of(part, rho, kinds[:, rows]).shrunk(tau_2, rho_variance)
+        # such that `PatchCurves.gain_error` is the root of the posterior variance, times cost
+        out = curves.rows(rows)
+        out.curve[:] = mean
+        out.square[:] = mean * mean + np.maximum(part.pixels - 1, 1) * posterior
+        out.cross[:] = mean * mean[curves.baseline]
+    return curves
+
+
+def _scatter_of_kinds(
+    curves: PatchCurves, rho: Array, kinds: Array, change: Callable[[PatchCurves], PatchCurves]
+) -> tuple[Array, Array]:
+    """Return tau^2 of each kind, ``(G, K)``, and the variance of the sum of its curves, from which rho was made."""
     variance, scatter, weight = np.zeros((3, *rho.shape))
-    for k, part in enumerate(map(block, range(len(rows)))):
-        here = of[:, rows[k]]
-        own = _Own.of(part, rho, here)
-        trust = _divide(1.0, own.scale * own.scale + own.error, 0.0)
-        variance += _over(here**2, part.pixels**2 * own.error)
-        scatter += _over(here, trust * (own.e * own.e - own.error))
-        weight += _over(here, trust * own.scale * own.scale)
-    tau_2, rho_error = np.maximum(_divide(scatter, weight, 0.0), 0), variance / sums[at] ** 2
-    out = curves
-    if not in_place:
-        curve, square, cross = np.empty((3, *curves.curve.shape))
-        out = replace(curves, curve=curve, square=square, cross=cross)
-    for k, part in enumerate(map(block, range(len(rows)))):
-        own, found = _Own.of(part, rho, of[:, rows[k]]), out.rows(rows[k])
-        prior = own.scale * own.scale * _spread(own.share_of, tau_2)
-        share = _divide(prior, prior + own.error, 1.0)
-        mean = own.rho * own.scale + share * own.e
-        posterior = share * own.error + ((1 - share) * own.scale) ** 2 * _spread(own.share_of**2, rho_error)
-        # such that `Pooled.gain_error` is the root of the posterior variance, times cost
-        found.curve[:] = mean
-        found.square[:] = mean * mean + np.maximum(part.pixels - 1, 1) * posterior
-        found.cross[:] = mean * mean[at]
-    return out
+    for rows in row_blocks(len(curves.position)):
+        part, of_kind = change(curves.rows(rows)), kinds[:, rows]
+        own = _Deviations.of(part, rho, of_kind)
+        # tau^2 = sum u (e^2 - sigma^2) / sum u s^2,  u = 1 / (s^2 + sigma^2)
+        u = _divide(1.0, own.scale * own.scale + own.error, 0.0)
+        variance += _sum_over_patches(of_kind**2, part.pixels**2 * own.error)
+        scatter += _sum_over_patches(of_kind, u * (own.e * own.e - own.error))
+        weight += _sum_over_patches(of_kind, u * own.scale * own.scale)
+    return np.maximum(_divide(scatter, weight, 0.0), 0), variance
 
 
 @dataclass(frozen=True, eq=False)
-class _Own:
-    """Of some patches: shares of the kinds, the shape of these, the scale s, and e with the square of its error."""
+class _Deviations:
+    """Deviations e of the curves of patches from the shape of their kinds.
 
-    share_of: Array
+    Attributes
+    ----------
+    kinds
+        Share of each kind in each patch, of sum 1, ``(K, rows, columns)``.
+    rho, e, error
+        Shape of the kinds, e, and the square of its standard error sigma, ``(G, rows, columns)``.
+    scale
+        s, ``(rows, columns)``.
+    """
+
+    kinds: Array
     rho: Array
     scale: Array
     e: Array
     error: Array
 
     @classmethod
-    def of(cls, curves: Pooled, rho: Array, of: Array) -> _Own:
-        at = curves.half
-        half, freedom = curves.curve[at], np.maximum(curves.pixels - 1, 1)
-        scale = np.maximum(half, np.sqrt(np.maximum(curves.square[at] - half * half, 0) / freedom))
-        share_of = _divide(of, of.sum(axis=0), 0.0)
-        shape = _spread(share_of, rho)
+    def of(cls, curves: PatchCurves, rho: Array, kinds: Array) -> _Deviations:
+        """Return the deviations of `curves` from the shapes `rho` ``(G, K)``."""
+        baseline = curves.baseline
+        half, freedom = curves.curve[baseline], np.maximum(curves.pixels - 1, 1)
+        scale = np.maximum(half, np.sqrt(np.maximum(curves.square[baseline] - half * half, 0) / freedom))
+        kinds = _divide(kinds, kinds.sum(axis=0), 0.0)
+        shape = _mean_of_kinds(kinds, rho)
+        # e(w) = V(w) - rho(w) V(1/2)
         e = curves.curve - shape * half
-        second = curves.square - 2 * shape * curves.cross + shape * shape * curves.square[at]
-        return cls(share_of, shape, scale, e, np.maximum(second - e * e, 0) / freedom)
+        second = curves.square - 2 * shape * curves.cross + shape * shape * curves.square[baseline]
+        return cls(kinds, shape, scale, e, np.maximum(second - e * e, 0) / freedom)
+
+    def shrunk(self, tau_2: Array, rho_variance: Array) -> tuple[Array, Array]:
+        """Return the shrunk curves and their posterior variance, ``(G, rows, columns)``."""
+        # B = s^2 tau^2 / (s^2 tau^2 + sigma^2)
+        prior = self.scale * self.scale * _mean_of_kinds(self.kinds, tau_2)
+        b = _divide(prior, prior + self.error, 1.0)
+        # rho s + B e, of the variance  B sigma^2 + (1 - B)^2 s^2 var(rho)
+        mean = self.rho * self.scale + b * self.e
+        variance = b * self.error + ((1 - b) * self.scale) ** 2 * _mean_of_kinds(self.kinds**2, rho_variance)
+        return mean, variance
 
 
-def _over(of: Array, values: Array) -> Array:
-    """Sums over the patches of each kind, ``(..., K)``."""
-    return np.einsum("kyx,...yx->...k", of, values)
+def _sum_over_patches(kinds: Array, values: Array) -> Array:
+    """Return the sums of `values` ``(..., rows, columns)`` over the patches of each kind, ``(..., K)``."""
+    return np.einsum("kyx,...yx->...k", kinds, values)
 
 
-def _spread(of: Array, values: Array) -> Array:
-    """What the kinds have, ``(..., K)``, back on their patches."""
-    return np.einsum("kyx,...k->...yx", of, values)
+def _mean_of_kinds(kinds: Array, values: Array) -> Array:
+    """Return on each patch the mean of the `values` ``(..., K)`` of its kinds, ``(..., rows, columns)``."""
+    return np.einsum("kyx,...k->...yx", kinds, values)
 
 
 def _divide(a: Array | float, b: Array, otherwise: float) -> Array:
-    """a / b, and `otherwise` where b is 0."""
+    """Return a / b, and `otherwise` where b is 0."""
     return np.divide(a, b, out=np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise), where=b > 0)

@@ -9,51 +9,54 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.patches import PATCH, patch_mean, patch_spread, patch_sum, row_blocks
+from dmis.base.patches import patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import Array
-from dmis.estimator import technique
-from dmis.estimator.cost import camera_sample
+from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.records import Statistic
-from dmis.fit.curve_minimum import Pooled, least
-from dmis.fit.pooling import check_sharing, pool
-from dmis.fit.rule import Fit, Pilot, Rule, Weight, of_final
-from dmis.fit.shrinkage import shrink
+from dmis.estimator.technique import technique_by_name
+from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
+from dmis.fit.pooled_rule import PooledRule
+from dmis.fit.rule import Fit, Pilot, Weight, final_settings
+from dmis.fit.shrinkage import shrink_in_place
 from dmis.variance.simplex_curves import SimplexCurves, baseline_point, grid
 
 PRICES = 2.0 ** -np.arange(6)
-"""Of cost in variance, times that at `baseline_point`."""
+"""Prices of cost in variance that are tried, times that at `baseline_point`."""
 
 
-def allowed(curve: Array, inside: np.ndarray) -> np.ndarray:
-    """Which points of the grid may be used, ``(G,)`` bool, by the curve of the whole image ``(G,)``: those that leave
-    techniques out only if they are as good for the image as those that just do not, see
-    `dmis.fit.curve_minimum.allowed`.
+def allowed_points(curve: Array, inside: np.ndarray) -> np.ndarray:
+    """Return which points of the grid may be used, ``(G,)`` bool, by the curve of the whole image ``(G,)``.
+
+    Points that leave techniques out may be used if they are as good for the image as those just inside of the simplex,
+    see `dmis.fit.curve_minimum.allowed_weights`.
     """
     return curve <= curve[inside]
 
 
-def cheapest(curves: Pooled, cost: Array, guard: float, may: np.ndarray, area: Array) -> np.ndarray:
-    """Points of the grid, ``(rows, columns)``, for which the image's error times its time is least, ``sum V sum C``
-    over patches of the `area` ``(rows, columns)`` in pixels.
+def best_points(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, area: Array) -> np.ndarray:
+    """Return the points of the grid, ``(rows, columns)``, for which the image's error times its time is least.
 
-    Patches minimise ``V + price C`` (`dmis.fit.curve_minimum.weighed`). At the minimum the price is ``sum V / sum C``
-    there, which may be far from that at `baseline_point`: a technique that costs twice as much may have a quarter of
-    the variance. So prices from that at the baseline point downwards are tried.
+    That is ``sum V sum C`` over patches of the `area` ``(rows, columns)`` in pixels. Patches minimise ``V + price C``
+    (`dmis.fit.curve_minimum.cost_weighted`). At the minimum the price is ``sum V / sum C`` there, which may be far from
+    that at `baseline_point`: a technique that costs twice as much may have a quarter of the variance. So prices from
+    that at the baseline point downwards are tried.
     """
     variance = np.maximum(curves.variance, 0)
-    home_price = (variance[curves.half] * area).sum() / area.sum() / cost[curves.half]
-    found = []
-    for price in home_price * PRICES:
-        index = np.concatenate([least(curves.rows(rows), cost, guard, may, price) for rows in row_blocks(len(area))])
+    baseline_price = (variance[curves.baseline] * area).sum() / area.sum() / cost[curves.baseline]
+    candidates = []
+    for price in baseline_price * PRICES:
+        blocks = (curves.rows(rows) for rows in row_blocks(len(area)))
+        index = np.concatenate([guarded_argmin(block, cost, guard, allowed, price) for block in blocks])
         error = (np.take_along_axis(variance, index[None], axis=0)[0] * area).sum()
-        found.append((error * (cost[index] * area).sum(), index))
-    return min(found, key=lambda one: one[0])[1]
+        candidates.append((error * (cost[index] * area).sum(), index))
+    return min(candidates, key=lambda candidate: candidate[0])[1]
 
 
 @dataclass(frozen=True)
-class Simplex(Rule):
-    """Shares of several techniques that minimise variance and cost per patch, as `dmis.fit.second_moment.Learned` does
-    for two.
+class Simplex(PooledRule):
+    """Shares of several techniques that minimise variance and cost per patch.
+
+    `dmis.fit.second_moment.SecondMoment` does the same for two, on a finer grid.
 
     Parameters
     ----------
@@ -63,8 +66,7 @@ class Simplex(Rule):
         Samples of the pilot, at equal shares: an even multiple of K of at least 2 K, which become camera samples with
         K times the shading samples, K times fewer.
     patch, filter, size, sigma, shrink, cost, guard, reuse, combiner, sampler
-        See `dmis.fit.second_moment.Learned`; `filter` is ``joint``, ``gaussian`` or ``none``. What the `guard` keeps
-        is `baseline_point`.
+        See `dmis.fit.pooled_rule.PooledRule`; the baseline point is `baseline_point`.
 
     Notes
     -----
@@ -73,37 +75,24 @@ class Simplex(Rule):
     """
 
     mix: str = "light+brdf+resampled"
-    patch: int = 4
-    spp: int = 6
-    filter: str = "joint"
-    size: int = 5
-    sigma: float = 1.0
-    shrink: bool = True
-    cost: bool = True
-    guard: float = 1.5
-    reuse: bool | None = None
-    combiner: str = "balance"
-    sampler: str = ""
     multi_technique = True
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         names = self.techniques
         for name in names:
-            technique.find(name)
+            technique_by_name(name)
         if len(names) < 2 or len(set(names)) < len(names):
             raise ValueError(f"mix must be two or more different techniques joined by +; got {self.mix!r}")
-        check_sharing(self.patch, self.size, self.sigma, self.guard)
         if self.spp < 2 * len(names) or self.spp % 2 or self.spp % len(names):
             raise ValueError(
                 f"spp of the pilot must be an even multiple of {len(names)}, the number of techniques, and at least "
                 f"{2 * len(names)}; got {self.spp}"
             )
-        if self.filter not in ("gaussian", "none", "joint"):
-            raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
 
     @property
     def techniques(self) -> tuple[str, ...]:
-        """Their names, in the order of the shares."""
+        """Names of the techniques, in the order of the shares."""
         return tuple(self.mix.split("+"))
 
     @property
@@ -113,48 +102,37 @@ class Simplex(Rule):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiner, "techniques": self.techniques} | of_final(self.sampler, self.reuse)
-
-    @property
-    def needs_features(self) -> bool:
-        """Whether the filter compares feature buffers."""
-        return self.filter == "joint"
+        return {"combiner": self.combiner, "techniques": self.techniques} | final_settings(self.sampler, self.reuse)
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:
-        """What is gathered in the pilot."""
+        """Makes the statistic that the pilot gathers."""
         return partial(SimplexCurves, exact=self._exact)
 
     @property
     def _exact(self) -> tuple[bool, ...]:
-        return tuple(technique.find(name).exact for name in self.techniques)
+        return tuple(technique_by_name(name).exact for name in self.techniques)
 
     def fit(self, pilot: Mapping[Weight, Pilot]) -> Fit:
-        (found,) = pilot.values()
-        shape = found.moments.mean.shape[:2]
-        guides = found.guides if self.needs_features else None
-        means, pixels = pool(
-            found.sums, shape, self.patch, None if self.filter == "none" else self.sigma, self.size // 2, guides
-        )
+        """Return the shares of all techniques, from the pilot at equal shares."""
+        (samples,) = pilot.values()
+        shape = samples.moments.mean.shape[:2]
+        means, pixels = self._pool(samples)
         shares, inside = grid(len(self.techniques))
-        at = baseline_point(self._exact)
-        curves = Pooled(**means, pattern=np.zeros(()), pixels=pixels, half=at)
+        curves = PatchCurves(**means, pattern=np.zeros(()), pixels=pixels, baseline=baseline_point(self._exact))
         if self.shrink:
-            material = found.guides.get("material") if self.needs_features else None
-            kinds = None if material is None else patch_mean(material, self.patch // PATCH)
-            curves = shrink(curves, kinds, in_place=True)
+            curves = shrink_in_place(curves, self._kinds(samples))
         cost = np.ones(shares.shape[1])
         if self.cost:
-            s = found.shading_samples
-            cost = camera_sample(found.rays, shares, s, s // len(self.techniques), self.techniques)
+            s = samples.shading_samples
+            cost = camera_sample_cost(samples.rays, shares, s, s // len(self.techniques), self.techniques)
         area = patch_sum(np.ones(shape), self.patch)
-        may = allowed((curves.curve * area).sum(axis=(1, 2)), inside)
-        index = cheapest(curves, cost, self.guard, may, area)
+        allowed = allowed_points((curves.curve * area).sum(axis=(1, 2)), inside)
+        index = best_points(curves, cost, self.guard, allowed, area)
         patches = shares[:, index]
-        weight = np.stack([patch_spread(share, self.patch, shape) for share in patches])
         maps = {
             "patch": patches,
             "variance": np.maximum(np.take_along_axis(curves.variance, index[None], axis=0)[0], 0),
             "variances": curves.variance,
         }
-        return Fit(weight, maps)
+        return Fit(np.stack([patch_spread(share, self.patch, shape) for share in patches]), maps)

@@ -21,7 +21,7 @@ from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.filter import check_taps, gaussian
-from dmis.fit.rule import Fit, Pilot, Rule, of_final
+from dmis.fit.rule import Fit, Pilot, Rule, final_settings
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
 """Case of a patch: the parabola's minimum was used; it lay outside [0, 1], and the nearer end was used; the parabola
@@ -100,7 +100,7 @@ class Thesis(Rule):
     @property
     def settings(self) -> Mapping[str, Any]:
         """Settings of the final samples."""
-        return {"combiner": self.combiner} | of_final(self.sampler, self.reuse)
+        return {"combiner": self.combiner} | final_settings(self.sampler, self.reuse)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return the weight of each pixel, from the pilot at each weight w_i."""

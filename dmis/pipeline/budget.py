@@ -13,19 +13,21 @@ LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
 
 
-def divided(samples: int, shading_samples: int, split: float) -> tuple[int, int]:
-    """Camera samples and shading samples of each for a budget of `samples` camera samples with `shading_samples` each,
-    if they are to have `split` times as many: the numbers near these that use the most of the budget, and no more.
+def split_budget(samples: int, shading_samples: int, factor: float) -> tuple[int, int]:
+    """Return the numbers of camera samples and of shading samples of each, for `factor` times the `shading_samples`.
+
+    The budget is `samples` camera samples with `shading_samples` each. Of the whole numbers nearest to
+    ``samples / factor`` and ``factor shading_samples`` those are taken that use the most of it, and no more.
     """
-    found = []
-    for n in {max(1, math.floor(samples / split)), max(1, math.ceil(samples / split))}:
-        each = max(1, min(samples * shading_samples // n, MOST))
-        found.append((-n * each, abs(each - shading_samples * split), n, each))
-    return min(found)[2:]
+    candidates = []
+    for n in {max(1, math.floor(samples / factor)), max(1, math.ceil(samples / factor))}:
+        of_each = max(1, min(samples * shading_samples // n, MOST))
+        candidates.append((-n * of_each, abs(of_each - shading_samples * factor), n, of_each))
+    return min(candidates)[2:]
 
 
 def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
-    """Whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2, int32.
+    """Return whole numbers of camera samples in proportion to `share` ``(H, W)``, `spp` on average, at least 2, int32.
 
     Numbers are from `LEVELS`, so that pixels can be rendered together; systematic rounding with a random offset
     keeps their mean.
@@ -46,12 +48,12 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
     while high_scale * values[-1] > least and low_scale < (scale := (low_scale + high_scale) / 2) < high_scale:
         enough = np.clip(values * scale, least, most) @ pixels >= spp * share.size
         low_scale, high_scale = (low_scale, scale) if enough else (scale, high_scale)
-    out = np.empty(share.shape, np.int32)
+    samples = np.empty(share.shape, np.int32)
     passed = rng.random()
-    for row, found in zip(share, out, strict=True):
+    for row, row_samples in zip(share, samples, strict=True):
         wanted = np.clip(row.astype(float) * high_scale, least, most)
         low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
         steps = np.cumsum(np.append(passed, (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])))
-        found[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
+        row_samples[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
         passed = steps[-1]
-    return out
+    return samples

@@ -17,17 +17,17 @@ import numpy as np
 from dmis import __version__
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator import technique
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import MOST, Settings, resolve_auto
+from dmis.estimator.technique import technique_by_name
 from dmis.fit import control_variate
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, settle
-from dmis.pipeline.budget import LEVELS, divided, whole_samples
+from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, merge_settings
+from dmis.pipeline.budget import LEVELS, split_budget, whole_samples
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.samplers.streams import stream
@@ -108,7 +108,7 @@ class Job:
         rule = default_rule(spp, settings) if rule is None else rule
         rule_text = rule if isinstance(rule, str) else repr(rule)
         rule = make_rule(rule)
-        settings = resolve_auto(settle(rule, rule_text, settings), float32_scene)
+        settings = resolve_auto(merge_settings(rule, rule_text, settings), float32_scene)
         if settings.reuse_pilot is None:
             settings = replace(settings, reuse_pilot=settings.sampler == "independent")
         _check_rule(rule, rule_text, settings)
@@ -181,7 +181,9 @@ class Job:
         """Return the final pass that the rule fits to the `pilot`, the whole samples of its budget included."""
         settings = self.settings
         controlled = combiner_by_name(settings.combiner).control_variate
-        fit = self.rule.fit({w: control_variate.without(p) for w, p in pilot.items()} if controlled else pilot)
+        fit = self.rule.fit(
+            {w: control_variate.without_control_sums(p) for w, p in pilot.items()} if controlled else pilot
+        )
         height_width = self.scene.camera.resolution[::-1]
         check_fit(fit, height_width, len(settings.techniques))
         shares = fit.shares
@@ -189,8 +191,8 @@ class Job:
         share_range = combiner_by_name(combiner).share_range
         if share_range != (0, 1):
             shares = shares_of(np.clip(shares[0], *share_range))
-        mean_spp, shading_samples = divided(self.final_spp, settings.shading_samples, fit.split)
-        fit = replace(fit, split=shading_samples / settings.shading_samples)
+        mean_spp, shading_samples = split_budget(self.final_spp, settings.shading_samples, fit.shading_factor)
+        fit = replace(fit, shading_factor=shading_samples / settings.shading_samples)
         samples: Array | int = mean_spp
         if fit.samples is not None:
             samples = whole_samples(np.asarray(fit.samples), mean_spp, stream(self.seed, len(pilot), 2**31))
@@ -242,24 +244,25 @@ def default_rule(spp: int, settings: Settings) -> Rule | str:
 
 
 def _check_rule(rule: Rule, rule_text: str, settings: Settings) -> None:
-    """Refuse a rule that does not go with the techniques or the allocation of the settings, by a ValueError."""
+    """Raise a ValueError if the rule is incompatible with the techniques or the allocation of the settings."""
     if len(settings.techniques) > 2 and not rule.multi_technique:
         raise ValueError(
-            f"rule {rule_text} divides samples between two techniques; got {', '.join(settings.techniques)}, which "
-            f"rule simplex divides them between"
+            f"rule {rule_text} needs two techniques; got {len(settings.techniques)}: {', '.join(settings.techniques)}. "
+            f"Use rule simplex:{'+'.join(settings.techniques)}"
         )
     if rule.statistic is not None and not rule.multi_technique and not _densities_known(settings):
+        without = [name for name in settings.techniques if not technique_by_name(name).exact]
         raise ValueError(
-            f"rule {rule_text} learns from densities, and that of technique resampled is not known; rules that learn "
-            f"from variances, such as thesis, and fixed weights do without"
+            f"rule {rule_text} needs the pdf of every technique, but {', '.join(map(repr, without))} has none. Use "
+            f"thesis or fixed weights"
         )
     if rule.statistic is not None and settings.allocation == "random":
         raise ValueError(
-            f"rule {rule_text} learns variances at shares that are kept, and allocation random keeps none; rules that "
-            f"gather no statistic, such as thesis, and fixed weights go with it"
+            f"rule {rule_text} needs allocation systematic, because it learns variances at fixed shares; got random. "
+            f"Use thesis or fixed weights, which go with it"
         )
 
 
 def _densities_known(settings: Settings) -> bool:
-    """Return whether every technique has a density that is known exactly."""
-    return all(technique.find(name).exact for name in settings.techniques)
+    """Return whether the pdf of every technique is known."""
+    return all(technique_by_name(name).exact for name in settings.techniques)

@@ -94,7 +94,7 @@ class Passes:
         if job.rule.needs_features:
             features, rays = guides(job.scene)
             self.rays["guide"] += rays
-            pilot = {w: replace(p, guides=features) for w, p in pilot.items()}
+            pilot = {w: replace(p, features=features) for w, p in pilot.items()}
             release(self._pixels)
         return pilot
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator.cost import UNSEEN
+from dmis.estimator.cost import UNTRACED
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule
 from dmis.pipeline.executor import Parallel
@@ -111,9 +111,9 @@ def _result(
     counts: tuple[Mapping[str, int], Mapping[str, int]],
 ) -> Result:
     """Return the result of a job; `counts` are all rays and those of the pilot, by kind."""
-    rays = {kind: number for kind, number in counts[0].items() if kind != UNSEEN}
+    rays = {kind: number for kind, number in counts[0].items() if kind != UNTRACED}
     shape = image[0].shape[:2]
-    samples = job.spp - job.final_spp + np.float32(final.fit.split) * np.asarray(final.samples, np.float32)
+    samples = job.spp - job.final_spp + np.float32(final.fit.shading_factor) * np.asarray(final.samples, np.float32)
     described = job.without_tables()
     of_image = {"combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
     stages = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))

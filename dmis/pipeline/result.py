@@ -63,7 +63,7 @@ class Result:
         Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
         ``shadow`` (of light samples), ``brdf``, ``uniform``, ``resampled``, ``delta`` (towards lights of a single
         direction), ``specular`` (through mirrors and glass), ``bounce 1``, ``bounce 2``, ... (of paths that went on
-        from so many surfaces); ``guide``, towards what a rule's filter is guided by.
+        from so many surfaces); ``guide``, of the feature buffers that a rule's filter compares.
     maps
         Diagnostics of the rule.
     describe

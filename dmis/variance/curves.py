@@ -138,7 +138,7 @@ class Curves:
         self._pilot[pixels] += scale / self._s * sum(light.pilot_variance() for light in lights)
 
     def sums(self) -> dict[str, Array]:
-        """Return the sums per pixel that `dmis.fit.curve_minimum.Pooled` averages over patches.
+        """Return the sums per pixel that `dmis.fit.curve_minimum.PatchCurves` averages over patches.
 
         ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, Var_y(D) as ``pattern`` ``(G, P)``,
         and Var_y(I) as ``position`` ``(P,)``. If there are several combiners, all but ``position`` have one more axis

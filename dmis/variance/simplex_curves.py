@@ -10,7 +10,7 @@ the value ``Y_k = f F_k / p_w``, ``p_w = sum_j w_j p_j``. F_k is 1, except for t
 
 a shading sample has the variance ``M2 - sum_k w_k m_k^2`` at a point y, if the numbers of samples are fixed: the
 variance within each technique, which is ``M2 - I^2 - w (1 - w) D^2`` for two. A camera sample takes the mean of S of
-them, n_k of technique k, where n_k is rounded up or down (`dmis.estimator.allocation.rounding`), so that
+them, n_k of technique k, where n_k is rounded up or down (`dmis.estimator.allocation.rounding_covariance`), so that
 
     V(w) = Var_y(I) + E_y[M2 - sum_k w_k m_k^2] / S + sum_kl cov(n_k, n_l) / S^2 Cov_y(m_k, m_l).
 
@@ -105,7 +105,7 @@ class SimplexCurves:
         self._exact, self._s = exact, shading_samples // len(exact)
         self._shares, _ = grid(len(exact))
         # cov(n_k, n_l) / S^2 of each point, as a sum of v v^T
-        self._rounding = [_projections(allocation.rounding(shares, self._s)) for shares in self._shares.T]
+        self._rounding = [_projections(allocation.rounding_covariance(shares, self._s)) for shares in self._shares.T]
         self._n = 0
         self._curve, self._pattern, self._second = np.zeros((3, self._shares.shape[1], pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)

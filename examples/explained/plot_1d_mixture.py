@@ -19,7 +19,7 @@ from common import options
 
 from dmis import plot
 from dmis.estimator.records import Record
-from dmis.fit.objectives import NAMES, objective
+from dmis.fit.objectives import OBJECTIVE_NAMES, objective
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, Curves
 
@@ -99,7 +99,7 @@ def relative(name):
     return float(np.clip(objective(name).solve(means, (1.0, 1.0)), 0, 1)[0, 0])
 
 
-answers = {"second-moment": float(learned), "thesis": vertex, **{name: relative(name) for name in NAMES}}
+answers = {"second-moment": float(learned), "thesis": vertex, **{name: relative(name) for name in OBJECTIVE_NAMES}}
 print(f"best w = {best:.2f}, variance {truth.min():.4f}; at w = 1/2: {variance(0.5):.4f}")
 for name, share in answers.items():
     print(f"{name:18} w = {share:.3f}, variance / that of w = 1/2: {variance(share) / variance(0.5):.3f}")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dmis.estimator.cost import CAMERA, RAY, SHADING, camera_sample
+from dmis.estimator.cost import CAMERA, RAY, SHADING, camera_sample_cost
 
 W = np.array([0, 0.3, 1])
 SHARES = np.stack([W, 1 - W])
@@ -15,7 +15,7 @@ def test_only_rays_of_techniques_depend_on_the_weight() -> None:
     rays = {"camera": 100, "shadow": 150, "brdf": 20, "delta": 100}
     light, brdf = SHADING + 0.75 * RAY, SHADING + 0.1 * RAY
     expected = CAMERA + SHADING + RAY + 2 * (W * light + (1 - W) * brdf)
-    np.testing.assert_allclose(camera_sample(rays, SHARES), expected)
+    np.testing.assert_allclose(camera_sample_cost(rays, SHARES), expected)
 
 
 def test_points_cost() -> None:
@@ -23,4 +23,4 @@ def test_points_cost() -> None:
     rays = {"camera": 100, "shadow": 150, "brdf": 20}
     for further in ({"bounce 1": 70, "bounce 2": 30}, {"specular": 100}):
         more = {"camera": 100, "shadow": 300, "brdf": 40, **further}
-        np.testing.assert_allclose(camera_sample(more, SHARES), 2 * camera_sample(rays, SHARES))
+        np.testing.assert_allclose(camera_sample_cost(more, SHARES), 2 * camera_sample_cost(rays, SHARES))

@@ -8,7 +8,7 @@ from helpers import LEVEL, Z_LIMIT, chi2_p, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.estimator.allocation import Counts, allocate, rounding, shares_of
+from dmis.estimator.allocation import Counts, allocate, rounding_covariance, shares_of
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.mis import balance, cutoff, maximum, power
 from dmis.fit.registry import make_rule
@@ -417,17 +417,19 @@ def test_whole_shares_are_numbers() -> None:
 @each_shares
 @pytest.mark.parametrize("shading_samples", [2, 3])
 def test_covariance_of_rounding(w: tuple[float, ...], shading_samples: int) -> None:
-    """What `rounding` says of the counts of a camera sample, in the middle of its pixel, is what they show."""
+    """`rounding_covariance` is the covariance of the counts of a camera sample, in the middle of its pixel."""
     offset = np.random.default_rng(16).random((len(w) - 1, 100_000))
     counts = divide(np.repeat(np.array(w)[:, None], 100_000, axis=1), shading_samples, 5, 1, offset)
     each = np.array([*counts.per_technique, shading_samples - sum(counts.per_technique)])
-    np.testing.assert_allclose(np.cov(each) / shading_samples**2, rounding(w, shading_samples), atol=2e-3)
+    np.testing.assert_allclose(np.cov(each) / shading_samples**2, rounding_covariance(w, shading_samples), atol=2e-3)
 
 
 def test_rounding_of_two() -> None:
     """With the fractional part p of ``w S``: p (1 - p) / S^2."""
-    np.testing.assert_allclose(rounding((0.4, 0.6), 2), 0.8 * 0.2 / 4 * np.array([[1, -1], [-1, 1]]), atol=1e-12)
-    np.testing.assert_allclose(rounding((0.5, 0.5), 2), 0, atol=1e-12)
+    np.testing.assert_allclose(
+        rounding_covariance((0.4, 0.6), 2), 0.8 * 0.2 / 4 * np.array([[1, -1], [-1, 1]]), atol=1e-12
+    )
+    np.testing.assert_allclose(rounding_covariance((0.5, 0.5), 2), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

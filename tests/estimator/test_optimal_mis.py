@@ -10,7 +10,7 @@ from helpers import Z_LIMIT, pixel_shares, z_score
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import allocate
-from dmis.estimator.optimal_mis import LEAST, STAGES, Optimal, Progressive, slot
+from dmis.estimator.optimal_mis import MIN_SAMPLES_TO_FIT, STAGES, Optimal, Progressive, slot
 from dmis.estimator.records import Record
 from dmis.fit.rule import Fit
 from dmis.geometry.shapes import quad
@@ -63,7 +63,7 @@ def test_consistent(missed: float) -> None:
     assert answer.std() < plain.std()
 
 
-@pytest.mark.parametrize("w, n", [(0.0, 64), (1.0, 64), (0.5, 2 * LEAST - 2), (0.1, 40)])
+@pytest.mark.parametrize("w, n", [(0.0, 64), (1.0, 64), (0.5, 2 * MIN_SAMPLES_TO_FIT - 2), (0.1, 40)])
 def test_balance_where_the_fit_is_not_possible(w: float, n: int) -> None:
     """A technique without samples, or with too few: no correction."""
     optimal = Optimal(pixel_shares(w), np.full(PIXELS, n))
@@ -150,7 +150,7 @@ def test_progressive_is_exact_after_the_first_fit() -> None:
 
 def test_progressive_without_enough_samples() -> None:
     """Fewer than 8 of each technique before the last stage: no correction."""
-    plain, combined = staged(Progressive, lambda x: x, 0.5, LEAST, 0.0, pixels=100)
+    plain, combined = staged(Progressive, lambda x: x, 0.5, MIN_SAMPLES_TO_FIT, 0.0, pixels=100)
     np.testing.assert_array_equal(combined, plain)
 
 

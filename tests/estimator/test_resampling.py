@@ -49,7 +49,9 @@ def test_what_needs_densities_is_refused() -> None:
     """Their stand-in would make wrong curves and wrong controls; the default rule goes back to balance."""
     settings = Settings(techniques=("resampled", "brdf"))
     scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(8, 8))
-    with pytest.raises(ValueError, match="rule second-moment learns from densities"):
+    with pytest.raises(
+        ValueError, match="rule second-moment needs the pdf of every technique, but 'resampled' has none"
+    ):
         dmis.render(scene, "second-moment", 16, settings=settings)
     for combiner in ("optimal", "optimal-progressive", "controlled"):
         with pytest.raises(ValueError, match=f"combiner {combiner} needs densities that are known"):

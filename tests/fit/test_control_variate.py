@@ -11,7 +11,7 @@ from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Record
-from dmis.fit.control_variate import NAMES, WEIGHTS, Controls, coefficients
+from dmis.fit.control_variate import SUM_NAMES, WEIGHTS, Controls, coefficients
 from dmis.fit.rule import Pilot
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.variance.moments import Moments
@@ -119,9 +119,9 @@ def test_coefficients() -> None:
 
 def test_black_pilot() -> None:
     """Where nothing was seen there is no control; nor where the techniques never meet."""
-    zeros = {name: np.zeros((3 if name == NAMES[2] else len(WEIGHTS), 64)) for name in NAMES}
+    zeros = {name: np.zeros((3 if name == SUM_NAMES[2] else len(WEIGHTS), 64)) for name in SUM_NAMES}
     assert not coefficients(pilot(zeros, (8, 8)), shares_of(0.5)).any()
-    apart = {**zeros, NAMES[0]: zeros[NAMES[0]] + 1, NAMES[2]: zeros[NAMES[2]] + 1}
+    apart = {**zeros, SUM_NAMES[0]: zeros[SUM_NAMES[0]] + 1, SUM_NAMES[2]: zeros[SUM_NAMES[2]] + 1}
     assert not coefficients(pilot(apart, (8, 8)), shares_of(0.5)).any()
 
 

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.records import Record
-from dmis.fit.objectives import NAMES, objective
+from dmis.fit.objectives import OBJECTIVE_NAMES, objective
 
 N = 400_000
 X = (np.arange(200_000) + 0.5) / 200_000
@@ -160,7 +160,7 @@ def _linear(records: list[Record], n: int) -> float:
     return float(objective("linear").solve(_sums(records, n), (1.0, 1.0)))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", OBJECTIVE_NAMES)
 def test_nothing_seen(name: str) -> None:
     """Black patches stay at 1/2."""
     statistic = objective(name).statistic(4, 2)
@@ -169,7 +169,7 @@ def test_nothing_seen(name: str) -> None:
     assert objective(name).solve(black, (1.0, 1.0))[0, 0] == 0.5
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", OBJECTIVE_NAMES)
 def test_rules_render(box: dmis.Scene, name: str) -> None:
     """Each is a rule: weights within [0, 1], not all at 1/2, where all have an opinion."""
     result = dmis.render(box, name, 16, seed=1)

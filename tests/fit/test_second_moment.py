@@ -9,12 +9,12 @@ import pytest
 from planted import PLAIN, pilot_of_curves
 
 import dmis
-from dmis.estimator.cost import camera_sample
-from dmis.fit.curve_minimum import weighed
+from dmis.estimator.cost import camera_sample_cost
+from dmis.fit.curve_minimum import cost_weighted
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import Pilot
-from dmis.fit.second_moment import Learned
-from dmis.pipeline.budget import LEVELS, divided, whole_samples
+from dmis.fit.second_moment import SecondMoment
+from dmis.pipeline.budget import LEVELS, split_budget, whole_samples
 from dmis.variance.curves import GRID, GRID_SHARES
 
 
@@ -24,7 +24,7 @@ def test_memory_of_a_fit() -> None:
     guide = {"normal": np.zeros((3, 96, 96), np.float32), "material": np.ones((1, 96, 96), np.float32)}
     size = sum(a.nbytes for a in found[0.5].sums.values())
     both = {name: a if name == "position" else np.stack([a, a]) for name, a in found[0.5].sums.items()}
-    found = {0.5: replace(found[0.5], sums=both, guides=guide)}
+    found = {0.5: replace(found[0.5], sums=both, features=guide)}
     rule = make_rule("auto:split=no,combiner=balance+power")
     rule.fit(found)
     tracemalloc.start()
@@ -38,7 +38,7 @@ def test_memory_of_a_fit() -> None:
 def test_planted_minimum(g: int) -> None:
     """Every weight of the grid is found where the curve has its minimum there."""
     curve = ((GRID - GRID[g]) ** 2 + 0.1)[:, None, None]
-    fit = Learned(**PLAIN).fit(pilot_of_curves(curve))
+    fit = SecondMoment(**PLAIN).fit(pilot_of_curves(curve))
     np.testing.assert_array_equal(fit.weight, GRID[g])
 
 
@@ -48,7 +48,7 @@ def test_patches_take_the_minimum_of_their_mean(patch: int) -> None:
     rng = np.random.default_rng(1)
     curve = rng.random((len(GRID), 8, 8)) + 1
     curve[[1, -2]] += 1  # so that the ends are good for the image
-    fit = Learned(patch=patch, **PLAIN).fit(pilot_of_curves(curve))
+    fit = SecondMoment(patch=patch, **PLAIN).fit(pilot_of_curves(curve))
     k = min(patch // 4, 8)
     mean = curve.reshape(len(GRID), 8 // k, k, 8 // k, k).mean(axis=(2, 4))
     np.testing.assert_array_equal(fit.maps["patch"], GRID[mean.argmin(axis=0)])
@@ -61,7 +61,7 @@ def test_guard() -> None:
     curve = np.where(GRID == 1, 1 - gain, 1.0)[:, None, None]
     noise = gain / 3 * np.sqrt(15)  # 16 pixels; the standard error divides by 15
     for guard, weight in ((2.0, 1.0), (4.0, 0.5)):
-        fit = Learned(**{**PLAIN, "guard": guard}).fit(pilot_of_curves(curve, noise))
+        fit = SecondMoment(**{**PLAIN, "guard": guard}).fit(pilot_of_curves(curve, noise))
         np.testing.assert_array_equal(fit.weight, weight)
 
 
@@ -72,7 +72,7 @@ def test_filtering_makes_surer() -> None:
     curve = np.where(GRID == 1, 0.9, 1.0)[:, None, None]
     noise = 0.1 * np.sqrt(15)  # one standard error in one patch
     alone, shared = (
-        Learned(filter=f, shrink=False, cost=False, guard=2.0).fit(pilot_of_curves(curve, noise))
+        SecondMoment(filter=f, shrink=False, cost=False, guard=2.0).fit(pilot_of_curves(curve, noise))
         for f in ("none", "gaussian")
     )
     assert np.all(alone.weight == 0.5)
@@ -84,12 +84,12 @@ def test_cost_moves_the_minimum() -> None:
     than in bright ones, because the image has one number of samples everywhere.
     """
     rays = {"camera": 100, "shadow": 100, "brdf": 0}
-    assert (np.diff(camera_sample(rays, GRID_SHARES)) > 0).all()
+    assert (np.diff(camera_sample_cost(rays, GRID_SHARES)) > 0).all()
     bowl = ((GRID - GRID[9]) ** 2 + 0.2)[:, None, None]
     curve = bowl * np.where(np.arange(8) < 2, 1.0, 1e-2)  # columns of patches; too few are bright to be filtered away
     found = pilot_of_curves(curve)
     found[0.5] = Pilot(found[0.5].moments, rays, found[0.5].sums)
-    plain, costly = (Learned(**{**PLAIN, "cost": cost}).fit(found).maps["patch"] for cost in (False, True))
+    plain, costly = (SecondMoment(**{**PLAIN, "cost": cost}).fit(found).maps["patch"] for cost in (False, True))
     np.testing.assert_array_equal(plain, GRID[9])
     assert np.all(costly[:, :2] <= plain[:, :2]) and np.all(costly[:, 2:] < costly[:, :1])
 
@@ -99,7 +99,7 @@ def test_cheap_is_not_sure() -> None:
     found = pilot_of_curves(np.ones((len(GRID), 1, 1)))
     found[0.5] = Pilot(found[0.5].moments, {"camera": 100, "shadow": 100, "brdf": 0}, found[0.5].sums)
     for counts in (False, True):
-        assert np.all(Learned(guard=0.0, counts=counts).fit(found).weight == 0.5)
+        assert np.all(SecondMoment(guard=0.0, counts=counts).fit(found).weight == 0.5)
 
 
 @pytest.mark.parametrize("uniform", [True, False])
@@ -115,14 +115,14 @@ def test_objectives_are_least_for_the_image(uniform: bool) -> None:
     total = v.sum(axis=1) * c.sum(axis=1) if uniform else np.sqrt(v * c).sum(axis=1) ** 2
     best = every[total.argmin()]
     price = v[total.argmin()].sum() / c[total.argmin()].sum() if uniform else None
-    np.testing.assert_array_equal(weighed(variance, cost, price).argmin(axis=0), best)
+    np.testing.assert_array_equal(cost_weighted(variance, cost, price).argmin(axis=0), best)
 
 
 def test_ends_are_for_images_that_like_them() -> None:
     """A patch that would leave a technique out stops short of it where the image as a whole fares badly there."""
     inner, outer = (np.abs(GRID - g) + 0.1 for g in (0.5, 1.0))
     curve = np.where(np.arange(8) < 2, outer[:, None, None], inner[:, None, None])
-    weight = np.broadcast_to(Learned(**PLAIN).fit(pilot_of_curves(curve)).weight, (32, 32))
+    weight = np.broadcast_to(SecondMoment(**PLAIN).fit(pilot_of_curves(curve)).weight, (32, 32))
     assert (weight[:, :8] == GRID[-2]).all() and (weight[:, 8:] == 0.5).all()
 
 
@@ -132,15 +132,15 @@ def test_split(shared: float, times: float) -> None:
     found = pilot_of_curves(np.ones((len(GRID), 8, 8)))[0.5]
     found = replace(found, sums={**found.sums, "position": np.full((8, 8), shared * 16)})
     for counts in (False, True):
-        assert Learned(split=True, counts=counts).fit({0.5: found}).split == times
-        assert Learned(split=False, counts=counts).fit({0.5: found}).split == 1
-    variance = Learned(split=True, filter="none", shrink=False).fit({0.5: found}).maps["variance"]
+        assert SecondMoment(split=True, counts=counts).fit({0.5: found}).shading_factor == times
+        assert SecondMoment(split=False, counts=counts).fit({0.5: found}).shading_factor == 1
+    variance = SecondMoment(split=True, filter="none", shrink=False).fit({0.5: found}).maps["variance"]
     np.testing.assert_allclose(variance, shared + 1 / times)
 
 
 def test_black_patches_stay_at_one_half() -> None:
     """Where nothing was seen there is no reason to leave."""
-    fit = Learned(counts=True).fit(pilot_of_curves(np.zeros((len(GRID), 1, 1))))
+    fit = SecondMoment(counts=True).fit(pilot_of_curves(np.zeros((len(GRID), 1, 1))))
     np.testing.assert_array_equal(fit.weight, 0.5)
     assert fit.samples is not None and np.ptp(fit.samples) == 0
 
@@ -149,11 +149,11 @@ def test_numbers_of_samples() -> None:
     """In proportion to the square root of the variance over cost, not below the floor."""
     curve = np.ones((len(GRID), 8, 8))
     curve[:, :, :4] = 9
-    fit = Learned(counts=True, **PLAIN).fit(pilot_of_curves(curve))
+    fit = SecondMoment(counts=True, **PLAIN).fit(pilot_of_curves(curve))
     assert fit.samples is not None
     assert fit.samples[0, 0] / fit.samples[0, -1] == pytest.approx(3)
     curve[:, :, 4:] = 0
-    fit = Learned(counts=True, floor=0.2, **PLAIN).fit(pilot_of_curves(curve))
+    fit = SecondMoment(counts=True, floor=0.2, **PLAIN).fit(pilot_of_curves(curve))
     assert fit.samples is not None
     assert fit.samples[0, -1] / fit.samples[0, 0] == pytest.approx(0.2 * 1.5 / 3)
 
@@ -206,7 +206,7 @@ def test_splits_stay_in_the_budget(rule: str, spp: int) -> None:
 def test_budgets_are_divided(shading_samples: int, split: float) -> None:
     """Not exceeded, nearly used, and about as asked for; exactly where that divides the budget."""
     for samples in range(1, 300):
-        n, each = divided(samples, shading_samples, split)
+        n, each = split_budget(samples, shading_samples, split)
         budget = samples * shading_samples
         assert 1 <= n and 1 <= each <= 100 and budget - n < n * each <= budget
         if samples >= 2 * split:

@@ -2,16 +2,17 @@
 
 from copy import deepcopy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array
-from dmis.fit.curve_minimum import Pooled
+from dmis.fit.curve_minimum import PatchCurves
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import Pilot
-from dmis.fit.shrinkage import shrink
+from dmis.fit.shrinkage import shrink_in_place
 from dmis.variance.curves import GRID, HALF
 from dmis.variance.moments import Moments
 
@@ -19,7 +20,7 @@ SHAPE = (24, 24)
 PIXELS = 16
 
 
-def planted(best: Array | float, noise: float, seed: int = 1, spread: float = 2.0) -> tuple[Pooled, Array]:
+def planted(best: Array | float, noise: float, seed: int = 1, spread: float = 2.0) -> tuple[PatchCurves, Array]:
     """Noisy curves of patches whose brightness varies over orders of magnitude, and the true ones.
 
     The true curves are parabolas about the weights `best`, 1 at w = 1/2 for the same shape everywhere; `noise` is the
@@ -31,16 +32,21 @@ def planted(best: Array | float, noise: float, seed: int = 1, spread: float = 2.
     normal = rng.normal(size=(*true.shape, PIXELS))
     pixels = true[..., None] + noise * np.sqrt(PIXELS) * true[HALF, :, :, None] * normal
     curve, cross = pixels.mean(axis=-1), (pixels * pixels[HALF]).mean(axis=-1)
-    return Pooled(
+    return PatchCurves(
         curve, (pixels**2).mean(axis=-1), cross, np.zeros_like(cross), np.zeros(SHAPE), np.full(SHAPE, float(PIXELS))
     ), true
 
 
-def minima(curves: Pooled) -> Array:
+def shrink(curves: PatchCurves, kinds: Array | None = None, **change: Any) -> PatchCurves:
+    """Shrunk copies of the curves."""
+    return shrink_in_place(deepcopy(curves), kinds, **change)
+
+
+def minima(curves: PatchCurves) -> Array:
     return GRID[curves.curve.argmin(axis=0)]
 
 
-def error(curves: Pooled, true: Array) -> float:
+def error(curves: PatchCurves, true: Array) -> float:
     """Root mean square of the errors of the shapes, given the scale V(1/2), relative to the true one."""
     return float(np.sqrt(np.mean((curves.curve / true[HALF] - curves.curve[HALF] * true / true[HALF] ** 2) ** 2)))
 
@@ -138,13 +144,13 @@ def test_negative_and_black_patches() -> None:
     assert minima(shrunk)[0, 0] == np.float32(0.27)
     assert (shrunk.curve[:, 1, 1] == 0).all() and np.isfinite(shrunk.square).all()
     black = np.zeros_like(curve)
-    assert (shrink(Pooled(black, black, black, black, black[0], curves.pixels)).curve == 0).all()
+    assert (shrink(PatchCurves(black, black, black, black, black[0], curves.pixels)).curve == 0).all()
 
 
 def test_one_patch_is_its_own_image() -> None:
     """Nothing to learn from."""
     curves, _ = planted(0.27, 0.05)
-    one = Pooled(**{name: a[..., :1, :1] for name, a in vars(curves).items() if name != "half"})
+    one = PatchCurves(**{name: a[..., :1, :1] for name, a in vars(curves).items() if name != "baseline"})
     np.testing.assert_allclose(shrink(one).curve, np.where(one.curve[HALF] > 0, one.curve, 0), rtol=1e-9)
 
 
@@ -156,7 +162,7 @@ def test_every_filter(filter_: str) -> None:
     sums = {name: getattr(curves, name) * PIXELS for name in names}
     side = 4 * SHAPE[0]
     moments = Moments(6, np.ones((side, side, 3)), np.ones((side, side, 3)))
-    pilot = {0.5: Pilot(moments, {"camera": 100}, sums, guides={"normal": np.zeros((3, *SHAPE))})}
+    pilot = {0.5: Pilot(moments, {"camera": 100}, sums, features={"normal": np.zeros((3, *SHAPE))})}
     weight = make_rule(f"second-moment:combiner=balance,cost=no,guard=0,shrink=yes,filter={filter_}").fit(pilot).weight
     assert np.mean(weight == np.float32(0.27)) > 0.95
 
@@ -166,11 +172,11 @@ def test_some_rows_at_a_time(kinds: bool, monkeypatch: pytest.MonkeyPatch) -> No
     """Neither how many nor where the result is written makes a difference; what is changed first is changed once."""
     curves, _ = planted(0.27, 0.1)
     of = np.random.default_rng(3).dirichlet(np.ones(3), SHAPE).transpose(2, 0, 1) if kinds else None
-    found = shrink(curves, of, lambda part: part.split(2, 4))
+    found = shrink(curves, of, change=lambda part: part.with_shading_samples(2, 4))
     copy = deepcopy(curves)
     monkeypatch.setattr("dmis.fit.shrinkage.row_blocks", lambda rows: row_blocks(rows, 5))
-    shrink(copy, of, lambda part: part.split(2, 4), in_place=True)
-    whole = shrink(curves.split(2, 4), of)
+    assert shrink_in_place(copy, of, lambda part: part.with_shading_samples(2, 4)) is copy
+    whole = shrink(curves.with_shading_samples(2, 4), of)
     for name in ("curve", "square", "cross"):
         np.testing.assert_allclose(getattr(found, name), getattr(whole, name), rtol=1e-9)
         np.testing.assert_allclose(getattr(copy, name), getattr(whole, name), rtol=1e-9)
@@ -178,5 +184,5 @@ def test_some_rows_at_a_time(kinds: bool, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_it_needs_curves() -> None:
     """Other objectives have none."""
-    with pytest.raises(ValueError, match="shrink needs variances, which the objective kl does not"):
+    with pytest.raises(ValueError, match="shrink needs variances, which objective kl does not"):
         make_rule("kl:shrink=yes")

@@ -14,14 +14,14 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import plastic
 from dmis.estimator.allocation import allocate
-from dmis.estimator.cost import RAY, RESAMPLED, SHADING, camera_sample
+from dmis.estimator.cost import RAY, RESAMPLED, SHADING, camera_sample_cost
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.experiment.compare import parse_rules
-from dmis.fit.curve_minimum import Pooled, least
+from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.simplex import Simplex, allowed, cheapest
+from dmis.fit.simplex import Simplex, allowed_points, best_points
 from dmis.light.area import SphereLight
 from dmis.variance.curves import GRID, Curves
 from dmis.variance.simplex_curves import (
@@ -177,8 +177,8 @@ def test_grid(techniques: int) -> None:
     assert (shares[:, inside] > 0).all() and (shares[:, inside] >= SMALLEST_SHARE - 1e-12).all()
     np.testing.assert_allclose(shares[:, inside], np.where(shares == 0, SMALLEST_SHARE, shares[:, inside]))
     curve = np.where((shares == 0).any(axis=0), 2.0, 1.0)
-    np.testing.assert_array_equal(allowed(curve, inside), (shares > 0).all(axis=0))
-    assert allowed(1 / curve, inside).all()
+    np.testing.assert_array_equal(allowed_points(curve, inside), (shares > 0).all(axis=0))
+    assert allowed_points(1 / curve, inside).all()
 
 
 def test_home() -> None:
@@ -274,7 +274,7 @@ def test_cost_of_several_techniques() -> None:
     rays = {"camera": 100, "shadow": 150, "brdf": 20, "resampled": 200}
     shares, _ = grid(3)
     each = np.array([SHADING + 0.75 * RAY, SHADING + 0.1 * RAY, RESAMPLED + RAY])
-    found = camera_sample(rays, shares, 6, 2, ("light", "brdf", "resampled"))
+    found = camera_sample_cost(rays, shares, 6, 2, ("light", "brdf", "resampled"))
     np.testing.assert_allclose(found, 1 + 2 * each @ shares)
 
 
@@ -287,11 +287,13 @@ def test_the_price_is_that_of_the_minimum() -> None:
     cost = 1 + shares[2]
     for alone, taken in ((0.25, True), (0.55, False)):
         curve = np.broadcast_to((1 - (1 - alone) * shares[2])[:, None, None], (shares.shape[1], 2, 3))
-        curves = Pooled(curve, curve**2, curve * curve[at], np.zeros(()), np.zeros((2, 3)), np.full((2, 3), 1e9), at)
+        curves = PatchCurves(
+            curve, curve**2, curve * curve[at], np.zeros(()), np.zeros((2, 3)), np.full((2, 3), 1e9), at
+        )
         may = np.ones(shares.shape[1], bool)
-        found = cheapest(curves, cost, 1.5, may, np.full((2, 3), 16.0))
+        found = best_points(curves, cost, 1.5, may, np.full((2, 3), 16.0))
         assert (shares[2][found] == taken).all()
-        assert (least(curves, cost, 1.5, may, price=1.0) == at).all()  # that where it is not taken
+        assert (guarded_argmin(curves, cost, 1.5, may, price=1.0) == at).all()  # that where it is not taken
 
 
 # Texts --------------------------------------------------------------------------------------------------------------
@@ -343,7 +345,7 @@ def test_what_needs_two_techniques() -> None:
         Settings(techniques=("light",))
     scene = box_scene(resolution=(8, 8))
     for rule in ("thesis", "second-moment", None):
-        with pytest.raises(ValueError, match="divides samples between two techniques; got light, brdf, uniform"):
+        with pytest.raises(ValueError, match="needs two techniques; got 3: light, brdf, uniform"):
             dmis.render(scene, rule, 16, settings=Settings(techniques=three))
     with pytest.raises(ValueError, match="shading_samples must be even"):
         dmis.render(scene, "simplex", 16, settings=Settings(shading_samples=3))

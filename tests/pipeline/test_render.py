@@ -132,7 +132,7 @@ def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reuse
 def test_a_rules_sampler_is_not_replaced_unasked(box):
     """However another one is asked for."""
     for asked in ({"sampler": "stratified"}, {"settings": dmis.Settings(sampler="stratified")}):
-        with pytest.raises(ValueError, match=r"settings ask for sampler stratified, but rule .* has sobol"):
+        with pytest.raises(ValueError, match=r"conflicting sampler: Settings has 'stratified', rule .* uses 'sobol'"):
             dmis.render(box, "thesis:sampler=sobol", 8, **asked)
 
 
@@ -149,7 +149,7 @@ class Divided:
         return {"reuse_pilot": self.reuse}
 
     def fit(self, pilot):
-        return Fit(0.5, split=self.split)
+        return Fit(0.5, shading_factor=self.split)
 
 
 @pytest.mark.parametrize("split", [0.5, 1, 4])
@@ -394,7 +394,7 @@ class _Own:
         (Fit((0.5, 0.4)), "must add up to 1 over the techniques, .*; got sums from 0.9 to 0.9"),
         (Fit(0.5, samples=np.zeros((24, 32))), "samples must be finite, not negative, not all 0"),
         (Fit(0.5, samples=np.full((24, 32), np.inf)), "from inf to inf"),
-        (None, "must be a dmis.fit.rule.Fit; got NoneType"),
+        (None, "must be a dmis.Fit; got NoneType"),
     ],
 )
 def test_what_is_no_weight_is_refused(box, fit, message):
@@ -408,7 +408,7 @@ def test_what_is_no_weight_is_refused(box, fit, message):
     [
         (_Own(Fit(0.5), {2.0: 2}), "whole numbers of samples at shares in .0, 1.; got 2 at 2.0"),
         (_Own(Fit(0.5), {0.5: 1.5}), "got 1.5 at 0.5"),
-        (_Own(Fit(0.5), None, {"sampling": "sobol"}), "settings that dmis.Settings has; got 'sampling'"),
+        (_Own(Fit(0.5), None, {"sampling": "sobol"}), "must be fields of dmis.Settings; got 'sampling'"),
     ],
 )
 def test_rules_that_ask_for_what_there_is_not(box, rule, message):
@@ -420,7 +420,9 @@ def test_rules_that_ask_for_what_there_is_not(box, rule, message):
 @pytest.mark.parametrize("rule", ["balance", "auto", "thesis", "second-moment", "kl"])
 def test_settings_that_a_rule_would_replace(box, rule):
     """They would be ignored without a word."""
-    with pytest.raises(ValueError, match=f"settings ask for combiner maximum, but rule {rule} has balance"):
+    with pytest.raises(
+        ValueError, match=f"conflicting combiner: Settings has 'maximum', rule '?{rule}'? uses 'balance'"
+    ):
         dmis.render(box, rule, 32, settings=dmis.Settings(combiner="maximum"))
 
 

@@ -22,7 +22,7 @@ from dmis.brdf.models import ggx
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.estimator import path, trace
-from dmis.estimator.cost import UNSEEN
+from dmis.estimator.cost import UNTRACED
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
@@ -293,7 +293,7 @@ def test_pixels_that_see_nothing_are_not_traced(settings: dict[str, Any]) -> Non
     np.testing.assert_array_equal(results[0].moments.mean, results[1].moments.mean)
     np.testing.assert_array_equal(results[0].moments.m2, results[1].moments.m2)
     told = [result.rays for result in results]
-    assert told[0]["camera"] == few.rays and told[0]["camera"] + told[0][UNSEEN] == told[1]["camera"]
+    assert told[0]["camera"] == few.rays and told[0]["camera"] + told[0][UNTRACED] == told[1]["camera"]
     assert all(told[0][kind] == told[1][kind] for kind in ("shadow", "brdf"))
 
 
@@ -304,7 +304,7 @@ def test_rules_do_not_see_the_difference(rule: str) -> None:
     results = [dmis.render(one, rule, 16, seed=2, parallel=1) for one in (scene, everything(scene))]
     for name in ("image", "variance", "weight", "samples"):
         np.testing.assert_array_equal(getattr(results[0], name), getattr(results[1], name))
-    assert results[0].rays["camera"] < 0.7 * results[1].rays["camera"] and UNSEEN not in results[0].rays
+    assert results[0].rays["camera"] < 0.7 * results[1].rays["camera"] and UNTRACED not in results[0].rays
     crops = [one.crop((10, 35), (20, 60)) for one in (scene, everything(scene))]
     crops[1] = everything(crops[1])
     images = [dmis.render(one, rule, 16, seed=2, parallel=1).image for one in crops]

@@ -10,8 +10,8 @@ from planted import exact, f, pilot, unbiased
 import dmis
 from dmis.brdf.materials import matte, plastic
 from dmis.estimator.records import Record
-from dmis.fit.curve_minimum import Pooled
-from dmis.fit.second_moment import Learned
+from dmis.fit.curve_minimum import PatchCurves
+from dmis.fit.second_moment import SecondMoment
 from dmis.geometry.shapes import quad
 from dmis.light.area import QuadLight
 from dmis.scene.groups import Part
@@ -47,7 +47,7 @@ def test_curves_of_other_shading_samples() -> None:
     """The curve for S = 4 gives unbiased curves for 1, 2 and 12 shading samples."""
     sums = pilot(40_000, 4, seed=5, s=4).sums()
     for times in (0.25, 0.5, 3.0):
-        pixels = Pooled(**sums, pixels=np.ones(40_000)).split(times, 4)
+        pixels = PatchCurves(**sums, pixels=np.ones(40_000)).with_shading_samples(times, 4)
         for g in range(1, len(GRID) - 1):
             total, position = exact(float(GRID[g]), round(4 * times))
             assert unbiased(pixels.curve[g], total - position)
@@ -108,7 +108,7 @@ def test_curves_predict_paths() -> None:
     )
     room = box_scene(plastic(0.5, 0.3, 0.02), (lamp,), walls, resolution=(12, 12)).crop((4, 12), (0, 12))
     paths = dmis.Settings(integrator="path", max_depth=4)
-    rule = Learned(patch=32, spp=512, filter="none", shrink=False)
+    rule = SecondMoment(patch=32, spp=512, filter="none", shrink=False)
     predicted = np.mean(
         [dmis.render(room, rule, 513, seed=s, settings=paths).maps["variances"][:, 0, 0] for s in range(4)], axis=0
     )
@@ -120,10 +120,10 @@ def test_curves_predict_paths() -> None:
 
 
 def test_standard_error_of_the_gain() -> None:
-    """`Pooled.gain_error` from the sums over pixels agrees with the standard error computed from the pixels."""
+    """`PatchCurves.gain_error` from the sums over pixels agrees with the standard error computed from the pixels."""
     sums = pilot(500, 6, seed=4).sums()
     cost = np.linspace(1, 1.5, len(GRID))
-    pooled = Pooled(**{name: a.mean(axis=-1) for name, a in sums.items()}, pixels=np.array(500))
+    pooled = PatchCurves(**{name: a.mean(axis=-1) for name, a in sums.items()}, pixels=np.array(500))
     gain = sums["curve"] * cost[:, None] - sums["curve"][HALF] * cost[HALF]
     np.testing.assert_allclose(pooled.gain_error(cost), gain.std(axis=1, ddof=1) / np.sqrt(500), rtol=1e-5)
     assert pooled.gain_error(cost)[HALF] == pytest.approx(0, abs=1e-9)
@@ -154,11 +154,11 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
 
     Both are means over a part of the floor, where all variance comes from the shading samples.
     """
-    from dmis.fit.second_moment import Learned
+    from dmis.fit.second_moment import SecondMoment
     from dmis.pipeline.render import render
 
     floor = box.crop((18, 24), (0, 10))
-    rule = Learned(patch=32, spp=256, filter="none", shrink=False, combiner=combiner)
+    rule = SecondMoment(patch=32, spp=256, filter="none", shrink=False, combiner=combiner)
     fits = [render(floor, rule, 257, seed=s).maps["variances"].mean(axis=(1, 2)) for s in range(6)]
     predicted = np.mean(fits, axis=0)[list(GRID).index(np.float32(w))]
     images = np.array(
