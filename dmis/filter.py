@@ -12,11 +12,12 @@ MAX_TAPS = 1001
 """Largest number of taps on a side of a filter."""
 
 
-def gaussian(values: Array, sigma: float = 1.0, radius: int = 2) -> Array:
+def gaussian(values: Array, sigma: float = 1.0, radius: int = 2, weight: Array | None = None) -> Array:
     """Return a map filtered by a Gaussian of ``(2 radius + 1)^2`` taps: 5x5 by default, as in thesis Sec. 3.4.
 
     Edges repeat the outermost value, so constants stay constant. Entries that are not finite have the weight 0: they
-    are replaced by the mean of their neighbours, and stay as they are if no neighbour is finite.
+    are replaced by the mean of their neighbours, and stay as they are if no neighbour is finite. So are those of weight
+    0 (normalised convolution, Knutsson and Westin 1993).
 
     Parameters
     ----------
@@ -26,6 +27,8 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2) -> Array:
         Standard deviation in entries (the thesis does not give it).
     radius
         Half-width in entries.
+    weight
+        Weight of each entry in the averages, ``(H, W)``, not negative; None: all have the same.
     """
     from scipy.ndimage import gaussian_filter  # imported where used: it takes a third of a second
 
@@ -34,13 +37,16 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2) -> Array:
     if radius < 0:
         raise ValueError(f"radius must not be negative; got {radius}")
     values = np.asarray(values, np.float64)
-    present = np.isfinite(values)
+    count = np.isfinite(values).astype(np.float64)
+    if weight is not None:
+        count *= weight
     options = {"sigma": sigma, "radius": radius, "mode": "nearest"}
-    total = gaussian_filter(np.where(present, values, 0), **options)
-    if present.all():
+    # sum_q g(p - q) c_q x_q / sum_q g(p - q) c_q
+    total = gaussian_filter(np.where(count > 0, values, 0) * count, **options)
+    if (count == 1).all():
         return total
-    weight = gaussian_filter(present.astype(np.float64), **options)
-    return np.where(weight > 1e-12, total / np.maximum(weight, 1e-12), values)
+    norm = gaussian_filter(count, **options)
+    return np.where(norm > 1e-12, total / np.maximum(norm, 1e-12), values)
 
 
 def effective(shape: tuple[int, int], sigma: float = 1.0, radius: int = 2) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 from functools import partial
 from inspect import Parameter, signature
@@ -136,7 +136,7 @@ def make_rule(text: Rule | str | Any) -> Rule:
             f"dmis.register_rule adds one"
         )
     convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
-    types = _option_types(name, convert)
+    types, words = _option_types(name, convert), _option_words(name)
     if name in ("balance", "pbrt", "uniform"):
         types.pop("w")
     if name in _SHIPPED:
@@ -152,23 +152,35 @@ def make_rule(text: Rule | str | Any) -> Rule:
             known = f"the options {', '.join(types)}" if types else "no options"
             raise ValueError(f"rule {name} has {known}; got {key!r}")
         try:
-            options[key] = convert[types[key]](value)
+            options[key] = value if value in words.get(key, ()) else convert[types[key]](value)
         except ValueError:
             kind_of = "yes or no" if types[key] is bool else f"of type {types[key].__name__}"
+            kind_of = " or ".join([kind_of, *words.get(key, ())])
             first = "" if equals else f", of which a value without a name is the first; there are {', '.join(types)}"
             raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}{first}") from None
     return complete_rule(RULES[name](**options))
 
 
+def _arguments(name: str) -> Mapping[str, Parameter]:
+    """Return the arguments of a rule that are its options, by name."""
+    arguments = signature(type(RULES[name]())) if name in _SHIPPED else signature(RULES[name])
+    return {key: p for key, p in arguments.parameters.items() if p.kind not in _REST}
+
+
 def _option_types(name: str, readable: Container[type]) -> dict[str, type]:
     """Return the types of a rule's options by name: those of the defaults, yes or no where these are None."""
-    arguments = signature(type(RULES[name]())) if name in _SHIPPED else signature(RULES[name])
-    types = {
-        key: bool if p.default is None else type(p.default)
-        for key, p in arguments.parameters.items()
-        if p.kind not in _REST
-    }
+    types = {key: bool if p.default is None else type(p.default) for key, p in _arguments(name).items()}
     return {key: kind for key, kind in types.items() if kind in readable}
+
+
+def _option_words(name: str) -> dict[str, list[str]]:
+    """Return the words that options take beside numbers, by name: those of ``Literal`` in an annotation."""
+    literal = re.compile(r"Literal\[(.*?)\]")
+    return {
+        key: re.findall(r"\w+", found[1])
+        for key, p in _arguments(name).items()
+        if (found := literal.search(str(p.annotation)))
+    }
 
 
 def _yes_or_no(text: str) -> bool:

@@ -13,14 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from dmis.base.color import luminance
-from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.patches import patch_mean, patch_spread, patch_sum
 from dmis.base.vectors import Array
 from dmis.filter import check_taps, gaussian
+from dmis.fit.patch_size import SIZES, choose_patch
 from dmis.fit.rule import Fit, Pilot, Rule, final_settings
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
@@ -36,13 +37,18 @@ class Thesis(Rule):
     Parameters
     ----------
     patch
-        Side of a patch in pixels (the thesis tries 4 to 32).
+        Side of a patch in pixels (the thesis tries 4 to 32); ``auto``: the one of 4, 8, 16 and 32 for which the pilot
+        predicts the least variance, see `dmis.fit.patch_size`.
     spp, strategies
         Pilot samples at each weight, at least 2 (the thesis: 2 or 4); number of weights, odd (the thesis: 3).
     channels
         Variance that is fitted: of ``luminance``, or ``rgb``, the mean of the three.
     filter, size, sigma
         ``gaussian`` or ``none``; taps on a side, odd, and standard deviation of the Gaussian, in patches.
+    no_signal, ragged
+        What the Gaussian does with patches without a signal: ``half``, they enter it as w = 1/2, or ``skip``, it leaves
+        them out; and with patches that the border cuts: ``equal``, they count as the others do, or ``area``, by their
+        pixels. By the defaults all patches count the same, as in the thesis.
     reuse
         Whether the pilot's samples are part of the image.
     combiner, sampler
@@ -51,7 +57,8 @@ class Thesis(Rule):
     Notes
     -----
     The maps of its `Fit` are ``status`` (see `STATUS`), ``raw`` and ``patch``, the weights before and after the
-    filter, and ``variances``, those of the pilot, ``(strategies, rows, columns)``.
+    filter, and ``variances``, those of the pilot, ``(strategies, rows, columns)``; with ``patch=auto`` also
+    ``sizes``, the sizes and their predicted variances, ``(2, 4)``.
 
     Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance. The
     thesis does not say what happens without a minimum in [0, 1] (here: `STATUS`), which variance of a colour is meant,
@@ -59,20 +66,22 @@ class Thesis(Rule):
     defaults are those that give the thesis's Table 4.1, see ``docs/reproduction.md``.
     """
 
-    patch: int = 16
+    patch: int | Literal["auto"] = 16
     spp: int = 2
     strategies: int = 3
     channels: str = "luminance"
     filter: str = "gaussian"
     size: int = 5
     sigma: float = 1.0
+    no_signal: str = "half"
+    ragged: str = "equal"
     reuse: bool = False
     combiner: str = "balance"
     sampler: str = ""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.patch <= 65535:
-            raise ValueError(f"patch must be 1 to 65535 pixels; got {self.patch}")
+        if self.patch != "auto" and not (isinstance(self.patch, int | np.integer) and 1 <= self.patch <= 65535):
+            raise ValueError(f"patch must be 1 to 65535 pixels, or auto; got {self.patch!r}")
         if self.spp < 2:
             raise ValueError(
                 f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
@@ -82,10 +91,14 @@ class Thesis(Rule):
                 f"strategies must be odd, at least 3 and at most 101, because a parabola has three coefficients and "
                 f"w = 1/2 is among them; got {self.strategies}"
             )
-        if self.channels not in ("luminance", "rgb"):
-            raise ValueError(f"channels must be luminance or rgb; got {self.channels!r}")
-        if self.filter not in ("gaussian", "none"):
-            raise ValueError(f"filter must be gaussian or none; got {self.filter!r}")
+        for name, value, allowed in (
+            ("channels", self.channels, ("luminance", "rgb")),
+            ("filter", self.filter, ("gaussian", "none")),
+            ("no_signal", self.no_signal, ("half", "skip")),
+            ("ragged", self.ragged, ("equal", "area")),
+        ):
+            if value not in allowed:
+                raise ValueError(f"{name} must be {' or '.join(allowed)}; got {value!r}")
         check_taps(self.size)
         if not 0 < self.sigma < np.inf:
             raise ValueError(f"sigma must be positive and finite; got {self.sigma}")
@@ -106,16 +119,34 @@ class Thesis(Rule):
         """Return the weight of each pixel, from the pilot at each weight w_i."""
         w = np.array(list(pilot))
         moments = [p.moments for p in pilot.values()]
-        # y_i = mean over the patch's pixels of s^2,  s^2 = sum (x - mean x)^2 / (n - 1)
-        y = np.stack([patch_mean(self._grey(m.variance()), self.patch) for m in moments])
-        # a2 w^2 + a1 w + a0 through (w_i, y_i), minimum -a1 / (2 a2); points count by their degrees of freedom n - 1
-        raw, status = parabola_minimum(w, y, trust=np.array([float(np.mean(m.n)) - 1 for m in moments]))
-        # weight_p = sum_q g(p - q) raw_q,  g(d) ~ exp(-|d|^2 / (2 sigma^2)) over size x size patches
-        weight = gaussian(raw, self.sigma, self.size // 2) if self.filter == "gaussian" else raw
-        maps = {"status": status, "raw": raw, "patch": weight, "variances": y}
-        return Fit(patch_spread(weight, self.patch, moments[0].mean.shape[:2]), maps)
+        # s^2 = sum (x - mean x)^2 / (n - 1) of each pixel, of n - 1 degrees of freedom
+        s2 = np.stack([self._grey(m.variance()) for m in moments])
+        freedom = np.array([float(np.mean(m.n)) - 1 for m in moments])
+        patch, maps = self.patch, {}
+        if patch == "auto":
+            patch, scores = choose_patch(w, s2, freedom, lambda y, area: self._weights(w, y, freedom, area)[0])
+            maps["sizes"] = np.stack([SIZES, scores])
+        # y_i = mean over the patch's pixels of s^2
+        y = np.stack([patch_mean(variance, patch) for variance in s2])
+        weight, raw, status = self._weights(w, y, freedom, patch_sum(np.ones(s2.shape[1:]), patch))
+        maps |= {"status": status, "raw": raw, "patch": weight, "variances": y}
+        return Fit(patch_spread(weight, patch, s2.shape[1:]), maps)
+
+    def _weights(self, w: Array, y: Array, freedom: Array, area: Array) -> tuple[Array, Array, np.ndarray]:
+        """Return the weights of patches after and before the filter, and their status; `area` is in pixels."""
+        # a2 w^2 + a1 w + a0 through (w_i, y_i), minimum -a1 / (2 a2); points count by their degrees of freedom
+        raw, status = parabola_minimum(w, y, trust=freedom)
+        if self.filter == "none":
+            return raw, raw, status
+        # weight_p = sum_q g(p - q) c_q raw_q / sum_q g(p - q) c_q,  g(d) ~ exp(-|d|^2 / (2 sigma^2)) over size x size
+        # patches;  c_q = 1, or 0 without a signal, or the share of the patch that is inside of the image
+        count = np.ones_like(raw) if self.ragged == "equal" else area / area.max()
+        if self.no_signal == "skip":
+            count = count * (status != 3)
+        return gaussian(raw, self.sigma, self.size // 2, count), raw, status
 
     def _grey(self, variance: Array) -> Array:
+        """Return the variance ``(H, W)`` that is fitted, from that of the channels."""
         return luminance(variance) if self.channels == "luminance" else variance.mean(axis=-1)
 
 

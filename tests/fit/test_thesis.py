@@ -214,6 +214,40 @@ def test_size_of_the_filter() -> None:
         assert np.count_nonzero(np.abs(weight - 0.4) > 1e-9) == size**2
 
 
+def test_patches_without_a_signal_may_be_left_out_of_the_filter() -> None:
+    """A black patch pulls its neighbours towards 1/2; with ``skip`` it takes their weight, and changes none."""
+    found = pilot(np.full((36, 36), 0.2))
+    for p in found.values():
+        p.moments.m2[16:20, 16:20] = 0
+    assert found[0.0].moments.variance()[16, 16, 0] == 0
+    half, skip = (Thesis(4, no_signal=option).fit(found).maps for option in ("half", "skip"))
+    assert half["raw"][4, 4] == 0.5 and STATUS[int(half["status"][4, 4])] == "no signal"
+    assert half["patch"][4, 3] > 0.22 and half["patch"][4, 4] > 0.22
+    np.testing.assert_allclose(skip["patch"], 0.2, atol=1e-12)
+
+
+def test_black_pilot_skipped() -> None:
+    """Without any signal the weight is 1/2 by either option."""
+    black = {w: Pilot(Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))) for w in PILOT}
+    np.testing.assert_array_equal(Thesis(4, no_signal="skip").fit(black).weight, 0.5)
+
+
+def test_ragged_patches_may_count_by_their_area() -> None:
+    """A column of patches of one pixel's width counts a quarter of the others in the filter, and itself too."""
+    minimum = np.where(np.arange(13) < 12, 0.3, 0.7)[None].repeat(12, 0)  # columns of patches: 4, 4, 4 and 1 pixels
+    equal, area = (Thesis(4, ragged=option).fit(pilot(minimum)).maps for option in ("equal", "area"))
+    np.testing.assert_allclose(equal["raw"][0], [0.3, 0.3, 0.3, 0.7], atol=1e-12)
+    g = np.exp(-(np.arange(-2, 3) ** 2) / 2)
+    column = np.clip(np.arange(1, 6), 0, 3)  # around the last patch, which is repeated beyond the border
+    for maps, count in ((equal, 1.0), (area, 0.25)):
+        counts = g * np.where(column == 3, count, 1)
+        assert maps["patch"][1, 3] == pytest.approx((counts * np.where(column == 3, 0.7, 0.3)).sum() / counts.sum())
+    assert (area["patch"][:, 2:] < equal["patch"][:, 2:] - 0.02).all()
+    whole = np.random.default_rng(1).uniform(0.1, 0.9, (16, 16))
+    fits = [Thesis(4, ragged=option).fit(pilot(whole)).weight for option in ("equal", "area")]
+    np.testing.assert_array_equal(*fits)
+
+
 # Texts --------------------------------------------------------------------------------------------------------------
 
 
@@ -239,6 +273,8 @@ def test_size_of_the_filter() -> None:
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
         ("thesis:strategies=5,channels=rgb,size=3,reuse=no", Thesis(strategies=5, channels="rgb", size=3)),
         ("thesis:reuse=ON", Thesis(reuse=True)),
+        ("thesis:auto", Thesis("auto")),
+        ("thesis:patch=auto,no_signal=skip,ragged=area", Thesis("auto", no_signal="skip", ragged="area")),
     ],
 )
 def test_rules_by_text(text: str, expected: Rule) -> None:
@@ -260,7 +296,11 @@ def test_rules_by_text(text: str, expected: Rule) -> None:
         ("balance:w=0.3", "rule balance has the options .*; got 'w'"),
         ("fixed:techniques=a", "got 'techniques'"),
         ("thesis:patch=0", "patch must be 1 to 65535 pixels"),
-        ("thesis:patch=4.5", "option patch of rule thesis must be of type int"),
+        ("thesis:patch=4.5", "option patch of rule thesis must be of type int or auto; got '4.5'"),
+        ("thesis:patch=small", "option patch of rule thesis must be of type int or auto; got 'small'"),
+        ("thesis:spp=auto", "option spp of rule thesis must be of type int; got 'auto'"),
+        ("thesis:no_signal=zero", "no_signal must be half or skip; got 'zero'"),
+        ("thesis:ragged=cut", "ragged must be equal or area; got 'cut'"),
         ("thesis:spp=1", "at least 2, because a variance needs two samples"),
         ("thesis:filter=box", "filter must be gaussian or none"),
         ("thesis:sigma=0", "sigma must be positive"),
