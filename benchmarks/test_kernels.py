@@ -11,14 +11,14 @@ import pytest
 
 from dmis.base.vectors import Array, dot, frame, normalise
 from dmis.brdf import materials, models
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.texture import Image
 from dmis.estimator.technique import SampledLight
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers import warp
 from dmis.samplers.streams import SAMPLERS, Independent, make_sampler
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 from dmis.variance.moments import Moments
 
 N = 2**15
@@ -51,12 +51,12 @@ WARPS: dict[str, Callable[[Array], Array]] = {
 }
 
 
-def surface(name: str) -> Surface:
+def surface(name: str) -> ShadingPoints:
     """Points at the origin, seen from all over the hemisphere."""
     wo = warp.square_to_hemisphere(U)
-    return Surface(
+    return ShadingPoints(
         p=np.zeros((3, N), np.float32), ng=UP, n=UP, wo=wo, cos_o=wo[2], outside=np.ones(N, bool), dpdu=None,
-        glossy=MATERIALS[name].lobes, delta=(),
+        reflection=MATERIALS[name].lobes, delta=(),
     )  # fmt: skip
 
 
@@ -64,14 +64,14 @@ def surface(name: str) -> Surface:
 @pytest.mark.parametrize("name", MATERIALS)
 def test_eval(benchmark: Any, name: str) -> None:
     points = surface(name)
-    assert np.isfinite(benchmark(lambda: points.eval(Pair(points, WI)))).all()
+    assert np.isfinite(benchmark(lambda: points.eval(Directions(points, WI)))).all()
 
 
 @pytest.mark.benchmark(group="lobes: density")
 @pytest.mark.parametrize("name", MATERIALS)
 def test_pdf(benchmark: Any, name: str) -> None:
     points = surface(name)
-    assert benchmark(lambda: points.pdf(Pair(points, WI))).shape == (N,)
+    assert benchmark(lambda: points.pdf(Directions(points, WI))).shape == (N,)
 
 
 @pytest.mark.benchmark(group="lobes: direction")

@@ -23,7 +23,7 @@ from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 LEVEL = 1 - 0.99 ** (1 / 1000)
 """Šidák's level of each of (at most) 1000 statistical tests whose chance of any false alarm is 1 %."""
@@ -165,11 +165,13 @@ def z_score(a: Array, b: Array | float) -> float:
 # Surfaces and scenes ------------------------------------------------------------------------------------------------
 
 
-def surface(material: Material, wo: Array, count: int = 1, n: Array = (0, 0, 1), dpdu: Array = (1, 0, 0)) -> Surface:
+def surface(
+    material: Material, wo: Array, count: int = 1, n: Array = (0, 0, 1), dpdu: Array = (1, 0, 0)
+) -> ShadingPoints:
     """`count` points at the origin with `material`, all seen from `wo`; lobes bound as a scene binds them."""
     group = box_scene(material).plan.groups[0]
     normal, wo_ = columns(n, count), columns(wo, count)
-    return Surface(
+    return ShadingPoints(
         p=np.zeros((3, count), np.float32),
         ng=normal,
         n=normal,
@@ -178,8 +180,8 @@ def surface(material: Material, wo: Array, count: int = 1, n: Array = (0, 0, 1),
         outside=np.ones(count, bool),
         dpdu=columns(dpdu, count),
         epsilon=np.float32(0),
-        glossy=group.glossy,
-        through=group.through,
+        reflection=group.reflection,
+        transmission=group.transmission,
         delta=group.delta,
     )
 

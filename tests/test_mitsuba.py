@@ -11,14 +11,14 @@ from helpers import box_scene
 
 import dmis
 from dmis.base import vectors
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import ExactConductor
 from dmis.brdf.materials import glass, matte, metal, mirror, plastic, substrate
 from dmis.brdf.models import ggx
 from dmis.brdf.texture import Image
 from dmis.light.area import DiskLight
 from dmis.light.environment import EnvironmentLight
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 mi = pytest.importorskip("mitsuba")
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
@@ -61,14 +61,14 @@ def test_lobes(material):
     si.wi = si.to_local(mi.Vector3f(*wo))
     value, pdf = mitsuba_lobes.Lobes(material).eval_pdf(mi.BSDFContext(), si, si.to_local(mi.Vector3f(*wi)))
     ng, n = ng * np.sign(vectors.dot(ng, wo)), n * np.sign(vectors.dot(n, wo))
-    glossy = box_scene(material).plan.groups[0].glossy
-    surface = Surface(ng=ng, n=n, wo=wo, cos_o=vectors.dot(n, wo), dpdu=None, glossy=glossy)
-    pair = Pair(surface, wi)
+    glossy = box_scene(material).plan.groups[0].reflection
+    surface = ShadingPoints(ng=ng, n=n, wo=wo, cos_o=vectors.dot(n, wo), dpdu=None, reflection=glossy)
+    cosines = Directions(surface, wi)
     facing = vectors.dot(ng, wi) > 0
-    ours = np.broadcast_to(surface.eval(pair) * pair.cos_i * facing, (3, N))
-    clear = (np.abs(pair.cos_o) > 0.02) & (pair.cos_i > 0.02)  # rounding decides at grazing angles
+    ours = np.broadcast_to(surface.eval(cosines) * cosines.cos_i * facing, (3, N))
+    clear = (np.abs(cosines.cos_o) > 0.02) & (cosines.cos_i > 0.02)  # rounding decides at grazing angles
     np.testing.assert_allclose(np.array(value)[:, clear], ours[:, clear], rtol=2e-3, atol=1e-5)
-    np.testing.assert_allclose(np.array(pdf)[clear], (surface.pdf(pair) * facing)[clear], rtol=2e-3, atol=1e-5)
+    np.testing.assert_allclose(np.array(pdf)[clear], (surface.pdf(cosines) * facing)[clear], rtol=2e-3, atol=1e-5)
     assert (ours[:, clear] > 0).any() and clear.mean() > 0.9
 
 

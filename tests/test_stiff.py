@@ -15,7 +15,7 @@ from helpers import Z_LIMIT, box_scene, columns, polar, surface, unit
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.fit.registry import RULES
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.moments import Moments
@@ -166,8 +166,8 @@ def _lobe(material: dmis.Material, wo: Array, n: Array, wi: Array) -> tuple[Arra
     wo, n, wi = (v / np.sqrt((v * v).sum(axis=0)) for v in (wo, n, wi))
     at = surface(material, polar(30.0), wo.shape[1])
     vars(at).update(n=n, ng=n, wo=wo, cos_o=(n * wo).sum(axis=0), dpdu=np.broadcast_to(polar(80.0)[:, None], wo.shape))
-    lobe = at.glossy[-1]
-    return np.broadcast_to(lobe.eval(Pair(at, wi)), wo.shape)[0], lobe.pdf(Pair(at, wi))
+    lobe = at.reflection[-1]
+    return np.broadcast_to(lobe.eval(Directions(at, wi)), wo.shape)[0], lobe.pdf(Directions(at, wi))
 
 
 def test_moments_do_not_lose_digits() -> None:
@@ -204,8 +204,8 @@ def test_suppressed_warnings_say_why() -> None:
 class Broken(dmis.brdf.diffuse.Lambert):
     """A lobe that divides by 0."""
 
-    def eval(self, pair: Pair) -> Array:
-        return self.reflectance / (pair.cos_i * 0)
+    def eval(self, directions: Directions) -> Array:
+        return self.reflectance / (directions.cos_i * 0)
 
 
 @pytest.mark.parametrize("threads", [1, 2])

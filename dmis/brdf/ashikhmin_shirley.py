@@ -8,14 +8,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array
-from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.diffuse import cosine_pdf, cosine_sample
 from dmis.brdf.distributions import Distribution, half_vector_pdf, half_vector_sample
-from dmis.brdf.fresnel import fifth
+from dmis.brdf.fresnel import fifth_power
 from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import INV_PI
 
-_LEAST = np.float32(1e-10)  # of cosines and their products at the horizon
+_MIN_COSINE = np.float32(1e-10)
+"""Smallest cosine, or product of two, that is divided by: they are 0 at the horizon."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +30,14 @@ class BlendBase(Lobe):
         "specular",
     )
 
-    def eval(self, pair: Pair) -> Array:
-        through = (1 - fifth(1 - pair.cos_i / 2)) * (1 - fifth(1 - pair.cos_o / 2))
+    def eval(self, directions: Directions) -> Array:
+        through = (1 - fifth_power(1 - directions.cos_i / 2)) * (1 - fifth_power(1 - directions.cos_o / 2))
         return self.diffuse * (1 - self.specular) * (np.float32(28 / 23) * INV_PI * through)
 
-    def pdf(self, pair: Pair) -> Array:
-        return cosine_pdf(pair)
+    def pdf(self, directions: Directions) -> Array:
+        return cosine_pdf(directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
         return cosine_sample(surface, u)
 
     def albedo(self) -> Array:
@@ -52,15 +53,17 @@ class BlendCoat(Lobe):
     distribution: Distribution
     colours: ClassVar[tuple[str, ...]] = ("specular",)
 
-    def eval(self, pair: Pair) -> Array:
-        schlick = self.specular + fifth(1 - pair.cos_d) * (1 - self.specular)
-        coat = self.distribution.density(pair)
-        return schlick * (coat / np.maximum(4 * pair.cos_d * np.maximum(pair.cos_i, pair.cos_o), TINY))
+    def eval(self, directions: Directions) -> Array:
+        schlick = self.specular + fifth_power(1 - directions.cos_d) * (1 - self.specular)
+        coat = self.distribution.density(directions)
+        return schlick * (
+            coat / np.maximum(4 * directions.cos_d * np.maximum(directions.cos_i, directions.cos_o), TINY)
+        )
 
-    def pdf(self, pair: Pair) -> Array:
-        return half_vector_pdf(self.distribution, pair)
+    def pdf(self, directions: Directions) -> Array:
+        return half_vector_pdf(self.distribution, directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
         return half_vector_sample(self.distribution, surface, u)
 
     def albedo(self) -> Array:
@@ -85,16 +88,18 @@ class AshikhminShirley(Lobe):
     distribution: Distribution
     colours: ClassVar[tuple[str, ...]] = ("specular",)
 
-    def eval(self, pair: Pair) -> Array:
-        """BRDF without the cosine; 0 below the shading horizon."""
-        schlick = self.specular + fifth(1 - pair.cos_d) * (1 - self.specular)
-        spread = self.distribution.pdf_h(pair) * pair.above
-        return schlick * (spread / np.maximum(4 * pair.cos_d * np.maximum(pair.cos_i, pair.cos_o), _LEAST))
+    def eval(self, directions: Directions) -> Array:
+        """Return the BRDF without the cosine; 0 below the shading horizon."""
+        schlick = self.specular + fifth_power(1 - directions.cos_d) * (1 - self.specular)
+        density = self.distribution.pdf_h(directions) * directions.above
+        return schlick * (
+            density / np.maximum(4 * directions.cos_d * np.maximum(directions.cos_i, directions.cos_o), _MIN_COSINE)
+        )
 
-    def pdf(self, pair: Pair) -> Array:
-        """Density of `sample`, ``(N,)``."""
-        return half_vector_pdf(self.distribution, pair)
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`, ``(N,)``."""
+        return half_vector_pdf(self.distribution, directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
-        """Directions ``(3, N)``."""
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions ``(3, N)``."""
         return half_vector_sample(self.distribution, surface, u)

@@ -1,13 +1,13 @@
 """A dielectric interface as a whole: the light that crosses it, and diffuse light that it reflects from inside.
 
-The interface is smooth (alpha 0), or made of GGX facets (`dmis.ggx`, equal in all directions) at which light is
-scattered once: what would need a second facet is lost. Below it is a layer that absorbs, of optical thickness t: a ray
-of cosine c keeps ``exp(-t / c)`` of its light on its way through. Indices of refraction are inside over outside, at
-least 1.
+The interface is smooth (alpha 0), or made of GGX facets (`dmis.brdf.microfacet.GGX`, equal in all directions) at which
+light is scattered once: what would need a second facet is lost. Below it is a layer that absorbs, of optical thickness
+t: a ray of cosine c keeps ``exp(-t / c)`` of its light on its way through. Indices of refraction are inside over
+outside, at least 1.
 
-Facets are averaged over the half vectors that wo sees, with the density D_wo of `dmis.ggx`, by a Gauss rule for the
-cap of `dmis.brdf.microfacet.GGX.sample` and a midpoint rule around it. Everything is computed in float64, once for
-each interface.
+Facets are averaged over the half vectors that wo sees, with the density D_wo of visible half vectors, by a Gauss rule
+for the cap of `dmis.brdf.microfacet.GGX.sample` and a midpoint rule around it. Everything is computed in float64, once
+for each interface.
 
 Source: Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007, with Smith's masking and
 shadowing of both sides correlated in height, ``G2 = 1 / (1 + L(wo) + L(wi))``, as in pbrt-v4.
@@ -22,17 +22,18 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.fresnel import dielectric
 
-INTERVALS = 512
-"""Of the table of `transmittance`, whose error is below 1e-4 for indices from 1.1 to 4, alpha and thickness up to 1."""
-FACETS = 32
+TABLE_INTERVALS = 512
+"""Intervals of the table of `transmittance`: error below 1e-4 for indices 1.1 to 4, alpha and thickness to 1."""
+HALF_VECTOR_NODES = 32
 """Nodes in each of the two coordinates of half vectors."""
-DIFFUSE = 64
+DIFFUSE_NODES = 64
 """Nodes of diffuse light on either side of the critical angle."""
-_LEAST = np.float32(1e-7)  # of cosines
+_MIN_COSINE = np.float32(1e-7)
+"""Smallest cosine: at the horizon the terms have the limit 0 / 0."""
 
 
 def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float = 0.0) -> Array:
-    """Share of the light from outside that arrives below the layer, ``(N,)``.
+    """Return the share of the light from outside that arrives below the layer, ``(N,)``.
 
     Parameters
     ----------
@@ -49,20 +50,20 @@ def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float =
     """
     if alpha:
         values, steps = _table(eta, alpha, thickness)
-        at = np.sqrt(cos) * np.float32(INTERVALS)
+        at = np.sqrt(cos) * np.float32(TABLE_INTERVALS)
         node = at.astype(np.int32)
         return values.take(node, mode="clip") + steps.take(node, mode="clip") * (at - node.astype(np.float32))
     share = 1 - dielectric(cos, np.float32(eta))
     if thickness:
         inside = np.sqrt(np.maximum(1 - (1 - cos * cos) * np.float32(1 / (eta * eta)), 0))
-        share *= np.exp(np.float32(-thickness) / np.maximum(inside, _LEAST))
+        share *= np.exp(np.float32(-thickness) / np.maximum(inside, _MIN_COSINE))
     return share
 
 
 @cache
 def _table(eta: float, alpha: float, thickness: float) -> tuple[Array, Array]:
-    """`transmittance` at cosines ``(k / INTERVALS)^2``, and the differences to the next, each ``(INTERVALS + 1,)``."""
-    cos = np.maximum(np.linspace(0, 1, INTERVALS + 1) ** 2, _LEAST)
+    """Return `transmittance` at cosines ``(k / TABLE_INTERVALS)^2``, and the differences to the next, as rows."""
+    cos = np.maximum(np.linspace(0, 1, TABLE_INTERVALS + 1) ** 2, _MIN_COSINE)
     cos_o, cos_d, cos_h, weight = _facets(cos, alpha)
     beyond = np.sqrt(1 - (1 - cos_d * cos_d) / (eta * eta))
     cos_i = cos_o / eta + cos_h * (beyond - cos_d / eta)
@@ -73,7 +74,7 @@ def _table(eta: float, alpha: float, thickness: float) -> tuple[Array, Array]:
 
 @cache
 def internal_reflectance(eta: float, alpha: float = 0.0, thickness: float = 0.0) -> float:
-    """Share of diffuse light from below the layer that comes back to its lower side.
+    """Return the share of diffuse light from below the layer that comes back to its lower side.
 
     ``2 int R(c) c dc`` over cosines c inside, where R is the interface's reflectance from inside at the index
     ``1 / eta``, absorption on the way up and down included. With m the cosine of the critical angle, ``c = m sqrt(1 -
@@ -81,19 +82,19 @@ def internal_reflectance(eta: float, alpha: float = 0.0, thickness: float = 0.0)
     that Fresnel's reflectance has there. Smooth and without absorption it is ``1 - (1 - F) / eta^2``, where F is the
     same integral from outside.
     """
-    nodes, weights = _gauss(DIFFUSE)
+    nodes, weights = _gauss(DIFFUSE_NODES)
     critical2 = 1 - 1 / (eta * eta)
     cos2 = np.concatenate([critical2 * (1 - nodes**2), critical2 + (1 - critical2) * nodes**2])
     weights = np.concatenate([critical2 * weights, (1 - critical2) * weights]) * np.tile(2 * nodes, 2)
-    cos_o, cos_d, cos_h, weight = _facets(np.sqrt(np.maximum(cos2, _LEAST)), alpha)
-    cos_i = np.maximum(2 * cos_d * cos_h - cos_o, _LEAST)
-    share = dielectric(cos_d, np.asarray(1 / eta)) * _unmasked(cos_o, cos_i, alpha) * (cos_i > _LEAST)
+    cos_o, cos_d, cos_h, weight = _facets(np.sqrt(np.maximum(cos2, _MIN_COSINE)), alpha)
+    cos_i = np.maximum(2 * cos_d * cos_h - cos_o, _MIN_COSINE)
+    share = dielectric(cos_d, np.asarray(1 / eta)) * _unmasked(cos_o, cos_i, alpha) * (cos_i > _MIN_COSINE)
     share = share * np.exp(-thickness / cos_o - thickness / cos_i)
     return float(weights @ (share * weight).sum(axis=(1, 2)))
 
 
 def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
-    """Half vectors that directions of the cosines `cos` ``(M,)`` see: nodes of a quadrature, float64.
+    """Return the half vectors that directions of cosines `cos` ``(M,)`` see: nodes of a quadrature, float64.
 
     Returns
     -------
@@ -103,9 +104,9 @@ def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
     weight
         Weights of the nodes, ``(FACETS, 1)``; their sum over both axes is 1.
     """
-    nodes, weights = _gauss(FACETS)
+    nodes, weights = _gauss(HALF_VECTOR_NODES)
     u = (1 - (1 - nodes) ** 2)[:, None]  # many nodes near 1, where facets stand upright
-    phi = np.pi * (np.arange(FACETS) + 0.5) / FACETS  # the other half circle is the same
+    phi = np.pi * (np.arange(HALF_VECTOR_NODES) + 0.5) / HALF_VECTOR_NODES  # the other half circle is the same
     cos_o = cos[:, None, None].astype(np.float64)
     sin_o = np.sqrt(np.maximum(1 - cos_o * cos_o, 0))
     length = np.hypot(alpha * sin_o, cos_o)
@@ -114,16 +115,16 @@ def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
     x, y = alpha * (r * np.cos(phi) + alpha * sin_o / length), alpha * r * np.sin(phi)
     z = (1 - u) * (1 + cos_o / length)
     size = np.sqrt(x * x + y * y + z * z)
-    return cos_o, (sin_o * x + cos_o * z) / size, z / size, (weights * 2 * (1 - nodes) / FACETS)[:, None]
+    return cos_o, (sin_o * x + cos_o * z) / size, z / size, (weights * 2 * (1 - nodes) / HALF_VECTOR_NODES)[:, None]
 
 
 def _unmasked(cos_o: Array, cos_i: Array, alpha: float) -> Array:
-    """G2 / G1: the share of what facets that wo sees send to wi that is not in the shadow of others."""
+    """Return G2 / G1, the share of what facets that wo sees send to wi past other facets."""
     o, i = (np.sqrt(alpha * alpha * np.maximum(1 - c * c, 0) + c * c) / c for c in (cos_o, cos_i))
     return (1 + o) / (o + i)
 
 
 def _gauss(count: int) -> tuple[Array, Array]:
-    """Nodes and weights of Gauss's rule in [0, 1]."""
+    """Return nodes and weights of Gauss's rule in [0, 1]."""
     x, weights = np.polynomial.legendre.leggauss(count)
     return (x + 1) / 2, weights / 2

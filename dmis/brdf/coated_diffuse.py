@@ -7,9 +7,10 @@ series. With the coat's transmittance T(c) from outside and its reflectance I of
 
     f = T(cos_i) T(cos_o) R / (pi eta^2 (1 - R I))
 
-which is exact for a smooth coat, and for a rough one if light meets one facet at each crossing, as in `dmis.ggx`. What
-the coat reflects at its outer side is a lobe of its own: a mirror, or GGX (`dmis.brdf.models.coated_diffuse` puts them
-together). With R = 1, without absorption, a smooth coat and its base reflect everything.
+which is exact for a smooth coat, and for a rough one if light meets one facet at each crossing, as in
+`dmis.brdf.microfacet.GGX`. What the coat reflects at its outer side is a lobe of its own: a mirror, or GGX
+(`dmis.brdf.models.coated_diffuse` puts them together). With R = 1, without absorption, a smooth coat and its base
+reflect everything.
 
 This is pbrt-v4's ``coateddiffuse`` without a scattering medium, in the mean: v4 follows light at random through the
 layers. It does not move light sideways, and its coat absorbs, with an optical thickness that it calls ``thickness``. It
@@ -31,7 +32,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.brdf.coat_interface import internal_reflectance, transmittance
-from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.diffuse import cosine_pdf, cosine_sample
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.texture import Image
@@ -65,20 +66,20 @@ class CoatedBase(Lobe):
     bounces: int | None = None
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
 
-    def eval(self, pair: Pair) -> Array:
-        """BRDF without the cosine, ``(1, N)`` or ``(3, N)``."""
+    def eval(self, directions: Directions) -> Array:
+        """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``."""
         coat = self.eta, self.roughness, self.thickness
         again = self.reflectance * internal_reflectance(*coat)
         series = 1 / (1 - again) if self.bounces is None else (1 - again**self.bounces) / (1 - again)
-        through = transmittance(pair.cos_i, *coat) * transmittance(pair.cos_o, *coat)
+        through = transmittance(directions.cos_i, *coat) * transmittance(directions.cos_o, *coat)
         return self.reflectance * series * (through * np.float32(INV_PI / (self.eta * self.eta)))
 
-    def pdf(self, pair: Pair) -> Array:
-        """Density of `sample`, ``(N,)``."""
-        return cosine_pdf(pair)
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`, ``(N,)``."""
+        return cosine_pdf(directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
-        """Directions ``(3, N)``, distributed as the cosine."""
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions ``(3, N)``, distributed as the cosine."""
         return cosine_sample(surface, u)
 
     def albedo(self) -> Array:

@@ -1,4 +1,4 @@
-"""Surface points as lobes see them, and a pair of directions about them as the cosines that lobes are made of."""
+"""Local frames of shading points, and the cosines of directions about them, which lobes are functions of."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from dmis.base.vectors import TINY, Array, dot
 from dmis.samplers.warp import power
 
 ONE = np.float32(1)
-SHARP = 1e3
-"""Exponents up to which cosines in float32 will do: their rounding, times the exponent, is 1e-4 of the lobe."""
-SHARPEST = 1e12
+MAX_COSINE_EXPONENT = 1e3
+"""Largest exponent for which a power of float32 cosines is right: their rounding times this is 1e-4 of the lobe."""
+MAX_EXPONENT = 1e12
 """Largest exponent of a lobe that is a power of a cosine: a lobe of 1e-6 rad, of which float32 directions resolve one
 digit."""
-_LEAST = np.float32(1e-12)
+_MIN_COSINE2 = np.float32(1e-12)
+"""Smallest squared cosine that is divided by."""
 
 
-class Frame(Protocol):
-    """What a lobe needs of N surface points.
+class LocalFrame(Protocol):
+    """The attributes of N shading points that a lobe reads.
 
     Unit ``n`` and ``wo`` ``(3, N)``, ``cos_o`` ``(N,)``; ``outside`` ``(N,)`` bool (where light is refracted);
     ``tangents``, two ``(3, N)`` (anisotropic lobes only).
@@ -35,8 +36,8 @@ class Frame(Protocol):
     def tangents(self) -> tuple[Array, Array]: ...
 
 
-class Pair:
-    """A pair of directions about a batch of surface points, as the cosines that lobes are made of.
+class Directions:
+    """Directions wo and wi about a batch of shading points, as the cosines that lobes are functions of.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class Pair:
         Unit directions ``(3, N)``.
     """
 
-    def __init__(self, surface: Frame, wi: Array) -> None:
+    def __init__(self, surface: LocalFrame, wi: Array) -> None:
         self.surface, self.wi = surface, wi
         self.cos_o = surface.cos_o
         self.cos_i_signed = dot(surface.n, wi)
@@ -89,13 +90,15 @@ class Pair:
         """
         normal = self.cos_i_signed + self.cos_o
         across = self.surface.wo + self.wi - self.surface.n * normal
-        return dot(across, across) / np.maximum(normal * normal, _LEAST)
+        return dot(across, across) / np.maximum(normal * normal, _MIN_COSINE2)
 
     def power_h(self, exponent: Any) -> Array:
-        """``cos_h ** exponent``, ``(N,)``; of sharp lobes through the tangent, because the rounding of a cosine near 1
-        is multiplied by the exponent: from 1e7 on it is larger than the lobe.
+        """Return ``cos_h ** exponent``, ``(N,)``.
+
+        Large exponents take the tangent: the rounding of a cosine near 1 is multiplied by the exponent, and from 1e7 on
+        it is larger than the lobe.
         """
-        if np.max(exponent) <= SHARP:
+        if np.max(exponent) <= MAX_COSINE_EXPONENT:
             return power(self.cos_h, exponent)
         return np.exp(np.log1p(self.tan2_h) * (exponent * np.float32(-0.5)))
 

@@ -8,18 +8,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, normalise
-from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import INV_PI, square_to_sphere
 
 
-def cosine_pdf(pair: Pair) -> Array:
-    """Density of `cosine_sample`, ``(N,)``."""
-    return np.maximum(pair.cos_i_signed, 0) * INV_PI
+def cosine_pdf(directions: Directions) -> Array:
+    """Return the density of `cosine_sample`, ``(N,)``."""
+    return np.maximum(directions.cos_i_signed, 0) * INV_PI
 
 
-def cosine_sample(surface: Frame, u: Array) -> Array:
-    """A point on the unit sphere that touches the surface: no tangent frame is needed."""
+def cosine_sample(surface: LocalFrame, u: Array) -> Array:
+    """Sample directions with density ``cos/pi``: the unit sphere on the surface needs no frame."""
     return normalise(surface.n + square_to_sphere(u))
 
 
@@ -31,13 +31,13 @@ class Lambert(Lobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def eval(self, pair: Pair) -> Array:
+    def eval(self, directions: Directions) -> Array:
         return self.reflectance * INV_PI
 
-    def pdf(self, pair: Pair) -> Array:
-        return cosine_pdf(pair)
+    def pdf(self, directions: Directions) -> Array:
+        return cosine_pdf(directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
         return cosine_sample(surface, u)
 
     def weight(self) -> Any:
@@ -54,15 +54,17 @@ class OrenNayar(Lobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def eval(self, pair: Pair) -> Array:
+    def eval(self, directions: Directions) -> Array:
         s2 = np.radians(self.sigma) ** 2
         a, b = np.float32(1 - s2 / (2 * (s2 + 0.33))), np.float32(0.45 * s2 / (s2 + 0.09))
         # max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta), with no azimuth: the sines cancel against the cosine's
-        across = np.maximum(pair.cos_io - pair.cos_i_signed * pair.cos_o, 0)
-        return self.reflectance * (INV_PI * (a + b * across / np.maximum(np.maximum(pair.cos_i, pair.cos_o), TINY)))
+        across = np.maximum(directions.cos_io - directions.cos_i_signed * directions.cos_o, 0)
+        return self.reflectance * (
+            INV_PI * (a + b * across / np.maximum(np.maximum(directions.cos_i, directions.cos_o), TINY))
+        )
 
-    def pdf(self, pair: Pair) -> Array:
-        return cosine_pdf(pair)
+    def pdf(self, directions: Directions) -> Array:
+        return cosine_pdf(directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
         return cosine_sample(surface, u)

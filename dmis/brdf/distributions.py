@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, frame, normalise
-from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.parameters import Parameters
 from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
 
@@ -16,11 +16,11 @@ from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
 class Distribution(Protocol):
     """Half vectors of microfacets: D with ``int D cos_h = 1``; how they are sampled, and its solid-angle density."""
 
-    def density(self, pair: Pair) -> Array: ...
+    def density(self, directions: Directions) -> Array: ...
 
-    def pdf_h(self, pair: Pair) -> Array: ...
+    def pdf_h(self, directions: Directions) -> Array: ...
 
-    def sample_h(self, surface: Frame, u: Array) -> Array: ...
+    def sample_h(self, surface: LocalFrame, u: Array) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +30,14 @@ class Blinn(Parameters):
     exponent: Any
     scalars: ClassVar[tuple[str, ...]] = ("exponent",)
 
-    def density(self, pair: Pair) -> Array:
+    def density(self, directions: Directions) -> Array:
         e = self.exponent
-        return (e + 2) / TWO_PI * pair.power_h(e)
+        return (e + 2) / TWO_PI * directions.power_h(e)
 
-    def pdf_h(self, pair: Pair) -> Array:
-        return (self.exponent + 1) * pair.power_h(self.exponent) / TWO_PI
+    def pdf_h(self, directions: Directions) -> Array:
+        return (self.exponent + 1) * directions.power_h(self.exponent) / TWO_PI
 
-    def sample_h(self, surface: Frame, u: Array) -> Array:
+    def sample_h(self, surface: LocalFrame, u: Array) -> Array:
         return to_world(square_to_power(u, self.exponent), surface.n)
 
 
@@ -53,13 +53,13 @@ class Anisotropic(Parameters):
     )
     anisotropic: ClassVar[bool] = True
 
-    def density(self, pair: Pair) -> Array:
-        return np.sqrt((self.u + 2) * (self.v + 2)) / TWO_PI * self._lobe(pair)
+    def density(self, directions: Directions) -> Array:
+        return np.sqrt((self.u + 2) * (self.v + 2)) / TWO_PI * self._lobe(directions)
 
-    def pdf_h(self, pair: Pair) -> Array:
-        return np.sqrt((self.u + 1) * (self.v + 1)) / TWO_PI * self._lobe(pair)
+    def pdf_h(self, directions: Directions) -> Array:
+        return np.sqrt((self.u + 1) * (self.v + 1)) / TWO_PI * self._lobe(directions)
 
-    def sample_h(self, surface: Frame, u: Array) -> Array:
+    def sample_h(self, surface: LocalFrame, u: Array) -> Array:
         phi = TWO_PI * u[0]  # one angle for all four quadrants: tan(phi') = sqrt((u+1)/(v+1)) tan(phi)
         x, y = np.sqrt(self.v + 1) * np.cos(phi), np.sqrt(self.u + 1) * np.sin(phi)
         r = 1 / np.sqrt(np.maximum(x * x + y * y, TINY))
@@ -69,24 +69,24 @@ class Anisotropic(Parameters):
         s, t = surface.tangents
         return s * (sin * x) + t * (sin * y) + surface.n * cos
 
-    def _lobe(self, pair: Pair) -> Array:
-        x, y = pair.half
+    def _lobe(self, directions: Directions) -> Array:
+        x, y = directions.half
         x2, y2 = x * x, y * y
-        return pair.power_h((self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
+        return directions.power_h((self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
 
 
-def half_vector_pdf(distribution: Distribution, pair: Pair) -> Array:
-    """Density of wi = reflect(wo, h): dh/dwi = 1/(4 wo.h)."""
-    return distribution.pdf_h(pair) / (4 * pair.cos_d) * pair.above
+def half_vector_pdf(distribution: Distribution, directions: Directions) -> Array:
+    """Return the density of wi = reflect(wo, h): dh/dwi = 1/(4 wo.h)."""
+    return distribution.pdf_h(directions) / (4 * directions.cos_d) * directions.above
 
 
-def half_vector_sample(distribution: Distribution, surface: Frame, u: Array) -> Array:
-    """wi = reflect(wo, h), ``(3, N)``; some of them below the horizon."""
+def half_vector_sample(distribution: Distribution, surface: LocalFrame, u: Array) -> Array:
+    """Sample wi = reflect(wo, h), ``(3, N)``; some directions are below the horizon."""
     return reflect(surface, distribution.sample_h(surface, u))
 
 
-def reflect(surface: Frame, h: Array) -> Array:
-    """wo mirrored at the half vectors `h`, ``(3, N)``."""
+def reflect(surface: LocalFrame, h: Array) -> Array:
+    """Return wo mirrored at the half vectors `h`, ``(3, N)``."""
     return h * (2 * dot(surface.wo, h)) - surface.wo
 
 
@@ -96,26 +96,27 @@ class TrowbridgeReitz(Parameters):
 
     roughness: Roughness
 
-    def density(self, pair: Pair) -> Array:
-        """D, ``(N,)``."""
-        ratio = (1 + pair.tan2_h) / (1 + self.roughness.q(pair))
+    def density(self, directions: Directions) -> Array:
+        """Return D, ``(N,)``."""
+        ratio = (1 + directions.tan2_h) / (1 + self.roughness.q(directions))
         return ratio * ratio * (INV_PI / self.roughness.area)
 
-    def pdf_h(self, pair: Pair) -> Array:
-        """Solid-angle density of `sample_h`, ``(N,)``."""
-        return self.density(pair) * pair.cos_h
+    def pdf_h(self, directions: Directions) -> Array:
+        """Return the solid-angle density of `sample_h`, ``(N,)``."""
+        return self.density(directions) * directions.cos_h
 
-    def sample_h(self, surface: Frame, u: Array) -> Array:
-        """Half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha; ``u0 = r^2 / (1 + r^2)``."""
-        r = np.sqrt(u[0] / np.maximum(1 - u[0], _LEAST))
+    def sample_h(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha; ``u0 = r^2 / (1 + r^2)``."""
+        r = np.sqrt(u[0] / np.maximum(1 - u[0], _MIN_COSINE2))
         phi = TWO_PI * u[1]
         s, t = self.roughness.axes(surface)
         return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
 
 
-LEAST_ALPHA = 1e-4
-"""Least roughness that float32 directions resolve: their rounding is 1e-3 of its slopes."""
-_LEAST = np.float32(1e-12)
+MIN_ALPHA = 1e-4
+"""Smallest roughness that float32 directions resolve: their rounding is 1e-3 of its slopes."""
+_MIN_COSINE2 = np.float32(1e-12)
+"""Smallest squared cosine that is divided by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,16 +131,16 @@ class Isotropic(Parameters):
         """``alpha_u alpha_v``."""
         return self.alpha * self.alpha
 
-    def q(self, pair: Pair) -> Array:
-        """Squared slope of the half vector over alpha."""
-        return pair.tan2_h / self.area
+    def q(self, directions: Directions) -> Array:
+        """Return the squared slope of the half vector over alpha."""
+        return directions.tan2_h / self.area
 
-    def stretched(self, surface: Frame, w: Array, cos: Array) -> Array:
-        """Length of the unit vector `w`, whose cosine is `cos`, with its tangential parts multiplied by alpha."""
+    def stretched(self, surface: LocalFrame, w: Array, cos: Array) -> Array:
+        """Return the length of the unit vector `w` of cosine `cos`, its tangential parts multiplied by alpha."""
         return np.sqrt(self.area * np.maximum(1 - cos * cos, 0) + cos * cos)
 
-    def axes(self, surface: Frame) -> tuple[Array, Array]:
-        """Two orthogonal tangents, as long as the roughness along them, each ``(3, N)``."""
+    def axes(self, surface: LocalFrame) -> tuple[Array, Array]:
+        """Return two orthogonal tangents, as long as the roughness along them, each ``(3, N)``."""
         s, t = frame(surface.n)
         return s * self.alpha, t * self.alpha
 
@@ -161,22 +162,22 @@ class Elliptic(Parameters):
         """``alpha_u alpha_v``."""
         return self.alpha_u * self.alpha_v
 
-    def q(self, pair: Pair) -> Array:
-        """Squared slope of the half vector over alpha."""
-        s, t = pair.surface.tangents
-        h = pair.surface.wo + pair.wi
+    def q(self, directions: Directions) -> Array:
+        """Return the squared slope of the half vector over alpha."""
+        s, t = directions.surface.tangents
+        h = directions.surface.wo + directions.wi
         x, y = dot(s, h) / self.alpha_u, dot(t, h) / self.alpha_v
-        normal = pair.cos_i_signed + pair.cos_o
-        return (x * x + y * y) / np.maximum(normal * normal, _LEAST)
+        normal = directions.cos_i_signed + directions.cos_o
+        return (x * x + y * y) / np.maximum(normal * normal, _MIN_COSINE2)
 
-    def stretched(self, surface: Frame, w: Array, cos: Array) -> Array:
-        """Length of the unit vector `w`, whose cosine is `cos`, with its tangential parts multiplied by alpha."""
+    def stretched(self, surface: LocalFrame, w: Array, cos: Array) -> Array:
+        """Return the length of the unit vector `w` of cosine `cos`, its tangential parts multiplied by alpha."""
         s, t = self.axes(surface)
         x, y = dot(s, w), dot(t, w)
         return np.sqrt(x * x + y * y + cos * cos)
 
-    def axes(self, surface: Frame) -> tuple[Array, Array]:
-        """Two orthogonal tangents, as long as the roughness along them, each ``(3, N)``."""
+    def axes(self, surface: LocalFrame) -> tuple[Array, Array]:
+        """Return two orthogonal tangents, as long as the roughness along them, each ``(3, N)``."""
         s, t = surface.tangents
         return s * self.alpha_u, t * self.alpha_v
 
@@ -190,17 +191,17 @@ class Beckmann(Parameters):
 
     roughness: Roughness
 
-    def density(self, pair: Pair) -> Array:
-        """D, ``(N,)``."""
-        secant2 = 1 + pair.tan2_h
-        return np.exp(-self.roughness.q(pair)) * (secant2 * secant2) * (INV_PI / self.roughness.area)
+    def density(self, directions: Directions) -> Array:
+        """Return D, ``(N,)``."""
+        secant2 = 1 + directions.tan2_h
+        return np.exp(-self.roughness.q(directions)) * (secant2 * secant2) * (INV_PI / self.roughness.area)
 
-    def pdf_h(self, pair: Pair) -> Array:
-        """Solid-angle density of `sample_h`, ``(N,)``."""
-        return self.density(pair) * pair.cos_h
+    def pdf_h(self, directions: Directions) -> Array:
+        """Return the solid-angle density of `sample_h`, ``(N,)``."""
+        return self.density(directions) * directions.cos_h
 
-    def sample_h(self, surface: Frame, u: Array) -> Array:
-        """Half vectors ``(3, N)``: a normal deviate of slopes in polar coordinates, stretched by alpha."""
+    def sample_h(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample half vectors ``(3, N)``: a normal deviate of slopes in polar coordinates, stretched by alpha."""
         r = np.sqrt(-np.log(np.maximum(1 - u[0], TINY)))
         phi = TWO_PI * u[1]
         s, t = self.roughness.axes(surface)

@@ -12,7 +12,7 @@ from dmis.brdf.parameters import Parameters
 
 
 def dielectric(cos: Array, eta: Array | np.float32) -> Array:
-    """Unpolarised Fresnel reflectance at relative index `eta`, exact; total internal reflection gives 1."""
+    """Return the exact unpolarised Fresnel reflectance at relative index `eta`; 1 in total internal reflection."""
     sin2_t = (1 - cos * cos) / (eta * eta)
     cos_t = np.sqrt(np.maximum(1 - sin2_t, 0))
     a = (eta * cos - cos_t) / (eta * cos + cos_t + TINY)
@@ -55,7 +55,7 @@ class Conductor(Parameters):
     )
 
     def __call__(self, cos: Array) -> Array:
-        eta, k = per_point(self.eta), per_point(self.k)
+        eta, k = as_columns(self.eta), as_columns(self.k)
         a = eta * eta + k * k
         cos2, twice = cos * cos, 2 * eta * cos
         parallel_base = a * cos2 + 1
@@ -66,14 +66,14 @@ class Conductor(Parameters):
 Fresnel = Dielectric | Coat | Conductor
 
 
-def per_point(colour: Any) -> Array:
-    """A triple as ``(3, 1)``; what is bound to points as it is, ``(1 or 3, N)``."""
+def as_columns(colour: Any) -> Array:
+    """Return a triple as ``(3, 1)``, and parameters bound to points, ``(1 or 3, N)``, as they are."""
     values = np.asarray(colour, np.float32)
     return values[:, None] if values.ndim == 1 else values
 
 
-def fifth(x: Array) -> Array:
-    """``x^5``, of Schlick's Fresnel."""
+def fifth_power(x: Array) -> Array:
+    """Return ``x^5``, for Schlick's Fresnel."""
     x2 = x * x
     return x2 * x2 * x
 
@@ -83,7 +83,7 @@ class ExactConductor(Conductor):
     """Unpolarised Fresnel reflectance of a metal in air, index ``eta + i k`` as RGB triples."""
 
     def __call__(self, cos: Array) -> Array:
-        index = per_point(self.eta) + np.complex128(1j) * per_point(self.k)
+        index = as_columns(self.eta) + np.complex128(1j) * as_columns(self.k)
         cos = np.asarray(cos, np.float64)
         cos_t = np.sqrt(1 - (1 - cos * cos) / (index * index))
         parallel = (index * cos - cos_t) / (index * cos + cos_t + TINY)

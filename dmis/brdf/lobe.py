@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.parameters import Parameters
 from dmis.brdf.texture import Image
 
@@ -37,15 +37,15 @@ class Lobe(Parameters, Protocol):
     delta: ClassVar[bool] = False
     transmissive: ClassVar[bool] = False
 
-    def eval(self, pair: Pair) -> Array:
+    def eval(self, directions: Directions) -> Array:
         """Return the BSDF without the cosine, ``(1, N)``, ``(3, 1)`` or ``(3, N)``."""
         raise NotImplementedError
 
-    def pdf(self, pair: Pair) -> Array:
+    def pdf(self, directions: Directions) -> Array:
         """Return the density of `sample` per solid angle, ``(N,)``."""
         raise NotImplementedError
 
-    def sample(self, surface: Frame, u: Array) -> Array:
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Sample directions ``(3, N)`` with uniform numbers `u` ``(2, N)``."""
         raise NotImplementedError
 
@@ -70,8 +70,8 @@ class Lobe(Parameters, Protocol):
         """Return the index, inside over outside, by whose square transmitted radiance is divided; 1: it is not."""
         return 1.0
 
-    def passed(self, surface: Frame) -> Array:
-        """Return the share of light that a transmissive lobe lets through, ``(N,)``, by which paths choose lobes."""
+    def transmitted_share(self, surface: LocalFrame) -> Array:
+        """Return the share of light that a transmissive lobe lets through, ``(N,)``, by which paths pick a lobe."""
         return np.full(len(surface.cos_o), np.float32(0.5))
 
 
@@ -80,18 +80,18 @@ class DeltaLobe(Lobe, Protocol):
 
     delta: ClassVar[bool] = True
 
-    def scatter(self, surface: Frame) -> tuple[Array, Array]:
+    def scatter(self, surface: LocalFrame) -> tuple[Array, Array]:
         """Return directions ``(3, N)`` and factors (BSDF times cosine over probability), ``(3, N)`` or ``(3, 1)``."""
         raise NotImplementedError
 
-    def eval(self, pair: Pair) -> Array:
+    def eval(self, directions: Directions) -> Array:
         """Return 0, the value of a delta at all directions but one, ``(1, N)``."""
-        return np.zeros((1, pair.wi.shape[1]), np.float32)
+        return np.zeros((1, directions.wi.shape[1]), np.float32)
 
-    def pdf(self, pair: Pair) -> Array:
+    def pdf(self, directions: Directions) -> Array:
         """Return 0, because no other technique finds the direction, ``(N,)``."""
-        return np.zeros(pair.wi.shape[1], np.float32)
+        return np.zeros(directions.wi.shape[1], np.float32)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Return the directions of `scatter`, ``(3, N)``."""
         return self.scatter(surface)[0]

@@ -19,14 +19,14 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.cosines import SHARPEST
+from dmis.brdf.cosines import MAX_EXPONENT
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn, Distribution
 from dmis.brdf.fresnel import Conductor, Dielectric
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
-from dmis.brdf.texture import LEAST, MOST, Image, number, scale, within
+from dmis.brdf.texture import FLOAT32_MAX, FLOAT32_TINY, Image, check_number, check_values, scale
 
 Rgb = tuple[float, float, float]
 COPPER_ETA: Rgb = (0.200438, 0.924033, 1.102212)
@@ -63,7 +63,7 @@ class Material:
 
 
 def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
-    """Lambert, or Oren-Nayar if `sigma` (degrees) is not 0.
+    """Make a Lambert material, or Oren-Nayar if `sigma` (degrees) is not 0.
 
     Parameters
     ----------
@@ -72,14 +72,14 @@ def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
     sigma
         Spread of facet slopes in degrees, 0 to 90.
     """
-    sigma = number("sigma", sigma, "in [0, 90] degrees", "it is the spread of facet slopes", 0, 90)
-    if black("kd", kd):
+    sigma = check_number("sigma", sigma, "in [0, 90] degrees", "it is the spread of facet slopes", 0, 90)
+    if is_black("kd", kd):
         return Material((), "matte")
     return Material((OrenNayar(kd, sigma) if sigma else Lambert(kd),), "matte")
 
 
 def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1.5) -> Material:
-    """Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`.
+    """Make a material of Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`.
 
     Parameters
     ----------
@@ -93,16 +93,16 @@ def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1
         Index of refraction of the coat, inside over outside: positive.
     """
     lobes: tuple[Lobe, ...] = ()
-    coat = Microfacet(ks, blinn(roughness), Dielectric(index("eta", eta)))
-    if not black("kd", kd):
+    coat = Microfacet(ks, blinn(roughness), Dielectric(check_ior("eta", eta)))
+    if not is_black("kd", kd):
         lobes += (Lambert(kd),)
-    if not black("ks", ks):
+    if not is_black("ks", ks):
         lobes += (coat,)
     return Material(lobes, "plastic")
 
 
 def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Material:
-    """A Blinn microfacet conductor; copper by default.
+    """Make a metal, a Blinn microfacet conductor; copper by default.
 
     Parameters
     ----------
@@ -111,11 +111,14 @@ def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Ma
     roughness
         Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
     """
-    return Material((Microfacet(1.0, blinn(roughness), Conductor(triple("eta", eta), triple("k", k))),), "metal")
+    return Material(
+        (Microfacet(1.0, blinn(roughness), Conductor(check_metal_index("eta", eta), check_metal_index("k", k))),),
+        "metal",
+    )
 
 
 def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
-    """A glossy and a mirror lobe, both with the conductor whose reflectance at normal incidence is `ks`, `kr`.
+    """Make a glossy and a mirror lobe of conductors whose reflectance at normal incidence is `ks`, `kr`.
 
     Parameters
     ----------
@@ -126,15 +129,15 @@ def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
     """
     lobes: tuple[Lobe, ...] = ()
     facets = blinn(roughness)
-    if not black("ks", ks):
+    if not is_black("ks", ks):
         lobes += (Microfacet(1.0, facets, _conductor_of("ks", ks)),)
-    if not black("kr", kr):
+    if not is_black("kr", kr):
         lobes += (SpecularReflection(1.0, _conductor_of("kr", kr)),)
     return Material(lobes, "shinymetal")
 
 
 def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness: Any = 0.1) -> Material:
-    """Ashikhmin and Shirley's diffuse base under a glossy coat; a tangent frame is needed only if u and v differ.
+    """Make Ashikhmin and Shirley's diffuse base under a glossy coat; only if u and v differ it needs tangents.
 
     Parameters
     ----------
@@ -145,7 +148,7 @@ def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness:
     u_roughness, v_roughness
         Reciprocals of the exponents along the two tangents: positive, numbers or an `Image`.
     """
-    black("kd", kd), black("ks", ks)
+    is_black("kd", kd), is_black("ks", ks)
     u, v = _exponent("u_roughness", u_roughness), _exponent("v_roughness", v_roughness)
     same = u_roughness is v_roughness or u == v
     coat: Distribution = Blinn(u) if same else Anisotropic(u, v)
@@ -161,7 +164,7 @@ def uber(
     eta: float = 1.5,
     opacity: Any = 1.0,
 ) -> Material:
-    """Diffuse, glossy, mirror and refraction together, all but a share ``1 - opacity`` that passes straight through.
+    """Make diffuse, glossy, mirror and refraction in one, of which a share ``1 - opacity`` is clear.
 
     Parameters
     ----------
@@ -179,37 +182,37 @@ def uber(
         A number or an RGB triple in [0, 1].
     """
     for name, value in (("kd", kd), ("ks", ks), ("kr", kr), ("kt", kt)):
-        black(name, value)
-    clear = 1 - within("opacity", opacity, "in [0, 1]", "the rest goes straight through", 0, 1, image=False)
-    facets, fresnel = blinn(roughness), Dielectric(index("eta", eta))
+        is_black(name, value)
+    clear = 1 - check_values("opacity", opacity, "in [0, 1]", "the rest goes straight through", 0, 1, image=False)
+    facets, fresnel = blinn(roughness), Dielectric(check_ior("eta", eta))
     lobes: tuple[Lobe, ...] = ()
     if clear.any():
         lobes += (SpecularTransmission(tuple(clear.tolist()), 1.0),)
-    if not black("kd", kd := scale(opacity, kd)):
+    if not is_black("kd", kd := scale(opacity, kd)):
         lobes += (Lambert(kd),)
-    if not black("ks", ks := scale(opacity, ks)):
+    if not is_black("ks", ks := scale(opacity, ks)):
         lobes += (Microfacet(ks, facets, fresnel),)
-    if not black("kr", kr := scale(opacity, kr)):
+    if not is_black("kr", kr := scale(opacity, kr)):
         lobes += (SpecularReflection(kr, fresnel),)
-    if not black("kt", kt := scale(opacity, kt)):
+    if not is_black("kt", kt := scale(opacity, kt)):
         lobes += (SpecularTransmission(kt, fresnel.eta),)
     return Material(lobes, "uber")
 
 
 def mirror(kr: Any = 0.9) -> Material:
-    """A perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS.
+    """Make a perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS.
 
     Parameters
     ----------
     kr
         A number, an RGB triple or an `Image`, in [0, 1].
     """
-    lobes: tuple[DeltaLobe, ...] = () if black("kr", kr) else (SpecularReflection(kr),)
+    lobes: tuple[DeltaLobe, ...] = () if is_black("kr", kr) else (SpecularReflection(kr),)
     return Material(lobes, "mirror")
 
 
 def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
-    """Smooth glass: mirror reflection and refraction, divided by Fresnel.
+    """Make smooth glass: mirror reflection and refraction, divided by Fresnel.
 
     Parameters
     ----------
@@ -218,17 +221,17 @@ def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
     eta
         Index of refraction, inside over outside: positive.
     """
-    eta = index("eta", eta)
+    eta = check_ior("eta", eta)
     lobes: tuple[Lobe, ...] = ()
-    if not black("kr", kr):
+    if not is_black("kr", kr):
         lobes += (SpecularReflection(kr, Dielectric(eta)),)
-    if not black("kt", kt):
+    if not is_black("kt", kt):
         lobes += (SpecularTransmission(kt, eta),)
     return Material(lobes, "glass")
 
 
 def blinn(roughness: Any) -> Blinn:
-    """Blinn's distribution of exponent ``1/roughness``."""
+    """Return Blinn's distribution of exponent ``1/roughness``."""
     return Blinn(_exponent("roughness", roughness))
 
 
@@ -240,16 +243,16 @@ class ReciprocalImage(Image):
 
 
 def _exponent(name: str, roughness: Any) -> Any:
-    least, reason = 1 / SHARPEST, "Blinn's exponent is its reciprocal"
-    roughness = number(name, roughness, f"positive and finite, at least {least:g}", reason, least, image=True)
+    least, reason = 1 / MAX_EXPONENT, "Blinn's exponent is its reciprocal"
+    roughness = check_number(name, roughness, f"positive and finite, at least {least:g}", reason, least, image=True)
     if isinstance(roughness, Image):
         return ReciprocalImage(roughness.texels, roughness.scale, roughness.offset, roughness.wrap)
     return 1 / roughness
 
 
 def _conductor_of(name: str, reflectance: Any) -> Conductor:
-    """The conductor with k = 0 whose normal reflectance is as given: ``eta = (1 + sqrt r) / (1 - sqrt r)``."""
-    r = within(name, reflectance, "in [0, 1]", "a conductor is made that reflects it", 0, 1, image=False)
+    """Return the conductor with k = 0 of a normal reflectance: ``eta = (1 + sqrt r) / (1 - sqrt r)``."""
+    r = check_values(name, reflectance, "in [0, 1]", "a conductor is made that reflects it", 0, 1, image=False)
     r = np.minimum(np.broadcast_to(r, 3), 0.999)
     eta = (1 + np.sqrt(r)) / (1 - np.sqrt(r))
     return Conductor((float(eta[0]), float(eta[1]), float(eta[2])), (0.0, 0.0, 0.0))
@@ -262,28 +265,28 @@ _most_reflected: ContextVar[float] = ContextVar("_most_reflected", default=1 + 1
 @contextmanager
 def unbounded() -> Iterator[None]:
     """Let the reflectances of materials that are made inside exceed 1, as those of pbrt files may."""
-    before = _most_reflected.set(MOST)
+    before = _most_reflected.set(FLOAT32_MAX)
     try:
         yield
     finally:
         _most_reflected.reset(before)
 
 
-def black(name: str, value: Any) -> bool:
-    """Whether a constant reflectance is zero; a ValueError if it is negative, or above 1 (but see `unbounded`)."""
-    numbers = within(name, value, "finite and not negative", "it is a reflectance")
+def is_black(name: str, value: Any) -> bool:
+    """Return whether a reflectance is a constant 0; refuse one that is negative, or above 1 (but see `unbounded`)."""
+    numbers = check_values(name, value, "finite and not negative", "it is a reflectance")
     remedy = "no surface reflects more light than it gets; divide values of 8 bits by 255 and make them linear"
-    within(name, value, "at most 1", remedy, 0, _most_reflected.get())
+    check_values(name, value, "at most 1", remedy, 0, _most_reflected.get())
     return not isinstance(value, Image) and not numbers.any()
 
 
-def index(name: str, eta: Any) -> float:
-    """An index of refraction, inside over outside."""
-    return float(number(name, eta, "positive and finite", "it is a ratio of speeds of light", LEAST))
+def check_ior(name: str, eta: Any) -> float:
+    """Return an index of refraction, inside over outside, as a float; refuse one that is not positive."""
+    return float(check_number(name, eta, "positive and finite", "it is a ratio of speeds of light", FLOAT32_TINY))
 
 
-def triple(name: str, value: Any) -> Rgb:
-    """Index of refraction or absorption of a metal."""
-    numbers = within(name, value, "finite and not negative", "it is part of a metal's index", image=False)
+def check_metal_index(name: str, value: Any) -> Rgb:
+    """Return the index of refraction or absorption of a metal as three floats; refuse negative ones."""
+    numbers = check_values(name, value, "finite and not negative", "it is part of a metal's index", image=False)
     r, g, b = np.broadcast_to(numbers, 3).tolist()
     return r, g, b

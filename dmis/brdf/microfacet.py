@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.brdf.cosines import ONE, Frame, Pair
+from dmis.brdf.cosines import ONE, Directions, LocalFrame
 from dmis.brdf.distributions import (
     Distribution,
     Roughness,
@@ -36,18 +36,24 @@ class Microfacet(Lobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def eval(self, pair: Pair) -> Array:
+    def eval(self, directions: Directions) -> Array:
         # D G / (4 cos_i cos_o), with G = min(1, 2 cos_h min(cos_i, cos_o) / cos_d)
-        shadowing = np.minimum(np.minimum(pair.cos_i, pair.cos_o) * pair.cos_h * 2 / pair.cos_d, ONE)
-        out = self.distribution.density(pair) * shadowing / np.maximum(4 * pair.cos_i * pair.cos_o, TINY)
+        shadowing = np.minimum(
+            np.minimum(directions.cos_i, directions.cos_o) * directions.cos_h * 2 / directions.cos_d, ONE
+        )
+        out = (
+            self.distribution.density(directions)
+            * shadowing
+            / np.maximum(4 * directions.cos_i * directions.cos_o, TINY)
+        )
         if self.fresnel is not None:
-            out = out * self.fresnel(pair.cos_d)
+            out = out * self.fresnel(directions.cos_d)
         return self.reflectance * out
 
-    def pdf(self, pair: Pair) -> Array:
-        return half_vector_pdf(self.distribution, pair)
+    def pdf(self, directions: Directions) -> Array:
+        return half_vector_pdf(self.distribution, directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
         return half_vector_sample(self.distribution, surface, u)
 
     def albedo(self) -> Array:
@@ -55,7 +61,8 @@ class Microfacet(Lobe):
         return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
 
 
-_LEAST = np.float32(1e-12)
+_MIN_DIVISOR = np.float32(1e-12)
+"""Smallest product of cosines and lengths that is divided by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,38 +79,45 @@ class GGX(Lobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def eval(self, pair: Pair) -> Array:
-        """BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
-        o, i = self._stretched(pair, pair.surface.wo, pair.cos_o), self._stretched(pair, pair.wi, pair.cos_i)
+    def eval(self, directions: Directions) -> Array:
+        """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
+        o, i = (
+            self._stretched(directions, directions.surface.wo, directions.cos_o),
+            self._stretched(directions, directions.wi, directions.cos_i),
+        )
         # G2 / (4 cos_i cos_o) without the division by cosines: L = (|w'| - cos) / (2 cos)
         out = (
-            TrowbridgeReitz(self.roughness).density(pair)
-            * pair.above
-            / np.maximum(2 * (o * pair.cos_i + i * pair.cos_o), _LEAST)
+            TrowbridgeReitz(self.roughness).density(directions)
+            * directions.above
+            / np.maximum(2 * (o * directions.cos_i + i * directions.cos_o), _MIN_DIVISOR)
         )
         if self.fresnel is not None:
-            out = out * self.fresnel(pair.cos_d)
+            out = out * self.fresnel(directions.cos_d)
         return self.reflectance * out
 
-    def pdf(self, pair: Pair) -> Array:
-        """Density of `sample`: D_wo over ``4 wo.h``, ``(N,)``."""
-        o = self._stretched(pair, pair.surface.wo, pair.cos_o)
-        return TrowbridgeReitz(self.roughness).density(pair) * pair.above / np.maximum(2 * (pair.cos_o + o), _LEAST)
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`: D_wo over ``4 wo.h``, ``(N,)``."""
+        o = self._stretched(directions, directions.surface.wo, directions.cos_o)
+        return (
+            TrowbridgeReitz(self.roughness).density(directions)
+            * directions.above
+            / np.maximum(2 * (directions.cos_o + o), _MIN_DIVISOR)
+        )
 
-    def sample(self, surface: Frame, u: Array) -> Array:
-        """Directions ``(3, N)``: wo mirrored at half vectors that it can see."""
-        return reflect(surface, visible(self.roughness, surface, u))
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions ``(3, N)``: wo mirrored at half vectors that it can see."""
+        return reflect(surface, visible_half_vectors(self.roughness, surface, u))
 
-    def _stretched(self, pair: Pair, w: Array, cos: Array) -> Array:
-        return self.roughness.stretched(pair.surface, w, cos)
+    def _stretched(self, directions: Directions, w: Array, cos: Array) -> Array:
+        return self.roughness.stretched(directions.surface, w, cos)
 
     def albedo(self) -> Array:
         """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
         return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
 
 
-def visible(roughness: Roughness, surface: Frame, u: Array) -> Array:
-    """Half vectors that wo can see, ``(3, N)``, on its side of the surface, whichever that is.
+def visible_half_vectors(roughness: Roughness, surface: LocalFrame, u: Array) -> Array:
+    """Sample half vectors that wo can see, ``(3, N)``, on its side of the surface.
 
     Stretched by alpha, facets are a hemisphere. Light along the stretched wo is reflected by a hemisphere uniformly
     into the directions whose cosine is above ``-wo'_z``: so half vectors come from a uniform direction in that cap.

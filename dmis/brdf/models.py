@@ -2,7 +2,7 @@
 
 A glossy lobe of reflectance `ks`, over Lambert's of `kd` if that is not black. Parameters are numbers, RGB triples or
 `dmis.brdf.texture.Image`; one out of its range is a ValueError that names it. What the models are, and where they come
-from: `dmis.brdf.phong`, `dmis.brdf`, `dmis.ggx`, `dmis.brdf.coated_diffuse`.
+from: the modules of `dmis.brdf`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import numpy as np
 
 from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import SHARPEST
+from dmis.brdf.cosines import MAX_EXPONENT
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import (
-    LEAST_ALPHA,
+    MIN_ALPHA,
     Anisotropic,
     Beckmann,
     Blinn,
@@ -27,17 +27,17 @@ from dmis.brdf.distributions import (
 )
 from dmis.brdf.fresnel import Coat, Conductor, Dielectric, Fresnel
 from dmis.brdf.lobe import Lobe
-from dmis.brdf.materials import Material, black, index, triple
+from dmis.brdf.materials import Material, check_ior, check_metal_index, is_black
 from dmis.brdf.microfacet import GGX, Microfacet
 from dmis.brdf.phong import BlinnPhong, Lafortune
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
 from dmis.brdf.specular import SpecularReflection
-from dmis.brdf.texture import LEAST, number, within
+from dmis.brdf.texture import FLOAT32_TINY, check_number, check_values
 from dmis.brdf.ward import Ward
 
 
 def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
-    """Phong's cosine lobe about the mirror direction, normalised; see `dmis.brdf.phong.Lafortune`.
+    """Make Phong's cosine lobe about the mirror direction, normalised; see `dmis.brdf.phong.Lafortune`.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
 
 
 def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -1.0, c_n: float = 0.9) -> Material:
-    """Lafortune's cosine lobe; its direction is wo with its tangential part times `c_t`, its normal part times `c_n`.
+    """Make Lafortune's cosine lobe about wo with its tangential part times `c_t`, its normal part times `c_n`.
 
     ``c_t = -1`` with ``c_n < 1`` is off-specular, ``c_t > 0`` sends light back to where it came from. Put several
     lobes in one `Material` to fit a measured surface.
@@ -69,13 +69,13 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
         In [-1, 1] and (0, 1].
     """
     reason = "the lobe's peak grows with its power"
-    c_t = number("c_t", c_t, "in [-1, 1]", reason, -1, 1)
-    c_n = number("c_n", c_n, "in (0, 1]", reason, LEAST, 1)
+    c_t = check_number("c_t", c_t, "in [-1, 1]", reason, -1, 1)
+    c_n = check_number("c_n", c_n, "in (0, 1]", reason, FLOAT32_TINY, 1)
     return _over(kd, ks, Lafortune(ks, _power("exponent", exponent), c_t, c_n), "lafortune")
 
 
 def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
-    """A cosine lobe of the half vector without masking, normalised; see `dmis.brdf.phong.BlinnPhong`.
+    """Make a cosine lobe of the half vector without masking, normalised; see `dmis.brdf.phong.BlinnPhong`.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
 
 
 def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -> Material:
-    """Ward's Gaussian lobe with bounded albedo; anisotropic if `alpha_v` is given; see `dmis.brdf.ward.Ward`.
+    """Make Ward's Gaussian lobe with bounded albedo; `alpha_v` makes it anisotropic; see `dmis.brdf.ward.Ward`.
 
     Parameters
     ----------
@@ -102,11 +102,11 @@ def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -
         Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
         the two tangents.
     """
-    return _over(kd, ks, Ward(ks, Beckmann(spread(alpha, alpha_v))), "ward")
+    return _over(kd, ks, Ward(ks, Beckmann(facet_roughness(alpha, alpha_v))), "ward")
 
 
 def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any = None) -> Material:
-    """Ashikhmin and Shirley's model as in their paper: diffuse base, and a coat of normal reflectance `ks`.
+    """Make Ashikhmin and Shirley's model as in their paper: diffuse base, and a coat of normal reflectance `ks`.
 
     `n_u` and `n_v` are the exponents along the two tangents, the same if `n_v` is None. `substrate` is pbrt's variant,
     whose coat has a slightly larger factor.
@@ -120,7 +120,7 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
     n_u, n_v
         Positive, numbers or an `Image`.
     """
-    black("kd", kd), black("ks", ks)
+    is_black("kd", kd), is_black("ks", ks)
     distribution: Distribution = Blinn(_power("n_u", n_u))
     if n_v is not None:
         distribution = Anisotropic(_power("n_u", n_u), _power("n_v", n_v))
@@ -128,7 +128,7 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
 
 
 def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel: Fresnel | None = None) -> Material:
-    """V-shaped facets with Blinn's distribution; `fresnel` None reflects everything; see
+    """Make V-shaped facets with Blinn's distribution; `fresnel` None reflects everything; see
     `dmis.brdf.microfacet.Microfacet`.
 
     Parameters
@@ -148,7 +148,7 @@ def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel
 def cook_torrance(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
-    """V-shaped facets with Beckmann's distribution; the paper's factor 1/pi is 1/4 here, which conserves energy.
+    """Make V-shaped facets with Beckmann's distribution; the factor is 1/4, not the paper's 1/pi, to conserve energy.
 
     Parameters
     ----------
@@ -162,13 +162,13 @@ def cook_torrance(
     fresnel
         `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
     """
-    return _over(kd, ks, Microfacet(ks, Beckmann(spread(alpha, alpha_v)), fresnel), "cooktorrance")
+    return _over(kd, ks, Microfacet(ks, Beckmann(facet_roughness(alpha, alpha_v)), fresnel), "cooktorrance")
 
 
 def ggx(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
-    """Facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.ggx`.
+    """Make facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.brdf.microfacet.GGX`.
 
     Parameters
     ----------
@@ -182,11 +182,11 @@ def ggx(
     fresnel
         `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
     """
-    return _over(kd, ks, GGX(ks, spread(alpha, alpha_v), fresnel), "ggx")
+    return _over(kd, ks, GGX(ks, facet_roughness(alpha, alpha_v), fresnel), "ggx")
 
 
 def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, eta: float = 1.5) -> Material:
-    """Glass with facets that have the distribution of Trowbridge and Reitz; see `dmis.rough_glass`.
+    """Make glass with facets of the distribution of Trowbridge and Reitz; see `dmis.brdf.rough_glass`.
 
     What comes through it is light that falls upon its far side: behind glass that has two surfaces, that takes path
     tracing. `dmis.brdf.materials.glass` is smooth.
@@ -201,14 +201,14 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     eta
         Index of refraction, inside over outside: positive, and not 1, where there is no surface.
     """
-    eta = index("eta", eta)
+    eta = check_ior("eta", eta)
     if eta == 1:
         raise ValueError("eta must not be 1, because facets would not refract; got 1")
-    facets = spread(alpha, alpha_v)
+    facets = facet_roughness(alpha, alpha_v)
     lobes: tuple[Lobe, ...] = ()
-    if not black("kr", kr):
+    if not is_black("kr", kr):
         lobes += (RoughReflection(kr, facets, Dielectric(eta)),)
-    if not black("kt", kt):
+    if not is_black("kt", kt):
         lobes += (RoughTransmission(kt, facets, eta),)
     return Material(lobes, "glass")
 
@@ -216,7 +216,7 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
 def coated_diffuse(
     kd: Any = 0.5, alpha: float = 0.0, eta: float = 1.5, thickness: float = 0.0, bounces: int | None = None
 ) -> Material:
-    """A Lambertian base under a dielectric coat, with all reflections between the two; see `dmis.brdf.coated_diffuse`.
+    """Make a Lambertian base under a dielectric coat, with all reflections in between; see `dmis.brdf.coated_diffuse`.
 
     Parameters
     ----------
@@ -232,50 +232,52 @@ def coated_diffuse(
         How many reflections by the base count; None: all.
     """
     alpha, eta, thickness = (
-        number(name, value, f"from {least} to {most}", "what crosses the coat is tabulated", least, most)
+        check_number(name, value, f"from {least} to {most}", "what crosses the coat is tabulated", least, most)
         for name, value, least, most in (
             ("alpha", alpha, 0, 10),
             ("eta", eta, 1, 100),
             ("thickness", thickness, 0, 1000),
         )
     )
-    if 0 < alpha < LEAST_ALPHA:
-        raise ValueError(f"alpha must be 0 or at least {LEAST_ALPHA:g}, what float32 directions resolve; got {alpha}")
+    if 0 < alpha < MIN_ALPHA:
+        raise ValueError(f"alpha must be 0 or at least {MIN_ALPHA:g}, what float32 directions resolve; got {alpha}")
     if bounces is not None and not (isinstance(bounces, int | np.integer) and bounces >= 1):
         raise ValueError(f"bounces must be an integer, at least 1, because the first is what is seen; got {bounces}")
-    within("kd", kd, "in [0, 1]", "it is reflected again and again", 0, 1)
+    check_values("kd", kd, "in [0, 1]", "it is reflected again and again", 0, 1)
     lobes: tuple[Lobe, ...] = ()
-    if not black("kd", kd):
+    if not is_black("kd", kd):
         lobes = (CoatedBase(kd, eta, alpha if eta > 1 else 0.0, thickness, bounces),)
     if eta > 1:
-        lobes += (GGX(1.0, spread(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
+        lobes += (GGX(1.0, facet_roughness(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
     return Material(lobes, "coateddiffuse")
 
 
 def _over(kd: Any, ks: Any, lobe: Lobe, name: str) -> Material:
-    """A glossy lobe of reflectance `ks` and a Lambert lobe, without those that are black; also checks its Fresnel."""
+    """Return a glossy lobe of reflectance `ks` and a Lambert lobe, without black ones; check the Fresnel term."""
     fresnel = getattr(lobe, "fresnel", None)
     if isinstance(fresnel, Conductor):
-        triple("eta of fresnel", fresnel.eta), triple("k of fresnel", fresnel.k)
+        check_metal_index("eta of fresnel", fresnel.eta), check_metal_index("k of fresnel", fresnel.k)
     elif isinstance(fresnel, Dielectric | Coat):
-        index("eta of fresnel", fresnel.eta)
+        check_ior("eta of fresnel", fresnel.eta)
     elif fresnel is not None and not callable(fresnel):
         raise ValueError(f"fresnel must be a Dielectric or Conductor, because it takes cosines, or None; got {fresnel}")
-    lobes: tuple[Lobe, ...] = () if black("kd", kd) else (Lambert(kd),)
-    return Material(lobes if black("ks", ks) else (*lobes, lobe), name)
+    lobes: tuple[Lobe, ...] = () if is_black("kd", kd) else (Lambert(kd),)
+    return Material(lobes if is_black("ks", ks) else (*lobes, lobe), name)
 
 
 def _power(name: str, exponent: Any) -> Any:
-    rule = f"positive and finite, at most {SHARPEST:g}"
-    return number(name, exponent, rule, "the lobe is a cosine to this power", LEAST, SHARPEST, image=True)
+    rule = f"positive and finite, at most {MAX_EXPONENT:g}"
+    return check_number(
+        name, exponent, rule, "the lobe is a cosine to this power", FLOAT32_TINY, MAX_EXPONENT, image=True
+    )
 
 
-def spread(alpha: Any, alpha_v: Any = None) -> Roughness:
-    """Roughness alpha along both tangents; equal in all directions if `alpha_v` is None."""
+def facet_roughness(alpha: Any, alpha_v: Any = None) -> Roughness:
+    """Return the roughness alpha along both tangents; equal in all directions if `alpha_v` is None."""
     u = _alpha("alpha", alpha)
     return Isotropic(u) if alpha_v is None else Elliptic(u, _alpha("alpha_v", alpha_v))
 
 
 def _alpha(name: str, alpha: Any) -> Any:
-    rule = f"positive and finite, at least {LEAST_ALPHA:g}"
-    return number(name, alpha, rule, "float32 directions resolve no less", LEAST_ALPHA, image=True)
+    rule = f"positive and finite, at least {MIN_ALPHA:g}"
+    return check_number(name, alpha, rule, "float32 directions resolve no less", MIN_ALPHA, image=True)

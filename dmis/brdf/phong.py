@@ -8,12 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.brdf.cosines import SHARP, Frame, Pair
+from dmis.brdf.cosines import MAX_COSINE_EXPONENT, Directions, LocalFrame
 from dmis.brdf.distributions import Blinn, half_vector_pdf, half_vector_sample
 from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import TWO_PI, power, square_to_power, to_world
 
-_LEAST = np.float32(1e-10)  # of cosines and their products at the horizon
+_MIN_COSINE = np.float32(1e-10)
+"""Smallest cosine, or product of two, that is divided by: they are 0 at the horizon."""
 _NEARLY_1 = np.float32(1 - 1e-6)
 
 
@@ -37,34 +38,34 @@ class Lafortune(Lobe):
     scalars: ClassVar[tuple[str, ...]] = ("exponent",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def eval(self, pair: Pair) -> Array:
-        """BRDF without the cosine; 0 below the shading horizon."""
-        lobe = self._lobe(pair, True) * pair.above
+    def eval(self, directions: Directions) -> Array:
+        """Return the BRDF without the cosine; 0 below the shading horizon."""
+        lobe = self._lobe(directions, True) * directions.above
         return self.reflectance * ((self.exponent + 2) / TWO_PI * lobe)
 
-    def pdf(self, pair: Pair) -> Array:
-        """Density of `sample`, ``(N,)``."""
-        return (self.exponent + 1) / TWO_PI * self._lobe(pair, False) * pair.above
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`, ``(N,)``."""
+        return (self.exponent + 1) / TWO_PI * self._lobe(directions, False) * directions.above
 
-    def sample(self, surface: Frame, u: Array) -> Array:
-        """Directions about C wo, ``(3, N)``."""
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions about C wo, ``(3, N)``."""
         return to_world(square_to_power(u, self.exponent), normalise(self._towards(surface)))
 
-    def _towards(self, surface: Frame) -> Array:
-        """C wo, ``(3, N)``, kept from vanishing, which it would at the horizon if c_t = 0."""
-        return surface.wo * self.c_t + surface.n * ((self.c_n - self.c_t) * np.maximum(surface.cos_o, _LEAST))
+    def _towards(self, surface: LocalFrame) -> Array:
+        """Return C wo, ``(3, N)``, kept from vanishing, which it would at the horizon if c_t = 0."""
+        return surface.wo * self.c_t + surface.n * ((self.c_n - self.c_t) * np.maximum(surface.cos_o, _MIN_COSINE))
 
-    def _lobe(self, pair: Pair, scaled: bool) -> Array:
-        """Cosine between C wo and wi to the exponent; times that power of \\|C wo\\| if `scaled`, ``(N,)``."""
+    def _lobe(self, directions: Directions, scaled: bool) -> Array:
+        """Return the cosine of C wo and wi to the exponent; times that power of \\|C wo\\| if `scaled`, ``(N,)``."""
         tangential, normal = self.c_t * self.c_t - 1, self.c_n * self.c_n - 1
-        cos2_o = pair.cos_o * pair.cos_o
+        cos2_o = directions.cos_o * directions.cos_o
         beyond = tangential * (1 - cos2_o) + normal * cos2_o  # |C wo|^2 - 1
-        if np.max(self.exponent) <= SHARP:
-            across = pair.cos_io - pair.cos_i_signed * pair.cos_o
-            cos = np.clip(self.c_t * across + self.c_n * (pair.cos_i_signed * pair.cos_o), 0, 1)
+        if np.max(self.exponent) <= MAX_COSINE_EXPONENT:
+            across = directions.cos_io - directions.cos_i_signed * directions.cos_o
+            cos = np.clip(self.c_t * across + self.c_n * (directions.cos_i_signed * directions.cos_o), 0, 1)
             return power(cos if scaled else cos / np.sqrt(np.maximum(1 + beyond, TINY)), self.exponent)
-        # a cosine near 1 is rounded by more than the width of the lobe, see `Pair.power_h`: 1 - cos = |a - b|^2 / 2
-        away = normalise(self._towards(pair.surface)) - pair.wi
+        # a cosine near 1 is rounded by more than the lobe's width (`Directions.power_h`): 1 - cos = |a - b|^2 / 2
+        away = normalise(self._towards(directions.surface)) - directions.wi
         log_cos = np.log1p(-np.minimum(dot(away, away) / 2, _NEARLY_1))
         return np.exp((log_cos + np.log1p(np.maximum(beyond, -_NEARLY_1)) / 2 if scaled else log_cos) * self.exponent)
 
@@ -85,16 +86,16 @@ class BlinnPhong(Lobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def eval(self, pair: Pair) -> Array:
-        """BRDF without the cosine; 0 below the shading horizon."""
+    def eval(self, directions: Directions) -> Array:
+        """Return the BRDF without the cosine; 0 below the shading horizon."""
         n = self.distribution.exponent
         scale = (n + 2) * (n + 4) / (4 * TWO_PI * (n + np.exp2(-n / 2)))
-        return self.reflectance * (scale * pair.power_h(n) * pair.above)
+        return self.reflectance * (scale * directions.power_h(n) * directions.above)
 
-    def pdf(self, pair: Pair) -> Array:
-        """Density of `sample`, ``(N,)``."""
-        return half_vector_pdf(self.distribution, pair)
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`, ``(N,)``."""
+        return half_vector_pdf(self.distribution, directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
-        """Directions ``(3, N)``."""
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions ``(3, N)``."""
         return half_vector_sample(self.distribution, surface, u)

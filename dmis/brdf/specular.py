@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Frame
+from dmis.brdf.cosines import LocalFrame
 from dmis.brdf.fresnel import Dielectric, Fresnel, dielectric
 from dmis.brdf.lobe import DeltaLobe
 
@@ -22,13 +22,13 @@ class SpecularReflection(DeltaLobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def scatter(self, surface: Frame) -> tuple[Array, Array]:
-        """Direction ``(3, N)`` and the factor (BRDF times cosine over probability) ``(3, N)`` or ``(3, 1)``."""
+    def scatter(self, surface: LocalFrame) -> tuple[Array, Array]:
+        """Return directions ``(3, N)`` and factors (BRDF times cosine over probability) ``(3, N)`` or ``(3, 1)``."""
         wi = surface.n * (2 * surface.cos_o) - surface.wo
         if self.fresnel is None:
             return wi, self.reflectance
         if isinstance(self.fresnel, Dielectric):
-            return wi, self.reflectance * dielectric(surface.cos_o, index(self.fresnel.eta, surface.outside))
+            return wi, self.reflectance * dielectric(surface.cos_o, relative_ior(self.fresnel.eta, surface.outside))
         return wi, self.reflectance * self.fresnel(surface.cos_o)
 
     def albedo(self) -> Array:
@@ -55,20 +55,20 @@ class SpecularTransmission(DeltaLobe):
     factor: ClassVar[str | None] = "transmittance"
     transmissive: ClassVar[bool] = True
 
-    def scatter(self, surface: Frame) -> tuple[Array, Array]:
-        """Direction ``(3, N)`` and factor ``(3, N)``; total internal reflection gives factor 0."""
-        eta = index(self.eta, surface.outside)
+    def scatter(self, surface: LocalFrame) -> tuple[Array, Array]:
+        """Return directions ``(3, N)`` and factors ``(3, N)``, which are 0 in total internal reflection."""
+        eta = relative_ior(self.eta, surface.outside)
         cos_o, ratio = surface.cos_o, 1 / eta
         cos_t = np.sqrt(np.maximum(1 - (1 - cos_o * cos_o) * ratio * ratio, 0))
         wi = surface.n * (ratio * cos_o - cos_t) - surface.wo * ratio
-        passed = 1 - dielectric(cos_o, eta)
-        return wi, self.transmittance * (passed * ratio * ratio if self.scaled else passed)
+        transmitted = 1 - dielectric(cos_o, eta)
+        return wi, self.transmittance * (transmitted * ratio * ratio if self.scaled else transmitted)
 
     def eta_scale(self) -> float:
         """Return the index by whose square radiance is divided inside, see `dmis.brdf.lobe.Lobe.eta_scale`."""
         return self.eta if self.scaled else 1.0
 
 
-def index(eta: float, outside: Array) -> Array:
-    """Index of refraction beyond the surface over index on wo's side."""
+def relative_ior(eta: float, outside: Array) -> Array:
+    """Return the index of refraction beyond the surface over that on wo's side."""
     return np.where(outside, np.float32(eta), np.float32(1 / eta))

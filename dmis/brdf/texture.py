@@ -1,8 +1,8 @@
 """Textures: constants, images, and products of them, evaluated for batches of surface points.
 
-A parameter of a lobe is a plain number, an RGB triple, or an `Image`; `within` and `number` check it. Products are
-folded when they are made (`scale`), because bilinear interpolation is linear: a scaled image costs no more than an
-image.
+A parameter of a lobe is a plain number, an RGB triple, or an `Image`; `check_values` and `check_number` check it.
+Products are folded when they are made (`scale`), because bilinear interpolation is linear: a scaled image costs no more
+than an image.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from dmis.base.vectors import Array
 
 Wrap = Literal["repeat", "black", "clamp"]
-LEAST, MOST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
-"""Of parameters that must be positive, and finite: lobes are computed in float32."""
-LARGEST = 1e15
-"""Of scale and offset: times coordinates of a mesh (`dmis.base.validate.FARTHEST`) and texels they are below 3e38
-still."""
+FLOAT32_TINY, FLOAT32_MAX = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+"""Smallest positive and largest number of float32, in which lobes are computed: the bounds of parameters."""
+MAX_UV_SCALE = 1e15
+"""Largest scale and offset of texture coordinates: times coordinates of a mesh (`dmis.base.validate.FARTHEST`) and
+texels they are below 3e38 still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Image:
     texels
         ``(H, W, C)`` linear values, C = 1 or 3, row 0 at t = 0. Three equal channels are stored as one.
     scale, offset
-        ``(s, t) = uv * scale + offset``; within `LARGEST`.
+        ``(s, t) = uv * scale + offset``; within `MAX_UV_SCALE`.
     wrap
         What lies outside [0, 1): ``repeat``, ``black`` or ``clamp``.
     """
@@ -59,8 +59,10 @@ class Image:
         if not np.isfinite(texels).all():
             raise ValueError("texels must be finite, because one bad texel spoils every pixel that sees it")
         for name, values in (("scale", self.scale), ("offset", self.offset)):
-            if not (np.abs(values) <= LARGEST).all():
-                raise ValueError(f"{name} must be within {LARGEST:g}, because lookups are in float32; got {values}")
+            if not (np.abs(values) <= MAX_UV_SCALE).all():
+                raise ValueError(
+                    f"{name} must be within {MAX_UV_SCALE:g}, because lookups are in float32; got {values}"
+                )
         if self.wrap not in ("repeat", "black", "clamp"):
             raise ValueError(f"wrap must be 'repeat', 'black' or 'clamp'; got {self.wrap!r}")
         if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
@@ -79,17 +81,17 @@ class Image:
         return np.pad(bordered, ((0, 0), (0, channels // 2)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickles leave out what can be made again."""
+        """Return the fields, which are pickled; the table of texels is made again."""
         return {name: value for name, value in self.__dict__.items() if name != "_rows"}
 
     def __call__(self, uv: Array) -> Array:
-        """Values ``(C, N)`` at texture coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
+        """Return values ``(C, N)`` at coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
         s = uv[0] * np.float32(self.scale[0]) + np.float32(self.offset[0])
         t = uv[1] * np.float32(self.scale[1]) + np.float32(self.offset[1])
         return self.at(s - np.floor(s), t - np.floor(t)) if self.wrap == "repeat" else self.at(s, t)
 
     def at(self, s: Array, t: Array) -> Array:
-        """Values ``(C, N)`` at coordinates in the image, `s` and `t` ``(N,)``; in [0, 1] if it repeats."""
+        """Return values ``(C, N)`` at coordinates in the image, `s` and `t` ``(N,)``; in [0, 1] if it repeats."""
         height, width, channels = self.texels.shape
         x, y = s * width - np.float32(0.5), t * height - np.float32(0.5)
         if self.wrap != "repeat":
@@ -106,7 +108,7 @@ class Image:
         return out
 
     def _gather(self, row: np.ndarray, weight: Array, channels: int) -> Array:
-        """Texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
+        """Return texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
         return np.multiply(self._rows.take(row, axis=0).T[:channels], weight, order="C")
 
 
@@ -115,7 +117,7 @@ Parameter = float | tuple[float, ...] | Array | Image
 
 
 def scale(a: Parameter, b: Parameter) -> Parameter:
-    """The product of two parameters, folded into one constant or one image.
+    """Return the product of two parameters, folded into one constant or one image.
 
     Raises
     ------
@@ -131,18 +133,18 @@ def scale(a: Parameter, b: Parameter) -> Parameter:
     return tuple(np.atleast_1d(np.asarray(a, float) * np.asarray(b, float)).tolist())
 
 
-def within(
+def check_values(
     name: str,
     value: Any,
     rule: str,
     reason: str,
     least: float = 0.0,
-    most: float = MOST,
+    most: float = FLOAT32_MAX,
     *,
     rgb: bool = True,
     image: bool = True,
 ) -> Array:
-    """The numbers that a parameter consists of: ``(1,)`` or ``(3,)`` of a constant, the texels of an image.
+    """Return the numbers of a parameter: ``(1,)`` or ``(3,)`` of a constant, the texels of an image.
 
     Parameters
     ----------
@@ -183,9 +185,9 @@ _KINDS = {
 }
 
 
-def number(
-    name: str, value: Any, rule: str, reason: str, least: float, most: float = MOST, *, image: bool = False
+def check_number(
+    name: str, value: Any, rule: str, reason: str, least: float, most: float = FLOAT32_MAX, *, image: bool = False
 ) -> Any:
-    """A float, or an `Image` of one channel if there may be an image, that is `within` bounds."""
-    numbers = within(name, value, rule, reason, least, most, rgb=False, image=image)
+    """Return a float, or an `Image` of one channel if `image`; refuse numbers out of bounds, see `check_values`."""
+    numbers = check_values(name, value, rule, reason, least, most, rgb=False, image=image)
     return value if isinstance(value, Image) else float(numbers[0])

@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Frame, Pair
+from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.distributions import Beckmann, half_vector_pdf, half_vector_sample
 from dmis.brdf.lobe import Lobe
 
-_LEAST = np.float32(1e-10)  # of cosines and their products at the horizon
+_MIN_COSINE = np.float32(1e-10)
+"""Smallest cosine, or product of two, that is divided by: they are 0 at the horizon."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +34,15 @@ class Ward(Lobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
     factor: ClassVar[str | None] = "reflectance"
 
-    def eval(self, pair: Pair) -> Array:
-        """BRDF without the cosine; 0 below the shading horizon."""
-        spread = self.distribution.density(pair) * pair.above
-        return self.reflectance * (spread / np.maximum(4 * pair.cos_d * pair.cos_d, _LEAST))
+    def eval(self, directions: Directions) -> Array:
+        """Return the BRDF without the cosine; 0 below the shading horizon."""
+        density = self.distribution.density(directions) * directions.above
+        return self.reflectance * (density / np.maximum(4 * directions.cos_d * directions.cos_d, _MIN_COSINE))
 
-    def pdf(self, pair: Pair) -> Array:
-        """Density of `sample`, ``(N,)``."""
-        return half_vector_pdf(self.distribution, pair)
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`, ``(N,)``."""
+        return half_vector_pdf(self.distribution, directions)
 
-    def sample(self, surface: Frame, u: Array) -> Array:
-        """Directions ``(3, N)``."""
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions ``(3, N)``."""
         return half_vector_sample(self.distribution, surface, u)

@@ -43,7 +43,7 @@ from dmis.pipeline.passes import Progress
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
 from dmis.pipeline.tile import Tile
-from dmis.scene.rescale import suited
+from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import Scene
 
 CLUSTER_TIMEOUT = 30.0
@@ -192,7 +192,7 @@ def _render(options: argparse.Namespace) -> int:
 def _description(scene: Scene) -> str:
     """Return the name, resolution and plan of a scene."""
     width, height = scene.camera.resolution
-    unseen = 0 if scene.seeing is None else int((~scene.seeing).sum())
+    unseen = 0 if scene.covered_pixels is None else int((~scene.covered_pixels).sum())
     empty = f" ({unseen:,} of them see no surface or light and are not sampled)" if unseen else ""
     return f"scene {scene.name}: {width}x{height} pixels{empty}, {scene.describe()}"
 
@@ -275,7 +275,7 @@ def _info(options: argparse.Namespace) -> int:
     if options.scene:
         begin = time.perf_counter()
         loaded = _load(options)
-        scene, _ = suited(loaded)
+        scene, _ = rescale_for_float32(loaded)
         scene.prepare()
         added = sum(part.mesh.triangles for part in scene.parts) - sum(part.mesh.triangles for part in loaded.parts)
         refined = f"\n  {added:,} triangles added: huge ones are split near small bodies" if added else ""

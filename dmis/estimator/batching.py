@@ -18,10 +18,10 @@ from dmis.estimator.allocation import Counts
 from dmis.estimator.batch import Batch
 from dmis.estimator.samples import Samples, Vertices
 from dmis.estimator.technique import SampledLight, technique_by_name
-from dmis.light.light_sample import Seen
+from dmis.light.light_sample import LightSample
 from dmis.samplers.keys import MORE
 from dmis.samplers.streams import BlockSampler
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 POINTS = 2**17
 """Surface points of a group that are shaded at a time: many more take memory, and are not faster."""
@@ -149,7 +149,7 @@ def draw_numbers(
     return batch.sampler.draw((*key, k), camera_sample, take(counts.samples_before[k], camera_sample) + i)
 
 
-def facing_light(surface: Surface, light_sample: Seen) -> Index | None:
+def facing_light(surface: ShadingPoints, light_sample: LightSample) -> Index | None:
     """Return the indices of directions that meet the light and leave the triangle on the side of wo; None: all."""
     if 2 * np.count_nonzero(light_sample.emits) < len(light_sample.emits):  # few, as of BRDF samples and a small light
         met = np.flatnonzero(light_sample.emits)

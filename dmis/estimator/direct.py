@@ -19,7 +19,7 @@ import numpy as np
 
 from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded
 from dmis.estimator.combiner import combiner_by_name, control_variate
@@ -60,7 +60,7 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
         _add_control_variate(vertices, samples, lit, [np.zeros(0, np.float32)] * len(techniques), over_s)
         return
     surface, wi, shares = samples.surface.take(lit), take(light_sample.wi, lit), take(samples.shares, lit)
-    directions = Pair(surface, wi)
+    directions = Directions(surface, wi)
 
     # p_l, p_b: the density of every technique in the sampled direction, whichever picked it
     light_pdf = take(light_sample.pdf, lit)
@@ -124,6 +124,6 @@ def _add_delta_light(
     if not size(lit, 1):
         return
     surface = surface.take(lit)
-    directions = Pair(surface, take(light_sample.wi, lit))
+    directions = Directions(surface, take(light_sample.wi, lit))
     reflected = surface.eval(directions) * (directions.cos_i * over_probability) * light_sample.radiance_at(lit)
     accumulate(vertices.radiance, reflected * visible, compose(index, lit))

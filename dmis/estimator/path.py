@@ -21,10 +21,10 @@ import numpy as np
 
 from dmis.base.selection import Selection, compose, indices, take
 from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import Pair
-from dmis.brdf.specular import index as index_beyond
+from dmis.brdf.cosines import Directions
+from dmis.brdf.specular import relative_ior
 from dmis.samplers.keys import CONTINUE
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 Way = int | Literal["glossy", "through"]
 """Way in which light comes to a surface: by one of the delta lobes, or by glossy lobes of one side or the other."""
@@ -59,7 +59,7 @@ class Rays:
     sees: np.ndarray | bool = True
 
 
-def scatter(surface: Surface, lobe: Any) -> tuple[Array, Array, Array]:
+def scatter(surface: ShadingPoints, lobe: Any) -> tuple[Array, Array, Array]:
     """Return origins, directions and factors, each ``(3, N)``, of rays that a delta lobe sends on."""
     wi, factor = lobe.scatter(surface)
     # p lies on wo's side of the surface; what goes through begins on the other
@@ -68,7 +68,7 @@ def scatter(surface: Surface, lobe: Any) -> tuple[Array, Array, Array]:
 
 
 def bounce(
-    surface: Surface,
+    surface: ShadingPoints,
     sample: Selection | None,
     throughput: Array | None,
     depth: int,
@@ -123,9 +123,9 @@ def bounce(
     return Rays(origin, direction, compose(sample, index), factor, depth + 1, (CONTINUE,) * (depth + 1), sees)
 
 
-def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
+def _scaled(surface: ShadingPoints, direction: Array) -> Array | np.float32:
     """Return eta^2 by which the throughput of rays in `direction` was divided inside of glass; 1 outside."""
-    scales = (lobe.eta_scale() for lobe in (*surface.through, *surface.delta))
+    scales = (lobe.eta_scale() for lobe in (*surface.transmission, *surface.delta))
     eta = next((eta for eta in scales if eta != 1), None)
     if eta is None:
         return np.float32(1)
@@ -133,17 +133,17 @@ def _scaled(surface: Surface, direction: Array) -> Array | np.float32:
     return np.where(inside, np.float32(eta * eta), np.float32(1))
 
 
-def _ways(surface: Surface) -> list[Way]:
+def _ways(surface: ShadingPoints) -> list[Way]:
     """Return the ways in which light can come to the surface."""
     ways: list[Way] = list(range(len(surface.delta)))
-    if surface.glossy:
+    if surface.reflection:
         ways.append("glossy")
-    if surface.through:
+    if surface.transmission:
         ways.append("through")
     return ways
 
 
-def _follow(surface: Surface, way: Way, u: Array) -> tuple[Array, Array, Array]:
+def _follow(surface: ShadingPoints, way: Way, u: Array) -> tuple[Array, Array, Array]:
     """Return origins, directions and factors, each ``(3, N)``, of rays that go one way."""
     if isinstance(way, int):
         return scatter(surface, surface.delta[way])
@@ -171,20 +171,20 @@ def _throughput(rays: Rays) -> Array:
     return np.ones(rays.origin.shape, np.float32) if rays.throughput is None else rays.throughput
 
 
-def _reflected(surface: Surface, wi: Array) -> Array:
+def _reflected(surface: ShadingPoints, wi: Array) -> Array:
     """Return ``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
-    pair = Pair(surface, wi)
-    if len(surface.glossy) == 1 and (weight := surface.glossy[0].weight()) is not None:
-        factor = (pair.above & surface.faces(pair)).astype(np.float32)
+    directions = Directions(surface, wi)
+    if len(surface.reflection) == 1 and (weight := surface.reflection[0].weight()) is not None:
+        factor = (directions.above & surface.faces(directions)).astype(np.float32)
         return np.broadcast_to(weight * factor, wi.shape)
-    pdf = surface.pdf(pair)
-    accepted = (pdf > 0) & surface.faces(pair)
-    factor = pair.cos_i / np.where(accepted, pdf, 1) * accepted
-    return np.broadcast_to(surface.eval(pair) * factor, wi.shape)
+    pdf = surface.pdf(directions)
+    accepted = (pdf > 0) & surface.faces(directions)
+    factor = directions.cos_i / np.where(accepted, pdf, 1) * accepted
+    return np.broadcast_to(surface.eval(directions) * factor, wi.shape)
 
 
 def _choose(
-    surface: Surface, ways: list[Way], n: int, rng: np.random.Generator
+    surface: ShadingPoints, ways: list[Way], n: int, rng: np.random.Generator
 ) -> list[tuple[Way, Selection | None, Array | np.float32]]:
     """Divide the points among the ways; returns each way with its points and its probability.
 
@@ -196,13 +196,13 @@ def _choose(
     for k, lobe in enumerate(surface.delta):
         wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
         if (eta := lobe.eta_scale()) != 1:  # radiance is divided by eta^2, power is not
-            wanted[k] *= index_beyond(eta, surface.outside) ** 2
+            wanted[k] *= relative_ior(eta, surface.outside) ** 2
     left = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
-    if surface.through:
-        passed = np.clip(surface.through[0].passed(surface), np.float32(0.1), np.float32(0.9))
-        wanted[-1] = left * passed if surface.glossy else left
-        left = left * (1 - passed)
-    if surface.glossy:
+    if surface.transmission:
+        transmitted = np.clip(surface.transmission[0].transmitted_share(surface), np.float32(0.1), np.float32(0.9))
+        wanted[-1] = left * transmitted if surface.reflection else left
+        left = left * (1 - transmitted)
+    if surface.reflection:
         wanted[ways.index("glossy")] = left
     cumulative = np.cumsum(wanted, axis=0)
     total = np.maximum(cumulative[-1], np.float32(1e-30))

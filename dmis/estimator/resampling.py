@@ -20,10 +20,10 @@ import numpy as np
 
 from dmis.base.selection import take
 from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.light.light import SampledLight
-from dmis.light.light_sample import Seen
-from dmis.scene.shading_points import Surface
+from dmis.light.light_sample import LightSample
+from dmis.scene.shading_points import ShadingPoints
 
 CANDIDATES = 8
 """M, number of candidates: more of them gain little, because the shadows stay."""
@@ -34,7 +34,7 @@ the light. The estimate stays unbiased, because it is linear in the candidates o
 """
 
 
-def resampled(surface: Surface, light: SampledLight, u: Array) -> Seen:
+def resampled(surface: ShadingPoints, light: SampledLight, u: Array) -> LightSample:
     """Return one of M light samples for each of the points; `u` is ``(3, N)``, the last for the choice."""
     weights = np.stack([_weight(surface, light.sample(surface.p, _shifted(u, shift))) for shift in SHIFTS])
     cumulative = np.cumsum(weights, axis=0)
@@ -44,7 +44,7 @@ def resampled(surface: Surface, light: SampledLight, u: Array) -> Seen:
     possible = weight > 0
     factor = np.divide(total, CANDIDATES * weight, out=np.zeros_like(total), where=possible)
     light_sample = light.sample(surface.p, _shifted(u, SHIFTS[chosen, :, 0].T))
-    return Seen(
+    return LightSample(
         light_sample.wi,
         light_sample.distance,
         light_sample.radiance_at(None) * factor,
@@ -59,13 +59,13 @@ def _shifted(u: Array, shift: Array) -> Array:
     return moved - (moved >= 1)
 
 
-def _weight(surface: Surface, seen: Seen) -> Array:
+def _weight(surface: ShadingPoints, light_sample: LightSample) -> Array:
     """Return g / p_l of light samples, ``(N,)``."""
-    weight = np.zeros(len(seen.pdf), np.float32)
-    index = np.flatnonzero(seen.emits & (dot(surface.ng, seen.wi) > 0) & (seen.pdf > 0))
+    weight = np.zeros(len(light_sample.pdf), np.float32)
+    index = np.flatnonzero(light_sample.emits & (dot(surface.ng, light_sample.wi) > 0) & (light_sample.pdf > 0))
     if len(index):
         lit = surface.take(index)
-        pair = Pair(lit, take(seen.wi, index))
-        reflected = (lit.eval(pair) * seen.radiance_at(index)).mean(axis=0)
-        weight[index] = reflected * pair.cos_i / seen.pdf.take(index)
+        directions = Directions(lit, take(light_sample.wi, index))
+        reflected = (lit.eval(directions) * light_sample.radiance_at(index)).mean(axis=0)
+        weight[index] = reflected * directions.cos_i / light_sample.pdf.take(index)
     return weight

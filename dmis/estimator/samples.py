@@ -10,8 +10,8 @@ from dmis.base.selection import Selection, compose, take
 from dmis.base.vectors import Array
 from dmis.estimator.batch import Batch
 from dmis.estimator.records import Record
-from dmis.light.light_sample import Seen
-from dmis.scene.shading_points import Surface
+from dmis.light.light_sample import LightSample
+from dmis.scene.shading_points import ShadingPoints
 
 
 @dataclass(eq=False)
@@ -29,10 +29,10 @@ class Vertices:
     radiance
         Radiance reflected or emitted towards the vertex before, ``(3, N)``, added to.
     beyond
-        Whether `surface` is seen from the other side, see `Surface.beyond`.
+        Whether `surface` is seen from the other side, see `ShadingPoints.beyond`.
     """
 
-    surface: Surface
+    surface: ShadingPoints
     sample: Selection | None
     throughput: Array | None
     path: tuple[int, ...]
@@ -68,8 +68,8 @@ class Samples:
     sample_index: int
     key: tuple[int, ...]
     vertex: Selection | None
-    surface: Surface
-    light_sample: Seen
+    surface: ShadingPoints
+    light_sample: LightSample
     shares: Array
     control: Array | None = None
 

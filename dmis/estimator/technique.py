@@ -12,12 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.estimator.resampling import resampled
 from dmis.light.light import SampledLight as SampledLight
-from dmis.light.light_sample import Seen
+from dmis.light.light_sample import LightSample
 from dmis.samplers.warp import TWO_PI, square_to_hemisphere, to_world
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Technique:
     rays
         The kind under which its occlusion rays are counted.
     sample
-        ``(surface, light, u) -> Seen``, `u` ``(numbers, N)``.
+        ``(surface, light, u) -> LightSample``, `u` ``(numbers, N)``.
     pdf
         ``(surface, pair, light_pdf) -> (N,)``.
     numbers
@@ -42,34 +42,34 @@ class Technique:
 
     name: str
     rays: str
-    sample: Callable[[Surface, SampledLight, Array], Seen]
-    pdf: Callable[[Surface, Pair, Array], Array]
+    sample: Callable[[ShadingPoints, SampledLight, Array], LightSample]
+    pdf: Callable[[ShadingPoints, Directions, Array], Array]
     numbers: int = 2
     exact: bool = True
 
 
-def _light_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+def _light_sample(surface: ShadingPoints, light: SampledLight, u: Array) -> LightSample:
     return light.sample(surface.p, u)
 
 
-def _light_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
+def _light_pdf(surface: ShadingPoints, directions: Directions, light_pdf: Array) -> Array:
     return light_pdf
 
 
-def _brdf_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+def _brdf_sample(surface: ShadingPoints, light: SampledLight, u: Array) -> LightSample:
     return light.hit(surface.p, surface.sample(u))
 
 
-def _brdf_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
-    return surface.pdf(pair)
+def _brdf_pdf(surface: ShadingPoints, directions: Directions, light_pdf: Array) -> Array:
+    return surface.pdf(directions)
 
 
-def _uniform_sample(surface: Surface, light: SampledLight, u: Array) -> Seen:
+def _uniform_sample(surface: ShadingPoints, light: SampledLight, u: Array) -> LightSample:
     return light.hit(surface.p, to_world(square_to_hemisphere(u), surface.n))
 
 
-def _uniform_pdf(surface: Surface, pair: Pair, light_pdf: Array) -> Array:
-    return pair.above / TWO_PI
+def _uniform_pdf(surface: ShadingPoints, directions: Directions, light_pdf: Array) -> Array:
+    return directions.above / TWO_PI
 
 
 LIGHT = Technique("light", "shadow", _light_sample, _light_pdf)

@@ -21,7 +21,7 @@ from dmis.estimator.path import Rays, bounce, merge, scatter
 from dmis.estimator.samples import Vertices
 from dmis.intersect import Hits
 from dmis.samplers.keys import CONTINUE
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 
 def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection | None = None) -> Array:
@@ -77,15 +77,15 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
         if not emits and (last or not group.reflects):
             continue
         for index in point_chunks(indices(group_of == number), len(group_of)):
-            surface, emission = scene.surface(group, hits, index, rays.direction)
+            surface, emission = scene.shading_points(group, hits, index, rays.direction)
             sample, throughput = compose(rays.sample, index), take_optional(rays.throughput, index)
             # L_o = L_e + integral of f   (docs/theory.md, Eq. 1)
             out = np.zeros(surface.wo.shape, np.float32)
             if emits and emission is not None:
                 out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
-            if group.glossy and not last:
+            if group.reflection and not last:
                 add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out))
-            if group.through and not last:
+            if group.transmission and not last:
                 far = surface.beyond()
                 add_direct_light(batch, Vertices(far, sample, throughput, rays.path, out, beyond=True))
             if throughput is not None:
@@ -115,15 +115,15 @@ def _emission(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Sel
 
 
 def _continue(
-    batch: Batch, rays: Rays, surface: Surface, sample: Selection | None, throughput: Array | None
+    batch: Batch, rays: Rays, surface: ShadingPoints, sample: Selection | None, throughput: Array | None
 ) -> Iterator[Rays]:
     """Yield the rays that go on from the points of one group: a path's one per point, else one per delta lobe."""
     settings = batch.settings
     ends = rays.depth + 1 >= settings.deepest
     if settings.integrator == "path":
-        if ends and not (surface.delta and batch.scene.plan.visible):
+        if ends and not (surface.delta and batch.scene.plan.has_visible_light):
             return  # the light that one more surface would send was gathered here
-        if not (surface.glossy or surface.through or surface.delta):
+        if not (surface.reflection or surface.transmission or surface.delta):
             return
         u = batch.sampler.draw((*rays.path, CONTINUE), sample)
         continued = bounce(surface, sample, throughput, rays.depth, u, batch.rng, last=ends)

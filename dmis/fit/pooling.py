@@ -9,7 +9,7 @@ import numpy as np
 from dmis.base.patches import PATCH, patch_mean, patch_sum, row_blocks
 from dmis.base.vectors import Array
 from dmis.filter import effective, gaussian, joint
-from dmis.scene.feature_buffers import SCALES
+from dmis.scene.feature_buffers import FEATURE_SCALES
 
 
 def pool(
@@ -67,7 +67,7 @@ def _joint(
     for block in row_blocks(rows, max(16, 2 * radius)):
         near = slice(max(block.start - radius, 0), min(block.stop + radius, rows))
         flat = np.concatenate([a[..., near, :].reshape(-1, near.stop - near.start, columns) for a in maps.values()])
-        flat, entries = joint(flat, {name: g[:, near] for name, g in features.items()}, SCALES, sigma, radius)
+        flat, entries = joint(flat, {name: g[:, near] for name, g in features.items()}, FEATURE_SCALES, sigma, radius)
         inner = slice(block.start - near.start, block.stop - near.start)
         patches[block] = entries[inner]
         for a, part in zip(filtered.values(), np.split(flat[:, inner], ends), strict=True):

@@ -18,13 +18,13 @@ from dmis.base.vectors import TINY, Array, dot, frame
 from dmis.geometry import shapes, transforms
 from dmis.geometry.mesh import Mesh
 from dmis.intersect import Intersector
-from dmis.light.coincident import Coincident, coincident
+from dmis.light.coincident import Coincident, find_coincident
 from dmis.light.light import AreaLight, moved, scaled
-from dmis.light.light_sample import Rgb, Seen, direction, point
+from dmis.light.light_sample import LightSample, Rgb, direction, point
 from dmis.samplers.warp import cone_pdf, square_to_cone, square_to_disk, square_to_triangle, to_world
 
-_LEAST_FAR = np.float32(1e-12)  # of directions that lead away from a sphere, whose distances are not used
-_ANY = np.zeros((3, 1), np.float32)
+_MIN_FAR_END = np.float32(1e-12)  # of directions that lead away from a sphere, whose distances are not used
+_ANY_POINT = np.zeros((3, 1), np.float32)
 """A point: the radiance of these lights is the same at all of theirs."""
 
 
@@ -62,20 +62,20 @@ class DiskLight(AreaLight):
     def _data(self) -> tuple[Array, Array, Array, Array, Array]:
         normal = direction("normal", self.normal)
         s, t = (a * np.float32(self.radius) for a in frame(normal))
-        return point("centre", self.centre), normal, s, t, self.emission(_ANY)
+        return point("centre", self.centre), normal, s, t, self.emission(_ANY_POINT)
 
-    def sample(self, p: Array, u: Array) -> Seen:
-        """Directions from the points `p` ``(3, N)`` to points on the disk, `u` ``(2, N)``."""
+    def sample(self, p: Array, u: Array) -> LightSample:
+        """Sample directions from the points `p` ``(3, N)`` to points on the disk, `u` ``(2, N)``."""
         centre, normal, s, t, radiance = self._data
         x, y = square_to_disk(u)
-        return _aim(centre - p + s * x + t * y, normal, np.pi * self.radius**2, radiance)
+        return _light_sample_towards(centre - p + s * x + t * y, normal, np.pi * self.radius**2, radiance)
 
-    def hit(self, p: Array, wi: Array) -> Seen:
-        """What unit directions `wi` ``(3, N)`` from `p` see of the disk."""
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        """Return what unit directions `wi` ``(3, N)`` from `p` see of the disk."""
         centre, normal, _, _, radiance = self._data
-        distance, cos, q = _meet(p - centre, wi, normal)
+        distance, cos, q = _intersect_plane(p - centre, wi, normal)
         inside = (distance > 0) & (dot(q, q) < np.float32(self.radius**2))
-        return _met(wi, distance, cos, inside, np.pi * self.radius**2, radiance)
+        return _light_sample_of_hit(wi, distance, cos, inside, np.pi * self.radius**2, radiance)
 
     def extent(self) -> float:
         """Return the radius."""
@@ -132,7 +132,7 @@ class QuadLight(AreaLight):
         area = float(np.linalg.norm(cross))
         normal = (cross / max(area, 1e-300)).astype(np.float32)[:, None]
         corner, edges = point("corner", self.corner), [point("edge", e) for e in (self.edge_u, self.edge_v)]
-        return corner, edges[0], edges[1], normal, area, self.emission(_ANY)
+        return corner, edges[0], edges[1], normal, area, self.emission(_ANY_POINT)
 
     @cached_property
     def _dual(self) -> tuple[Array, Array]:
@@ -141,18 +141,18 @@ class QuadLight(AreaLight):
         a, b = np.linalg.solve(edges @ edges.T, edges).astype(np.float32)
         return a[:, None], b[:, None]
 
-    def sample(self, p: Array, u: Array) -> Seen:
-        """Directions from the points `p` ``(3, N)`` to points on the quad, `u` ``(2, N)``."""
+    def sample(self, p: Array, u: Array) -> LightSample:
+        """Sample directions from the points `p` ``(3, N)`` to points on the quad, `u` ``(2, N)``."""
         corner, edge_u, edge_v, normal, area, radiance = self._data
-        return _aim(corner - p + edge_u * u[0] + edge_v * u[1], normal, area, radiance)
+        return _light_sample_towards(corner - p + edge_u * u[0] + edge_v * u[1], normal, area, radiance)
 
-    def hit(self, p: Array, wi: Array) -> Seen:
-        """What unit directions `wi` ``(3, N)`` from `p` see of the quad."""
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        """Return what unit directions `wi` ``(3, N)`` from `p` see of the quad."""
         corner, _, _, normal, area, radiance = self._data
-        distance, cos, q = _meet(p - corner, wi, normal)
+        distance, cos, q = _intersect_plane(p - corner, wi, normal)
         a, b = dot(self._dual[0], q), dot(self._dual[1], q)
         inside = (distance > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
-        return _met(wi, distance, cos, inside, area, radiance)
+        return _light_sample_of_hit(wi, distance, cos, inside, area, radiance)
 
     def extent(self) -> float:
         """Return the root of the area."""
@@ -202,22 +202,22 @@ class SphereLight(AreaLight):
 
     @cached_property
     def _data(self) -> tuple[Array, Array]:
-        return point("centre", self.centre), self.emission(_ANY)
+        return point("centre", self.centre), self.emission(_ANY_POINT)
 
-    def sample(self, p: Array, u: Array) -> Seen:
-        """Directions from the points `p` ``(3, N)`` in the cone of the sphere, `u` ``(2, N)``."""
+    def sample(self, p: Array, u: Array) -> LightSample:
+        """Sample directions from the points `p` ``(3, N)`` in the cone of the sphere, `u` ``(2, N)``."""
         to, distance2, one_minus_cos, outside = self._cone(p)
         axis = to * (1 / np.sqrt(distance2))
         wi = to_world(square_to_cone(u, one_minus_cos), axis)
-        return self._seen(wi, to, distance2, one_minus_cos, outside, outside)
+        return self._light_sample(wi, to, distance2, one_minus_cos, outside, outside)
 
-    def hit(self, p: Array, wi: Array) -> Seen:
-        """What unit directions `wi` ``(3, N)`` from `p` see of the sphere."""
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        """Return what unit directions `wi` ``(3, N)`` from `p` see of the sphere."""
         to, distance2, one_minus_cos, outside = self._cone(p)
         along = dot(to, wi)
         across = to - wi * along  # |to|^2 - along^2 would cancel for a far light
         inside = outside & (along > 0) & (dot(across, across) < np.float32(self.radius**2))
-        return self._seen(wi, to, distance2, one_minus_cos, inside, outside)
+        return self._light_sample(wi, to, distance2, one_minus_cos, inside, outside)
 
     def extent(self) -> float:
         """Return the radius."""
@@ -243,14 +243,16 @@ class SphereLight(AreaLight):
         one_minus_cos = sin2 / (1 + np.sqrt(1 - sin2))
         return to, distance2, one_minus_cos, sin2 < 1
 
-    def _seen(self, wi: Array, to: Array, distance2: Array, cone: Array, met: Array, outside: Array) -> Seen:
+    def _light_sample(
+        self, wi: Array, to: Array, distance2: Array, cone: Array, is_hit: Array, outside: Array
+    ) -> LightSample:
         along = dot(to, wi)
         across = to - wi * along
         radius2 = np.float32(self.radius**2)
         far = along + np.sqrt(np.maximum(radius2 - dot(across, across), 0))
         # the near end is |to|^2 - radius^2 over the far one; their difference would cancel for a large sphere
-        near = np.maximum(distance2 - radius2, 0) / np.maximum(far, _LEAST_FAR)
-        return Seen(wi, near, self._data[1], cone_pdf(cone) * met, met)
+        near = np.maximum(distance2 - radius2, 0) / np.maximum(far, _MIN_FAR_END)
+        return LightSample(wi, near, self._data[1], cone_pdf(cone) * is_hit, is_hit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +301,7 @@ class MeshLight(AreaLight):
         rows = np.concatenate([corner, edge_u, edge_v, normal], axis=1).T.astype(np.float32)
         cdf = np.cumsum(twice)
         area = float(cdf[-1] / 2)
-        return rows, cdf / max(cdf[-1], 1e-300), area, self.emission(_ANY)
+        return rows, cdf / max(cdf[-1], 1e-300), area, self.emission(_ANY_POINT)
 
     @cached_property
     def flat(self) -> bool:
@@ -313,10 +315,10 @@ class MeshLight(AreaLight):
     def overlaps(self) -> Coincident | None:
         """Triangles that overlap others in one plane, see `dmis.light.coincident`; None: there are none."""
         mesh = Mesh(self.vertices, self.faces)
-        return coincident(mesh.vertices[mesh.faces])
+        return find_coincident(mesh.vertices[mesh.faces])
 
     @property
-    def doubled(self) -> tuple[int, int] | None:
+    def doubled_triangles(self) -> tuple[int, int] | None:
         """The first two triangles that overlap in one plane and face the same side; None: there are none."""
         same = np.flatnonzero([] if self.overlaps is None else self.overlaps.same)
         if self.overlaps is None or not len(same):
@@ -330,31 +332,37 @@ class MeshLight(AreaLight):
     def __getstate__(self) -> dict[str, object]:
         return {k: v for k, v in self.__dict__.items() if k != "_intersector"}
 
-    def sample(self, p: Array, u: Array) -> Seen:
-        """Directions from the points `p` ``(3, N)`` to points on the triangles, `u` ``(2, N)``."""
+    def sample(self, p: Array, u: Array) -> LightSample:
+        """Sample directions from the points `p` ``(3, N)`` to points on the triangles, `u` ``(2, N)``."""
         rows, cdf, area, radiance = self._data
         index = np.minimum(np.searchsorted(cdf, u[0], side="right"), len(cdf) - 1)
         low = np.where(index > 0, cdf.take(index - 1), 0)
         within = ((u[0] - low) / np.maximum(cdf.take(index) - low, 1e-30)).astype(np.float32)
         a, b = square_to_triangle(np.stack([np.clip(within, 0, 1), u[1]]))
         chosen = rows.take(index, axis=1)
-        seen = _aim(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
+        light_sample = _light_sample_towards(
+            chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance
+        )
         if self.overlaps is not None:
-            seen = _add_up(seen, self.overlaps, index, a, b)
+            light_sample = _add_up(light_sample, self.overlaps, index, a, b)
         if not self.flat:  # what other triangles hide `hit` does not see either: densities are those of the nearest
-            lit = np.flatnonzero(seen.emits)
-            nearest = self._intersector.closest(np.broadcast_to(p, seen.wi.shape)[:, lit], seen.wi[:, lit]).distance
-            seen.emits[lit] = nearest >= seen.distance[lit] * np.float32(1 - 1e-4)
-        return seen
+            facing = np.flatnonzero(light_sample.emits)
+            nearest = self._intersector.closest(
+                np.broadcast_to(p, light_sample.wi.shape)[:, facing], light_sample.wi[:, facing]
+            ).distance
+            light_sample.emits[facing] = nearest >= light_sample.distance[facing] * np.float32(1 - 1e-4)
+        return light_sample
 
-    def hit(self, p: Array, wi: Array) -> Seen:
-        """What unit directions `wi` ``(3, N)`` from `p` see of the triangles: the nearest one."""
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        """Return what unit directions `wi` ``(3, N)`` from `p` see of the triangles: the nearest one."""
         rows, _, area, radiance = self._data
         hits = self._intersector.closest(p, wi)
-        met = hits.prim >= 0
+        is_hit = hits.prim >= 0
         chosen = rows.take(np.maximum(hits.prim, 0), axis=1)
-        seen = _met(wi, hits.distance, dot(chosen[9:], wi), met, area, radiance)
-        return seen if self.overlaps is None else _add_up(seen, self.overlaps, hits.prim, hits.u, hits.v)
+        light_sample = _light_sample_of_hit(wi, hits.distance, dot(chosen[9:], wi), is_hit, area, radiance)
+        return (
+            light_sample if self.overlaps is None else _add_up(light_sample, self.overlaps, hits.prim, hits.u, hits.v)
+        )
 
     def extent(self) -> float:
         """Return the diagonal of the bounds."""
@@ -377,36 +385,38 @@ class MeshLight(AreaLight):
         return not self.flat
 
 
-def _add_up(seen: Seen, overlaps: Coincident, prim: Index, u: Array, v: Array) -> Seen:
-    """`seen` at points (u, v) of the triangles `prim` (-1: a miss), with all triangles there, not just these."""
+def _add_up(light_sample: LightSample, overlaps: Coincident, prim: Index, u: Array, v: Array) -> LightSample:
+    """Return `light_sample` with the light of all triangles at points (u, v) of the triangles `prim` (-1: a miss)."""
     # p_l = m d^2 / (area |cos|) where m triangles overlap, and the radiance is that of the k of them that face p
     point, pair = overlaps.at(prim, u, v)
-    facing = seen.emits.take(point) == overlaps.same.take(pair)
-    size = len(seen.emits)
+    facing = light_sample.emits.take(point) == overlaps.same.take(pair)
+    size = len(light_sample.emits)
     m = 1 + np.bincount(point, minlength=size).astype(np.float32)
-    k = seen.emits + np.bincount(point.compress(facing), minlength=size).astype(np.float32)
-    return Seen(seen.wi, seen.distance, seen.radiance * k, seen.pdf * m, k > 0)
+    k = light_sample.emits + np.bincount(point.compress(facing), minlength=size).astype(np.float32)
+    return LightSample(light_sample.wi, light_sample.distance, light_sample.radiance * k, light_sample.pdf * m, k > 0)
 
 
-def _aim(to: Array, normal: Array, area: float, radiance: Array) -> Seen:
-    """What is seen of a flat light along `to`, a point on it minus the receiver; density ``d^2 / (area |cos|)``."""
+def _light_sample_towards(to: Array, normal: Array, area: float, radiance: Array) -> LightSample:
+    """Return the sample of a flat light along `to`, a point on it minus the receiver; pdf ``d^2 / (area |cos|)``."""
     distance2 = np.maximum(dot(to, to), TINY)
     inverse = 1 / np.sqrt(distance2)
     cos = -dot(normal, to) * inverse
     pdf = distance2 / (np.float32(area) * np.maximum(np.abs(cos), np.float32(1e-12)))
-    return Seen(to * inverse, distance2 * inverse, radiance, pdf, cos > 0)
+    return LightSample(to * inverse, distance2 * inverse, radiance, pdf, cos > 0)
 
 
-def _meet(p: Array, wi: Array, normal: Array) -> tuple[Array, Array, Array]:
-    """Where rays from `p` (relative to a point of the plane) meet a plane: distance, normal . wi, relative point."""
+def _intersect_plane(p: Array, wi: Array, normal: Array) -> tuple[Array, Array, Array]:
+    """Return where rays from `p` (relative to the plane) meet a plane: distance, normal . wi, relative point."""
     cos = dot(normal, wi)
     cos = np.copysign(np.maximum(np.abs(cos), np.float32(1e-12)), cos)
     distance = dot(normal, p) / -cos
     return distance, cos, wi * distance + p
 
 
-def _met(wi: Array, distance: Array, cos: Array, met: Array, area: float, radiance: Array) -> Seen:
-    """What is seen of a flat light that is met (or not) at `distance`; `cos` = normal . wi."""
-    reach = np.where(met, distance, np.float32(0))  # the square of a miss's distance may overflow
+def _light_sample_of_hit(
+    wi: Array, distance: Array, cos: Array, is_hit: Array, area: float, radiance: Array
+) -> LightSample:
+    """Return the sample of a flat light that directions hit (or not) at `distance`; `cos` = normal . wi."""
+    reach = np.where(is_hit, distance, np.float32(0))  # the square of a miss's distance may overflow
     pdf = reach * reach / (np.float32(area) * np.maximum(np.abs(cos), np.float32(1e-12)))
-    return Seen(wi, distance, radiance, pdf, met & (cos < 0))
+    return LightSample(wi, distance, radiance, pdf, is_hit & (cos < 0))

@@ -20,13 +20,13 @@ import numpy as np
 from dmis.base.selection import Index
 from dmis.base.vectors import Array
 
-GAP = 1e-6
+MAX_GAP = 1e-6
 """Largest distance of one triangle's corners from the other's plane, in largest coordinates: float32 rounds these."""
-OVERLAP = 1e-4
+MIN_OVERLAP = 1e-4
 """Least overlap along each axis, in widths of the smaller triangle; neighbours overlap by rounding."""
-_NORMAL = 1e-3
+_MAX_NORMAL_DIFFERENCE = 1e-3
 """Largest difference of unit normals in the search. The planes' distance is the stricter test."""
-_PAIRS = 2**14
+_PAIRS_PER_BLOCK = 2**14
 """Pairs of boxes that are compared at a time."""
 
 
@@ -73,7 +73,7 @@ class Coincident:
         return hit.take(inside), pair.take(inside)
 
 
-def coincident(triangles: Array, emitting: Index | None = None, owner: Index | None = None) -> Coincident | None:
+def find_coincident(triangles: Array, emitting: Index | None = None, owner: Index | None = None) -> Coincident | None:
     """Return the emitting triangles that overlap others in one plane; None if there are none.
 
     Parameters
@@ -90,9 +90,11 @@ def coincident(triangles: Array, emitting: Index | None = None, owner: Index | N
     cross = np.cross(edges[:, 0], edges[:, 1])
     twice = np.linalg.norm(cross, axis=1)
     normal = cross / np.maximum(twice, 1e-300)[:, None]
-    reach = np.abs(triangles).max(axis=(1, 2)) * GAP
+    reach = np.abs(triangles).max(axis=(1, 2)) * MAX_GAP
     # |n| is the same for both windings, and steady where a sign is not
-    margin = np.concatenate([np.repeat(reach[:, None], 3, axis=1), np.full((len(normal), 3), _NORMAL / 2)], axis=1)
+    margin = np.concatenate(
+        [np.repeat(reach[:, None], 3, axis=1), np.full((len(normal), 3), _MAX_NORMAL_DIFFERENCE / 2)], axis=1
+    )
     low = np.concatenate([triangles.min(axis=1), np.abs(normal)], axis=1) - margin
     high = np.concatenate([triangles.max(axis=1), np.abs(normal)], axis=1) + margin
     whole = np.flatnonzero(twice > 0)
@@ -119,7 +121,7 @@ def coincident(triangles: Array, emitting: Index | None = None, owner: Index | N
     return Coincident(count, np.cumsum(count) - count, triangle[order], other[order], same[order], rows)
 
 
-def of_parts(parts: Sequence[Any]) -> tuple[Coincident, Array] | None:
+def coincident_lights(parts: Sequence[Any]) -> tuple[Coincident, Array] | None:
     """Return the overlaps of lights with all triangles of a scene, and the radiance of each pair's light ``(3, P)``.
 
     Parameters
@@ -135,7 +137,7 @@ def of_parts(parts: Sequence[Any]) -> tuple[Coincident, Array] | None:
     if not bounds:
         return None
     low, high = np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
-    reach = GAP * max(np.abs(low).max(), np.abs(high).max())
+    reach = MAX_GAP * max(np.abs(low).max(), np.abs(high).max())
     low, high = low - reach, high + reach
     kept = []  # corners, triangle numbers, part numbers, owners: of triangles that may meet a light
     start = 0
@@ -151,7 +153,7 @@ def of_parts(parts: Sequence[Any]) -> tuple[Coincident, Array] | None:
         start += len(mesh.faces)
     corners, number, of_part, owners = (np.concatenate(a) for a in zip(*kept, strict=True))
     emits = np.array([part.light is not None for part in parts])
-    found = coincident(corners, np.flatnonzero(emits[of_part]), owners)
+    found = find_coincident(corners, np.flatnonzero(emits[of_part]), owners)
     if found is None:
         return None
     emitting = [parts[k].light for k in np.unique(of_part[found.other])]
@@ -172,7 +174,7 @@ def of_parts(parts: Sequence[Any]) -> tuple[Coincident, Array] | None:
 def _boxes_that_meet(
     low: Array, high: Array, first: Index, second: Index, owner: Index
 ) -> Iterator[tuple[Index, Index]]:
-    """Pairs of one of `first` and one of `second` whose boxes meet, neither the same nor of the same owner."""
+    """Yield pairs of one of `first` and one of `second` whose boxes meet, of different owners."""
     pending = [(first, second)]
     while pending:
         a, b = pending.pop()
@@ -184,7 +186,7 @@ def _boxes_that_meet(
             continue
         if owner[a[0]] >= 0 and (owner[a] == owner[a[0]]).all() and (owner[b] == owner[a[0]]).all():
             continue
-        if len(a) * len(b) <= _PAIRS:
+        if len(a) * len(b) <= _PAIRS_PER_BLOCK:
             meet = np.ones((len(a), len(b)), bool)
             for axis in range(low.shape[1]):
                 meet &= (low[a, axis, None] <= high[b, axis]) & (high[a, axis, None] >= low[b, axis])
@@ -203,7 +205,7 @@ def _boxes_that_meet(
 
 
 def _within(corners: Array, plane: Array, normal: Array, gap: Array) -> Array:
-    """Whether all corners of triangles ``(K, 3, 3)`` are at most `gap` from the planes of others, ``(K,)`` bool."""
+    """Return whether all corners of triangles ``(K, 3, 3)`` are at most `gap` from the planes of others, ``(K,)``."""
     near = np.ones(len(corners), bool)
     for k in range(3):
         near &= np.abs(np.einsum("kc,kc->k", corners[:, k] - plane[:, 0], normal)) <= gap
@@ -224,7 +226,7 @@ def _mapping(corners: Array, edges: Array, others: Array, other_edges: Array, cr
 
 
 def _overlap(mapping: Array) -> Array:
-    """Whether the triangle ((0, 0), (1, 0), (0, 1)) and its image overlap, ``(K,)`` bool: separating axis theorem."""
+    """Return whether ((0, 0), (1, 0), (0, 1)) and its images overlap, ``(K,)`` bool, by the separating axis theorem."""
     (c, a, b), (c2, a2, b2) = mapping.transpose(1, 2, 0)
     x, y = (c, c + a, c + b), (c2, c2 + a2, c2 + b2)
     one, zero = np.ones_like(c), np.zeros_like(c)
@@ -236,5 +238,5 @@ def _overlap(mapping: Array) -> Array:
         p, q, r = (s * x[k] + t * y[k] for k in range(3))
         least, most = np.minimum(np.minimum(p, q), r), np.maximum(np.maximum(p, q), r)
         depth = np.minimum(high, most) - np.maximum(low, least)
-        over &= depth > OVERLAP * np.minimum(high - low, most - least)
+        over &= depth > MIN_OVERLAP * np.minimum(high - low, most - least)
     return over

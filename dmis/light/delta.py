@@ -1,8 +1,8 @@
 """Lights: plain data with ``sample`` and ``hit``, for batches of receiving points.
 
-``sample(p, u)`` picks directions towards the light, ``hit(p, wi)`` tells what given directions would meet; both return
-the same `Seen`, so an estimator treats a light sample and a BRDF sample alike, and pays for a shadow ray only where
-`Seen.emits`. Visibility is never tested here. pdfs are per solid angle and belong to ``sample``.
+``sample(p, u)`` samples directions towards the light, ``hit(p, wi)`` evaluates given directions; both return a
+`LightSample`, so an estimator treats a light sample and a BRDF sample alike, and traces a shadow ray only where
+`LightSample.emits`. Visibility is never tested here. pdfs are per solid angle and belong to ``sample``.
 
 Here are the lights with a single direction; those with an area are in `dmis.light.area`, the sky is in
 `dmis.light.environment`. Point, spot and distant lights are deltas: they have no pdf, take no part in MIS, and
@@ -19,7 +19,7 @@ import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot
 from dmis.light.light import DeltaLight, moved, scaled
-from dmis.light.light_sample import FAR, Rgb, Seen, direction, point, rgb
+from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, direction, point, rgb
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +49,14 @@ class PointLight(DeltaLight):
     def _data(self) -> tuple[Array, Array]:
         return point("position", self.position), rgb("intensity", self.intensity)
 
-    def sample(self, p: Array, u: Array | None = None) -> Seen:
-        """The direction of the light from the points `p` ``(3, N)``."""
+    def sample(self, p: Array, u: Array | None = None) -> LightSample:
+        """Return the direction of the light from the points `p` ``(3, N)``."""
         position, intensity = self._data
         to = position - p
         inverse2 = 1 / np.maximum(dot(to, to), TINY)
         inverse = np.sqrt(inverse2)
         one = np.ones_like(inverse)
-        return Seen(to * inverse, 1 / inverse, intensity * inverse2, one, one > 0)
+        return LightSample(to * inverse, 1 / inverse, intensity * inverse2, one, one > 0)
 
     def brightness(self, length: float) -> float:
         """Return the largest irradiance at the distance `length`."""
@@ -67,7 +67,7 @@ class PointLight(DeltaLight):
         intensity = scaled(self.intensity, gain * length**2)
         return replace(self, position=moved(self.position, origin, length), intensity=intensity)
 
-    def shines_from(self, point: Array, tolerance: float) -> bool:
+    def is_at(self, point: Array, tolerance: float) -> bool:
         """Return whether the light stands at `point` ``(3,)``, up to rounding or `tolerance`."""
         return np.allclose(self.position, point, rtol=1e-6, atol=tolerance)
 
@@ -112,8 +112,8 @@ class SpotLight(DeltaLight):
         axis = direction("direction", self.direction)
         return point("position", self.position), axis, rgb("intensity", self.intensity), outer, inner
 
-    def sample(self, p: Array, u: Array | None = None) -> Seen:
-        """The direction of the light from the points `p` ``(3, N)``."""
+    def sample(self, p: Array, u: Array | None = None) -> LightSample:
+        """Return the direction of the light from the points `p` ``(3, N)``."""
         position, axis, intensity, outer, inner = self._data
         to = position - p
         inverse2 = 1 / np.maximum(dot(to, to), TINY)
@@ -123,7 +123,7 @@ class SpotLight(DeltaLight):
         versine = dot(off, off) / 2  # 1 - cos, which has all its digits in a narrow cone
         d = np.clip((outer - versine) / max(outer - inner, np.float32(1e-30)), 0, 1)
         radiance = intensity * (inverse2 * (d * d) ** 2)
-        return Seen(to, 1 / inverse, radiance, np.ones_like(inverse), versine < outer)
+        return LightSample(to, 1 / inverse, radiance, np.ones_like(inverse), versine < outer)
 
     def brightness(self, length: float) -> float:
         """Return the largest irradiance at the distance `length`."""
@@ -162,11 +162,11 @@ class DistantLight(DeltaLight):
     def _data(self) -> tuple[Array, Array]:
         return direction("direction", self.direction), rgb("radiance", self.radiance)
 
-    def sample(self, p: Array, u: Array | None = None) -> Seen:
-        """The direction of the light, the same ``(3, 1)`` for all points `p` ``(3, N)``."""
+    def sample(self, p: Array, u: Array | None = None) -> LightSample:
+        """Return the direction of the light, the same ``(3, 1)`` for all points `p` ``(3, N)``."""
         axis, radiance = self._data
         one = np.ones(p.shape[1], np.float32)
-        return Seen(np.repeat(axis, p.shape[1], axis=1), one * FAR, radiance, one, one > 0)
+        return LightSample(np.repeat(axis, p.shape[1], axis=1), one * INFINITE_DISTANCE, radiance, one, one > 0)
 
     def brightness(self, length: float) -> float:
         """Return the largest radiance."""

@@ -13,23 +13,23 @@ from dmis.base.selection import Selection, take
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image
 from dmis.light.light import InfiniteLight, scaled
-from dmis.light.light_sample import FAR, Rgb, Seen, rgb
+from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, rgb
 from dmis.samplers.warp import INV_PI, TWO_PI, atan2
 
 INV_TWO_PI = INV_PI / 2
 TWO_PI_SQUARED = np.float32(2 * np.pi**2)
-SEARCH = 8
-"""Texels that are tried one after the other, from where a guide table points, before a binary search."""
-POLE = np.float32(1e-9)
-"""The least sin(theta) that a density is divided by."""
+LINEAR_STEPS = 8
+"""Texels that are tried one by one, from where a guide table points, before a binary search."""
+MIN_SIN = np.float32(1e-9)
+"""Smallest sin(theta) that a density is divided by."""
 
 
-class _SeenSky(Seen):
-    """What is seen of an environment; its map is looked up only for the directions that turn out to matter."""
+class EnvironmentSample(LightSample):
+    """Light samples of an environment, whose map is looked up only for the directions that need it."""
 
     def __init__(self, light: EnvironmentLight, wi: Array, s: Array, t: Array, pdf: Array) -> None:
         self.wi, self.pdf, self.emits = wi, pdf, pdf > 0
-        self.distance = np.full(1, FAR)
+        self.distance = np.full(1, INFINITE_DISTANCE)
         self._light, self._s, self._t = light, s, t
 
     def radiance_at(self, index: Selection | None) -> Array:
@@ -121,8 +121,8 @@ class EnvironmentLight(InfiniteLight):
         edges = np.concatenate([[0.0], np.cumsum(weight.reshape(-1) / total)])
         return edges, (weight / total * weight.size).astype(np.float32).reshape(-1)
 
-    def sample(self, p: Array, u: Array) -> Seen:
-        """Directions towards bright texels, `u` ``(2, N)``; `p` only matters for its shape."""
+    def sample(self, p: Array, u: Array) -> LightSample:
+        """Sample directions towards bright texels, `u` ``(2, N)``; `p` only matters for its shape."""
         height, width, _ = self.texels.shape
         edges = self._distribution[0]
         # float32 numbers are 2^-24 apart, wider than a dark texel's share: u1 fills the gaps
@@ -138,10 +138,10 @@ class EnvironmentLight(InfiniteLight):
         sin = np.sin(theta)
         local = np.stack([sin * np.cos(phi), sin * np.sin(phi), np.cos(theta)])
         density = (share * (height * width)).astype(np.float32)
-        return _SeenSky(self, self._rotate(local), s, t, density / (TWO_PI_SQUARED * np.maximum(sin, POLE)))
+        return EnvironmentSample(self, self._rotate(local), s, t, density / (TWO_PI_SQUARED * np.maximum(sin, MIN_SIN)))
 
     def _rotate(self, w: Array, back: bool = False) -> Array:
-        """Directions from the map's frame to the world's, or back."""
+        """Return directions from the map's frame to the world's, or back."""
         rotation = self._data[1]
         if rotation is None:
             return w
@@ -155,7 +155,7 @@ class EnvironmentLight(InfiniteLight):
         return np.minimum(first, len(cdf) - 1).astype(np.int32)
 
     def _texel(self, u: Array) -> np.ndarray:
-        """The first texel whose cumulative probability exceeds `u` ``(N,)``: what a binary search would find.
+        """Return the first texel whose cumulative probability exceeds `u` ``(N,)``, as a binary search would.
 
         A guide table (Chen and Asau 1974) is within a texel or two of it most of the time, at a fraction of the cost.
         """
@@ -163,20 +163,20 @@ class EnvironmentLight(InfiniteLight):
         last = len(cdf) - 1
         texel = self._guide.take((u * len(cdf)).astype(np.int32))
         behind = np.flatnonzero(cdf.take(texel) <= u)
-        for _ in range(SEARCH):
+        for _ in range(LINEAR_STEPS):
             texel[behind] = np.minimum(texel[behind] + 1, last)
             behind = behind[cdf.take(texel.take(behind)) <= u.take(behind)]
         texel[behind] = np.searchsorted(cdf, u.take(behind), side="right")
         return np.minimum(texel, last)
 
-    def hit(self, p: Array, wi: Array) -> Seen:
-        """What unit directions `wi` ``(3, N)`` see of the sky: every one sees something."""
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        """Return the light samples of unit directions `wi` ``(3, N)``, all of which meet the sky."""
         height, width, _ = self.texels.shape
         s, t, sin = self._coordinates(wi)
         column = np.minimum((s * width).astype(np.int32), width - 1)
         row = np.minimum((t * height).astype(np.int32), height - 1)
         density = self._distribution[1].take(row * width + column)
-        return _SeenSky(self, wi, s, t, density / (TWO_PI_SQUARED * np.maximum(sin, POLE)))
+        return EnvironmentSample(self, wi, s, t, density / (TWO_PI_SQUARED * np.maximum(sin, MIN_SIN)))
 
     def brightness(self, length: float) -> float:
         """Return the largest radiance."""
@@ -188,16 +188,16 @@ class EnvironmentLight(InfiniteLight):
         return replace(self, scale=scaled(self.scale, gain))
 
     def radiance(self, wi: Array) -> Array:
-        """Radiance ``(3, N)`` from unit directions `wi` ``(3, N)``."""
+        """Return the radiance ``(3, N)`` from unit directions `wi` ``(3, N)``."""
         s, t, _ = self._coordinates(wi)
         return self._lookup(s, t)
 
     def _lookup(self, s: Array, t: Array) -> Array:
-        """Radiance ``(3, N)`` at map coordinates."""
+        """Return the radiance ``(3, N)`` at map coordinates."""
         return np.broadcast_to(self._data[0].at(s, t), (3, len(s)))
 
     def _coordinates(self, wi: Array) -> tuple[Array, Array, Array]:
-        """Map coordinates s, t in [0, 1) and sin(theta)."""
+        """Return map coordinates s, t in [0, 1) and sin(theta)."""
         x, y, z = self._rotate(wi, back=True)
         sin = np.sqrt(x * x + y * y)
         s = atan2(y, x) * INV_TWO_PI

@@ -14,7 +14,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
 from dmis.light.coincident import Coincident
-from dmis.light.light_sample import Rgb, Seen, rgb
+from dmis.light.light_sample import LightSample, Rgb, rgb
 
 
 @runtime_checkable
@@ -32,7 +32,7 @@ class Light(Protocol):
     delta: ClassVar[bool] = False
     infinite: ClassVar[bool] = False
 
-    def sample(self, p: Array, u: Array) -> Seen:
+    def sample(self, p: Array, u: Array) -> LightSample:
         """Sample directions from the points `p` ``(3, N)`` towards the light with uniform numbers `u` ``(2, N)``."""
         raise NotImplementedError
 
@@ -85,16 +85,16 @@ class Light(Protocol):
 class SampledLight(Light, Protocol):
     """A light that takes part in MIS: directions towards it are sampled, and given directions may meet it."""
 
-    def hit(self, p: Array, wi: Array) -> Seen:
-        """Return what unit directions `wi` ``(3, N)`` from the points `p` ``(3, N)`` see of the light.
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        """Return the light samples of given unit directions `wi` ``(3, N)`` from the points `p` ``(3, N)``.
 
-        `Seen.pdf` is the density of `sample` at wi, per solid angle.
+        `LightSample.pdf` is the density of `sample` at wi, per solid angle.
         """
         raise NotImplementedError
 
 
 class InfiniteLight(SampledLight, Protocol):
-    """Light from infinitely far away: all rays that leave the scene see it, and `Seen.distance` is `FAR`."""
+    """Light from infinitely far away, at `INFINITE_DISTANCE`: all rays that leave the scene see it."""
 
     infinite: ClassVar[bool] = True
 
@@ -135,7 +135,7 @@ class AreaLight(SampledLight, Protocol):
         return None
 
     @property
-    def doubled(self) -> tuple[int, int] | None:
+    def doubled_triangles(self) -> tuple[int, int] | None:
         """The first two triangles that overlap in one plane and face the same side; None: there are none."""
         return None
 
@@ -145,11 +145,11 @@ class DeltaLight(Light, Protocol):
 
     delta: ClassVar[bool] = True
 
-    def sample(self, p: Array, u: Array | None = None) -> Seen:
+    def sample(self, p: Array, u: Array | None = None) -> LightSample:
         """Return the direction of the light from the points `p` ``(3, N)``."""
         raise NotImplementedError
 
-    def shines_from(self, point: Array, tolerance: float) -> bool:
+    def is_at(self, point: Array, tolerance: float) -> bool:
         """Return whether the light stands at `point` ``(3,)``, so that all that is seen from there is unshadowed."""
         return False
 

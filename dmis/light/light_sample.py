@@ -1,4 +1,4 @@
-"""What directions see of a light, and the checks that all lights share."""
+"""Light samples: directions towards a light with its distance, radiance and pdf; checks of the fields of lights."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from dmis.base.selection import Selection, take
 from dmis.base.vectors import Array
 
 Rgb = tuple[float, float, float]
-FAR = np.float32(1e30)
-"""The distance of what is infinitely far away."""
-_LARGEST = 3.4e38  # float32
+INFINITE_DISTANCE = np.float32(1e30)
+"""Distance of lights that are infinitely far away."""
+_FLOAT32_MAX = 3.4e38
 
 
 @dataclass(eq=False)
-class Seen:
-    """What a batch of N directions sees of one light.
+class LightSample:
+    """N directions towards one light, sampled or given.
 
     Attributes
     ----------
     wi
         Unit directions towards the light, ``(3, N)``.
     distance
-        To the light, ``(N,)``; `FAR` if it is infinitely far away.
+        To the light, ``(N,)``; `INFINITE_DISTANCE` if it is infinitely far away.
     radiance
         ``(3, 1)`` or ``(3, N)``, as if every entry was emitted towards the receiver.
     pdf
         Density of the light's own sampling at wi, ``(N,)``; 0 where wi misses the light. 1 for delta lights.
     emits
-        ``(N,)`` bool: wi meets the light's bright side.
+        Whether wi meets the light's bright side, ``(N,)`` bool.
     """
 
     wi: Array
@@ -41,22 +41,22 @@ class Seen:
     emits: Array
 
     def radiance_at(self, index: Selection | None) -> Array:
-        """Radiance along the directions `index`, ``(3, 1)`` or ``(3, K)``."""
+        """Return the radiance along the directions `index`, ``(3, 1)`` or ``(3, K)``."""
         return take(self.radiance, index)
 
 
 def rgb(name: str, value: Rgb) -> Array:
-    """A colour as ``(3, 1)`` float32; finite and not negative, or a ValueError that calls it `name`."""
+    """Return a colour as ``(3, 1)`` float32; refuse one that is negative or not finite, and call it `name`."""
     out = np.asarray(value, np.float64).reshape(-1)
     if out.shape == (1,):
         out = np.repeat(out, 3)
-    if out.shape != (3,) or not (out <= _LARGEST).all() or (out < 0).any():
+    if out.shape != (3,) or not (out <= _FLOAT32_MAX).all() or (out < 0).any():
         raise ValueError(f"{name} must be three finite non-negative numbers (linear RGB) below 3.4e38; got {value}")
     return out.astype(np.float32)[:, None]
 
 
 def point(name: str, value: Rgb) -> Array:
-    """A position as ``(3, 1)`` float32; finite and not too far, or a ValueError that calls it `name`."""
+    """Return a position as ``(3, 1)`` float32; refuse one that is not finite or too far, and call it `name`."""
     out = validate.vector(name, value)
     if np.abs(out).max() > validate.FARTHEST:
         raise ValueError(
@@ -66,5 +66,5 @@ def point(name: str, value: Rgb) -> Array:
 
 
 def direction(name: str, value: Rgb) -> Array:
-    """A unit vector along `value` as ``(3, 1)`` float32; finite and not zero, or a ValueError that calls it `name`."""
+    """Return a unit vector along `value` as ``(3, 1)`` float32; refuse zero or not finite, and call it `name`."""
     return validate.direction(name, value).astype(np.float32)[:, None]

@@ -31,7 +31,7 @@ from dmis.pipeline.budget import LEVELS, split_budget, whole_samples
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.samplers.streams import stream
-from dmis.scene.rescale import suited
+from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import Scene
 
 MIN_SPP_TO_LEARN = 16
@@ -104,7 +104,7 @@ class Job:
         if not isinstance(scene, Scene):
             raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
         spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
-        float32_scene, gain = suited(scene)
+        float32_scene, gain = rescale_for_float32(scene)
         rule = default_rule(spp, settings) if rule is None else rule
         rule_text = rule if isinstance(rule, str) else repr(rule)
         rule = make_rule(rule)

@@ -23,7 +23,7 @@ from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.film import FilmTile, PassFilm
 from dmis.pipeline.job import FinalPass, Job
 from dmis.pipeline.tile import Tile, make_tiles
-from dmis.scene.feature_buffers import guides
+from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.variance.moments import Film
 
 Progress = Callable[[str, int, int], None]
@@ -92,7 +92,7 @@ class Passes:
             for number, (w, spp) in enumerate(job.pilot_samples.items())
         }
         if job.rule.needs_features:
-            features, rays = guides(job.scene)
+            features, rays = render_feature_buffers(job.scene)
             self.rays["guide"] += rays
             pilot = {w: replace(p, features=features) for w, p in pilot.items()}
             release(self._pixels)

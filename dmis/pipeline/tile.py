@@ -240,9 +240,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
     """Return whether each pixel of the tile may see something, ``(P,)`` bool; None if all of them may."""
-    if scene.seeing is None:
+    if scene.covered_pixels is None:
         return None
-    covered: np.ndarray = scene.seeing[slice(*tile.rows), slice(*tile.columns)].reshape(-1)
+    covered: np.ndarray = scene.covered_pixels[slice(*tile.rows), slice(*tile.columns)].reshape(-1)
     return None if covered.all() else covered
 
 

@@ -38,7 +38,7 @@ class Camera:
         For a part of a larger image (`crop` makes one): column and row of its top left pixel there, and the larger
         image's ``(width, height)``, across whose shorter side `fov` is meant. None: this is the whole.
     filter
-        What pixels are means of, see `dmis.samplers.pixel_filter`; None: of themselves, a box of one pixel.
+        Pixel filter, see `dmis.samplers.pixel_filter`; None: a box of one pixel.
     """
 
     to_world: Array
@@ -69,7 +69,7 @@ class Camera:
             )
 
     def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Camera:
-        """A camera that sees the pixels ``rows[0]`` to ``rows[1] - 1``, and columns alike, of this one's image."""
+        """Return a camera of the pixels ``rows[0]`` to ``rows[1] - 1``, and columns alike, of this one's image."""
         (top, bottom), (left, right) = pair("rows", rows, whole), pair("columns", columns, whole)
         width, height = self.resolution
         if not (0 <= top < bottom <= height and 0 <= left < right <= width):
@@ -90,7 +90,7 @@ class Camera:
         fov: float = 45.0,
         resolution: tuple[int, int] = (640, 480),
     ) -> Camera:
-        """A right-handed camera at `eye` that looks at `target` (what a photograph would show)."""
+        """Return a right-handed camera at `eye` that looks at `target` (what a photograph would show)."""
         origin = vector("eye", eye)
         forward = vector("target", target) - origin
         if not np.linalg.norm(forward) > 0:
@@ -124,7 +124,7 @@ class Camera:
         return float(2 * np.tan(np.radians(self.fov) / 2) / min(width, height))
 
     def raster(self, points: Array) -> tuple[Array, Array, Array, float]:
-        """Raster coordinates x and y and depth of the points ``(N, 3)`` in camera space, each ``(N,)``; and how much
+        """Return raster coordinates x and y and depth of the points ``(N, 3)``, each ``(N,)``; and how much
         longer than in the world a length may be there. Behind the camera x and y mean nothing."""
         width, height = self.frame or self.resolution
         matrix = np.linalg.inv(np.asarray(self.to_world, float)[:3, :3])
@@ -135,7 +135,7 @@ class Camera:
         return x, y, depth, float(np.linalg.norm(matrix, 2))
 
     def rays(self, x: Array, y: Array) -> Array:
-        """Unit directions ``(3, N)`` through the raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""
+        """Return unit directions ``(3, N)`` through raster points (x, y), ``(N,)``; (0, 0) is the top left corner."""
         a, b, c = (v.astype(np.float32)[:, None] for v in self._affine)
         out = x * b
         out += y * c

@@ -1,4 +1,4 @@
-"""Which pixels may see something: the union of the bounds of all triangles in the image.
+"""Pixel coverage: the pixels that triangles may cover, as the union of the bounds of all triangles in the image.
 
 Only what is provable counts. A pixel is left out if it lies outside the rectangle of every triangle, with room for the
 pixel filter and for the rounding of float32 positions and directions; a triangle that reaches behind the camera covers
@@ -18,15 +18,15 @@ _ROUNDING = 2.0**-18
 """Share of the largest coordinate by which positions may be off, many times that of float32."""
 
 
-def pixels_that_see(camera: Camera, meshes: Sequence[Mesh]) -> np.ndarray | None:
-    """Pixels in whose bounds some triangle of `meshes` lies, ``(H, W)`` bool; None if that is all of them."""
+def find_covered_pixels(camera: Camera, meshes: Sequence[Mesh]) -> np.ndarray | None:
+    """Return the pixels that triangles of `meshes` may cover, ``(H, W)`` bool; None if that is all of them."""
     width, height = camera.resolution
     begins = np.zeros((height + 1, width + 1), np.int32)  # its sums over rows and columns count rectangles
     for mesh in meshes:
         if not _count(begins, camera, mesh):
             return None
-    seen = begins.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
-    return None if seen.all() else seen
+    covered = begins.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0
+    return None if covered.all() else covered
 
 
 def _count(begins: np.ndarray, camera: Camera, mesh: Mesh) -> bool:

@@ -22,7 +22,10 @@ def describe_plan(plan: Plan) -> str:
         triangles = int((plan.face_group == k).sum())
         left -= triangles
         names = ", ".join(sorted({material.name for material in group.materials}))
-        lobes = " + ".join(type(lobe).__name__ for lobe in (*group.glossy, *group.through, *group.delta)) or "no lobes"
+        lobes = (
+            " + ".join(type(lobe).__name__ for lobe in (*group.reflection, *group.transmission, *group.delta))
+            or "no lobes"
+        )
         needs = ", ".join(name for name, needed in _needs((group,)) if needed) or "nothing else"
         lines.append(
             f"  group {k}: {len(group.materials)} x {names}: {lobes}; {triangles:,} triangles; needs {needs}; "
@@ -87,10 +90,10 @@ def _needs(groups: Iterable[Group]) -> Iterator[tuple[str, bool]]:
 
 
 def _sampling(plan: Plan, group: Group) -> str:
-    """How the light that a group's surfaces reflect is found, kind of light by kind of light."""
-    if not (group.glossy or group.through or group.delta):
+    """Return how the light that a group's surfaces reflect is sampled, kind of light by kind of light."""
+    if not (group.reflection or group.transmission or group.delta):
         return "reflects nothing: no samples, paths end"
-    if not (group.glossy or group.through):
+    if not (group.reflection or group.transmission):
         return "mirrored and refracted rays are followed: no light sampling, no MIS"
     mixed = _names(light for light in plan.sampled if plan.mixes(group, light))
     ways = [f"MIS of {mixed}"] if mixed else []
@@ -103,10 +106,10 @@ def _sampling(plan: Plan, group: Group) -> str:
 
 def _left_out(plan: Plan) -> Iterator[str]:
     """Yield what the plan leaves out, and why."""
-    if plan.dark:
-        yield f"{_count(plan.dark, 'light')} that emit{'s' * (plan.dark == 1)} nothing"
-    if plan.dropped:
-        yield f"{_count(plan.dropped, 'lobe')} that reflect{'s' * (plan.dropped == 1)} nothing"
+    if plan.removed_lights:
+        yield f"{_count(plan.removed_lights, 'light')} that emit{'s' * (plan.removed_lights == 1)} nothing"
+    if plan.removed_lobes:
+        yield f"{_count(plan.removed_lobes, 'lobe')} that reflect{'s' * (plan.removed_lobes == 1)} nothing"
     needs = [*_needs(plan.groups), ("environment lookups", bool(plan.environment))]
     needs.append(("mirrored and refracted rays", any(group.delta for group in plan.groups)))
     unneeded = [name for name, needed in needs if not needed]
@@ -121,6 +124,6 @@ def _count(number: int, noun: str) -> str:
 
 
 def _names(lights: Iterable[Light]) -> str:
-    """Kinds of lights, and how many of each."""
+    """Return kinds of lights, and how many of each."""
     count = Counter(type(light).__name__ for light in lights)
     return ", ".join(name if n == 1 else f"{n} x {name}" for name, n in count.items())

@@ -18,7 +18,7 @@ from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight
 from dmis.scene.simplify import parameters
 
-NOTHING = 255
+NO_GROUP = 255
 """Group number of misses, and of surfaces that neither reflect nor emit."""
 
 
@@ -57,9 +57,9 @@ class Group:
     ----------
     materials
         The materials; a part's row in the parameter tables is its position here.
-    glossy, through, delta
+    reflection, transmission, delta
         Lobes with parameter tables ``(C, M)`` or ``(M,)`` in place of numbers, or textures (then M = 1): those that
-        reflect, those of light that comes through, and those that are Dirac deltas.
+        reflect, those that transmit, and Dirac deltas of either kind.
     emission
         ``(3, M)`` radiance of the bright side; None if nothing here emits.
     textured, smooth, anisotropic
@@ -71,8 +71,8 @@ class Group:
     """
 
     materials: tuple[Material, ...]
-    glossy: tuple[Lobe, ...]
-    through: tuple[Lobe, ...]
+    reflection: tuple[Lobe, ...]
+    transmission: tuple[Lobe, ...]
     delta: tuple[DeltaLobe, ...]
     emission: Array | None
     textured: bool
@@ -84,10 +84,10 @@ class Group:
     @property
     def reflects(self) -> bool:
         """Whether there is any lobe, and not just emission."""
-        return bool(self.glossy or self.through or self.delta)
+        return bool(self.reflection or self.transmission or self.delta)
 
     def bind(self, lobe: Any, row: Index | None, uv: Array | None) -> Any:
-        """`lobe` with the parameters of each point: rows of the tables, or texture values at `uv` ``(2, N)``."""
+        """Return `lobe` with the parameters of each point: rows of the tables, or texture values at `uv` ``(2, N)``."""
         if len(self.materials) == 1 and not self.textured:
             return lobe
         changes: dict[str, Any] = {}
@@ -102,11 +102,11 @@ class Group:
         return replace(lobe, **changes)
 
 
-def _shape_of(lobe: Any) -> tuple[Any, ...]:
-    """What two lobes must share to be shaded together: their types, and what is not a parameter of the point."""
+def _batch_signature(lobe: Any) -> tuple[Any, ...]:
+    """Return what two lobes must share to be shaded together: types, and fields that are the same at all points."""
     named = dict(parameters(lobe))
     rest = tuple(getattr(lobe, f.name) for f in fields(lobe) if f.name not in named)
-    nested = tuple(_shape_of(value) for value in named.values() if isinstance(value, Parameters))
+    nested = tuple(_batch_signature(value) for value in named.values() if isinstance(value, Parameters))
     return type(lobe), rest, nested
 
 
@@ -116,7 +116,7 @@ def has_texture(lobe: Any) -> bool:
 
 
 def _anisotropic(lobe: Any) -> bool:
-    """Whether a lobe, or the data nested in it, needs tangents."""
+    """Return whether a lobe, or the data nested in it, needs tangents."""
     return lobe.anisotropic or any(_anisotropic(v) for _, v in parameters(lobe) if isinstance(v, Parameters))
 
 
@@ -128,20 +128,26 @@ def batch_key(part: Part) -> Any:
     material = part.material
     if not material.lobes and part.light is None:
         return None
-    own = id(material) if any(has_texture(lobe) for lobe in material.lobes) else None
+    texture_key = id(material) if any(has_texture(lobe) for lobe in material.lobes) else None
     smooth = part.mesh.normals is not None and bool(material.lobes)
     tangent = part.tangent if any(_anisotropic(lobe) for lobe in material.lobes) else None
-    return tuple(_shape_of(lobe) for lobe in material.lobes), own, smooth, _emitter(part.light), tangent
+    return (
+        tuple(_batch_signature(lobe) for lobe in material.lobes),
+        texture_key,
+        smooth,
+        _emission_key(part.light),
+        tangent,
+    )
 
 
-def _emitter(light: AreaLight | None) -> bool | int:
-    """Return what two parts must share to emit from one table: True; of a textured light, what it is known by."""
+def _emission_key(light: AreaLight | None) -> bool | int:
+    """Return what two parts must share to emit from one table: True; of a textured light, its id."""
     return id(light) if light is not None and light.textured else light is not None
 
 
 def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Group:
     """Return the group of the materials and lights of all parts that have the same `batch_key`."""
-    _, own, smooth, emits, tangent = key
+    _, texture_key, smooth, emits, tangent = key
     materials = tuple(material for material, _ in members)
     lobes = tuple(_tabulate(same) for same in zip(*(material.lobes for material in materials), strict=True))
     lights = [light for _, light in members if light is not None]
@@ -158,7 +164,7 @@ def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Gr
         tuple(lobe for lobe in lobes if lobe.transmissive and not lobe.delta),
         tuple(lobe for lobe in lobes if lobe.delta),
         emission,
-        own is not None,
+        texture_key is not None,
         smooth,
         any(_anisotropic(lobe) for lobe in lobes),
         None if tangent is None else direction("tangent", tangent).astype(np.float32)[:, None],
@@ -167,7 +173,7 @@ def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Gr
 
 
 def _tabulate(lobes: tuple[Any, ...]) -> Any:
-    """One lobe whose parameters are tables over the materials: colours ``(1 or 3, M)``, scalars ``(M,)``."""
+    """Return one lobe whose parameters are tables over the materials: colours ``(1 or 3, M)``, scalars ``(M,)``."""
     changes: dict[str, Any] = {}
     for name, value in parameters(lobes[0]):
         values = [getattr(lobe, name) for lobe in lobes]

@@ -17,7 +17,7 @@ from dmis.geometry.mesh import Mesh
 
 ULP = 2.0**-24
 """Relative rounding of float32."""
-_BLOCK = 2**16
+_TRIANGLES_PER_BLOCK = 2**16
 """Triangles looked at together."""
 
 
@@ -33,8 +33,8 @@ def offsets(position: Array, meshes: Iterable[Mesh]) -> Array:
         room = 16 * ULP * max(np.abs(mesh.bounds).max(), np.abs(position).max())
         if (mesh.bounds[0] > position + room).any() or (mesh.bounds[1] < position - room).any():
             continue
-        for first in range(0, len(mesh.faces), _BLOCK):
-            corners = mesh.vertices[mesh.faces[first : first + _BLOCK]]
+        for first in range(0, len(mesh.faces), _TRIANGLES_PER_BLOCK):
+            corners = mesh.vertices[mesh.faces[first : first + _TRIANGLES_PER_BLOCK]]
             near = ((corners.min(axis=1) <= position + room) & (corners.max(axis=1) >= position - room)).all(axis=1)
             if near.any():
                 rows.append(_touched(position, corners[near]))
@@ -49,7 +49,7 @@ def offsets(position: Array, meshes: Iterable[Mesh]) -> Array:
 
 
 def ray_origins(origin: Array, planes: Array, direction: Array) -> Array:
-    """Where rays from `origin` ``(3, 1)`` along `direction` ``(3, N)`` begin, ``(3, N)``; `planes` of `offsets`."""
+    """Return the origins ``(3, N)`` of rays from `origin` ``(3, 1)`` along `direction` ``(3, N)``; see `offsets`."""
     out = np.repeat(origin, direction.shape[1], axis=1)
     for plane in planes:
         column = plane[:, None]
@@ -58,7 +58,7 @@ def ray_origins(origin: Array, planes: Array, direction: Array) -> Array:
 
 
 def _touched(position: Floats, corners: Floats) -> Floats:
-    """Offsets from the triangles ``(F, 3, 3)`` that `position` is on, ``(K, 3)``."""
+    """Return offsets from the triangles ``(F, 3, 3)`` that `position` is on, ``(K, 3)``."""
     to = corners - position
     edges = np.roll(corners, -1, axis=1) - corners
     normal = np.cross(edges[:, 0], edges[:, 1])

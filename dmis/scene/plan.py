@@ -1,4 +1,4 @@
-"""A scene's plan: what it needs, worked out once, and what it can leave out.
+"""A scene's plan: the groups and lights that a render computes with, made once; what adds nothing is left out.
 
 The plan puts the materials that consist of the same kinds of lobes in one `Group`: the estimator partitions hits by
 group, not by material, and reads the parameters from tables. Groups keep apart what costs: texture lookups,
@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf.materials import Material
-from dmis.light.coincident import of_parts
+from dmis.light.coincident import coincident_lights
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
 from dmis.scene import pinhole
 from dmis.scene.camera import Camera
-from dmis.scene.groups import NOTHING, Group, Part, batch_key, has_texture, make_group
-from dmis.scene.simplify import reduced
+from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group
+from dmis.scene.simplify import simplify
 
 
 class Plan:
-    """What a scene needs. Everything here is computed once, from the scene alone.
+    """Groups and lights of a scene, computed once from the scene alone.
 
     Parameters
     ----------
@@ -37,16 +37,16 @@ class Plan:
     groups
         The groups of materials that appear on triangles.
     part_group
-        Group of each part, or `NOTHING`.
+        Group of each part, or `NO_GROUP`.
     sampled, deltas
         Lights that take part in MIS; lights that cannot. Lights without power are in neither.
     environment
         Infinite lights, which camera rays see where they leave the scene.
     coincident
         Triangles of lights that overlap other triangles in one plane, and the radiance of each pair's light, see
-        `dmis.light.coincident.of_parts`; None: there are none.
-    dark
-        How many lights have no power.
+        `dmis.light.coincident.coincident_lights`; None: there are none.
+    removed_lights, removed_lobes
+        Number of lights without power, and of black lobes, which are left out.
     pinhole_offsets
         Offsets of camera rays from the triangles that the pinhole is on, ``(K, 3)``, see `dmis.scene.pinhole`.
     headlights
@@ -63,27 +63,27 @@ class Plan:
         unread: tuple[str, ...] = (),
     ) -> None:
         self.unread = unread
-        every = lights
-        lights = tuple(light for light in every if light.has_power())
-        self.dark = len(every) - len(lights)
+        all_lights = lights
+        lights = tuple(light for light in all_lights if light.has_power())
+        self.removed_lights = len(all_lights) - len(lights)
         self.sampled: tuple[SampledLight, ...] = tuple(light for light in lights if not light.delta)  # type: ignore[misc]
         self.deltas: tuple[DeltaLight, ...] = tuple(light for light in lights if light.delta)  # type: ignore[misc]
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
         self.pinhole_offsets = pinhole.offsets(np.asarray(camera.to_world, float)[:3, 3], (part.mesh for part in parts))
         eye = camera.origin[:, 0]
-        self.headlights = frozenset(k for k, light in enumerate(self.deltas) if light.shines_from(eye, 0.1 * epsilon))
+        self.headlights = frozenset(k for k, light in enumerate(self.deltas) if light.is_at(eye, 0.1 * epsilon))
         keys: dict[Any, list[tuple[Material, AreaLight | None]]] = {}
         part_keys = []
-        lean = {id(part.material): reduced(part.material) for part in parts}
-        self.dropped = sum(
-            len(material.lobes) - len(lean[id(material)].lobes)
+        simplified = {id(part.material): simplify(part.material) for part in parts}
+        self.removed_lobes = sum(
+            len(material.lobes) - len(simplified[id(material)].lobes)
             for material in {id(part.material): part.material for part in parts}.values()
         )
         parts = tuple(
-            replace(part, material=lean[id(part.material)], light=part.light if part.light in lights else None)
+            replace(part, material=simplified[id(part.material)], light=part.light if part.light in lights else None)
             for part in parts
         )
-        self.coincident = of_parts(parts)
+        self.coincident = coincident_lights(parts)
         for part in parts:
             key = batch_key(part)
             part_keys.append(key)
@@ -91,36 +91,36 @@ class Plan:
             if not any(m is part.material and light is part.light for m, light in members):
                 members.append((part.material, part.light))
         live = [key for key in keys if key is not None]
-        if len(live) >= NOTHING:
+        if len(live) >= NO_GROUP:
             raise ValueError(
-                f"a scene may have at most {NOTHING - 1} groups of textured or different materials; got {len(live)}"
+                f"a scene may have at most {NO_GROUP - 1} groups of textured or different materials; got {len(live)}"
             )
         self.groups = tuple(make_group(key, keys[key]) for key in live)
-        self.part_group = [NOTHING if key is None else live.index(key) for key in part_keys]
+        self.part_group = [NO_GROUP if key is None else live.index(key) for key in part_keys]
         face_group, face_row = [], []
         for part, key, group in zip(parts, part_keys, self.part_group, strict=True):
             row = next(k for k, (m, light) in enumerate(keys[key]) if m is part.material and light is part.light)
             face_group.append(np.full(len(part.mesh.faces), group, np.uint8))
             face_row.append(np.full(len(part.mesh.faces), row, np.int32))
         # One entry more than there are triangles: the -1 of a miss reads the last one.
-        self.face_group = np.concatenate([*face_group, np.array([NOTHING], np.uint8)])
+        self.face_group = np.concatenate([*face_group, np.array([NO_GROUP], np.uint8)])
         self.face_row = np.concatenate(face_row)
 
     @property
-    def lit(self) -> bool:
+    def has_light(self) -> bool:
         """Whether there is any light: without, all images are black."""
         return bool(self.sampled or self.deltas)
 
     @property
-    def visible(self) -> bool:
+    def has_visible_light(self) -> bool:
         """Whether there is a light that rays can meet."""
         return bool(self.environment) or any(group.emission is not None for group in self.groups)
 
     def mixes(self, group: Group, light: Light) -> bool:
-        """Whether MIS applies: the light has an extent, and the surface a lobe that is a function."""
-        return bool(group.glossy or group.through) and not light.delta
+        """Return whether MIS applies: the light has an extent, and the surface a lobe that is a function."""
+        return bool(group.reflection or group.transmission) and not light.delta
 
 
 def textures(material: Material) -> bool:
-    """Whether a material has an image that is not the same everywhere."""
-    return any(has_texture(lobe) for lobe in material.lobes) and any(has_texture(x) for x in reduced(material).lobes)
+    """Return whether a material has an image that is not the same everywhere."""
+    return any(has_texture(lobe) for lobe in material.lobes) and any(has_texture(x) for x in simplify(material).lobes)

@@ -19,23 +19,23 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.refinement import diagonals, refine_near_bodies
-from dmis.scene.scene import OFFSET, Scene
+from dmis.scene.scene import RAY_OFFSET, Scene
 
-FAR_OFF = 16
-"""Largest coordinate, in diagonals of the scene, up to which float32 positions have digits enough: a scene loses one
-digit for each factor of ten."""
-LENGTHS = 2.0**-20, 2.0**20
-"""Diagonals that stay as they are."""
-RADIANCES = 2.0**-32, 2.0**32
-"""Those of the brightest light that stay as they are: radiances of samples, their squares, and 1e9 times as much."""
-EXTENTS = 1e-12, 1e12
-"""Of lights, in diagonals of the scene."""
-LOST = 1e4
-"""Largest coordinate, in diagonals of a body, at which the ray offset is small beside the body: a hundredth of it."""
+MAX_REACH = 16
+"""Largest coordinate in diagonals of the scene for which the origin stays: a scene loses one digit of float32 for each
+factor of ten."""
+KEPT_DIAGONALS = 2.0**-20, 2.0**20
+"""Range of diagonals of scenes whose unit of length stays."""
+KEPT_RADIANCES = 2.0**-32, 2.0**32
+"""Range of the brightest radiance for which its unit stays: squares of samples, and 1e9 times these, are in float32."""
+LIGHT_EXTENTS = 1e-12, 1e12
+"""Range of extents of lights, in diagonals of the scene."""
+MAX_RESOLVED_REACH = 1e4
+"""Largest coordinate in diagonals of a body at which the ray offset is small beside the body: a hundredth of it."""
 
 
-def suited(scene: Scene) -> tuple[Scene, float]:
-    """`scene`, or one that looks the same in better units, and by what an image of it is to be multiplied.
+def rescale_for_float32(scene: Scene) -> tuple[Scene, float]:
+    """Return a scene of the same looks in units that suit float32, and the factor for its image.
 
     Raises
     ------
@@ -52,17 +52,17 @@ def suited(scene: Scene) -> tuple[Scene, float]:
         )
     for light in scene.lights:
         extent = light.extent()
-        if extent is not None and size > 0 and not EXTENTS[0] * size <= extent <= EXTENTS[1] * size:
+        if extent is not None and size > 0 and not LIGHT_EXTENTS[0] * size <= extent <= LIGHT_EXTENTS[1] * size:
             raise ValueError(
-                f"a light must have {EXTENTS[0]:g} to {EXTENTS[1]:g} times the size of the scene, because float32 does "
-                f"not hold its area; got a {type(light).__name__} of {extent:g} in a scene of diagonal {size:g}. "
-                f"A smaller one is a PointLight, a larger one an EnvironmentLight"
+                f"a light must have {LIGHT_EXTENTS[0]:g} to {LIGHT_EXTENTS[1]:g} times the size of the scene, because "
+                f"float32 does not hold its area; got a {type(light).__name__} of {extent:g} in a scene of diagonal "
+                f"{size:g}. A smaller one is a PointLight, a larger one an EnvironmentLight"
             )
     origin = _origin(scene, low, high)
     _check_small_bodies(scene, origin)
-    length = 1.0 if LENGTHS[0] <= size <= LENGTHS[1] or size == 0 else _power_of_two(size)
+    length = 1.0 if KEPT_DIAGONALS[0] <= size <= KEPT_DIAGONALS[1] or size == 0 else _power_of_two(size)
     brightest = max((light.brightness(length) for light in scene.lights), default=0.0)
-    gain = 1.0 if RADIANCES[0] <= brightest <= RADIANCES[1] or brightest == 0 else _power_of_two(brightest)
+    gain = 1.0 if KEPT_RADIANCES[0] <= brightest <= KEPT_RADIANCES[1] or brightest == 0 else _power_of_two(brightest)
     if not origin.any() and length == gain == 1:
         return _resolved(scene), 1.0
     lights: dict[int, Any] = {id(light): light.rescaled(origin, length, gain) for light in scene.lights}
@@ -81,13 +81,13 @@ def suited(scene: Scene) -> tuple[Scene, float]:
 
 
 def _origin(scene: Scene, low: Array, high: Array) -> Array:
-    """Where the origin is to be, ``(3,)``: where it is; or amid the scene, or its small bodies, if they are far off."""
+    """Return the new origin, ``(3,)``: amid the scene, or its small bodies, if they are far off; else 0."""
     origin, small = np.zeros(3), scene.small_bodies
     boxes = [(low, high)]
     if len(small):
         boxes.append((small[:, 0].min(axis=0), small[:, 1].max(axis=0)))
     for least, largest in boxes:
-        if np.abs([least, largest]).max() > FAR_OFF * np.linalg.norm(largest - least):
+        if np.abs([least, largest]).max() > MAX_REACH * np.linalg.norm(largest - least):
             origin = (least + largest) / 2
     return origin
 
@@ -99,17 +99,17 @@ def _check_small_bodies(scene: Scene, origin: Array) -> None:
         return
     diagonal, reach = diagonals(small), np.abs(small - origin).max(axis=(1, 2))
     worst = int(np.argmax(reach / diagonal))
-    if reach[worst] > LOST * diagonal[worst]:
+    if reach[worst] > MAX_RESOLVED_REACH * diagonal[worst]:
         warnings.warn(
             f"float32 does not resolve a body of size {diagonal[worst]:.3g} that is {reach[worst]:.3g} away from the "
-            f"origin: shadows within {OFFSET * reach[worst]:.3g} of it are lost. Render it as a "
+            f"origin: shadows within {RAY_OFFSET * reach[worst]:.3g} of it are lost. Render it as a "
             f"scene without what is far away",
             stacklevel=4,
         )
 
 
 def _resolved(scene: Scene) -> Scene:
-    """`scene` with its huge triangles split near small bodies, see `dmis.geometry.refinement`."""
+    """Return `scene` with its huge triangles split near small bodies, see `dmis.geometry.refinement`."""
     parts = tuple(replace(part, mesh=refine_near_bodies(part.mesh, scene.bodies)) for part in scene.parts)
     same = all(new.mesh is old.mesh for new, old in zip(parts, scene.parts, strict=True))
     return scene if same else scene.changed(parts=parts)

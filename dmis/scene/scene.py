@@ -22,25 +22,25 @@ from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, small_besid
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.light import Light
 from dmis.scene.camera import Camera
-from dmis.scene.coverage import pixels_that_see
+from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.defaults import MAX_DEPTH
 from dmis.scene.describe import describe_integrator, describe_plan, describe_source
-from dmis.scene.groups import NOTHING, Group, Part
+from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.plan import Plan, textures
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 from dmis.scene.triangle_tables import Tables
 
 
 class SceneWarning(UserWarning):
-    """Things in a scene or in its file that do not appear in the image as they may be meant to."""
+    """Contents of a scene or its file that may not appear in the image as meant."""
 
 
-OFFSET = 1e-6
-"""Of ray origins from the surfaces that rays leave, in extents of these: float32 positions are rounded."""
+RAY_OFFSET = 1e-6
+"""Ray offset: distance of ray origins from the surfaces that rays leave, in extents of these (rounding of float32)."""
 
 
 def _extent(low: Array, high: Array) -> float:
-    """The larger of the diagonal and the largest coordinate, which sets the rounding of float32 positions."""
+    """Return the larger of the diagonal and the largest coordinate, which sets the rounding of float32 positions."""
     return float(max(np.linalg.norm(high - low), np.abs(low).max(), np.abs(high).max()))
 
 
@@ -61,7 +61,7 @@ class Scene:
     integrator, max_depth
         What the scene's file asks for, see `dmis.estimator.settings.Settings`; None if it does not say.
     unread
-        What its file holds and is not read, in words, such as "3 materials (wood, glass, lamp)".
+        Contents of its file that are not read, in words, such as "3 materials (wood, glass, lamp)".
     source
         How a file was read, JSON data for the provenance of images: ``dialect`` of a pbrt file and ``dialect_from``,
         ``file`` (its words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
@@ -129,38 +129,38 @@ class Scene:
             warnings.warn(SceneWarning(text), stacklevel=3)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: the description. Tables and the Embree handle are rebuilt where they are used."""
+        """Return the fields, which are pickled; tables and the Embree handle are rebuilt where they are used."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def crop(self, rows: tuple[int, int], columns: tuple[int, int]) -> Scene:
-        """The scene seen through a part of the image, see `dmis.scene.camera.Camera.crop`.
+        """Return the scene seen through a part of the image, see `dmis.scene.camera.Camera.crop`.
 
         Plan, tables and Embree are those of this scene, so a crop costs nothing.
         """
         return self.seen_by(self.camera.crop(rows, columns))
 
     def seen_by(self, camera: Camera) -> Scene:
-        """The scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
-        known = "plan", "tables", "intersector", "epsilon", "own_epsilon"
-        return self.changed(camera=camera, **{name: getattr(self, name) for name in known})
+        """Return the scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
+        shared = "plan", "tables", "intersector", "epsilon", "triangle_epsilon"
+        return self.changed(camera=camera, **{name: getattr(self, name) for name in shared})
 
     def changed(self, **values: Any) -> Scene:
-        """A copy with other fields or tables, which are not checked: for those that follow from this scene."""
+        """Return a copy with other fields or tables, which are not checked: for those that follow from this scene."""
         scene = copy(self)
         vars(scene).update(values)
         return scene
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Least and largest coordinates of what rays go on from, ``(3,)`` float64 each: a lamp that reflects nothing,
-        such as a sun, does not count if there is anything else."""
+        """Least and largest coordinates of the parts that rays leave, ``(3,)`` float64 each: a lamp that reflects
+        nothing, such as a sun, does not count if there is any other part."""
         meshes = [part.mesh for part in self.parts if part.material.lobes] or [part.mesh for part in self.parts]
         return np.min([mesh.bounds[0] for mesh in meshes], axis=0), np.max([mesh.bounds[1] for mesh in meshes], axis=0)
 
     @cached_property
     def epsilon(self) -> np.float32:
-        """Offset of ray origins along the geometric normal, `OFFSET` of the extent of `bounds`."""
-        return np.float32(OFFSET * _extent(*self.bounds))
+        """Offset of ray origins along the geometric normal, `RAY_OFFSET` of the extent of `bounds`."""
+        return np.float32(RAY_OFFSET * _extent(*self.bounds))
 
     @cached_property
     def bodies(self) -> Array:
@@ -174,13 +174,13 @@ class Scene:
         return small_beside(float(np.linalg.norm(high - low)), self.bodies)
 
     @cached_property
-    def own_epsilon(self) -> Array | None:
+    def triangle_epsilon(self) -> Array | None:
         """Ray offset of each triangle, ``(T,)``, for scenes with `small_bodies`, which `epsilon` would begin rays far
         above; None for others.
 
-        A part that is not large beside the smallest body has one offset, `OFFSET` of its extent. Of others each
-        triangle has `OFFSET` of the larger of its size and its largest coordinate: both set the rounding of a hit point
-        on it, and of the height above it at which Embree sees a ray begin. Both come to less than 2e-7 of that.
+        A part that is not large beside the smallest body has one offset, `RAY_OFFSET` of its extent. Of others each
+        triangle has `RAY_OFFSET` of the larger of its size and its largest coordinate, which set the rounding of a
+        point on it, and of the height above it at which Embree sees a ray begin. Both come to less than 2e-7 of that.
         """
         small = self.small_bodies
         if not len(small):
@@ -193,13 +193,13 @@ class Scene:
                 corners = part.mesh.vertices[part.mesh.faces]
                 edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
                 extent = np.maximum(np.maximum(edges.max(axis=1), np.abs(corners).max(axis=(1, 2))), least)
-            out.append(np.broadcast_to(OFFSET * extent, len(part.mesh.faces)))
+            out.append(np.broadcast_to(RAY_OFFSET * extent, len(part.mesh.faces)))
         return np.clip(np.concatenate(out).astype(np.float32), TINY, self.epsilon)
 
     @cached_property
     def plan(self) -> Plan:
-        """What the scene needs, see `dmis.scene.plan.Plan`."""
-        nearest = float(self.epsilon if self.own_epsilon is None else self.own_epsilon.min())
+        """Groups and lights that a render computes with, see `dmis.scene.plan.Plan`."""
+        nearest = float(self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.min())
         return Plan(self.camera, self.parts, self.lights, nearest, self.unread)
 
     def describe(self) -> str:
@@ -208,12 +208,12 @@ class Scene:
         return "\n".join([describe_plan(self.plan), integrator, *describe_source(self.source)])
 
     @cached_property
-    def seeing(self) -> np.ndarray | None:
-        """Pixels that may see something, ``(H, W)`` bool; None: all of them, see `dmis.scene.coverage`."""
+    def covered_pixels(self) -> np.ndarray | None:
+        """Pixels that triangles may cover, ``(H, W)`` bool; None: all of them, see `dmis.scene.coverage`."""
         if self.plan.environment:
             return None
-        live = [part.mesh for part, group in zip(self.parts, self.plan.part_group, strict=True) if group != NOTHING]
-        return pixels_that_see(self.camera, live if self.plan.lit else [])
+        live = [part.mesh for part, group in zip(self.parts, self.plan.part_group, strict=True) if group != NO_GROUP]
+        return find_covered_pixels(self.camera, live if self.plan.has_light else [])
 
     @cached_property
     def intersector(self) -> RayCaster:
@@ -225,7 +225,7 @@ class Scene:
 
     def prepare(self) -> None:
         """Build now what is otherwise built when it is first needed, so that it is not part of a measured time."""
-        _ = self.plan, self.intersector, self.epsilon, self.own_epsilon, self.tables.corners, self.seeing
+        _ = self.plan, self.intersector, self.epsilon, self.triangle_epsilon, self.tables.corners, self.covered_pixels
         for group in self.plan.groups:
             if group.smooth:
                 _ = self.tables.normals
@@ -236,11 +236,11 @@ class Scene:
 
     @cached_property
     def tables(self) -> Tables:
-        """What hits are read from, see `dmis.scene.triangle_tables.Tables`."""
+        """Vertex attributes of the triangles, see `dmis.scene.triangle_tables.Tables`."""
         return Tables(self.parts)
 
     def overlapping_emission(self, hits: Hits, direction: Array) -> tuple[Array, Index]:
-        """Radiance towards the viewer of the lights that overlap the triangles which rays met, in the same plane.
+        """Return the radiance towards the viewer of lights that overlap the triangles that rays hit, in one plane.
 
         Only for scenes whose plan has `coincident` triangles. What the triangle itself emits is not in it.
 
@@ -258,10 +258,10 @@ class Scene:
         facing = (dot(normal, take(direction, ray)) < 0) == overlaps.same.take(pair)
         return radiance.take(pair.compress(facing), axis=1), ray.compress(facing)
 
-    def surface(
+    def shading_points(
         self, group: Group, hits: Hits, index: Selection | None, direction: Array
-    ) -> tuple[Surface, Array | None]:
-        """The surface points of the hits `index` (None: all), which must belong to `group`, and what they emit.
+    ) -> tuple[ShadingPoints, Array | None]:
+        """Return the shading points of the hits `index` (None: all), all of `group`, and what they emit.
 
         Parameters
         ----------
@@ -285,7 +285,7 @@ class Scene:
         facing = dot(ng, wo)
         side = np.copysign(np.float32(1), facing)
         ng = ng * side
-        epsilon = self.epsilon if self.own_epsilon is None else self.own_epsilon.take(prim)
+        epsilon = self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.take(prim)
         p += ng * epsilon
         n, cos_o = ng, np.abs(facing)
         if group.smooth:
@@ -314,9 +314,9 @@ class Scene:
                 emission = group.textured_light.emission(p) * outside
             else:
                 emission = (group.emission if row is None else group.emission.take(row, axis=1)) * outside
-        glossy = tuple(group.bind(lobe, row, uv) for lobe in group.glossy)
-        through = tuple(group.bind(lobe, row, uv) for lobe in group.through)
+        reflection = tuple(group.bind(lobe, row, uv) for lobe in group.reflection)
+        transmission = tuple(group.bind(lobe, row, uv) for lobe in group.transmission)
         delta = tuple(group.bind(lobe, row, uv) for lobe in group.delta)
-        lobes = {"glossy": glossy, "through": through, "delta": delta}
-        found = Surface(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, epsilon=epsilon, **lobes)
+        lobes = {"reflection": reflection, "transmission": transmission, "delta": delta}
+        found = ShadingPoints(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, epsilon=epsilon, **lobes)
         return found, emission

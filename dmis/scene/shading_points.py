@@ -1,4 +1,4 @@
-"""Surface points: what a batch of hits looks like to lobes, lights and shadow rays."""
+"""Shading points: a batch of hits with all that lobes, lights and shadow rays read."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from dmis.base.selection import Selection, compose, take
 from dmis.base.vectors import Array, dot, frame, normalise
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import DeltaLobe, Lobe
 
 
-class Surface:
+class ShadingPoints:
     """N points on surfaces that share the same kinds of lobes, seen from ``wo``.
 
     A subset (`take`) gathers an attribute when it is first read: most directions miss the light or face away, and
@@ -31,9 +31,9 @@ class Surface:
         Unit directions to the viewer, ``(3, N)``.
     cos_o
         ``n . wo``, ``(N,)``.
-    glossy, through, delta
-        Lobes with their parameters bound to these points: those that reflect, those of what comes through (they belong
-        to the points seen from `beyond`), and those that are Dirac deltas.
+    reflection, transmission, delta
+        Lobes with their parameters bound to these points: those that reflect, those that transmit (evaluated at the
+        points of `beyond`), and Dirac deltas of either kind.
     outside
         Whether wo is on the side that the mesh's winding calls outside, ``(N,)`` bool; read where light is refracted.
     dpdu
@@ -50,20 +50,20 @@ class Surface:
     outside: Array
     dpdu: Array | None
     epsilon: Array | np.float32
-    glossy: tuple[Lobe, ...]
-    through: tuple[Lobe, ...]
+    reflection: tuple[Lobe, ...]
+    transmission: tuple[Lobe, ...]
     delta: tuple[DeltaLobe, ...]
 
     def __init__(self, **attributes: Any) -> None:
         self.__dict__.update(attributes)
-        self._parent: Surface | None = None
+        self._parent: ShadingPoints | None = None
         self._index: Selection | None = None
 
-    def take(self, index: Selection | None) -> Surface:
-        """The points `index`; None means all of them."""
+    def take(self, index: Selection | None) -> ShadingPoints:
+        """Return the points `index`; None means all of them."""
         if index is None:
             return self
-        part = Surface()
+        part = ShadingPoints()
         part._parent, part._index = self._parent or self, compose(self._index, index)
         return part
 
@@ -78,13 +78,14 @@ class Surface:
         self.__dict__[name] = value
         return value
 
-    def beyond(self) -> Surface:
-        """The same points on the side that wo is not on, where light comes from that passes a rough surface.
+    def beyond(self) -> ShadingPoints:
+        """Return the same points on the side that wo is not on, from which light comes through a rough surface.
 
-        Normals and p are turned to that side, so that ``n . wo`` is negative; the glossy lobes are those of `through`.
+        Normals and p are turned to that side, so that ``n . wo`` is negative; the reflection lobes are those of
+        `transmission`.
         """
         n = -self.n
-        return Surface(
+        return ShadingPoints(
             p=self.p - self.ng * (2 * self.epsilon),
             ng=n if self.ng is self.n else -self.ng,
             n=n,
@@ -93,8 +94,8 @@ class Surface:
             outside=self.outside,
             dpdu=self.dpdu,
             epsilon=self.epsilon,
-            glossy=self.through,
-            through=(),
+            reflection=self.transmission,
+            transmission=(),
             delta=(),
         )
 
@@ -112,31 +113,31 @@ class Surface:
         t = np.stack([y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]])
         return s, t
 
-    def faces(self, pair: Pair) -> np.ndarray:
-        """Whether the pair's wi is on wo's side of the triangles, ``(N,)`` bool."""
-        return pair.above if self.ng is self.n else dot(self.ng, pair.wi) > 0
+    def faces(self, directions: Directions) -> np.ndarray:
+        """Return whether wi is on wo's side of the triangles, ``(N,)`` bool."""
+        return directions.above if self.ng is self.n else dot(self.ng, directions.wi) > 0
 
     # The BRDF as a whole: the sum of its lobes, sampled by picking one of them uniformly ------------------------------
 
-    def eval(self, pair: Pair) -> Array:
-        """BRDF without the cosine, ``(1, N)``, ``(3, 1)`` or ``(3, N)``; delta lobes excluded."""
-        total = self.glossy[0].eval(pair)
-        for lobe in self.glossy[1:]:
-            total = total + lobe.eval(pair)
+    def eval(self, directions: Directions) -> Array:
+        """Return the BRDF without the cosine, ``(1, N)``, ``(3, 1)`` or ``(3, N)``; delta lobes excluded."""
+        total = self.reflection[0].eval(directions)
+        for lobe in self.reflection[1:]:
+            total = total + lobe.eval(directions)
         return total
 
-    def pdf(self, pair: Pair) -> Array:
-        """Density of `sample` at the pair's wi, ``(N,)``."""
-        total = self.glossy[0].pdf(pair)
-        for lobe in self.glossy[1:]:
-            total = total + lobe.pdf(pair)
-        return total * np.float32(1 / len(self.glossy)) if len(self.glossy) > 1 else total
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample` at wi, ``(N,)``."""
+        total = self.reflection[0].pdf(directions)
+        for lobe in self.reflection[1:]:
+            total = total + lobe.pdf(directions)
+        return total * np.float32(1 / len(self.reflection)) if len(self.reflection) > 1 else total
 
     def sample(self, u: Array) -> Array:
-        """Directions ``(3, N)``; ``u[0]`` first picks the lobe and is then stretched back to [0, 1)."""
-        count = len(self.glossy)
+        """Sample directions ``(3, N)``; ``u[0]`` first picks the lobe and is then stretched back to [0, 1)."""
+        count = len(self.reflection)
         if count == 1:
-            return self.glossy[0].sample(self, u)
+            return self.reflection[0].sample(self, u)
         wi = np.empty_like(self.wo)
         scaled = u[0] * count
         chosen = np.minimum(scaled.astype(np.int8), count - 1)
@@ -150,15 +151,15 @@ class Surface:
         return wi
 
     def _lobe(self, k: int) -> Lobe:
-        """One of the glossy lobes, without gathering the parameters of the others."""
+        """Return one of the reflection lobes, without gathering the parameters of the others."""
         if self._parent is None or "glossy" in self.__dict__:
-            return self.glossy[k]
-        lobe: Lobe = _gather(self._parent.glossy[k], self._index)
+            return self.reflection[k]
+        lobe: Lobe = _gather(self._parent.reflection[k], self._index)
         return lobe
 
 
 def _gather(value: Any, index: Selection | None) -> Any:
-    """The points `index` of an array, or of all arrays in a lobe or a tuple of lobes; constants stay as they are."""
+    """Return the points `index` of an array, or of all arrays in a lobe or a tuple of lobes, but not of constants."""
     if isinstance(value, np.ndarray):
         return take(value, index)
     if isinstance(value, tuple):
@@ -174,5 +175,5 @@ def _gather(value: Any, index: Selection | None) -> Any:
 
 @cache
 def _names(kind: type) -> tuple[str, ...]:
-    """Fields of a dataclass; none of what is not one."""
+    """Return the names of the fields of a dataclass; none for another class."""
     return tuple(f.name for f in fields(kind)) if is_dataclass(kind) else ()

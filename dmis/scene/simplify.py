@@ -1,4 +1,4 @@
-"""What is provably zero or constant in the parts of a scene, and is left out of its plan.
+"""Simplification of materials: black lobes are left out, and constant images become numbers.
 
 `parameters` lists what may differ from point to point, which lobes declare.
 """
@@ -24,26 +24,26 @@ def parameters(lobe: Parameters) -> Iterator[tuple[str, Any]]:
             yield field.name, value
 
 
-def reduced(material: Material) -> Material:
-    """The same reflection without black lobes, and with constants in place of constant images.
+def simplify(material: Material) -> Material:
+    """Return a material without black lobes, and with constants in place of constant images.
 
     `dmis.brdf.ashikhmin_shirley.BlendBase` stays if it is black: which lobe a sample is drawn from would change for
     old scenes.
     """
-    lobes = tuple(_folded(lobe) for lobe in material.lobes)
+    lobes = tuple(_fold_constant_images(lobe) for lobe in material.lobes)
     kept = tuple(lobe for lobe in lobes if not lobe.is_black())
     same = len(kept) == len(material.lobes) and all(a is b for a, b in zip(kept, material.lobes, strict=True))
     return material if same else replace(material, lobes=kept)
 
 
-def _folded(lobe: Any) -> Any:
-    """`lobe`, or a copy with the values of its images whose texels are all the same."""
+def _fold_constant_images(lobe: Any) -> Any:
+    """Return `lobe` with numbers in place of images whose texels are all the same."""
     changes: dict[str, Any] = {}
     for name, value in parameters(lobe):
         if isinstance(value, Image):
             if value.wrap != "black" and (value.texels == value.texels[0, 0]).all():
                 texel = value(np.zeros((2, 1), np.float32))[:, 0].tolist()
                 changes[name] = tuple(texel) if name in lobe.colours else texel[0]
-        elif isinstance(value, Parameters) and (folded := _folded(value)) is not value:
+        elif isinstance(value, Parameters) and (folded := _fold_constant_images(value)) is not value:
             changes[name] = folded
     return replace(lobe, **changes) if changes else lobe

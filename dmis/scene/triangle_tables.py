@@ -1,6 +1,6 @@
-"""What hits are read from: rows per triangle, one gather per hit.
+"""Vertex attributes as rows per triangle, one gather per hit.
 
-Each table is built when it is first asked for, so a scene without textures never has texture coordinates.
+Each table is built when it is first read, so a scene without textures never has texture coordinates.
 """
 
 from __future__ import annotations

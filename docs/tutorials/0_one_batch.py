@@ -17,7 +17,7 @@ import trimesh
 import dmis
 from dmis import plot
 from dmis.base.vectors import dot, frame, normalise
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.distributions import Isotropic
 from dmis.brdf.microfacet import GGX
 from dmis.estimator.mis import balance
@@ -103,11 +103,11 @@ brdf_sample = light.hit(p, lobe.sample(points, sampler.draw("brdf", hit)))
 w = 0.5
 terms = []
 for technique, sample in enumerate((light_sample, brdf_sample)):
-    pair = Pair(points, sample.wi)  # the cosines between n, wo and wi, that lobes are made of
-    p_l, p_b = sample.pdf, lobe.pdf(pair)
+    directions = Directions(points, sample.wi)  # the cosines between n, wo and wi, that lobes are made of
+    p_l, p_b = sample.pdf, lobe.pdf(directions)
     distance = np.where(sample.emits, sample.distance * np.float32(0.9999), 0)
-    V = sample.emits & pair.above & ~intersector.occluded(p, sample.wi, distance)
-    f = lobe.eval(pair) * sample.radiance * pair.cos_i * V
+    V = sample.emits & directions.above & ~intersector.occluded(p, sample.wi, distance)
+    f = lobe.eval(directions) * sample.radiance * directions.cos_i * V
     terms.append(f * balance((w * p_l, (1 - w) * p_b), technique))
 
 # %%

@@ -65,7 +65,7 @@ for axis, radius in zip(axes, (0.1, 0.5, 1.0), strict=True):
 # ------------------
 # A *lobe* is a frozen dataclass with three methods: ``eval``, the BRDF without the cosine; ``pdf``, the density per
 # solid angle with which it samples; and ``sample``, which turns pairs of even random numbers ``u`` ``(2, N)`` into
-# directions ``(3, N)``. A `Pair` has the cosines between n, wo, wi and the half vector. Here is velvet: dust on the
+# directions ``(3, N)``. `Directions` has the cosines of n, wo, wi and the half vector. Here is velvet: dust on the
 # surface that catches light at its edges, where the normal is across the view. It is sampled like a matte surface,
 # whose density is cos / pi.
 @dataclass(frozen=True, eq=False)
@@ -75,14 +75,14 @@ class Velvet(Lobe):
     reflectance: float
     colours: ClassVar = ("reflectance",)  # a field that is named here may also be a colour or an image
 
-    def eval(self, pair):
+    def eval(self, directions):
         """The BRDF, ``(1, N)`` or ``(3, N)``."""
-        rim = (1 - pair.cos_o) * (1 - pair.cos_i)
+        rim = (1 - directions.cos_o) * (1 - directions.cos_i)
         return self.reflectance * (INV_PI * rim * rim)
 
-    def pdf(self, pair):
+    def pdf(self, directions):
         """cos / pi, ``(N,)``; nothing below the horizon."""
-        return np.maximum(pair.cos_i_signed, 0) * INV_PI
+        return np.maximum(directions.cos_i_signed, 0) * INV_PI
 
     def sample(self, surface, u):
         """A point on the unit sphere that touches the surface."""

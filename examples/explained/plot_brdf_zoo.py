@@ -19,10 +19,10 @@ from common import options
 
 import dmis
 from dmis import plot
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric
 from dmis.estimator.technique import BRDF, LIGHT
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 opts, _ = options(__file__, __doc__)
 GLASS = Dielectric(1.5)
@@ -43,19 +43,19 @@ WO = np.array([-np.sqrt(0.5), 0, np.sqrt(0.5)], np.float32)
 def surface(material, count):
     """`count` times the same point, at the origin of a horizontal plane, with its tangent u along x."""
     up, wo, along = (np.repeat(np.float32(v)[:, None], count, axis=1) for v in ((0, 0, 1), WO, (1, 0, 0)))
-    return Surface(
-        p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=along, glossy=material.lobes, delta=()
+    return ShadingPoints(
+        p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=along, reflection=material.lobes, delta=()
     )
 
 
 # %%
 # Reflected light of unit radiance and both densities in the directions `wi` of a sample of either technique.
-def integrand(points, seen):
+def integrand(points, light_sample):
     """f, p_l and p_b, each ``(N,)``; f is 0 where the light is missed or the horizon hides it."""
-    pair = Pair(points, seen.wi)
-    f = np.broadcast_to(points.eval(pair), seen.wi.shape).mean(axis=0) * pair.cos_i
-    p_l, p_b = LIGHT.pdf(points, pair, seen.pdf), BRDF.pdf(points, pair, seen.pdf)
-    return tuple(a.astype(float) for a in (f * (seen.emits & pair.above), p_l, p_b))
+    directions = Directions(points, light_sample.wi)
+    f = np.broadcast_to(points.eval(directions), light_sample.wi.shape).mean(axis=0) * directions.cos_i
+    p_l, p_b = LIGHT.pdf(points, directions, light_sample.pdf), BRDF.pdf(points, directions, light_sample.pdf)
+    return tuple(a.astype(float) for a in (f * (light_sample.emits & directions.above), p_l, p_b))
 
 
 # %%
@@ -104,9 +104,9 @@ def lobe_map(axis, material):
     inside = x * x + y * y < 1
     wi = np.stack([x[inside], y[inside], np.sqrt(1 - x[inside] ** 2 - y[inside] ** 2)])
     points = surface(material, wi.shape[1])
-    pair = Pair(points, wi)
+    directions = Directions(points, wi)
     shown = np.ma.masked_all(x.shape)
-    shown[inside] = np.broadcast_to(points.eval(pair), wi.shape).mean(axis=0) * pair.cos_i
+    shown[inside] = np.broadcast_to(points.eval(directions), wi.shape).mean(axis=0) * directions.cos_i
     image = axis.imshow(
         np.maximum(shown / shown.max(), 1e-3),
         origin="lower",
@@ -135,7 +135,9 @@ def histogram(axis, material):
     at, phi = np.meshgrid(np.radians(np.linspace(0.25, 89.75, 180)), np.radians(np.arange(0.5, 360)), indexing="ij")
     w = np.stack([np.sin(at) * np.cos(phi), np.sin(at) * np.sin(phi), np.cos(at)]).reshape(3, -1).astype(np.float32)
     points = surface(material, w.shape[1])
-    density = (points.pdf(Pair(points, w)).astype(float).reshape(at.shape) * np.sin(at)).sum(axis=1) * np.radians(1)
+    density = (points.pdf(Directions(points, w)).astype(float).reshape(at.shape) * np.sin(at)).sum(axis=1) * np.radians(
+        1
+    )
     axis.plot(np.degrees(at[:, 0]), density * np.radians(1), color="black", label="pdf over a ring")
     axis.set_xlabel("polar angle of wi (degrees)")
     axis.set_ylabel("density (1 / degree)")

@@ -82,7 +82,7 @@ figure, axes = plot.canvas(3, len(SCENES), 4 * len(SCENES), 8.5, height_ratios=[
 told = []
 for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
     result = dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads)
-    unseen = np.zeros(SIZE[::-1], bool) if one.seeing is None else ~one.seeing
+    unseen = np.zeros(SIZE[::-1], bool) if one.covered_pixels is None else ~one.covered_pixels
     image = np.where(unseen[..., None], np.float32((0.25, 0.0, 0.25)), result.image)
     plot.picture(above, image, one.name)
     samples = SIZE[0] * SIZE[1] * SPP
@@ -103,7 +103,7 @@ for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
 # The proof of the plan: rendered as if every pixel might see something, the first scene has the same bits.
 first = SCENES[0]
 blind = replace(first)
-vars(blind)["seeing"] = None
+vars(blind)["covered_pixels"] = None
 a, b = (dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads).image for one in (first, blind))
 same = "the same to the last bit" if np.array_equal(a, b) else "not the same"
 print(f"with and without the pixels that see nothing, the images are {same}")

@@ -10,7 +10,7 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.coat_interface import internal_reflectance, transmittance
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.fresnel import Coat, Dielectric, dielectric
 from dmis.brdf.materials import Material
@@ -32,7 +32,7 @@ def leaving(material: Material, degrees: float, cos: Array) -> Array:
     """Share of the light from `degrees` that leaves per unit of the cosine, all around the normal."""
     w = np.stack([np.sqrt(1 - cos**2), 0 * cos, cos]).astype(np.float32)
     points = surface(material, polar(degrees), len(cos))
-    return np.broadcast_to(points.eval(Pair(points, w)), w.shape)[0].astype(float) * (2 * np.pi * cos)
+    return np.broadcast_to(points.eval(Directions(points, w)), w.shape)[0].astype(float) * (2 * np.pi * cos)
 
 
 # Energy -------------------------------------------------------------------------------------------------------------
@@ -58,7 +58,7 @@ def test_rough_coats_lose_what_would_bounce_again(alpha: float, degrees: float) 
     w, weights = sphere_rule(wo * [-1, -1, 1], 1000, 200, power=4.0)
     w, weights = np.ascontiguousarray(w[:, w[2] > 0]), weights[w[2] > 0]
     points = surface(material, wo, w.shape[1])
-    albedo = (points.eval(Pair(points, w))[0].astype(float) * w[2]) @ weights
+    albedo = (points.eval(Directions(points, w))[0].astype(float) * w[2]) @ weights
     assert 0.3 < albedo < 1.001
     assert alpha > 0.01 or albedo > 0.99
 
@@ -198,7 +198,7 @@ def test_lobes_of_a_coat() -> None:
     assert isinstance(rough, GGX) and rough.fresnel == Dielectric(1.5) and rough.roughness.alpha == 0.2
     assert len(dmis.coated_diffuse(0).lobes) == 1
     values = surface(dmis.coated_diffuse((0.1, 0.2, 0.3), 0.2), polar(20), 5)
-    assert values.eval(Pair(values, values.wo)).dtype == np.float32
+    assert values.eval(Directions(values, values.wo)).dtype == np.float32
 
 
 def test_both_sides_are_alike() -> None:
@@ -229,9 +229,11 @@ def test_coats_have_their_own_tables_in_a_scene() -> None:
         group = scene.plan.groups[number]
         row = np.full(2, [m is material for m in group.materials].index(True))
         points = surface(material, polar(30), 2)
-        pair = Pair(points, points.wo)
-        for lobe, own in zip(group.glossy, points.glossy, strict=True):
-            got, expected = (np.broadcast_to(one.eval(pair), (3, 2)) for one in (group.bind(lobe, row, None), own))
+        directions = Directions(points, points.wo)
+        for lobe, own in zip(group.reflection, points.reflection, strict=True):
+            got, expected = (
+                np.broadcast_to(one.eval(directions), (3, 2)) for one in (group.bind(lobe, row, None), own)
+            )
             np.testing.assert_allclose(got, expected, rtol=1e-6)
 
 
@@ -241,10 +243,10 @@ def test_image_under_a_coat() -> None:
     (group,) = box_scene(dmis.coated_diffuse(texture, 0.2)).plan.groups
     uv = np.float32([[0.25, 0.75], [0.5, 0.5]])
     points = surface(dmis.coated_diffuse(0.5, 0.2), polar(30), 2)
-    pair = Pair(points, points.wo)
-    got = group.bind(group.glossy[0], None, uv).eval(pair)
+    directions = Directions(points, points.wo)
+    got = group.bind(group.reflection[0], None, uv).eval(directions)
     for k, colour in enumerate(texture.texels[0]):
-        alone = surface(dmis.coated_diffuse(tuple(colour.tolist()), 0.2), polar(30)).glossy[0].eval(pair)
+        alone = surface(dmis.coated_diffuse(tuple(colour.tolist()), 0.2), polar(30)).reflection[0].eval(directions)
         np.testing.assert_allclose(got[:, k], alone[:, k], rtol=1e-5)
 
 

@@ -10,7 +10,7 @@ from helpers import LEVEL, chi2_directions, columns, polar, sphere_rule, surface
 from dmis.base.vectors import Array, dot, normalise
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.fresnel import Conductor, Dielectric, dielectric
@@ -70,7 +70,7 @@ def test_samples_follow_the_density(name: str, degrees: float) -> None:
 
     def pdf(w: Array) -> Array:
         some = surface(of(name), wo, w.shape[1])
-        return some.pdf(Pair(some, w))
+        return some.pdf(Directions(some, w))
 
     assert chi2_directions(wi, pdf, axis_of(name, wo), accepted=wi[2] > 0) > LEVEL
 
@@ -88,7 +88,7 @@ def test_density_integrates_to_the_accepted_share(name: str, degrees: float) -> 
     accepted = (points.sample(uniforms(count, 2))[2] > 0).mean()
     w, weights = hemisphere(axis_of(name, wo))
     some = surface(of(name), wo, w.shape[1])
-    mass = float(some.pdf(Pair(some, w)) @ weights)
+    mass = float(some.pdf(Directions(some, w)) @ weights)
     assert abs(mass - accepted) < 5 * np.sqrt(accepted * (1 - accepted) / count) + 1e-3
 
 
@@ -102,7 +102,7 @@ def test_rounding_does_not_change_a_narrow_lobe(exponent: float, degrees: float)
     wo, count = polar(degrees), 2**14
     points = surface(Material((Microfacet(1.0, Blinn(exponent)),)), wo, count)
     wi = points.sample(uniforms(count))
-    got = points.pdf(Pair(points, wi)).astype(float)
+    got = points.pdf(Directions(points, wi)).astype(float)
     a, b = points.wo.astype(float), wi.astype(float)
     h = (a / np.linalg.norm(a, axis=0)) + (b / np.linalg.norm(b, axis=0))
     length = np.linalg.norm(h, axis=0)
@@ -119,7 +119,7 @@ def test_energy(name: str, degrees: float) -> None:
     wo = polar(degrees)
     w, weights = hemisphere(axis_of(name, wo))
     some = surface(of(name), wo, w.shape[1])
-    albedo = (some.eval(Pair(some, w)) * (w[2] * weights)).sum(axis=1)
+    albedo = (some.eval(Directions(some, w)) * (w[2] * weights)).sum(axis=1)
     assert (albedo > 0).all() and albedo.max() <= 1.001
 
 
@@ -127,7 +127,7 @@ def test_white_lambert_reflects_everything() -> None:
     """``f = 1/pi`` integrates to albedo 1; the quadrature's horizon is a row of cells, so 1e-4 is enough."""
     w, weights = hemisphere(np.array([0.0, 0.0, 1.0]))
     some = surface(of("lambert"), polar(50), w.shape[1])
-    np.testing.assert_allclose((some.eval(Pair(some, w)) * (w[2] * weights)).sum(), 1, atol=1e-4)
+    np.testing.assert_allclose((some.eval(Directions(some, w)) * (w[2] * weights)).sum(), 1, atol=1e-4)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 35.0, 70.0])
@@ -137,7 +137,7 @@ def test_smooth_microfacets_reflect_everything(degrees: float) -> None:
         wo = polar(degrees)
         w, weights = hemisphere(axis_of(name, wo))
         some = surface(of(name), wo, w.shape[1])
-        albedo = (some.eval(Pair(some, w)) * (w[2] * weights)).sum(axis=1)
+        albedo = (some.eval(Directions(some, w)) * (w[2] * weights)).sum(axis=1)
         np.testing.assert_allclose(albedo, 1, atol=2e-3)
 
 
@@ -153,7 +153,7 @@ def test_reciprocity(name: str) -> None:
     for wo, wi in ((a, b), (b, a)):
         points = surface(of(name), polar(0), 200)
         points.wo, points.cos_o = wo, wo[2]
-        values.append(np.broadcast_to(points.eval(Pair(points, wi)), (3, 200)))
+        values.append(np.broadcast_to(points.eval(Directions(points, wi)), (3, 200)))
     np.testing.assert_allclose(values[0], values[1], rtol=1e-2 if "1e4" in name else 1e-3, atol=1e-6)
 
 
@@ -166,8 +166,8 @@ def test_grazing_and_degenerate_directions_are_finite(name: str, degrees: float)
     special = [wo, wo * [-1, -1, 1], -wo, wo * [1, 1, -1], (0, 0, 1), (0, 0, -1), (1, 0, 0), polar(89.99999, 205.0)]
     wi = np.concatenate([columns(v) for v in special], axis=1)
     points = surface(of(name), wo, wi.shape[1])
-    pair = Pair(points, wi)
-    f, pdf = np.broadcast_to(points.eval(pair), wi.shape), points.pdf(pair)
+    directions = Directions(points, wi)
+    f, pdf = np.broadcast_to(points.eval(directions), wi.shape), points.pdf(directions)
     assert np.isfinite(f).all() and (f >= 0).all()
     assert np.isfinite(pdf).all() and (pdf >= 0).all()
     edge = np.float32(1 - 2**-24)
@@ -181,7 +181,7 @@ def test_density_is_zero_below_the_horizon(name: str) -> None:
     """No lobe is sampled below the shading horizon, so its density there is 0."""
     wi = np.stack([polar(d, a) for d in (90.5, 120, 179) for a in (0, 100)], axis=1).astype(np.float32)
     points = surface(of(name), polar(60), wi.shape[1])
-    assert not points.pdf(Pair(points, wi)).any()
+    assert not points.pdf(Directions(points, wi)).any()
 
 
 def test_anisotropic_with_equal_exponents_is_blinn() -> None:
@@ -190,8 +190,8 @@ def test_anisotropic_with_equal_exponents_is_blinn() -> None:
     one = surface(Material((Microfacet(1.0, Blinn(30.0)),)), polar(40), 9)
     two = surface(Material((Microfacet(1.0, Anisotropic(30.0, 30.0)),)), polar(40), 9)
     # 1 - cos_h rounds at 6e-8, times exponent 30, twice
-    np.testing.assert_allclose(two.eval(Pair(two, wi)), one.eval(Pair(one, wi)), rtol=2e-5)
-    np.testing.assert_allclose(two.pdf(Pair(two, wi)), one.pdf(Pair(one, wi)), rtol=2e-5)
+    np.testing.assert_allclose(two.eval(Directions(two, wi)), one.eval(Directions(one, wi)), rtol=2e-5)
+    np.testing.assert_allclose(two.pdf(Directions(two, wi)), one.pdf(Directions(one, wi)), rtol=2e-5)
 
 
 def test_anisotropic_exponent_u_lies_along_dpdu() -> None:
@@ -295,12 +295,12 @@ def test_values_of_pbrt(references: Path, name: str) -> None:
     material, exponent = PROBED[name]
     for wo, wi, values in pairs(references):
         points = surface(material, wo)
-        pair = Pair(points, columns(wi))
+        directions = Directions(points, columns(wi))
         tolerance = 3e-6 + 4e-7 * exponent
-        f = np.broadcast_to(points.eval(pair), (3, 1))[:, 0]
+        f = np.broadcast_to(points.eval(directions), (3, 1))[:, 0]
         np.testing.assert_allclose(f, values[name], rtol=tolerance)
         if name + " pdf" in values:
-            np.testing.assert_allclose(points.pdf(pair), values[name + " pdf"], rtol=tolerance)
+            np.testing.assert_allclose(points.pdf(directions), values[name + " pdf"], rtol=tolerance)
 
 
 # Delta lobes --------------------------------------------------------------------------------------------------------

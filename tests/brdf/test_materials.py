@@ -11,7 +11,7 @@ from helpers import LEVEL, chi2_directions, columns, polar, sphere_rule, surface
 from dmis.base.vectors import Array
 from dmis.brdf import materials
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.fresnel import Dielectric
@@ -43,7 +43,7 @@ def test_samples_follow_the_density(name: str, degrees: float) -> None:
 
     def pdf(w: Array) -> Array:
         some = surface(MIXTURES[name], wo, w.shape[1])
-        return some.pdf(Pair(some, w))
+        return some.pdf(Directions(some, w))
 
     assert chi2_directions(wi, pdf, wo * [-1, -1, 1], accepted=wi[2] > 0) > LEVEL
 
@@ -61,7 +61,7 @@ def test_energy(name: str, degrees: float) -> None:
     up = w[2] > 0
     w, weights = np.ascontiguousarray(w[:, up]), weights[up]
     some = surface(MIXTURES[name], wo, w.shape[1])
-    albedo = (some.eval(Pair(some, w)) * (w[2] * weights)).sum(axis=1)
+    albedo = (some.eval(Directions(some, w)) * (w[2] * weights)).sum(axis=1)
     assert (albedo > 0).all() and albedo.max() < 1.001
 
 
@@ -70,11 +70,11 @@ def test_mixture_is_the_sum_and_mean_of_its_lobes(name: str) -> None:
     """The BRDF is the sum of the lobes, the density their mean."""
     wi = np.stack([polar(d, a) for d in (5, 40, 80) for a in (0, 100, 210)], axis=1).astype(np.float32)
     points = surface(MIXTURES[name], polar(40), 9)
-    pair = Pair(points, wi)
-    f = sum(np.broadcast_to(lobe.eval(pair), (3, 9)).astype(float) for lobe in points.glossy)
-    pdf = np.mean([lobe.pdf(pair).astype(float) for lobe in points.glossy], axis=0)
-    np.testing.assert_allclose(np.broadcast_to(points.eval(pair), (3, 9)), f, rtol=1e-6)
-    np.testing.assert_allclose(points.pdf(pair), pdf, rtol=1e-6)
+    directions = Directions(points, wi)
+    f = sum(np.broadcast_to(lobe.eval(directions), (3, 9)).astype(float) for lobe in points.reflection)
+    pdf = np.mean([lobe.pdf(directions).astype(float) for lobe in points.reflection], axis=0)
+    np.testing.assert_allclose(np.broadcast_to(points.eval(directions), (3, 9)), f, rtol=1e-6)
+    np.testing.assert_allclose(points.pdf(directions), pdf, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -248,6 +248,6 @@ def test_grazing_views_are_finite() -> None:
     wi = np.concatenate([columns(v) for v in ((0, 0, 1), (-1, 0, 0), (1, 0, 0), polar(50))], axis=1)
     for made in MIXTURES.values():
         points = surface(made, wo, 4)
-        pair = Pair(points, wi)
-        assert np.isfinite(points.eval(pair)).all() and np.isfinite(points.pdf(pair)).all()
+        directions = Directions(points, wi)
+        assert np.isfinite(points.eval(directions)).all() and np.isfinite(points.pdf(directions)).all()
         assert np.isfinite(points.sample(uniforms(4))).all()

@@ -22,7 +22,7 @@ from helpers import (
 
 import dmis
 from dmis.base.vectors import Array, dot, normalise
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.distributions import Beckmann, Elliptic, Isotropic
 from dmis.brdf.fresnel import Conductor, Dielectric
 from dmis.brdf.materials import Material
@@ -90,7 +90,7 @@ def albedo(material: Material, name: str, degrees: float, azimuth: float = 25.0)
     wo = polar(degrees, azimuth)
     w, weights = hemisphere(name, wo)
     some = surface(material, wo, w.shape[1])
-    return float((np.broadcast_to(some.eval(Pair(some, w)), w.shape).astype(float) @ (w[2] * weights)).max())
+    return float((np.broadcast_to(some.eval(Directions(some, w)), w.shape).astype(float) @ (w[2] * weights)).max())
 
 
 # Sampling -----------------------------------------------------------------------------------------------------------
@@ -107,7 +107,7 @@ def test_samples_follow_the_density(name: str, degrees: float) -> None:
 
     def pdf(w: Array) -> Array:
         some = surface(MODELS[name], wo, w.shape[1])
-        return some.pdf(Pair(some, w))
+        return some.pdf(Directions(some, w))
 
     assert chi2_directions(wi, pdf, lobe_axis(name, wo), accepted=wi[2] > 0) > LEVEL
 
@@ -120,7 +120,7 @@ def test_density_integrates_to_the_accepted_share(name: str, degrees: float) -> 
     accepted = (surface(MODELS[name], wo, count).sample(uniforms(count, 2))[2] > 0).mean()
     w, weights = hemisphere(name, wo)
     some = surface(MODELS[name], wo, w.shape[1])
-    mass = float(some.pdf(Pair(some, w)) @ weights)
+    mass = float(some.pdf(Directions(some, w)) @ weights)
     assert abs(mass - accepted) < 5 * np.sqrt(accepted * (1 - accepted) / count) + 1e-3
 
 
@@ -136,9 +136,9 @@ def test_estimates_agree_with_uniform_sampling(name: str, degrees: float) -> Non
     def reflected(w: Array) -> Array:
         some = surface(MODELS[name], wo, w.shape[1])
         sky = 1 + 0.5 * w[0] - 0.3 * w[1] + w[2]
-        pair = Pair(some, w)
-        f = np.broadcast_to(some.eval(pair), w.shape)[1] * pair.cos_i * pair.above
-        return f.astype(float) * sky, some.pdf(pair).astype(float)
+        directions = Directions(some, w)
+        f = np.broadcast_to(some.eval(directions), w.shape)[1] * directions.cos_i * directions.above
+        return f.astype(float) * sky, some.pdf(directions).astype(float)
 
     value, pdf = reflected(surface(MODELS[name], wo, count).sample(uniforms(count, 3)))
     brdf = np.divide(value, pdf, out=np.zeros_like(value), where=pdf > 0)
@@ -157,7 +157,7 @@ def test_uniform_sampling_is_a_test_for_most_models() -> None:
     for name in wide:
         w = square_to_hemisphere(uniforms(2**16))
         some = surface(MODELS[name], polar(20.0), w.shape[1])
-        f = np.broadcast_to(some.eval(Pair(some, w)), w.shape)[1] * w[2]
+        f = np.broadcast_to(some.eval(Directions(some, w)), w.shape)[1] * w[2]
         assert (f > 1e-3 * f.max()).mean() > 0.02, name
 
 
@@ -183,8 +183,8 @@ def ward_and_duer(alpha: float, degrees: float) -> tuple[float, float]:
     wo = polar(degrees)
     w, weights = hemisphere("ward 0.6", wo)
     some = surface(dmis.ward(0, 1, alpha), wo, w.shape[1])
-    pair = Pair(some, w)
-    spread = some.glossy[0].distribution.density(pair).astype(float) * pair.cos_h**4 * weights
+    directions = Directions(some, w)
+    spread = some.reflection[0].distribution.density(directions).astype(float) * directions.cos_h**4 * weights
     cos_i, cos_o = w[2].astype(float), wo[2]
     return (spread / (4 * np.sqrt(cos_i * cos_o)) * cos_i).sum(), (spread / (4 * cos_i * cos_o) * cos_i).sum()
 
@@ -221,7 +221,7 @@ def test_albedos_of_the_page() -> None:
             wo = polar(degrees)
             w, weights = hemisphere("ward 0.6", wo)  # about the mirror direction
             some = surface(PAGE[name], wo, w.shape[1])
-            mass = float(some.glossy[-1].pdf(Pair(some, w)) @ weights)
+            mass = float(some.reflection[-1].pdf(Directions(some, w)) @ weights)
             got = albedo(PAGE[name], "ward 0.6", degrees), mass
             np.testing.assert_allclose(got, numbers[2 * k : 2 * k + 2], atol=0.006, err_msg=name)
 
@@ -264,7 +264,7 @@ def test_reciprocity(name: str) -> None:
     for wo, wi in ((a, b), (b, a)):
         points = surface(MODELS[name], polar(0), 200)
         points.wo, points.cos_o = wo, wo[2]
-        values.append(np.broadcast_to(points.eval(Pair(points, wi)), (3, 200)))
+        values.append(np.broadcast_to(points.eval(Directions(points, wi)), (3, 200)))
     np.testing.assert_allclose(values[0], values[1], rtol=2e-3, atol=1e-6)
 
 
@@ -275,22 +275,24 @@ def test_weights_are_the_closed_forms() -> None:
     """``f cos_i / pdf`` of sampled directions: what the docstrings say is left after importance sampling."""
     wo = polar(50.0)
 
-    def weight(material: Material) -> tuple[Array, Pair]:
+    def weight(material: Material) -> tuple[Array, Directions]:
         points = surface(material, wo, 4096)
-        pair = Pair(points, points.sample(uniforms(4096)))
-        pdf = points.glossy[-1].pdf(pair)
-        ok = pair.above & (pair.cos_i > 0.01) & (pdf > 1e-3)
-        f = np.broadcast_to(points.glossy[-1].eval(pair), (3, 4096))[0]
-        keep = Pair(points.take(np.flatnonzero(ok)), np.ascontiguousarray(pair.wi[:, ok]))
-        return (f * pair.cos_i / np.maximum(pdf, 1e-30))[ok], keep
+        directions = Directions(points, points.sample(uniforms(4096)))
+        pdf = points.reflection[-1].pdf(directions)
+        ok = directions.above & (directions.cos_i > 0.01) & (pdf > 1e-3)
+        f = np.broadcast_to(points.reflection[-1].eval(directions), (3, 4096))[0]
+        keep = Directions(points.take(np.flatnonzero(ok)), np.ascontiguousarray(directions.wi[:, ok]))
+        return (f * directions.cos_i / np.maximum(pdf, 1e-30))[ok], keep
 
-    got, pair = weight(dmis.phong(0, 1, 20))
-    np.testing.assert_allclose(got, 22 / 21 * pair.cos_i, rtol=1e-3)
-    got, pair = weight(dmis.ward(0, 1, 0.3))
-    np.testing.assert_allclose(got, 2 * pair.cos_i / (pair.cos_i + pair.cos_o), rtol=1e-3)
-    got, pair = weight(dmis.ggx(0, 1, 0.4))
-    o, i = (np.sqrt(0.16 * (1 - c * c) + c * c) for c in (pair.cos_o, pair.cos_i))
-    np.testing.assert_allclose(got, pair.cos_i * (pair.cos_o + o) / (o * pair.cos_i + i * pair.cos_o), rtol=1e-3)
+    got, directions = weight(dmis.phong(0, 1, 20))
+    np.testing.assert_allclose(got, 22 / 21 * directions.cos_i, rtol=1e-3)
+    got, directions = weight(dmis.ward(0, 1, 0.3))
+    np.testing.assert_allclose(got, 2 * directions.cos_i / (directions.cos_i + directions.cos_o), rtol=1e-3)
+    got, directions = weight(dmis.ggx(0, 1, 0.4))
+    o, i = (np.sqrt(0.16 * (1 - c * c) + c * c) for c in (directions.cos_o, directions.cos_i))
+    np.testing.assert_allclose(
+        got, directions.cos_i * (directions.cos_o + o) / (o * directions.cos_i + i * directions.cos_o), rtol=1e-3
+    )
 
 
 @pytest.mark.parametrize("degrees", [5.0, 60.0])
@@ -299,9 +301,9 @@ def test_ellipses_with_equal_axes_are_circles(degrees: float) -> None:
     wi = np.stack([polar(d, a) for d in (5, 40, 80) for a in (0, 100, 210)], axis=1).astype(np.float32)
     for make in (dmis.ward, dmis.cook_torrance, dmis.ggx):
         one, two = (surface(make(0, 1, *alpha), polar(degrees), 9) for alpha in ((0.3,), (0.3, 0.3)))
-        assert isinstance(two.glossy[0], type(one.glossy[0]))
-        np.testing.assert_allclose(two.eval(Pair(two, wi)), one.eval(Pair(one, wi)), rtol=1e-4, atol=1e-9)
-        np.testing.assert_allclose(two.pdf(Pair(two, wi)), one.pdf(Pair(one, wi)), rtol=1e-4, atol=1e-9)
+        assert isinstance(two.reflection[0], type(one.reflection[0]))
+        np.testing.assert_allclose(two.eval(Directions(two, wi)), one.eval(Directions(one, wi)), rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(two.pdf(Directions(two, wi)), one.pdf(Directions(one, wi)), rtol=1e-4, atol=1e-9)
 
 
 def test_beckmann_is_a_distribution_of_facets() -> None:
@@ -312,8 +314,8 @@ def test_beckmann_is_a_distribution_of_facets() -> None:
     for rough in (Isotropic(np.float32(0.2)), Isotropic(np.float32(0.8)), Elliptic(np.float32(0.2), np.float32(0.7))):
         points = surface(dmis.matte(), (0, 0, 1), w.shape[1])
         points.wo, points.cos_o = w, w[2]
-        pair = Pair(points, w)  # wi = wo = h
-        np.testing.assert_allclose(Beckmann(rough).density(pair).astype(float) @ (w[2] * weights), 1, atol=2e-3)
+        directions = Directions(points, w)  # wi = wo = h
+        np.testing.assert_allclose(Beckmann(rough).density(directions).astype(float) @ (w[2] * weights), 1, atol=2e-3)
 
 
 def test_substrate_is_ashikhmin_shirley_with_another_factor() -> None:
@@ -323,7 +325,7 @@ def test_substrate_is_ashikhmin_shirley_with_another_factor() -> None:
         surface(dmis.ashikhmin_shirley(0.3, 0.2, 20), polar(40)),
         surface(dmis.substrate(0.3, 0.2, 0.05, 0.05), polar(40)),
     )
-    values = [points.glossy[1].eval(Pair(points, wi)) for points in (mine, theirs)]
+    values = [points.reflection[1].eval(Directions(points, wi)) for points in (mine, theirs)]
     np.testing.assert_allclose(values[1] / values[0], 22 / 21, rtol=1e-5)
 
 
@@ -334,7 +336,7 @@ def test_rounding_does_not_change_a_narrow_lobe(make, alpha: float, degrees: flo
     wo, count = polar(degrees), 2**14
     points = surface(make(0, 1, alpha), wo, count)
     wi = points.sample(uniforms(count))
-    got = points.pdf(Pair(points, wi)).astype(float)
+    got = points.pdf(Directions(points, wi)).astype(float)
     a, b = points.wo.astype(float), wi.astype(float)
     a, b = a / np.linalg.norm(a, axis=0), b / np.linalg.norm(b, axis=0)
     h = (a + b) / np.linalg.norm(a + b, axis=0)
@@ -380,8 +382,8 @@ def test_extreme_roughness_is_finite(name: str, degrees: float) -> None:
         assert np.isfinite(sampled).all()
         np.testing.assert_allclose(dot(sampled, sampled), 1, atol=1e-5)
         for at, w in ((points, wi), (many, sampled)):
-            pair = Pair(at, w)
-            f, pdf = np.broadcast_to(at.eval(pair), w.shape), at.pdf(pair)
+            directions = Directions(at, w)
+            f, pdf = np.broadcast_to(at.eval(directions), w.shape), at.pdf(directions)
             assert np.isfinite(f).all() and (f >= 0).all()
             assert np.isfinite(pdf).all() and (pdf >= 0).all()
             assert not pdf[w[2] < 0].any()
@@ -438,7 +440,7 @@ def test_models_of_one_kind_share_a_group_and_textures_reach_them() -> None:
     """Parameters are tables and textures like those of other lobes; only anisotropic ones ask for tangents."""
     floor = Part(BALL, dmis.ggx(0, 0.5, 0.2))
     scene = box_scene(dmis.ggx(0, 0.8, 0.1), extra=(floor,))
-    assert len({group.glossy[0].roughness.alpha.size for group in scene.plan.groups}) == 1
+    assert len({group.reflection[0].roughness.alpha.size for group in scene.plan.groups}) == 1
     assert not any(group.anisotropic for group in scene.plan.groups)
     assert box_scene(dmis.ggx(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
     assert box_scene(dmis.ward(0, 1, 0.1, 0.2)).plan.groups[0].anisotropic
@@ -458,7 +460,7 @@ def test_tangent_of_a_part_is_laid_upon_its_surface() -> None:
         (group,) = scene.plan.groups
         origin, down = np.float32([[0.1], [0.2], [1]]), np.float32([[0], [0], [-1]])
         hits = scene.intersector.closest(origin, down)
-        points, _ = scene.surface(group, hits, None, down)
+        points, _ = scene.shading_points(group, hits, None, down)
         s, t = points.tangents
         flat = np.array([*tangent[:2], 0.0]) / np.linalg.norm(tangent[:2])
         np.testing.assert_allclose(s[:, 0], flat, atol=1e-6)

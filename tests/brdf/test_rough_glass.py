@@ -20,7 +20,7 @@ from helpers import (
 
 import dmis
 from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import Material, glass
 from dmis.estimator.settings import Settings
 from dmis.geometry.shapes import quad, sphere
@@ -29,7 +29,7 @@ from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 GLASS = {
     "0.05": dmis.rough_glass(alpha=0.05),
@@ -42,14 +42,14 @@ each_side = pytest.mark.parametrize("outside", [True, False], ids=["outside", "i
 each_angle = pytest.mark.parametrize("degrees", [20.0, 75.0])
 
 
-def seen(material: Material, wo: Array, count: int, outside: bool = True) -> Surface:
+def seen(material: Material, wo: Array, count: int, outside: bool = True) -> ShadingPoints:
     """Points at the origin, seen from above, from outside or inside of the glass."""
     points = surface(material, wo, count)
     points.outside = np.full(count, outside)
     return points
 
 
-def beyond(*args: object) -> Surface:
+def beyond(*args: object) -> ShadingPoints:
     """The same for the light that comes from below."""
     return seen(*args).beyond()  # type: ignore[arg-type]
 
@@ -68,12 +68,12 @@ def test_samples_follow_the_density(name: str, outside: bool, degrees: float) ->
     wo, count = polar(degrees), 2**17
     wi = beyond(GLASS[name], wo, count, outside).sample(uniforms(count))
     np.testing.assert_allclose(dot(wi, wi), 1, atol=4e-6)
-    accepted = beyond(GLASS[name], wo, count, outside).pdf(Pair(beyond(GLASS[name], wo, count, outside), wi)) > 0
+    accepted = beyond(GLASS[name], wo, count, outside).pdf(Directions(beyond(GLASS[name], wo, count, outside), wi)) > 0
     assert (wi[2, accepted] < 0).all() and accepted.any()
 
     def pdf(w: Array) -> Array:
         some = beyond(GLASS[name], wo, w.shape[1], outside)
-        return some.pdf(Pair(some, w))
+        return some.pdf(Directions(some, w))
 
     axis = wi[:, accepted].astype(float).mean(axis=1)
     assert chi2_directions(wi, pdf, axis / np.linalg.norm(axis), accepted=accepted) > LEVEL
@@ -89,7 +89,7 @@ def test_values_are_those_of_the_paper(name: str, outside: bool) -> None:
     o, i = o / np.linalg.norm(o, axis=0), i / np.linalg.norm(i, axis=0)
     points = beyond(GLASS[name], (0, 0, 1), n, outside)
     points.wo, points.cos_o = o.astype(np.float32), -o[2].astype(np.float32)
-    got = np.broadcast_to(points.eval(Pair(points, i.astype(np.float32))), (3, n))[0]
+    got = np.broadcast_to(points.eval(Directions(points, i.astype(np.float32))), (3, n))[0]
 
     lobe = GLASS[name].lobes[-1]
     spread = lobe.roughness
@@ -130,10 +130,10 @@ def test_energy(name: str, outside: bool, degrees: float) -> None:
         (seen(GLASS[name], wo, count, outside), 1.0),
         (beyond(GLASS[name], wo, count, outside), eta2),
     ):
-        pair = Pair(points, points.sample(uniforms(count)))
-        pdf = points.pdf(pair)
-        f = np.broadcast_to(points.eval(pair), (3, count))[0]
-        weight = np.divide(f * pair.cos_i, pdf, out=np.zeros_like(pdf), where=pdf > 0).astype(float) * factor
+        directions = Directions(points, points.sample(uniforms(count)))
+        pdf = points.pdf(directions)
+        f = np.broadcast_to(points.eval(directions), (3, count))[0]
+        weight = np.divide(f * directions.cos_i, pdf, out=np.zeros_like(pdf), where=pdf > 0).astype(float) * factor
         assert weight.max() < 1.001
         total += weight
     mean, error = total.mean(), total.std() / np.sqrt(count)
@@ -150,9 +150,9 @@ def test_narrow_facets_are_smooth_glass(outside: bool) -> None:
     smooth.outside = np.full(1, outside)
     wi, factor = smooth.delta[1].scatter(smooth)
     points = beyond(dmis.rough_glass(alpha=1e-3), wo, count, outside)
-    pair = Pair(points, points.sample(uniforms(count)))
-    assert np.median(np.linalg.norm(pair.wi - wi, axis=0)) < 2e-3
-    weight = np.broadcast_to(points.eval(pair), (3, count))[0] * pair.cos_i / points.pdf(pair)
+    directions = Directions(points, points.sample(uniforms(count)))
+    assert np.median(np.linalg.norm(directions.wi - wi, axis=0)) < 2e-3
+    weight = np.broadcast_to(points.eval(directions), (3, count))[0] * directions.cos_i / points.pdf(directions)
     assert np.median(weight) == pytest.approx(factor[0, 0], rel=2e-3)
 
 
@@ -167,7 +167,7 @@ def test_reciprocity(name: str) -> None:
     there.wo, there.cos_o = a, -a[2]
     back = beyond(GLASS[name], (0, 0, 1), n, False)  # the normal is +z: seen from below, light comes from above
     back.wo, back.cos_o, back.n, back.ng = b, b[2], -back.n, -back.ng
-    one, other = (np.broadcast_to(p.eval(Pair(p, w)), (3, n))[0] for p, w in ((there, b), (back, a)))
+    one, other = (np.broadcast_to(p.eval(Directions(p, w)), (3, n))[0] for p, w in ((there, b), (back, a)))
     eta2 = GLASS[name].lobes[-1].eta ** 2
     np.testing.assert_allclose(one * eta2, other, rtol=5e-3, atol=1e-5)
     assert (one > 1e-3).mean() > 0.01
@@ -189,7 +189,7 @@ def test_extreme_roughness_is_finite(degrees: float) -> None:
                 np.testing.assert_allclose(dot(sampled, sampled), 1, atol=1e-5)
                 for w in (special, sampled):
                     points = beyond(material, wo, w.shape[1], outside)
-                    f, pdf = points.eval(Pair(points, w)), points.pdf(Pair(points, w))
+                    f, pdf = points.eval(Directions(points, w)), points.pdf(Directions(points, w))
                     assert np.isfinite(f).all() and (f >= 0).all()
                     assert np.isfinite(pdf).all() and (pdf >= 0).all()
 
@@ -305,9 +305,9 @@ def test_a_pane_shows_what_is_behind_it_as_smooth_glass_does() -> None:
 
 def test_only_rough_glass_looks_beyond_its_surface() -> None:
     """The plan says what light comes through; other scenes have no such lobes."""
-    assert not any(group.through for group in box_scene(glass()).plan.groups)
+    assert not any(group.transmission for group in box_scene(glass()).plan.groups)
     scene = box_scene(dmis.rough_glass(alpha=0.3), (BELOW,), (Part(FLOOR, dmis.ggx(alpha=0.2)),))
-    assert [len(group.through) for group in scene.plan.groups] == [1, 0]
+    assert [len(group.transmission) for group in scene.plan.groups] == [1, 0]
     assert "RoughReflection + RoughTransmission" in scene.describe()
 
 
@@ -316,13 +316,19 @@ def test_a_lamp_beyond_is_found_by_quadrature() -> None:
     wo = polar(30.0)
     w, weights = sphere_rule((0, 0, -1), 600, 256, power=2.0)
     points = beyond(dmis.rough_glass(alpha=0.3), wo, w.shape[1])
-    pair = Pair(points, w)
+    directions = Directions(points, w)
     sky = 1 + 0.5 * w[0] - w[2]
-    exact = float(np.broadcast_to(points.eval(pair), w.shape)[0].astype(float) @ (pair.cos_i * sky * weights))
+    exact = float(
+        np.broadcast_to(points.eval(directions), w.shape)[0].astype(float) @ (directions.cos_i * sky * weights)
+    )
     count = 2**17
     points = beyond(dmis.rough_glass(alpha=0.3), wo, count)
-    pair = Pair(points, points.sample(uniforms(count)))
-    pdf = points.pdf(pair)
-    value = np.broadcast_to(points.eval(pair), pair.wi.shape)[0] * pair.cos_i * (1 + 0.5 * pair.wi[0] - pair.wi[2])
+    directions = Directions(points, points.sample(uniforms(count)))
+    pdf = points.pdf(directions)
+    value = (
+        np.broadcast_to(points.eval(directions), directions.wi.shape)[0]
+        * directions.cos_i
+        * (1 + 0.5 * directions.wi[0] - directions.wi[2])
+    )
     mean = np.divide(value, pdf, out=np.zeros_like(value), where=pdf > 0).astype(float)
     assert abs(mean.mean() - exact) < Z_LIMIT * mean.std() / np.sqrt(count) + 1e-3 * exact

@@ -58,8 +58,8 @@ def test_render_writes_layers_stats_and_preview(scene, tmp_path, capsys):
     assert layers["RGB"].shape == (10, 20, 3) and {"weight", "variance", "samples"} <= set(layers)
     assert json.loads(attributes["dmis.provenance"])["seed"] == 5
     data = json.loads((tmp_path / "stats.json").read_text())
-    seeing = dmis.load_scene(scene, resolution=(20, 10)).seeing  # no sample is taken where nothing is to be seen
-    assert data["samples"] == data["rays"]["camera"] == 8 * seeing.sum() < 20 * 10 * 8
+    covered = dmis.load_scene(scene, resolution=(20, 10)).covered_pixels  # elsewhere no sample is taken
+    assert data["samples"] == data["rays"]["camera"] == 8 * covered.sum() < 20 * 10 * 8
     rate = data["samples"] / data["seconds"]
     assert data["samples_per_second"] == pytest.approx(rate)
     assert 0 < data["embree_seconds"] and data["peak_rss_bytes"] > 1e6

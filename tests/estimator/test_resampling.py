@@ -6,7 +6,7 @@ from helpers import Z_LIMIT, box_scene, polar, surface, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import plastic
 from dmis.estimator.resampling import resampled
 from dmis.estimator.settings import Settings
@@ -36,10 +36,10 @@ def test_it_follows_the_product(roughness: float) -> None:
     point = surface(plastic(0.3, 0.3, roughness), polar(40), n)
     u = np.random.default_rng(3).random((3, n), dtype=np.float32)
     values = []
-    for seen in (LAMP.sample(point.p, u[:2]), resampled(point, LAMP, u)):
-        pair = Pair(point, seen.wi)
-        f = (point.eval(pair) * seen.radiance_at(None)).mean(axis=0) * pair.cos_i
-        values.append(np.where(seen.emits, f / np.maximum(seen.pdf, 1e-9), 0))
+    for light_sample in (LAMP.sample(point.p, u[:2]), resampled(point, LAMP, u)):
+        directions = Directions(point, light_sample.wi)
+        f = (point.eval(directions) * light_sample.radiance_at(None)).mean(axis=0) * directions.cos_i
+        values.append(np.where(light_sample.emits, f / np.maximum(light_sample.pdf, 1e-9), 0))
     light, one_of_many = values
     assert abs(z_score(one_of_many, light)) < Z_LIMIT
     assert one_of_many.var() < light.var() / 4

@@ -231,7 +231,7 @@ def test_split_renders(box: dmis.Scene, monkeypatch, counts: str) -> None:
     result = dmis.render(box, f"second-moment:split=yes,counts={counts}", 66, seed=1)
     pixels = result.samples.size
     if counts == "no":  # else the pixels that see nothing, where no ray is traced, have fewer
-        assert result.rays["camera"] / box.seeing.sum() == pytest.approx(3 + 60 / 4, rel=0.02)
+        assert result.rays["camera"] / box.covered_pixels.sum() == pytest.approx(3 + 60 / 4, rel=0.02)
     assert result.samples.mean() == pytest.approx(66, rel=0.02)
     truth = dmis.render(box, "balance", 512, seed=2)
     error = np.sqrt((result.variance + truth.variance).mean() / pixels)
@@ -248,6 +248,6 @@ def test_counts_render(box: dmis.Scene, sampler: str) -> None:
     one, two = (dmis.render(box, rule, 32, seed=3, parallel=n) for n in (1, 2))
     assert np.array_equal(one.image, two.image) and np.array_equal(one.samples, two.samples)
     assert one.samples.mean() == pytest.approx(32, rel=0.02) and np.ptp(one.samples) > 0
-    seen = one.samples[box.seeing]
+    seen = one.samples[box.covered_pixels]
     assert one.rays["camera"] == seen.sum() - 3 * seen.size  # three of the pilot count for six
     assert np.isfinite(one.image).all() and np.isfinite(one.variance).all()

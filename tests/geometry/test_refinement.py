@@ -16,8 +16,8 @@ from dmis.geometry.refinement import MAX_DIAGONALS, SMALL_RATIO, bodies, diagona
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.scene.groups import Part
-from dmis.scene.rescale import suited
-from dmis.scene.scene import OFFSET, Scene
+from dmis.scene.rescale import rescale_for_float32
+from dmis.scene.scene import RAY_OFFSET, Scene
 
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))
@@ -137,7 +137,7 @@ def test_ordinary_scenes_are_not_touched() -> None:
     """A body of more than 1 / `SMALL_RATIO` of the scene: the same scene, the same offsets."""
     side = np.sqrt(2) * SMALL * 2 / SMALL_RATIO
     for scene in (ball_on_ground(SMALL), ball_on_ground(SMALL, joined=True)):
-        assert suited(scene)[0] is scene and scene.own_epsilon is None
+        assert rescale_for_float32(scene)[0] is scene and scene.triangle_epsilon is None
     assert np.sqrt(12) * RADIUS > side
     mesh = FLOOR
     assert refine_near_bodies(mesh, bodies(mesh)) is mesh
@@ -153,15 +153,15 @@ def test_bodies_of_a_joined_mesh() -> None:
 
 def test_offsets_follow_the_triangles() -> None:
     """Rays begin 1e-6 of the larger of a triangle's size and coordinates above it, on the sphere of the sphere's."""
-    scene = suited(ball_on_ground(1e5))[0]
+    scene = rescale_for_float32(ball_on_ground(1e5))[0]
     ground, ball = (part.mesh for part in scene.parts)
-    epsilon = scene.own_epsilon
+    epsilon = scene.triangle_epsilon
     assert epsilon is not None
     corners = ground.vertices[ground.faces]
     size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     reach = np.maximum(size, np.abs(corners).max(axis=(1, 2)))
-    np.testing.assert_allclose(epsilon[: ground.triangles], OFFSET * reach, rtol=1e-6)
-    np.testing.assert_allclose(epsilon[ground.triangles :], OFFSET * np.sqrt(12) * RADIUS, rtol=1e-2)
+    np.testing.assert_allclose(epsilon[: ground.triangles], RAY_OFFSET * reach, rtol=1e-6)
+    np.testing.assert_allclose(epsilon[ground.triangles :], RAY_OFFSET * np.sqrt(12) * RADIUS, rtol=1e-2)
     nearest = np.abs(corners).max(axis=2).min(axis=1).argmin()
     assert (
         epsilon[nearest] < 3e-4 * RADIUS
@@ -184,14 +184,14 @@ def test_what_float32_does_not_resolve_is_said() -> None:
     other = sphere(RADIUS, segments=16).transformed(translate((3e6, 0, RADIUS)))
     scene = Scene(scene.camera, (*scene.parts, Part(other, dmis.matte(0.5))), scene.lights)
     with pytest.warns(UserWarning, match="float32 does not resolve a body of size 3.46 that is 3e.06 away"):
-        suited(scene)
+        rescale_for_float32(scene)
 
 
 def test_too_many_triangles_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """A limit, so that a large city does not take all memory; the image is made with what there is."""
     monkeypatch.setattr("dmis.geometry.refinement.MAX_SPLIT_TRIANGLES", 20)
     with pytest.warns(UserWarning, match="more than 20 triangles would be needed to resolve their shadows"):
-        scene, _ = suited(ball_on_ground(1e6))
+        scene, _ = rescale_for_float32(ball_on_ground(1e6))
     assert 2 < scene.parts[0].mesh.triangles < 100
 
 

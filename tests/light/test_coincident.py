@@ -31,7 +31,7 @@ from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.shapes import quad
 from dmis.intersect import BruteForce, Hits, Intersector
 from dmis.light.area import DiskLight, MeshLight, QuadLight
-from dmis.light.coincident import coincident, of_parts
+from dmis.light.coincident import coincident_lights, find_coincident
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 
@@ -48,7 +48,7 @@ CEILING = quad((-2, -2, 2.6), (0, 4, 0), (4, 0, 0))
 
 
 def pairs_of(triangles: Array, **options: Array) -> set[tuple[int, int, bool]]:
-    found = coincident(np.asarray(triangles, float), **options)
+    found = find_coincident(np.asarray(triangles, float), **options)
     return (
         set()
         if found is None
@@ -115,7 +115,7 @@ def test_slivers_and_points_are_no_obstacle() -> None:
 def test_hits_are_found_in_the_other_triangle() -> None:
     """Barycentrics on one triangle map to those on the other: half of (0, 1, 2) is in a triangle of half its size."""
     triangle = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
-    found = coincident(np.stack([triangle, triangle * [0.5, 1, 1]]))
+    found = find_coincident(np.stack([triangle, triangle * [0.5, 1, 1]]))
     assert found is not None
     prim, u, v = np.zeros(4, np.int32), np.array([0.1, 0.4, 0.6, 0.3]), np.array([0.1, 0.1, 0.1, 0.6])
     hit, pair = found.at(np.append(prim, -1), np.append(u, 0.1), np.append(v, 0.1))  # the last one is a miss
@@ -291,7 +291,7 @@ def test_the_choice_of_the_ray_caster_does_not_matter(name: str) -> None:
             for group_number, group in enumerate(scene.plan.groups):
                 index = np.flatnonzero(scene.plan.face_group[hits.prim] == group_number)
                 if group.emission is not None and len(index):
-                    emission = scene.surface(group, hits, index, way)[1]
+                    emission = scene.shading_points(group, hits, index, way)[1]
                     assert emission is not None
                     total[:, index] += emission
             radiance, ray = scene.overlapping_emission(hits, way)
@@ -336,7 +336,7 @@ def test_scenes_without_overlaps_pay_nothing() -> None:
     light = MeshLight(CORNERS, np.array(DOWN), RED)
     scene = scene_of((light, DiskLight((0, 0, 1.2), (0, 0, -1), 0.3, RED)))
     assert light.overlaps is None and scene.plan.coincident is None
-    assert of_parts([Part(FLOOR, matte(0.5))]) is None
+    assert coincident_lights([Part(FLOOR, matte(0.5))]) is None
 
 
 def test_overlaps_survive_pickling() -> None:

@@ -24,7 +24,7 @@ from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
-from dmis.light.light_sample import FAR, Seen
+from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.samplers.warp import square_to_cosine
 
 WHITE = (1.0, 2.0, 3.0)
@@ -55,7 +55,7 @@ SHAPES = [name for name in LIGHTS if "sky" not in name and "texel" not in name]
 ORIGIN = (0.0, 0.0, 0.0)
 
 
-def sampled(name: str, count: int = 2**16, p: tuple[float, ...] = ORIGIN, seed: int = 1) -> tuple[Array, Seen]:
+def sampled(name: str, count: int = 2**16, p: tuple[float, ...] = ORIGIN, seed: int = 1) -> tuple[Array, LightSample]:
     points = columns(np.array(p), count)
     return points, LIGHTS[name].sample(points, uniforms(count, seed))
 
@@ -78,11 +78,11 @@ def test_samples_follow_the_density(name: str) -> None:
     Cells of skies are half texels, so that they never straddle the steps of the density; the rotated one's azimuth
     begins elsewhere, in a frame of the test's own, which the rotation is given in.
     """
-    _, seen = sampled(name)
+    _, light_sample = sampled(name)
     edges: dict[str, Array] = {}
     if name not in SHAPES:
         edges = {"theta": np.linspace(0, np.pi, 17), "phi": np.linspace(0, 2 * np.pi, 33)}
-    assert chi2_directions(seen.wi, pdf_of(name), axis_of(name), per_cell=16, **edges) > LEVEL
+    assert chi2_directions(light_sample.wi, pdf_of(name), axis_of(name), per_cell=16, **edges) > LEVEL
 
 
 @each_light
@@ -103,22 +103,22 @@ def test_sample_agrees_with_hit(name: str) -> None:
     the pdf has a few roundings; at the edge of a narrow cosine, or of the sphere, whose distance has the slope of a
     square root there, 1e-3 is left.
     """
-    points, seen = sampled(name)
-    again = LIGHTS[name].hit(points, seen.wi)
-    np.testing.assert_allclose(dot(seen.wi, seen.wi), 1, atol=1e-6)
-    same = np.isclose(again.pdf, seen.pdf, rtol=1e-3) & (again.emits == seen.emits)
-    same &= np.isclose(again.distance, seen.distance, rtol=5e-3)
+    points, light_sample = sampled(name)
+    again = LIGHTS[name].hit(points, light_sample.wi)
+    np.testing.assert_allclose(dot(light_sample.wi, light_sample.wi), 1, atol=1e-6)
+    same = np.isclose(again.pdf, light_sample.pdf, rtol=1e-3) & (again.emits == light_sample.emits)
+    same &= np.isclose(again.distance, light_sample.distance, rtol=5e-3)
     assert same.mean() > 0.999
-    close = np.isclose(again.radiance, seen.radiance, rtol=1e-3, atol=1e-3)
-    assert np.broadcast_to(close, seen.wi.shape)[:, same].mean() > 0.999
+    close = np.isclose(again.radiance, light_sample.radiance, rtol=1e-3, atol=1e-3)
+    assert np.broadcast_to(close, light_sample.wi.shape)[:, same].mean() > 0.999
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_points_lie_on_the_light(name: str) -> None:
     """``p + distance wi`` is a point of the shape, within float32 roundings of distances up to 3."""
     light, p = LIGHTS[name], (0.1, -0.2, 0.0)
-    points, seen = sampled(name, 4096, p)
-    x = (points + seen.wi * seen.distance).astype(float).T
+    points, light_sample = sampled(name, 4096, p)
+    x = (points + light_sample.wi * light_sample.distance).astype(float).T
     if isinstance(light, DiskLight):
         to, normal = x - light.centre, unit(*light.normal)
         np.testing.assert_allclose(to @ normal, 0, atol=2e-6)
@@ -140,11 +140,11 @@ def test_points_lie_on_the_light(name: str) -> None:
 @pytest.mark.parametrize("name", SHAPES)
 def test_one_sided(name: str) -> None:
     """Receivers before the light see it shine, those behind it do not; the density does not care for the side."""
-    _, seen = sampled(name, 1000)
-    assert seen.emits.mean() > 0.99
+    _, light_sample = sampled(name, 1000)
+    assert light_sample.emits.mean() > 0.99
     if isinstance(LIGHTS[name], SphereLight):
         inside = columns(np.array(LIGHTS[name].centre) + 0.1, 1000)
-        for back in (LIGHTS[name].sample(inside, uniforms(1000)), LIGHTS[name].hit(inside, seen.wi)):
+        for back in (LIGHTS[name].sample(inside, uniforms(1000)), LIGHTS[name].hit(inside, light_sample.wi)):
             assert not back.emits.any() and not back.pdf.any()
             assert np.isfinite(back.wi).all()
         return
@@ -157,16 +157,20 @@ def test_one_sided(name: str) -> None:
 @pytest.mark.parametrize("name", SHAPES)
 def test_directions_that_miss(name: str) -> None:
     """Opposite directions miss: no density, no emission, even though the light's plane lies behind."""
-    points, seen = sampled(name, 500)
-    away = LIGHTS[name].hit(points, -seen.wi)
+    points, light_sample = sampled(name, 500)
+    away = LIGHTS[name].hit(points, -light_sample.wi)
     assert not away.pdf.any() and not away.emits.any()
 
 
 def irradiance(name: str, p: tuple[float, ...] = ORIGIN, count: int = 2**17) -> tuple[Array, Array]:
     """Samples of the irradiance at `p` on a floor facing +z: by the light, by the cosine hemisphere."""
-    points, seen = sampled(name, count, p, 3)
-    rgb = np.broadcast_to(seen.radiance, seen.wi.shape)[1].astype(float)
-    a = np.where(seen.emits, rgb, 0) * np.maximum(seen.wi[2], 0) / np.where(seen.pdf > 0, seen.pdf, 1)
+    points, light_sample = sampled(name, count, p, 3)
+    rgb = np.broadcast_to(light_sample.radiance, light_sample.wi.shape)[1].astype(float)
+    a = (
+        np.where(light_sample.emits, rgb, 0)
+        * np.maximum(light_sample.wi[2], 0)
+        / np.where(light_sample.pdf > 0, light_sample.pdf, 1)
+    )
     wi = square_to_cosine(uniforms(count, 4))
     met = LIGHTS[name].hit(points, wi)
     rgb = np.broadcast_to(met.radiance, wi.shape)[1].astype(float)
@@ -184,8 +188,8 @@ def test_irradiance_by_light_and_by_hemisphere(name: str) -> None:
 def test_disk_closed_form(height: float, radius: float) -> None:
     """Under the centre of a parallel disk, ``E = pi L sin^2`` of its half angle."""
     light = DiskLight((0, 0, height), (0, 0, -1), radius, (2.0, 2.0, 2.0))
-    seen = light.sample(columns(np.zeros(3), 2**16), uniforms(2**16))
-    samples = 2.0 * seen.wi[2] / seen.pdf
+    light_sample = light.sample(columns(np.zeros(3), 2**16), uniforms(2**16))
+    samples = 2.0 * light_sample.wi[2] / light_sample.pdf
     expected = np.pi * 2 * radius**2 / (radius**2 + height**2)
     # the last one is nearly constant: float32 rounding, not noise
     assert abs(samples.mean(dtype=float) - expected) < Z_LIMIT * samples.std() / 256 + 1e-6 * expected
@@ -195,11 +199,11 @@ def test_disk_closed_form(height: float, radius: float) -> None:
 def test_sphere_closed_form(distance: float, radius: float) -> None:
     """Seen straight up, ``E = pi L (r/d)^2``; in the cone of a far light nothing is lost to rounding (1e-5)."""
     light = SphereLight((0, 0, distance), radius, (2.0, 2.0, 2.0))
-    seen = light.sample(columns(np.zeros(3), 2**16), uniforms(2**16))
-    samples = 2.0 * seen.wi[2] / seen.pdf
+    light_sample = light.sample(columns(np.zeros(3), 2**16), uniforms(2**16))
+    samples = 2.0 * light_sample.wi[2] / light_sample.pdf
     expected = np.pi * 2 * (radius / distance) ** 2
     assert abs(samples.mean(dtype=float) - expected) < Z_LIMIT * samples.std() / 256 + 1e-5 * expected
-    met = light.hit(columns(np.zeros(3), 2**16), seen.wi)
+    met = light.hit(columns(np.zeros(3), 2**16), light_sample.wi)
     # at 1e4 the outline is 1e-6 wide and a unit vector's step 6e-8 of that: a tenth of them fall outside
     assert met.emits.mean() > (0.85 if distance == 1e4 else 0.999)
 
@@ -225,9 +229,9 @@ def test_closed_mesh_shines_outwards() -> None:
     mesh = sphere(0.7, segments=48).transformed(np.block([[np.eye(3), np.array([[0.4], [0.8], [1.6]])], [0, 0, 0, 1]]))
     light = MeshLight(mesh.vertices, mesh.faces, WHITE)
     p = columns(np.zeros(3), 2**16)
-    seen = light.sample(p, uniforms(2**16))
-    assert 0.2 < seen.emits.mean() < 0.5
-    wi = seen.wi[:, seen.emits].copy()
+    light_sample = light.sample(p, uniforms(2**16))
+    assert 0.2 < light_sample.emits.mean() < 0.5
+    wi = light_sample.wi[:, light_sample.emits].copy()
     met = light.hit(np.zeros_like(wi), wi)
     np.testing.assert_allclose(met.emits.mean(), 1, atol=1e-3)
 
@@ -244,8 +248,8 @@ def test_environment_orientation() -> None:
         np.testing.assert_allclose(sky.radiance(w)[:, 0], RANDOM_SKY[row, column], atol=1e-5)
     # the middle of the map is -x on the horizon, its left edge +x
     for x, sides in ((-1.0, [7, 8]), (1.0, [0, 15])):
-        seen = sky.radiance(columns(np.array([x, 0, 0])))[:, 0]
-        np.testing.assert_allclose(seen, RANDOM_SKY[3:5, sides].mean(axis=(0, 1)), atol=1e-5)
+        light_sample = sky.radiance(columns(np.array([x, 0, 0])))[:, 0]
+        np.testing.assert_allclose(light_sample, RANDOM_SKY[3:5, sides].mean(axis=(0, 1)), atol=1e-5)
 
 
 def test_environment_rotation_and_scale() -> None:
@@ -268,9 +272,9 @@ def test_environment_covers_what_it_shows() -> None:
     """The density is positive wherever the interpolated radiance is, and `emits` says so."""
     w, _ = sphere_rule(rings=200, sectors=100)
     for name in ("sky", "one texel"):
-        seen = LIGHTS[name].hit(columns(np.zeros(3), w.shape[1]), w)
-        bright = np.broadcast_to(seen.radiance, w.shape).max(axis=0) > 1e-6
-        assert (seen.pdf[bright] > 0).all() and seen.emits[bright].all()
+        light_sample = LIGHTS[name].hit(columns(np.zeros(3), w.shape[1]), w)
+        bright = np.broadcast_to(light_sample.radiance, w.shape).max(axis=0) > 1e-6
+        assert (light_sample.pdf[bright] > 0).all() and light_sample.emits[bright].all()
     assert not np.broadcast_to(LIGHTS["black sky"].radiance(w), w.shape).any()
 
 
@@ -278,8 +282,8 @@ def test_environment_covers_what_it_shows() -> None:
 def test_environment_poles_and_seam_are_finite(direction: tuple[float, float, float]) -> None:
     """No NaN at the poles, where sin(theta) is 0, nor at the seam, and no index outside the map."""
     for name in ("sky", "constant sky", "one texel"):
-        seen = LIGHTS[name].hit(columns(np.zeros(3)), columns(np.array(direction, float)))
-        assert np.isfinite(seen.pdf).all() and np.isfinite(seen.radiance).all()
+        light_sample = LIGHTS[name].hit(columns(np.zeros(3)), columns(np.array(direction, float)))
+        assert np.isfinite(light_sample.pdf).all() and np.isfinite(light_sample.radiance).all()
 
 
 @pytest.mark.parametrize("name", ["sky", "one texel", "constant sky", "black sky"])
@@ -287,9 +291,13 @@ def test_environment_corners_of_the_square(name: str) -> None:
     """The extreme uniform numbers give unit directions, finite densities and radiance."""
     edge = np.float32(1 - 2**-24)
     u = np.array([[0, 0, edge, edge], [0, edge, 0, edge]], np.float32)
-    seen = LIGHTS[name].sample(columns(np.zeros(3), 4), u)
-    np.testing.assert_allclose(dot(seen.wi, seen.wi), 1, atol=1e-6)
-    assert np.isfinite(seen.pdf).all() and np.isfinite(seen.radiance).all() and (seen.distance == FAR).all()
+    light_sample = LIGHTS[name].sample(columns(np.zeros(3), 4), u)
+    np.testing.assert_allclose(dot(light_sample.wi, light_sample.wi), 1, atol=1e-6)
+    assert (
+        np.isfinite(light_sample.pdf).all()
+        and np.isfinite(light_sample.radiance).all()
+        and (light_sample.distance == INFINITE_DISTANCE).all()
+    )
 
 
 def test_environment_search_is_a_binary_search() -> None:
@@ -309,10 +317,10 @@ def test_environment_search_is_a_binary_search() -> None:
 
 def test_point_by_hand() -> None:
     """``I / d^2`` from the direction of the light, distance d, always in sight."""
-    seen = PointLight((1, 2, 3), (4, 8, 12)).sample(columns(np.array((1.0, 2.0, 1.0))))
-    np.testing.assert_allclose(seen.radiance, [[1], [2], [3]], rtol=1e-6)
-    np.testing.assert_allclose(seen.wi, [[0], [0], [1]], atol=1e-7)
-    assert seen.distance == pytest.approx(2) and seen.emits.all() and (seen.pdf == 1).all()
+    light_sample = PointLight((1, 2, 3), (4, 8, 12)).sample(columns(np.array((1.0, 2.0, 1.0))))
+    np.testing.assert_allclose(light_sample.radiance, [[1], [2], [3]], rtol=1e-6)
+    np.testing.assert_allclose(light_sample.wi, [[0], [0], [1]], atol=1e-7)
+    assert light_sample.distance == pytest.approx(2) and light_sample.emits.all() and (light_sample.pdf == 1).all()
 
 
 @pytest.mark.parametrize(
@@ -326,10 +334,12 @@ def test_spot_by_hand(degrees: float, factor: float | None) -> None:
         factor = ((cos[1] - cos[0]) / (cos[2] - cos[0])) ** 4
     light = SpotLight((0, 0, 0), (0, 0, -2), (8.0, 8.0, 8.0))
     p = -2 * polar(degrees) * [1, 1, 1]
-    seen = light.sample(columns(p))
-    np.testing.assert_allclose(seen.radiance[0], 2 * factor, rtol=1e-4)  # d is a difference of cosines: 1e-7/0.04
-    assert bool(seen.emits[0]) == (factor > 0)
-    np.testing.assert_allclose(seen.wi[:, 0], -p / 2, atol=1e-6)
+    light_sample = light.sample(columns(p))
+    np.testing.assert_allclose(
+        light_sample.radiance[0], 2 * factor, rtol=1e-4
+    )  # d is a difference of cosines: 1e-7/0.04
+    assert bool(light_sample.emits[0]) == (factor > 0)
+    np.testing.assert_allclose(light_sample.wi[:, 0], -p / 2, atol=1e-6)
 
 
 @pytest.mark.parametrize("outer", [0.01, 0.1, 1.0])
@@ -337,24 +347,24 @@ def test_narrow_spots_keep_their_falloff(outer: float) -> None:
     """A hundredth of a degree is 1 - cos of 1.5e-8, which a float32 cosine does not tell from 0."""
     angles = np.radians(outer) * np.array([0.0, 0.3, 0.6, 0.8, 0.95])
     light = SpotLight((0, 0, 0), (0, 0, -1), (1.0, 1.0, 1.0), outer=outer, inner=outer / 2)
-    seen = light.sample(np.stack([np.sin(angles), 0 * angles, -np.cos(angles)]).astype(np.float32))
+    light_sample = light.sample(np.stack([np.sin(angles), 0 * angles, -np.cos(angles)]).astype(np.float32))
     d = np.clip((np.radians(outer) ** 2 - angles**2) / (np.radians(outer) ** 2 * 0.75), 0, 1)
-    np.testing.assert_allclose(seen.radiance[0], d**4, atol=2e-3)
+    np.testing.assert_allclose(light_sample.radiance[0], d**4, atol=2e-3)
 
 
 def test_spot_with_a_sharp_edge() -> None:
     """inner = outer is a step, without a division by zero."""
     light = SpotLight((0, 0, 0), (0, 0, -1), WHITE, outer=30, inner=30)
-    seen = light.sample(np.concatenate([columns(-polar(d)) for d in (29.9, 30.1)], axis=1))
-    np.testing.assert_allclose(seen.radiance, np.float32([[1, 0], [2, 0], [3, 0]]), rtol=1e-5)
+    light_sample = light.sample(np.concatenate([columns(-polar(d)) for d in (29.9, 30.1)], axis=1))
+    np.testing.assert_allclose(light_sample.radiance, np.float32([[1, 0], [2, 0], [3, 0]]), rtol=1e-5)
 
 
 def test_distant_by_hand() -> None:
     """The same radiance and direction everywhere, from infinitely far away."""
-    seen = DistantLight((0, 3, 4), WHITE).sample(columns(np.array((7.0, 8.0, 9.0)), 3))
-    np.testing.assert_allclose(seen.wi, np.repeat([[0], [0.6], [0.8]], 3, axis=1), atol=1e-7)
-    np.testing.assert_allclose(np.broadcast_to(seen.radiance, (3, 3)), np.repeat([[1], [2], [3]], 3, axis=1))
-    assert (seen.distance == FAR).all() and seen.emits.all()
+    light_sample = DistantLight((0, 3, 4), WHITE).sample(columns(np.array((7.0, 8.0, 9.0)), 3))
+    np.testing.assert_allclose(light_sample.wi, np.repeat([[0], [0.6], [0.8]], 3, axis=1), atol=1e-7)
+    np.testing.assert_allclose(np.broadcast_to(light_sample.radiance, (3, 3)), np.repeat([[1], [2], [3]], 3, axis=1))
+    assert (light_sample.distance == INFINITE_DISTANCE).all() and light_sample.emits.all()
 
 
 @pytest.mark.parametrize("name", [*LIGHTS, "point", "spot"])
@@ -363,9 +373,13 @@ def test_receiver_on_the_light_is_finite(name: str) -> None:
     light = LIGHTS.get(name) or {"point": PointLight(ORIGIN, WHITE), "spot": SpotLight(ORIGIN, (0, 0, 1), WHITE)}[name]
     centre = getattr(light, "centre", getattr(light, "corner", ORIGIN))
     for p in (columns(np.array(centre, float), 64), columns(np.array(ORIGIN), 64)):
-        seen = light.sample(p, uniforms(64))
-        assert np.isfinite(seen.wi).all() and np.isfinite(seen.distance).all() and not np.isnan(seen.radiance).any()
-        assert not np.isnan(seen.pdf).any()
+        light_sample = light.sample(p, uniforms(64))
+        assert (
+            np.isfinite(light_sample.wi).all()
+            and np.isfinite(light_sample.distance).all()
+            and not np.isnan(light_sample.radiance).any()
+        )
+        assert not np.isnan(light_sample.pdf).any()
 
 
 @pytest.mark.parametrize("name", ["quad", "disk"])
@@ -374,17 +388,17 @@ def test_direction_in_the_plane_of_the_light_is_finite(name: str) -> None:
     light = QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0), WHITE)
     if name == "disk":
         light = DiskLight((0, 0, 0), (0, 0, 1), 1.0, WHITE)
-    seen = light.hit(columns(np.array((-2.0, 0.3, 0.0))), columns(np.array((1.0, 0.0, 0.0))))
-    assert not seen.emits.any() and not np.isnan(seen.pdf).any()
+    light_sample = light.hit(columns(np.array((-2.0, 0.3, 0.0))), columns(np.array((1.0, 0.0, 0.0))))
+    assert not light_sample.emits.any() and not np.isnan(light_sample.pdf).any()
 
 
 @pytest.mark.parametrize("name", LIGHTS)
 def test_pickling(name: str) -> None:
     """A light that comes back from pickle samples the same; a mesh light's Embree handle is rebuilt."""
-    points, seen = sampled(name, 200)
+    points, light_sample = sampled(name, 200)
     again = pickled(LIGHTS[name])
-    np.testing.assert_array_equal(again.sample(points, uniforms(200)).wi, seen.wi)
-    np.testing.assert_array_equal(again.hit(points, seen.wi).pdf, LIGHTS[name].hit(points, seen.wi).pdf)
+    np.testing.assert_array_equal(again.sample(points, uniforms(200)).wi, light_sample.wi)
+    np.testing.assert_array_equal(again.hit(points, light_sample.wi).pdf, LIGHTS[name].hit(points, light_sample.wi).pdf)
 
 
 ANY: Any = np.ones((1, 1, 3))
@@ -438,10 +452,10 @@ def test_the_near_end_of_a_large_sphere(radius: float) -> None:
     """Its distance is positive and has the digits that the centre's has, although both ends are millions away."""
     light = SphereLight((0.0, 0.0, radius + 2), radius, (1, 1, 1))
     p = np.zeros((3, 500), np.float32)
-    for seen in (light.sample(p, uniforms(500)), light.hit(p, columns((0.6, 0.0, 0.8), 500))):
-        cos = seen.wi[2].astype(float)
+    for light_sample in (light.sample(p, uniforms(500)), light.hit(p, columns((0.6, 0.0, 0.8), 500))):
+        cos = light_sample.wi[2].astype(float)
         along = (radius + 2) * cos
         near = (4 * radius + 4) / (along + np.sqrt(np.maximum(along**2 - (4 * radius + 4), 0)))
-        assert (seen.distance > 0).all()
-        if seen.emits.all():
-            np.testing.assert_allclose(np.median(seen.distance / near), 1, rtol=1e-7 * radius + 1e-5)
+        assert (light_sample.distance > 0).all()
+        if light_sample.emits.all():
+            np.testing.assert_allclose(np.median(light_sample.distance / near), 1, rtol=1e-7 * radius + 1e-5)

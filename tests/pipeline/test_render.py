@@ -100,7 +100,7 @@ def test_the_default_rule_learns_where_that_pays(box):
 def test_pilot_counts_in_the_budget(box):
     """Rays: spp camera rays per pixel that may see something, six of them the pilot's; `samples` says the same."""
     result = dmis.render(box, "thesis", 16)
-    assert result.rays["camera"] == box.seeing.sum() * 16
+    assert result.rays["camera"] == box.covered_pixels.sum() * 16
     assert (result.samples == 16).all()
     assert (dmis.render(box, "thesis:reuse=yes", 16).samples == 16).all()
 

@@ -116,11 +116,11 @@ def test_pixels_within_reach_of_something_are_sampled() -> None:
     for filter in (None, PixelFilter("box", (3.0, 3.0))):
         ball = Part(sphere(0.2, segments=16), dmis.matte())
         scene = Scene(replace(box.camera, filter=filter), (ball,), box.lights)
-        assert scene.seeing is not None
-        masks.append(scene.seeing)
+        assert scene.covered_pixels is not None
+        masks.append(scene.covered_pixels)
         whole = replace(scene)
-        vars(whole)["seeing"] = None
-        np.testing.assert_array_equal(dmis.render(whole, "balance", 256, parallel=1).image[~scene.seeing], 0)
+        vars(whole)["covered_pixels"] = None
+        np.testing.assert_array_equal(dmis.render(whole, "balance", 256, parallel=1).image[~scene.covered_pixels], 0)
     assert masks[1].sum() > masks[0].sum() and masks[1][masks[0]].all()
 
 

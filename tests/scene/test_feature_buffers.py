@@ -13,7 +13,7 @@ from dmis.filter import joint
 from dmis.fit.pooling import pool
 from dmis.fit.registry import make_rule
 from dmis.geometry import shapes
-from dmis.scene.feature_buffers import SCALES, albedo, guides
+from dmis.scene.feature_buffers import FEATURE_SCALES, albedo, render_feature_buffers
 
 WALL = shapes.quad((0, -4, 0.5), (8, 0, 0), (0, 8, 0))
 """Half a unit above the right half of the floor."""
@@ -22,14 +22,14 @@ WALL = shapes.quad((0, -4, 0.5), (8, 0, 0), (0, 8, 0))
 def seen(material: dmis.Material, resolution: tuple[int, int] = (16, 12), **options: object) -> dict[str, Array]:
     """A white floor, whose right half, seen from above, lies under something of `material`."""
     scene = box_scene(dmis.matte(0.9), (), (dmis.Part(WALL, material),), resolution, eye=(0, 1e-6, 9), **options)
-    return guides(scene)[0]
+    return render_feature_buffers(scene)[0]
 
 
 def test_what_is_seen() -> None:
     """Normals, albedos and materials of two halves; one ray for each block of 2x2 pixels."""
     red = dmis.matte((0.5, 0.2, 0.1))
     scene = box_scene(dmis.matte(0.9), (), (dmis.Part(WALL, red),), (16, 12), eye=(0, 1e-6, 9), fov=20)
-    found, rays = guides(scene)
+    found, rays = render_feature_buffers(scene)
     assert rays == 8 * 6
     assert found["normal"].shape == found["albedo"].shape == (3, 3, 4) and found["material"].shape == (2, 3, 4)
     np.testing.assert_allclose(
@@ -77,7 +77,7 @@ def test_any_size(resolution: tuple[int, int]) -> None:
     found = seen(dmis.matte(0.2), resolution)
     shape = -(-resolution[1] // PATCH), -(-resolution[0] // PATCH)
     assert all(a.shape[1:] == shape for a in found.values())
-    assert set(found) == set(SCALES)
+    assert set(found) == set(FEATURE_SCALES)
 
 
 def test_pool() -> None:
@@ -103,7 +103,7 @@ def test_pool_some_rows_at_a_time(radius: int) -> None:
     normal = rng.random((3, 70, 9)).astype(np.float32)
     means, pixels = pool(sums, (280, 36), 4, 1.0, radius, {"normal": normal})
     flat = np.concatenate([sums["a"], sums["b"][None], np.full((1, 70, 9), 16.0)])
-    whole, worth = joint(flat, {"normal": normal}, SCALES, 1.0, radius)
+    whole, worth = joint(flat, {"normal": normal}, FEATURE_SCALES, 1.0, radius)
     np.testing.assert_array_equal(means["a"], whole[:2] / whole[3])
     np.testing.assert_array_equal(means["b"], whole[2] / whole[3])
     np.testing.assert_array_equal(pixels, whole[3] * worth)

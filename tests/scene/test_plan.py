@@ -33,9 +33,9 @@ from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.camera import Camera
-from dmis.scene.groups import NOTHING, Part
+from dmis.scene.groups import NO_GROUP, Part
 from dmis.scene.scene import Scene
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 LAMP = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
 POINT = PointLight((0, 0, 2), (1, 1, 1))
@@ -72,12 +72,12 @@ def tile_of(scene: Scene, **settings: Any) -> tuple[Array, Counter[str]]:
 
 # what is counted; a scene that needs it; one that does not
 CALLS: dict[str, tuple[Any, str, Scene, Scene]] = {
-    "BRDF sampling": (Surface, "sample", box_scene(plastic()), box_scene(plastic(), (POINT, SUN))),
-    "BRDF densities": (Surface, "pdf", box_scene(plastic()), box_scene(plastic(), (POINT,))),
+    "BRDF sampling": (ShadingPoints, "sample", box_scene(plastic()), box_scene(plastic(), (POINT, SUN))),
+    "BRDF densities": (ShadingPoints, "pdf", box_scene(plastic()), box_scene(plastic(), (POINT,))),
     "light sampling": (QuadLight, "sample", box_scene(matte()), box_scene(mirror())),
     "sampling of a dark light": (QuadLight, "sample", box_scene(), box_scene(lights=(DARK, POINT))),
     "a dark point light": (PointLight, "sample", box_scene(lights=(POINT,)), box_scene(lights=(LAMP, OFF))),
-    "tangents": (Surface, "tangents", box_scene(ggx(alpha=0.1, alpha_v=0.3)), box_scene(metal())),
+    "tangents": (ShadingPoints, "tangents", box_scene(ggx(alpha=0.1, alpha_v=0.3)), box_scene(metal())),
     "textures": (Image, "__call__", box_scene(matte(CHECKS)), box_scene(matte(GREY))),
     "environment lookups": (
         EnvironmentLight,
@@ -85,7 +85,7 @@ CALLS: dict[str, tuple[Any, str, Scene, Scene]] = {
         box_scene(lights=(EnvironmentLight(np.ones((2, 4, 3))),)),
         box_scene(lights=(EnvironmentLight(np.zeros((2, 4, 3))), LAMP)),
     ),
-    "BRDF of a black lobe": (Surface, "eval", box_scene(), box_scene(Material((Lambert((0, 0, 0)),)))),
+    "BRDF of a black lobe": (ShadingPoints, "eval", box_scene(), box_scene(Material((Lambert((0, 0, 0)),)))),
     "mirrored rays": (
         path, "scatter", box_scene(mirror()), box_scene(Material((Lambert(0.5), SpecularReflection(0.0))))
     ),
@@ -163,13 +163,13 @@ def test_lamps_that_paths_may_not_see_are_not_looked_at(monkeypatch: pytest.Monk
     """Behind surfaces that all scatter, a lamp is what a ray ends at, and no more: its surface is for the camera."""
     shape = Part(quad(LAMP.corner, LAMP.edge_u, LAMP.edge_v), Material(()), LAMP)
     looked: list[int] = []
-    surface = Scene.surface
+    surface = Scene.shading_points
 
     def counted(scene: Scene, group: Any, hits: Hits, *rest: Any) -> Any:
         looked.append(group.emission is not None)
         return surface(scene, group, hits, *rest)
 
-    monkeypatch.setattr(Scene, "surface", counted)
+    monkeypatch.setattr(Scene, "shading_points", counted)
     for material, times in ((matte(0.5), 0), (Material((Lambert(0.3), mirror(0.5).lobes[0])), 1)):
         looked.clear()
         scene = box_scene(material, (LAMP,), (shape,), eye=(0, -1, 1))  # which sees the floor alone
@@ -203,15 +203,15 @@ def test_black_lobes_take_no_samples() -> None:
     """
     both, one = (box_scene(Material(lobes)) for lobes in ((Lambert(0.5), Lambert(0.0)), (Lambert(0.5),)))
     for scene in (both, one):
-        assert [len(group.glossy) for group in scene.plan.groups] == [1]
+        assert [len(group.reflection) for group in scene.plan.groups] == [1]
     np.testing.assert_array_equal(tile_of(both)[0], tile_of(one)[0])
-    assert both.plan.dropped == 1 and one.plan.dropped == 0
+    assert both.plan.removed_lobes == 1 and one.plan.removed_lobes == 0
 
 
 def test_black_base_under_a_coat_stays() -> None:
     """A substrate is one model of two lobes."""
     scene = box_scene(dmis.substrate(kd=0))
-    assert any(isinstance(lobe, BlendBase) for lobe in scene.plan.groups[0].glossy)
+    assert any(isinstance(lobe, BlendBase) for lobe in scene.plan.groups[0].reflection)
 
 
 @pytest.mark.parametrize("light", [POINT, LAMP, SphereLight((0, 0, 3), 0.5, (1, 1, 1)), SPOT])
@@ -220,8 +220,8 @@ def test_lights_without_power(light: Any) -> None:
     name = "intensity" if hasattr(light, "intensity") else "radiance"
     for value, live in (((0, 0, 0), 0), ((0, 0, 1e-9), 1)):
         plan = box_scene(lights=(replace(light, **{name: value}),)).plan
-        assert len(plan.sampled) + len(plan.deltas) == live and plan.dark == 1 - live
-        assert plan.lit == bool(live)
+        assert len(plan.sampled) + len(plan.deltas) == live and plan.removed_lights == 1 - live
+        assert plan.has_light == bool(live)
 
 
 def test_surface_of_a_light_without_power_is_a_surface() -> None:
@@ -263,7 +263,7 @@ class Watched:
 def everything(scene: Scene) -> Scene:
     """The same scene, in which no pixel is known to see nothing."""
     other = replace(scene)
-    vars(other)["seeing"] = None
+    vars(other)["covered_pixels"] = None
     return other
 
 
@@ -328,18 +328,18 @@ def test_what_is_seen_is_never_left_out(seed: int) -> None:
     width, height = camera.resolution
     x, y = (rng.random(200_000, dtype=np.float32) * n for n in (width, height))
     hits = scene.intersector.closest(np.repeat(camera.origin, len(x), axis=1), camera.rays(x, y))
-    if scene.seeing is not None:
+    if scene.covered_pixels is not None:
         row, column = (np.minimum(a.astype(int), n - 1) for a, n in ((y, height), (x, width)))
-        assert scene.seeing[row, column][hits.prim >= 0].all()
+        assert scene.covered_pixels[row, column][hits.prim >= 0].all()
 
 
 def test_nothing_is_provable_under_a_sky() -> None:
     """Every pixel sees the sky; without any light none sees anything."""
     scene = ball_scene()
-    assert scene.seeing is not None and scene.seeing.any() and not scene.seeing.all()
-    assert replace(scene, lights=(EnvironmentLight(np.ones((2, 4, 3))),)).seeing is None
+    assert scene.covered_pixels is not None and scene.covered_pixels.any() and not scene.covered_pixels.all()
+    assert replace(scene, lights=(EnvironmentLight(np.ones((2, 4, 3))),)).covered_pixels is None
     black = replace(scene, lights=())
-    assert black.seeing is not None and not black.seeing.any()
+    assert black.covered_pixels is not None and not black.covered_pixels.any()
     watched = Watched(black.intersector)
     image = render_tile(
         black, Tile(1, 0, 0, (0, 30), (0, 40), 4, pixel_shares(0.5), Settings(integrator="direct")), watched
@@ -350,7 +350,7 @@ def test_nothing_is_provable_under_a_sky() -> None:
 def test_surfaces_that_are_black_are_not_seen() -> None:
     """They only occlude: pixels that see nothing else are left out."""
     scene = ball_scene()
-    assert not replace(scene, parts=(Part(scene.parts[0].mesh, matte(0)),)).seeing.any()  # type: ignore[union-attr]
+    assert not replace(scene, parts=(Part(scene.parts[0].mesh, matte(0)),)).covered_pixels.any()  # type: ignore[union-attr]
 
 
 # Which integrator ---------------------------------------------------------------------------------------------------
@@ -460,4 +460,4 @@ def test_description_names_what_is_done() -> None:
         "integrator: direct, max_depth 5",
     ):
         assert words in text, (words, text)
-    assert NOTHING not in box_scene().plan.part_group
+    assert NO_GROUP not in box_scene().plan.part_group

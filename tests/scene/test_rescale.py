@@ -10,7 +10,7 @@ from helpers import FLOOR, box_scene
 import dmis
 from dmis.geometry.transforms import scale, translate
 from dmis.scene.groups import Part
-from dmis.scene.rescale import suited
+from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import Scene
 
 LIGHTS = (
@@ -76,13 +76,13 @@ def test_far_from_the_origin(offset: float) -> None:
 def test_ordinary_scenes_are_not_touched(box: Scene) -> None:
     """No copy, no factor."""
     for scene in (box, zoo(), zoo(1e-3, 0.05, 1e3)):
-        same, gain = suited(scene)
+        same, gain = rescale_for_float32(scene)
         assert same is scene and gain == 1
 
 
 def test_parts_keep_their_lights() -> None:
     """A visible light stays the light of its part, and one light."""
-    scene, gain = suited(zoo(gain=2.0**70))
+    scene, gain = rescale_for_float32(zoo(gain=2.0**70))
     assert gain == 2.0**73 and scene.parts[1].light is scene.lights[1]
     np.testing.assert_array_equal(scene.lights[1].radiance, np.array((5.0, 4.0, 3.0)) / 8)
 
@@ -124,7 +124,7 @@ def test_vertices_of_no_triangle_do_not_count(far: float) -> None:
     (floor,) = scene.parts
     mesh = dmis.Mesh(np.vstack([floor.mesh.vertices, [[far, 0, 0]]]), floor.mesh.faces)
     other = replace(scene, parts=(replace(floor, mesh=mesh),))
-    assert other.epsilon == scene.epsilon and suited(other)[0] is other
+    assert other.epsilon == scene.epsilon and rescale_for_float32(other)[0] is other
     np.testing.assert_array_equal(*(dmis.render(s, "balance", 4).image for s in (scene, other)))
 
 
@@ -143,7 +143,7 @@ def sunlit(distance: float, surface: bool = True, ground: float = 6.0, name: str
 def test_a_far_sun_leaves_shadows_where_they_are(distance: float) -> None:
     """Rays begin above a surface by what is right for the scene that they leave, however far a lamp is."""
     near, far = sunlit(100.0), sunlit(distance)
-    assert far.epsilon == near.epsilon and suited(far)[0] is far
+    assert far.epsilon == near.epsilon and rescale_for_float32(far)[0] is far
     expected, found = (dmis.render(scene, "balance", 64, seed=k).image for k, scene in enumerate((near, far)))
     assert np.sqrt(((found - expected) ** 2).mean() / (expected**2).mean()) < 0.03
 
@@ -151,9 +151,9 @@ def test_a_far_sun_leaves_shadows_where_they_are(distance: float) -> None:
 def test_small_things_on_a_large_ground() -> None:
     """Each part has an offset of its own where they differ a lot: light inside of a small box stays there."""
     scene = sunlit(100.0, ground=2e5)
-    own = scene.own_epsilon
+    own = scene.triangle_epsilon
     assert own is not None and own[0] == scene.epsilon > 0.1 and own[2] < 1e-6
-    assert sunlit(100.0).own_epsilon is None
+    assert sunlit(100.0).triangle_epsilon is None
     found, expected = (dmis.render(s, "balance", 64, seed=k).image for k, s in enumerate((scene, sunlit(100.0))))
     top = slice(14, 17), slice(14, 18)
     np.testing.assert_allclose(found[top].mean(), expected[top].mean(), rtol=0.02)

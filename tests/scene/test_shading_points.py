@@ -7,7 +7,7 @@ import pytest
 from helpers import box_scene, polar, surface, uniforms
 
 from dmis.base.vectors import dot, normalise
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import Isotropic
 from dmis.brdf.fresnel import Conductor, ExactConductor
@@ -22,15 +22,15 @@ from dmis.scene import shading_points as surfaces
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene, SceneWarning
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 
-def random_surface(count: int) -> Surface:
+def random_surface(count: int) -> ShadingPoints:
     rng = np.random.default_rng(8)
     n, wo, dpdu = (normalise(rng.normal(size=(3, count))).astype(np.float32) for _ in range(3))
     wo *= np.sign(dot(n, wo))
     kd = rng.random((3, count)).astype(np.float32)
-    return Surface(
+    return ShadingPoints(
         p=rng.normal(size=(3, count)).astype(np.float32),
         ng=n,
         n=n,
@@ -38,7 +38,7 @@ def random_surface(count: int) -> Surface:
         cos_o=dot(n, wo),
         outside=rng.random(count) < 0.5,
         dpdu=dpdu,
-        glossy=(Lambert(kd), Lambert(np.float32(0.5))),
+        reflection=(Lambert(kd), Lambert(np.float32(0.5))),
         delta=(),
     )
 
@@ -49,8 +49,8 @@ def test_take_of_take_is_take() -> None:
     part = whole.take(a).take(b)
     for name in ("p", "n", "ng", "wo", "cos_o", "outside", "dpdu"):
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name).take(a.take(b), axis=-1))
-    np.testing.assert_array_equal(part.glossy[0].reflectance, whole.glossy[0].reflectance[:, a[b]])
-    assert part.glossy[1].reflectance == np.float32(0.5)
+    np.testing.assert_array_equal(part.reflection[0].reflectance, whole.reflection[0].reflectance[:, a[b]])
+    assert part.reflection[1].reflectance == np.float32(0.5)
     assert part.ng is part.n, "flat surfaces keep one array for both normals"
     assert whole.take(None) is whole
 
@@ -59,7 +59,7 @@ def test_empty_subset() -> None:
     """A subset of no points can be sampled and evaluated."""
     part = random_surface(10).take(np.empty(0, np.intp))
     wi = part.sample(np.empty((2, 0), np.float32))
-    assert wi.shape == (3, 0) and part.pdf(Pair(part, wi)).shape == (0,)
+    assert wi.shape == (3, 0) and part.pdf(Directions(part, wi)).shape == (0,)
 
 
 def test_unknown_attribute() -> None:
@@ -111,7 +111,7 @@ def shoot(scene: Scene, origin: list[list[float]], direction: list[list[float]])
     hits = scene.intersector.closest(o, d)
     assert (hits.prim >= 0).all()
     group = scene.plan.groups[scene.plan.face_group[hits.prim[0]]]
-    return scene.surface(group, hits, None, d)
+    return scene.shading_points(group, hits, None, d)
 
 
 def test_flat_surface_from_both_sides() -> None:
@@ -153,7 +153,7 @@ def test_texture_coordinates_interpolate() -> None:
     x = np.linspace(0.1, 0.9, 9)
     points, _ = shoot(scene, [[a, 0.3, 1] for a in x], [[0, 0, -1]] * 9)
     # texel centres are half a texel inside: value = (64 x - .5) / 63
-    np.testing.assert_allclose(points.glossy[0].reflectance[0], (64 * x - 0.5) / 63, atol=1e-5)
+    np.testing.assert_allclose(points.reflection[0].reflectance[0], (64 * x - 0.5) / 63, atol=1e-5)
 
 
 def test_default_texture_coordinates() -> None:
@@ -163,7 +163,7 @@ def test_default_texture_coordinates() -> None:
     with pytest.warns(SceneWarning, match="no texture coordinates"):
         scene = looking_down(Part(mesh, substrate(ramp, 0.5, 0.1, 0.2)))
     points, _ = shoot(scene, [[1.0, 0.25, 1]], [[0, 0, -1]])
-    np.testing.assert_allclose(points.glossy[0].diffuse[0], (64 * 0.5 - 0.5) / 63, atol=1e-5)
+    np.testing.assert_allclose(points.reflection[0].diffuse[0], (64 * 0.5 - 0.5) / 63, atol=1e-5)
     np.testing.assert_allclose(points.dpdu[:, 0], [2, 0, 0], atol=1e-6)
 
 
@@ -185,7 +185,7 @@ def test_materials_of_one_kind_share_a_group() -> None:
     )
     assert len(scene.plan.groups) == 1
     points, _ = shoot(scene, [[0.5, 0.4, 1], [2.5, 0.4, 1]], [[0, 0, -1]] * 2)
-    np.testing.assert_array_equal(points.glossy[0].reflectance, [[1, 0], [0, 0], [0, 1]])
+    np.testing.assert_array_equal(points.reflection[0].reflectance, [[1, 0], [0, 0], [0, 1]])
 
 
 @pytest.mark.parametrize("kind", [Conductor, ExactConductor])
@@ -205,7 +205,7 @@ def test_metals_share_a_group(kind: type[Conductor]) -> None:
             mixed = together.take(np.array([k]))
             if isinstance(lobe, GGX):
                 wi = normalise(np.array([[0.2], [0.1], [0.9]], np.float32))
-                found, expected = (points.eval(Pair(points, wi)) for points in (mixed, alone))
+                found, expected = (points.eval(Directions(points, wi)) for points in (mixed, alone))
             else:
                 found, expected = (points.delta[0].scatter(points)[1] for points in (mixed, alone))
             assert expected.any()
@@ -215,7 +215,7 @@ def test_metals_share_a_group(kind: type[Conductor]) -> None:
 def test_sampling_gathers_one_lobe_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where one lobe picks directions, parameters of the others are left where they are."""
     points = random_surface(40)
-    kd, gathered = points.glossy[0].reflectance, []
+    kd, gathered = points.reflection[0].reflectance, []
     gather = surfaces._gather
     monkeypatch.setattr(surfaces, "_gather", lambda value, index: gathered.append(value) or gather(value, index))
     points.sample(uniforms(40))

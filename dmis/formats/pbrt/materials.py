@@ -166,7 +166,7 @@ def _substrate(p: Lookup) -> Material:
     alphas = _alphas(p, (p.real("uroughness", 0.1), p.real("vroughness", 0.1)))
     if _black(kd) and _black(ks):
         return Material((), "substrate")
-    facets = TrowbridgeReitz(models.spread(*alphas))
+    facets = TrowbridgeReitz(models.facet_roughness(*alphas))
     return Material((BlendBase(kd, ks), BlendCoat(ks, facets)), "substrate")
 
 

@@ -242,8 +242,8 @@ class Reader:
         self._doubts.append(f"{token.source.path}:{token.line}: {message}")
 
     def _doubt_overlap(self, token: Token, light: AreaLight | None) -> None:
-        if light is not None and light.doubled is not None:
-            first, second = light.doubled
+        if light is not None and light.doubled_triangles is not None:
+            first, second = light.doubled_triangles
             self.doubt(
                 token,
                 f"triangles {first} and {second} of this light overlap and face the same side, where their radiances "

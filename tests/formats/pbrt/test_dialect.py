@@ -12,7 +12,7 @@ import dmis
 from dmis.base.color import LUMINANCE
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import Pair
+from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.fresnel import Coat, Conductor, ExactConductor
 from dmis.brdf.materials import COPPER_ETA, COPPER_K
@@ -31,7 +31,7 @@ from dmis.light.area import DiskLight, QuadLight
 from dmis.light.delta import DistantLight, PointLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers.pixel_filter import PixelFilter
-from dmis.scene.shading_points import Surface
+from dmis.scene.shading_points import ShadingPoints
 
 TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point3 P" [0 0 0  1 0 0  0 1 0]\n'
 TEXTURED = TRIANGLE[:-1] + ' "point2 uv" [0 0 1 0 0 1]\n'
@@ -628,13 +628,15 @@ def test_microfacets_are_those_of_pbrt(read):
     wo = np.repeat(np.float32([[np.sin(o)], [0], [np.cos(o)]]), 2, axis=1)
     wi = np.stack([np.sin(i), 0 * i, np.cos(i)]).astype(np.float32)
     up = np.repeat(np.float32([[0], [0], [1]]), 2, axis=1)
-    surface = Surface(p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=None, glossy=(), delta=())
+    surface = ShadingPoints(
+        p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=None, reflection=(), delta=()
+    )
     h = (o + i) / 2
     d = 1 / (np.pi * alpha**2 * np.cos(h) ** 4 * (1 + np.tan(h) ** 2 / alpha**2) ** 2)
     lam = [(np.sqrt(1 + (alpha * np.tan(a)) ** 2) - 1) / 2 for a in (o, i)]
     fresnel = ExactConductor(COPPER_ETA, COPPER_K)(np.cos((o - i) / 2))
     expected = d / (1 + lam[0] + lam[1]) * fresnel / (4 * np.cos(o) * np.cos(i))
-    np.testing.assert_allclose(lobe.eval(Pair(surface, wi)), expected, rtol=2e-5)
+    np.testing.assert_allclose(lobe.eval(Directions(surface, wi)), expected, rtol=2e-5)
 
 
 # Shapes and state -----------------------------------------------------------------------------------------------------
