@@ -31,9 +31,10 @@ _MODULES = {
     "geometry.mesh_files": "load_mesh",
     "geometry.subdivision": "loop_subdivide",
     "image": "read_exr write_exr",
-    "light.area": "DiskLight MeshLight QuadLight SphereLight",
+    "light.area": "DiskLight QuadLight SphereLight",
     "light.delta": "DistantLight PointLight SpotLight",
     "light.environment": "EnvironmentLight",
+    "light.mesh_light": "MeshLight",
     "pipeline.executor": "Processes",
     "pipeline.render": "render",
     "pipeline.result": "Result find_fireflies write_image",
@@ -97,13 +98,13 @@ if TYPE_CHECKING:
     from dmis.image import read_exr as read_exr
     from dmis.image import write_exr as write_exr
     from dmis.light.area import DiskLight as DiskLight
-    from dmis.light.area import MeshLight as MeshLight
     from dmis.light.area import QuadLight as QuadLight
     from dmis.light.area import SphereLight as SphereLight
     from dmis.light.delta import DistantLight as DistantLight
     from dmis.light.delta import PointLight as PointLight
     from dmis.light.delta import SpotLight as SpotLight
     from dmis.light.environment import EnvironmentLight as EnvironmentLight
+    from dmis.light.mesh_light import MeshLight as MeshLight
     from dmis.pipeline.executor import Processes as Processes
     from dmis.pipeline.render import render as render
     from dmis.pipeline.result import Result as Result

@@ -8,11 +8,13 @@ import numpy as np
 
 from dmis.base import validate
 from dmis.base.selection import Selection, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import TINY, Array, dot
 
 Rgb = tuple[float, float, float]
 INFINITE_DISTANCE = np.float32(1e30)
 """Distance of lights that are infinitely far away."""
+ANY_POINT = np.zeros((3, 1), np.float32)
+"""Point at which to look up the radiance of a light that emits the same everywhere."""
 _FLOAT32_MAX = 3.4e38
 
 
@@ -43,6 +45,22 @@ class LightSample:
     def radiance_at(self, index: Selection | None) -> Array:
         """Return the radiance along the directions `index`, ``(3, 1)`` or ``(3, K)``."""
         return take(self.radiance, index)
+
+
+def flat_light_sample(to: Array, normal: Array, area: float, radiance: Array) -> LightSample:
+    """Return the sample of a flat light along `to`, a point on it minus the receiver; pdf ``d^2 / (area |cos|)``."""
+    distance2 = np.maximum(dot(to, to), TINY)
+    inverse = 1 / np.sqrt(distance2)
+    cos = -dot(normal, to) * inverse
+    pdf = distance2 / (np.float32(area) * np.maximum(np.abs(cos), np.float32(1e-12)))
+    return LightSample(to * inverse, distance2 * inverse, radiance, pdf, cos > 0)
+
+
+def flat_light_hit(wi: Array, distance: Array, cos: Array, is_hit: Array, area: float, radiance: Array) -> LightSample:
+    """Return the sample of a flat light that directions hit (or not) at `distance`; `cos` = normal . wi."""
+    reach = np.where(is_hit, distance, np.float32(0))  # the square of a miss's distance may overflow
+    pdf = reach * reach / (np.float32(area) * np.maximum(np.abs(cos), np.float32(1e-12)))
+    return LightSample(wi, distance, radiance, pdf, is_hit & (cos < 0))
 
 
 def rgb(name: str, value: Rgb) -> Array:

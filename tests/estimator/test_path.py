@@ -17,9 +17,10 @@ from dmis.estimator.path import Rays, merge
 from dmis.estimator.settings import Settings
 from dmis.fit.rule import Fit, Rule
 from dmis.geometry.shapes import quad, sphere
-from dmis.light.area import MeshLight, QuadLight
+from dmis.light.area import QuadLight
 from dmis.light.delta import PointLight
 from dmis.light.environment import EnvironmentLight
+from dmis.light.mesh_light import MeshLight
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene

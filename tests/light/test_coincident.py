@@ -30,8 +30,9 @@ from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.shapes import quad
 from dmis.intersect import BruteForce, Hits, Intersector
-from dmis.light.area import DiskLight, MeshLight, QuadLight
+from dmis.light.area import DiskLight, QuadLight
 from dmis.light.coincident import coincident_lights, find_coincident
+from dmis.light.mesh_light import MeshLight
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 

@@ -21,10 +21,11 @@ from helpers import (
 
 from dmis.base.vectors import Array, dot
 from dmis.geometry.shapes import sphere
-from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
+from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
+from dmis.light.mesh_light import MeshLight
 from dmis.samplers.warp import square_to_cosine
 
 WHITE = (1.0, 2.0, 3.0)

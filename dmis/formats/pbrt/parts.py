@@ -25,8 +25,9 @@ from dmis.formats.pbrt.objects import similarity
 from dmis.formats.pbrt.shapes import QUADRICS, Shape, mirrors
 from dmis.formats.pbrt.tokens import blame
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals
-from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
+from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.light import AreaLight
+from dmis.light.mesh_light import MeshLight
 from dmis.scene.groups import Part
 
 _CORNER_UV = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])

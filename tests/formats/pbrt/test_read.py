@@ -23,9 +23,10 @@ from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.mesh import flat_normals
 from dmis.image import write_exr
-from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
+from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
+from dmis.light.mesh_light import MeshLight
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.camera import Camera
 
