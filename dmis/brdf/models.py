@@ -1,8 +1,21 @@
 """Materials that are one reflection model of the literature: its glossy lobe over a diffuse base.
 
-A glossy lobe of reflectance `ks`, over Lambert's of `kd` if that is not black. Parameters are numbers, RGB triples or
-`dmis.brdf.texture.Image`; one out of its range is a ValueError that names it. What the models are, and where they come
-from: the modules of `dmis.brdf`.
+The modules of `dmis.brdf` define the models and name their sources. Parameters that several models share:
+
+kd
+    Reflectance of the Lambert base: a number, an RGB triple or a `dmis.brdf.texture.Image`, in [0, 1]; a black base is
+    left out.
+ks
+    Reflectance of the glossy lobe, likewise.
+exponent
+    Exponent of the cosine: positive, a number or an image.
+alpha, alpha_v
+    Roughness, the alpha of the distribution of facets: positive, a number or an image; with `alpha_v`, along the two
+    tangents.
+fresnel
+    `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
+
+A parameter out of its range is a ValueError that names it.
 """
 
 from __future__ import annotations
@@ -39,14 +52,7 @@ from dmis.brdf.ward import Ward
 def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
     """Make Phong's cosine lobe about the mirror direction, normalised; see `dmis.brdf.phong.Lafortune`.
 
-    Parameters
-    ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    exponent
-        Of the cosine: positive, a number or an `Image`.
+    `dmis.brdf.models` describes the parameters.
     """
     return _over(kd, ks, Lafortune(ks, _power("exponent", exponent)), "phong")
 
@@ -59,12 +65,8 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
 
     Parameters
     ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    exponent
-        Of the cosine: positive, a number or an `Image`.
+    kd, ks, exponent
+        See `dmis.brdf.models`.
     c_t, c_n
         In [-1, 1] and (0, 1].
     """
@@ -77,14 +79,7 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
 def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
     """Make a cosine lobe of the half vector without masking, normalised; see `dmis.brdf.phong.BlinnPhong`.
 
-    Parameters
-    ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    exponent
-        Of the cosine: positive, a number or an `Image`.
+    `dmis.brdf.models` describes the parameters.
     """
     return _over(kd, ks, BlinnPhong(ks, Blinn(_power("exponent", exponent))), "blinnphong")
 
@@ -92,15 +87,7 @@ def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
 def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -> Material:
     """Make Ward's Gaussian lobe with bounded albedo; `alpha_v` makes it anisotropic; see `dmis.brdf.ward.Ward`.
 
-    Parameters
-    ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    alpha, alpha_v
-        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
-        the two tangents.
+    `dmis.brdf.models` describes the parameters.
     """
     return _over(kd, ks, Ward(ks, Beckmann(facet_roughness(alpha, alpha_v))), "ward")
 
@@ -113,10 +100,8 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
 
     Parameters
     ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the coat at normal incidence, likewise.
+    kd, ks
+        See `dmis.brdf.models`; `ks` is the reflectance at normal incidence.
     n_u, n_v
         Positive, numbers or an `Image`.
     """
@@ -128,19 +113,9 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
 
 
 def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel: Fresnel | None = None) -> Material:
-    """Make V-shaped facets with Blinn's distribution; `fresnel` None reflects everything; see
-    `dmis.brdf.microfacet.Microfacet`.
+    """Make V-shaped facets with Blinn's distribution; see `dmis.brdf.microfacet.Microfacet`.
 
-    Parameters
-    ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    exponent
-        Of the cosine: positive, a number or an `Image`.
-    fresnel
-        `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
+    `dmis.brdf.models` describes the parameters.
     """
     return _over(kd, ks, Microfacet(ks, Blinn(_power("exponent", exponent)), fresnel), "torrancesparrow")
 
@@ -148,19 +123,9 @@ def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel
 def cook_torrance(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
-    """Make V-shaped facets with Beckmann's distribution; the factor is 1/4, not the paper's 1/pi, to conserve energy.
+    """Make V-shaped facets with Beckmann's distribution; the factor is 1/4, not the paper's 1/pi, which gains energy.
 
-    Parameters
-    ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    alpha, alpha_v
-        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
-        the two tangents.
-    fresnel
-        `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
+    `dmis.brdf.models` describes the parameters.
     """
     return _over(kd, ks, Microfacet(ks, Beckmann(facet_roughness(alpha, alpha_v)), fresnel), "cooktorrance")
 
@@ -170,17 +135,7 @@ def ggx(
 ) -> Material:
     """Make facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.brdf.microfacet.GGX`.
 
-    Parameters
-    ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    alpha, alpha_v
-        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
-        the two tangents.
-    fresnel
-        `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
+    `dmis.brdf.models` describes the parameters.
     """
     return _over(kd, ks, GGX(ks, facet_roughness(alpha, alpha_v), fresnel), "ggx")
 
@@ -196,8 +151,7 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     kr, kt
         Factors of the reflected and of the refracted part: numbers, RGB triples or `Image`, in [0, 1].
     alpha, alpha_v
-        Roughness, the alpha of the distribution of facets: positive, a number or an `Image`; with `alpha_v`, along
-        the two tangents.
+        See `dmis.brdf.models`.
     eta
         Index of refraction, inside over outside: positive, and not 1, where there is no surface.
     """
