@@ -116,7 +116,7 @@ def load_scene(
         camera = _look_at_all(list(named.values()), up)
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
-    return Scene(camera, tuple(parts), tuple(lights), title, unread=unread)
+    return Scene(camera, tuple(parts), tuple(lights), title, source={"unread": list(unread)} if unread else {})
 
 
 def light_part(light: AreaLight) -> Part:

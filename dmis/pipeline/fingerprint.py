@@ -24,7 +24,7 @@ MEANING = 1
 """Raise it by one when a shipped lobe, light, camera or reader changes the image that is expected of a scene: the
 references of all scenes are then rendered anew.
 """
-_ABOUT = ("name", "unread", "source")
+_ABOUT = ("name", "source")
 """Fields of a scene that no image depends on."""
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
 _CONSTANTS = (*_PLAIN, tuple, frozenset, np.ndarray, np.generic)

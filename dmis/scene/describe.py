@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ from dmis.scene.groups import Group
 from dmis.scene.plan import Plan
 
 
-def describe_plan(plan: Plan) -> str:
-    """Return in words what a scene has, what it needs, how its light is sampled, and what is left out."""
+def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
+    """Return a scene's groups and lights in words, what is left out, and what is `unread` in its file."""
     lines = [f"{len(plan.face_row):,} triangles"]
     left = len(plan.face_row)
     for k, group in enumerate(plan.groups):
@@ -49,9 +49,9 @@ def describe_plan(plan: Plan) -> str:
         lines.append("  no light to sample by two techniques: MIS does not apply")
     if len(plan.pinhole_offsets):
         lines.append("  the camera lies in the plane of triangles around it, and does not see them")
-    if plan.unread:
-        lines.append(f"  not read from the file: {', '.join(plan.unread)}")
-    lines.append(f"  left out: {'; '.join(_left_out(plan)) or 'nothing'}")
+    if unread:
+        lines.append(f"  not read from the file: {', '.join(unread)}")
+    lines.append(f"  left out: {'; '.join(_left_out(plan, unread)) or 'nothing'}")
     return "\n".join(lines)
 
 
@@ -104,7 +104,7 @@ def _sampling(plan: Plan, group: Group) -> str:
     return "; ".join(ways) or "no light: no samples"
 
 
-def _left_out(plan: Plan) -> Iterator[str]:
+def _left_out(plan: Plan, unread: Sequence[str]) -> Iterator[str]:
     """Yield what the plan leaves out, and why."""
     if plan.removed_lights:
         yield f"{_count(plan.removed_lights, 'light')} that emit{'s' * (plan.removed_lights == 1)} nothing"
@@ -114,7 +114,7 @@ def _left_out(plan: Plan) -> Iterator[str]:
     needs.append(("mirrored and refracted rays", any(group.delta for group in plan.groups)))
     unneeded = [name for name, needed in needs if not needed]
     if unneeded:
-        why = "nothing needs them" if not plan.unread else "the materials in place of the file's do not need them"
+        why = "nothing needs them" if not unread else "the materials in place of the file's do not need them"
         yield f"{', '.join(unneeded)}, because {why}"
 
 

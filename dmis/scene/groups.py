@@ -86,6 +86,22 @@ class Group:
         """Whether there is any lobe, and not just emission."""
         return bool(self.reflection or self.transmission or self.delta)
 
+    def emission_at(self, p: Array, row: Index | None, outside: Array) -> Array | None:
+        """Return the radiance ``(3, N)`` emitted from points `p` ``(3, N)`` towards the viewer; None if nothing emits.
+
+        Parameters
+        ----------
+        row
+            Rows of the points' materials in the tables, ``(N,)``; None: there is one material.
+        outside
+            Whether the viewer is on the bright side, ``(N,)`` bool.
+        """
+        if self.emission is None:
+            return None
+        if self.textured_light is not None:
+            return self.textured_light.emission(p) * outside
+        return (self.emission if row is None else self.emission.take(row, axis=1)) * outside
+
     def bind(self, lobe: Any, row: Index | None, uv: Array | None) -> Any:
         """Return `lobe` with the parameters of each point: rows of the tables, or texture values at `uv` ``(2, N)``."""
         if len(self.materials) == 1 and not self.textured:

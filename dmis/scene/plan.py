@@ -27,11 +27,6 @@ from dmis.scene.simplify import simplify
 class Plan:
     """Groups and lights of a scene, computed once from the scene alone.
 
-    Parameters
-    ----------
-    unread
-        What the scene's file holds and is not read, in words.
-
     Attributes
     ----------
     groups
@@ -60,9 +55,7 @@ class Plan:
         parts: tuple[Part, ...],
         lights: tuple[Light, ...],
         epsilon: float,
-        unread: tuple[str, ...] = (),
     ) -> None:
-        self.unread = unread
         all_lights = lights
         lights = tuple(light for light in all_lights if light.has_power())
         self.removed_lights = len(all_lights) - len(lights)

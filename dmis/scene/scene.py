@@ -60,11 +60,10 @@ class Scene:
         For titles and file names.
     integrator, max_depth
         What the scene's file asks for, see `dmis.estimator.settings.Settings`; None if it does not say.
-    unread
-        Contents of its file that are not read, in words, such as "3 materials (wood, glass, lamp)".
     source
-        How a file was read, JSON data for the provenance of images: ``dialect`` of a pbrt file and ``dialect_from``,
-        ``file`` (its words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
+        How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are not read,
+        such as "3 materials (wood, glass, lamp)"; of a pbrt file ``dialect`` and ``dialect_from``, ``file`` (its
+        words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
 
     Raises
     ------
@@ -84,7 +83,6 @@ class Scene:
     name: str = "scene"
     integrator: str | None = None
     max_depth: int | None = None
-    unread: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -200,12 +198,14 @@ class Scene:
     def plan(self) -> Plan:
         """Groups and lights that a render computes with, see `dmis.scene.plan.Plan`."""
         nearest = float(self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.min())
-        return Plan(self.camera, self.parts, self.lights, nearest, self.unread)
+        return Plan(self.camera, self.parts, self.lights, nearest)
 
     def describe(self) -> str:
         """Return in words what ``python -m dmis info`` prints: the plan, the integrator, how the file was read."""
         integrator = describe_integrator(self.integrator, self.max_depth)
-        return "\n".join([describe_plan(self.plan), integrator, *describe_source(self.source)])
+        return "\n".join(
+            [describe_plan(self.plan, self.source.get("unread", ())), integrator, *describe_source(self.source)]
+        )
 
     @cached_property
     def covered_pixels(self) -> np.ndarray | None:
@@ -287,17 +287,7 @@ class Scene:
         ng = ng * side
         epsilon = self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.take(prim)
         p += ng * epsilon
-        n, cos_o = ng, np.abs(facing)
-        if group.smooth:
-            rows = columns(self.tables.normals, prim)
-            n = rows[3:6] * u
-            n += rows[6:9] * v
-            n += rows[:3]
-            cos_o = dot(n, wo)
-            # normalise and turn towards wo in one multiplication
-            scale = np.copysign(1 / np.sqrt(np.maximum(dot(n, n), np.float32(1e-30))), cos_o)
-            n *= scale
-            cos_o *= scale
+        n, cos_o = self._shading_normals(prim, u, v, wo) if group.smooth else (ng, np.abs(facing))
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
         uv = dpdu = None
         if group.textured:
@@ -307,16 +297,24 @@ class Scene:
             dpdu = group.tangent
         elif group.anisotropic:
             dpdu = columns(self.tables.dpdu, prim)
-        outside = facing > 0
-        emission = None
-        if group.emission is not None:
-            if group.textured_light is not None:
-                emission = group.textured_light.emission(p) * outside
-            else:
-                emission = (group.emission if row is None else group.emission.take(row, axis=1)) * outside
-        reflection = tuple(group.bind(lobe, row, uv) for lobe in group.reflection)
-        transmission = tuple(group.bind(lobe, row, uv) for lobe in group.transmission)
-        delta = tuple(group.bind(lobe, row, uv) for lobe in group.delta)
-        lobes = {"reflection": reflection, "transmission": transmission, "delta": delta}
-        found = ShadingPoints(p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=outside, dpdu=dpdu, epsilon=epsilon, **lobes)
-        return found, emission
+        lobes = {
+            kind: tuple(group.bind(lobe, row, uv) for lobe in getattr(group, kind))
+            for kind in ("reflection", "transmission", "delta")
+        }
+        points = ShadingPoints(
+            p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=epsilon, **lobes
+        )
+        return points, group.emission_at(p, row, points.outside)
+
+    def _shading_normals(self, prim: Index, u: Array, v: Array, wo: Array) -> tuple[Array, Array]:
+        """Return interpolated unit normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
+        rows = columns(self.tables.normals, prim)
+        n = rows[3:6] * u
+        n += rows[6:9] * v
+        n += rows[:3]
+        cos_o = dot(n, wo)
+        # normalise and turn towards wo in one multiplication
+        scale = np.copysign(1 / np.sqrt(np.maximum(dot(n, n), TINY)), cos_o)
+        n *= scale
+        cos_o *= scale
+        return n, cos_o

@@ -20,9 +20,10 @@ from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.mesh import Mesh, flat_normals
 from dmis.geometry.shapes import quad
 from dmis.image import write_exr
-from dmis.light.area import DiskLight, MeshLight, QuadLight, SphereLight
+from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import PointLight
 from dmis.light.environment import EnvironmentLight
+from dmis.light.mesh_light import MeshLight
 from dmis.pipeline.render import render
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
@@ -288,7 +289,7 @@ def test_materials_of_mesh_files_that_are_not_read_are_named(tmp_path, capsys):
             f"{path}: {named} ignored, all is matte grey; give load_scene a material"
         ]
         assert caught[0].filename == __file__
-        assert ", ".join(scene.unread) == named
+        assert ", ".join(scene.source["unread"]) == named
         load_scene(path, (8, 8), material=matte(0.2))  # without a warning
         with warnings.catch_warnings():
             warnings.simplefilter("default")
@@ -304,7 +305,7 @@ def test_files_without_materials_load_without_a_warning(tmp_path, capsys):
     for suffix in ("glb", "obj", "ply", "stl"):
         BOX.export(tmp_path / f"box.{suffix}")
         scene = load_scene(tmp_path / f"box.{suffix}", (8, 8))
-        assert scene.unread == () and scene.name == "box"
+        assert scene.source == {} and scene.name == "box"
     assert main(["info", str(tmp_path / "box.ply"), "--resolution", "8x8"]) == 0
     output = capsys.readouterr()
     assert "because nothing needs them" in output.out and "not read" not in output.out and output.err == ""
