@@ -18,7 +18,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.refinement import diagonals, refine_near_bodies
+from dmis.geometry.refinement import diagonals, refine_near_bodies, small_beside
 from dmis.scene.scene import RAY_OFFSET, Scene
 
 MAX_REACH = 16
@@ -43,6 +43,27 @@ def rescale_for_float32(scene: Scene) -> tuple[Scene, float]:
         If the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it, or a light is so
         small or so large that squares of its size are beyond float32.
     """
+    return (scene, 1.0) if _fits_float32(scene) else _rescale(scene)
+
+
+def _fits_float32(scene: Scene) -> bool:
+    """Return whether float32 holds a scene as it is: size, distance, lights and bodies are in their ranges."""
+    low, high = scene.bounds
+    size = float(np.linalg.norm(high - low))
+    brightest = max((light.brightness(1.0) for light in scene.lights), default=0.0)
+    extents = [extent for light in scene.lights if (extent := light.extent()) is not None]
+    largest = max(size, *(part.mesh.edges[1] for part in scene.parts))
+    return (
+        KEPT_DIAGONALS[0] <= size <= KEPT_DIAGONALS[1]
+        and float(np.abs([low, high]).max()) <= MAX_REACH * size
+        and (brightest == 0 or KEPT_RADIANCES[0] <= brightest <= KEPT_RADIANCES[1])
+        and all(LIGHT_EXTENTS[0] * size <= extent <= LIGHT_EXTENTS[1] * size for extent in extents)
+        and not len(small_beside(largest, scene.bodies))
+    )
+
+
+def _rescale(scene: Scene) -> tuple[Scene, float]:
+    """Return `rescale_for_float32` of a scene that may not fit."""
     low, high = scene.bounds
     size, reach = float(np.linalg.norm(high - low)), float(np.abs([low, high]).max())
     if reach > 1e9 * size > 0:
@@ -104,7 +125,7 @@ def _check_small_bodies(scene: Scene, origin: Array) -> None:
             f"float32 does not resolve a body of size {diagonal[worst]:.3g} that is {reach[worst]:.3g} away from the "
             f"origin: shadows within {RAY_OFFSET * reach[worst]:.3g} of it are lost. Render it as a "
             f"scene without what is far away",
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
