@@ -10,7 +10,7 @@ GALLERY ?= 1
 SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo figures report test test-slow bench bench-kernels check format docs clean
+.PHONY: help setup demo figures report tables test test-slow bench bench-kernels check format docs clean
 
 help:  ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' Makefile
@@ -32,6 +32,9 @@ figures: $(READY)  ## draw all figures and figures/index.html (minutes)
 
 report: $(READY)  ## measure error against time on the four scenes, write figures/report.html (10 minutes)
 	$(BIN)/python examples/make_report.py --docs docs/report.md
+
+tables:  ## list the published tables, and those that are older than the modules that decide them
+	$(PYTHON) examples/table_ages.py
 
 test: $(READY)  ## run the tests (minutes)
 	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8
