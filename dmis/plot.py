@@ -134,7 +134,7 @@ def _pixels(axis: Axes, title: str) -> None:
 
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(MaxNLocator(4, integer=True))
-    axis.tick_params(labelsize=7)
-    axis.set_xlabel("x (pixels)", fontsize=8)
-    axis.set_ylabel("y (pixels)", fontsize=8)
-    axis.set_title(title, fontsize=10)
+    axis.tick_params(labelsize="x-small")
+    axis.set_xlabel("x (pixels)", fontsize="small")
+    axis.set_ylabel("y (pixels)", fontsize="small")
+    axis.set_title(title, fontsize="medium")

@@ -100,9 +100,16 @@ class Options:
         return dmis.make_reference(scene, spp, parallel=self.threads, progress=show(f"reference of {scene.name}"))
 
     def save(self, figure, title: str, caption: str) -> None:
-        """Write the figure, and say where it is."""
+        """Write the figure with title and caption in the picture, and say where it is."""
         plot.save(figure, self.output, title, caption)
         print(self.output)
+
+    def save_for_print(self, figure, title: str, caption: str, dpi: int = 200) -> None:
+        """Write the figure as PNG and as PDF; title and caption are in the metadata of both. Say where they are."""
+        caption = " ".join(caption.split())
+        figure.savefig(self.output.with_suffix(".pdf"), dpi=dpi, metadata={"Title": title, "Subject": caption})
+        figure.savefig(self.output, dpi=dpi, metadata={"Title": title, "Description": caption, "Software": "dmis"})
+        print(caption, self.output, sep="\n")
 
 
 def options(script: str, description: str, **more: dict) -> tuple[Options, argparse.Namespace]:
@@ -131,6 +138,16 @@ def options(script: str, description: str, **more: dict) -> tuple[Options, argpa
             given.output.parent / given.page.name
         )  # numbers of tiny images are not for the pages of the project
     return Options(given.size or "default", given.scene_dir, given.threads, given.output), given
+
+
+def print_canvas(rows: int, columns: int, height: float, width: float = 7, **options):
+    """Return a figure that is printed `width` x `height` inches large, and its axes: letters are 7 points or larger."""
+    import matplotlib
+
+    sizes = {"font.size": 8, "axes.titlesize": "medium", "axes.labelsize": "medium", "legend.fontsize": 7.5}
+    lines = {"lines.linewidth": 1.2, "lines.markersize": 4, "pdf.fonttype": 42}
+    matplotlib.rcParams.update({**sizes, **lines, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5})
+    return plot.canvas(rows, columns, width, height, **options)
 
 
 def show(title: str):

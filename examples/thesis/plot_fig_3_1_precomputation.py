@@ -1,70 +1,70 @@
 """
-Figure 3.1: the pilots
-======================
+Figure 3.1: the pilot
+=====================
 
-The thesis's precomputation: before anything is decided, render the scene with a few samples of each of three
-strategies, BRDF sampling alone (w = 0), light sampling alone (w = 1), and both with the balance heuristic (w = 1/2).
-Their differences in noise are what the rest is made of: where the one image is grainy and the other smooth, a good
-share of light samples is far from 1/2.
+The thesis's precomputation. Before it decides anything, its rule renders the scene with two samples per pixel of each
+of three strategies: BRDF sampling alone (share of light samples w = 0), both techniques with the balance heuristic
+(w = 1/2), and light sampling alone (w = 1). The noise of these images is all that the rule learns from.
 """
 
 import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import LogNorm
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import options, window
+from common import SCENES, options, print_canvas
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
-from dmis.base.patches import patch_mean, patch_spread
+from dmis.base.patches import patch_mean
 
 opts, _ = options(__file__, __doc__)
-PATCH, SPP = opts.pick(4, 8, 16), 2
+PATCH = opts.pick(4, 16)
+NAMES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold")
+STRATEGIES = {0: "BRDF sampling, w = 0", 0.5: "balance heuristic, w = ½", 1: "light sampling, w = 1"}
 
 # %%
-# Three images of two samples per pixel. `Result.variance` is that of the image, a mean over SPP samples.
-scene = opts.scene("killeroo-gold")
-strategies = {
-    "BRDF sampling, w = 0": "fixed:0",
-    "light sampling, w = 1": "fixed:1",
-    "balance heuristic, w = ½": "balance",
+# **Step 1, the pilot.** Of the S = 2 directions that a camera sample takes at a surface, a share w is picked by light
+# sampling and a share 1 - w by BRDF sampling; the balance heuristic combines them, so a direction of contribution f
+# counts as f / (w p_l + (1 - w) p_b), with the densities p_l and p_b of the two techniques.
+scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in NAMES}
+pilots = {
+    (name, w): dmis.render(scene, f"fixed:{w}", 2, seed=k)
+    for name, scene in scenes.items()
+    for k, w in enumerate(STRATEGIES, 1)
 }
-pilots = {title: dmis.render(scene, rule, SPP, seed=1, parallel=opts.threads) for title, rule in strategies.items()}
 
 # %%
-# Variances of single pixels are hardly more than noise themselves; the thesis averages them over square patches.
-shape = next(iter(pilots.values())).image.shape[:2]
-variances = {
-    title: patch_spread(patch_mean(luminance(pilot.variance * SPP), PATCH), PATCH, shape)
-    for title, pilot in pilots.items()
-}
-for title, variance in variances.items():
-    print(f"{title:26} mean of the sample variances {variance.mean():.4g}")
+# **Step 2, the variance.** With n = 2 samples x of a pixel, their sample variance is y = Σ (x - mean)² / (n - 1).
+# `Result.variance` is that of the pixel, the mean of n samples, y / n. The variance of one pixel is hardly more than
+# noise itself, so the thesis averages it over patches.
+variances = {key: patch_mean(2 * luminance(pilot.variance), PATCH) for key, pilot in pilots.items()}
+for (name, w), y in variances.items():
+    print(f"{name:18} w = {w:3g}: mean variance of a sample {y.mean():.4g} (luminance²)")
 
 # %%
-# Top: the pilots. Middle: crops. Bottom: the variance per patch.
-from matplotlib.colors import LogNorm
-
-part = window(scene, (0.1, 0.5), (0.15, 0.5))
-figure, axes = plot.canvas(3, 3, 13, 11)
-scale = LogNorm(1e-5, plot.shared_scale(list(variances.values()), 0.999))
-for column, (title, pilot) in enumerate(pilots.items()):
-    plot.picture(axes[0, column], pilot.image, title)
-    plot.mark(axes[0, column], part, "tab:red", "crop")
-    plot.picture(axes[1, column], pilot.image, "crop", part)
-    shown = plot.heat(
-        axes[2, column], np.maximum(variances[title], 1e-5), "variance per patch", norm=scale, cmap="viridis"
-    )
-figure.colorbar(shown, ax=axes[2], label="variance of one sample (luminance²)")
-opts.save(
+# The teapot's pilots, their variances by patch, and the pilots of the two killeroo scenes.
+figure, axes = print_canvas(4, 3, 8.1, height_ratios=[1, 1, 0.75, 0.75])
+teapot = [variances[NAMES[0], w] for w in STRATEGIES]
+scale = LogNorm(1e-5, plot.shared_scale(teapot, 0.999))
+for column, (w, title) in enumerate(STRATEGIES.items()):
+    plot.picture(axes[0, column], pilots[NAMES[0], w].image, title)
+    height, width = pilots[NAMES[0], w].image.shape[:2]
+    shown = plot.heat(axes[1, column], np.maximum(teapot[column], 1e-5), norm=scale, cmap="viridis")
+    for line, name in ((axes[2], NAMES[1]), (axes[3], NAMES[2])):
+        plot.picture(line[column], pilots[name, w].image, SCENES[name].title if column == 1 else "")
+for axis in axes.flat:
+    axis.set_axis_off()
+figure.colorbar(shown, ax=axes[1], label="variance of a sample (luminance²)", pad=0.01)
+opts.save_for_print(
     figure,
-    "Figure 3.1: precomputation",
-    f"""{scene.name}, pilots of {SPP} camera samples per pixel with each strategy (top), a crop (middle), and the
-    sample variance averaged over patches of {PATCH}x{PATCH} pixels (bottom). On the diffuse walls light sampling is
-    less noisy, on some of the gold BRDF sampling. Dark patches on the walls at the bottom left are those where no BRDF
-    sample hit the light: their variance seems to be zero, and the technique that fails seems to be the best.""",
+    "Figure 3.1: the pilot",
+    f"""TEAPOT AREA LIGHT, {width}x{height} pixels: pilots of 2 camera samples per pixel with each strategy (top), and
+    their sample variances, averaged over patches of {PATCH}x{PATCH} pixels (second row; darkest: 10⁻⁵ or less).
+    Light sampling is the least noisy nearly everywhere. Below, the pilots of KILLEROO DIFFUSE and KILLEROO GOLD, where
+    BRDF sampling sees the gold's reflections of the light, and hardly finds it from the walls.""",
 )
