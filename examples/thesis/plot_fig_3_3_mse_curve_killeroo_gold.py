@@ -2,9 +2,9 @@
 Figure 3.3: error against weight, KILLEROO GOLD
 ===============================================
 
-The same measurement as Figure 3.2 where the thesis's rule loses. On the gold, light sampling nearly always misses the
-highlight; on the walls, BRDF sampling nearly always misses the small light. A technique that nearly always misses has
-a huge variance, but two samples mostly do not see it: they see zeros, and call the technique good.
+The measurement of Figure 3.2 in a scene of two opposites. On the gold a reflection of the light is found by BRDF
+sampling, and its error grows with the share of light samples; on the diffuse floor it falls. The axis is linear, so
+that a parabola looks like one.
 """
 
 import sys
@@ -14,44 +14,114 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import options
-from curves import draw_patches, measure_patches, patch_at
+from common import options, print_canvas
 
 import dmis
 from dmis import plot
+from dmis.base.color import luminance
+from dmis.fit.thesis import parabola_minimum
 
 opts, _ = options(__file__, __doc__)
-SIZE = opts.pick(4, 16)
+PATCH, SPP, SEEDS = opts.pick((4, 16, 2), (16, 122, 24))
+WEIGHTS = np.array([0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 1])
+STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# Two patches: one on a golden highlight, one on the tiled wall.
-scene = opts.scene("killeroo-gold")
-patches = {"A: gold": patch_at(scene, 0.125, 0.327, SIZE), "B: wall": patch_at(scene, 0.12, 0.1, SIZE)}
-
-# %%
-# The true curve of each, rendered with fixed weights over many seeds, and what eleven independent pilots say.
-curves, pilots = measure_patches(opts, scene, patches, count=11)
-
-# %%
-# The errors span orders of magnitude, so the axis is logarithmic. Parabolas that dip below zero end at the frame.
-figure, axes = plot.canvas(1, 3, 17, 5)
-image = dmis.render(scene, "balance", opts.pick(4, 32), seed=1, parallel=opts.threads).image
-draw_patches(axes[0], image, "KILLEROO GOLD", patches, curves, pilots)
-for axis, curve in zip(axes[0, 1:], curves.values(), strict=True):
-    axis.set_yscale("log")
-    axis.set_ylim(0.2 * curve.mse.min(), 8 * curve.mse.max())
-    axis.legend(fontsize=7.5, loc="upper center")
-truth = {name: curve.mse[0] / curve.mse[-1] for name, curve in curves.items()}
-worse = {name: 0 if truth[name] > 1 else -1 for name in truth}
-below = {
-    name: np.mean([p.variances[worse[name]] / curve.spp < curve.mse[worse[name]] for p in pilots[name]])
-    for name, curve in curves.items()
+# Red: a horn, with the reflection of the light. Blue: the floor in the shadow's edge.
+scene = opts.scene("killeroo-gold", opts.pick(16, 2, 1))
+height, width = scene.camera.resolution[::-1]
+corners = {"red": (0.125, 0.374), "blue": (0.624, 0.538)}  # top left, in shares of the image
+patches = {
+    colour: ((round(y * height), round(y * height) + PATCH), (round(x * width), round(x * width) + PATCH))
+    for colour, (y, x) in corners.items()
 }
-opts.save(
+crops = {colour: scene.crop(*patch) for colour, patch in patches.items()}
+
+# %%
+# **Step 1, the curve.** Render the patch alone with a fixed weight w and 122 samples per pixel, again and again. The
+# mean squared error is the mean over seeds, pixels and channels of (x - r₁)(x - r₂), where r₁ and r₂ are two
+# independent halves of a reference, whose own noise cancels.
+mse = {}
+for colour, crop in crops.items():
+    reference = opts.reference(crop, opts.pick(1024, 8192))
+    runs = dmis.measure(crop, [(f"fixed:{w:g}", SPP) for w in WEIGHTS], range(SEEDS), reference)
+    mse[colour] = np.array([[run.mse for run in runs[f"fixed:{w:g}", SPP]] for w in WEIGHTS])  # (weights, seeds)
+
+# %%
+# **Step 2, three points of it.** An unbiased estimator's error is its variance, MSE = Var (Eq. 3.1), and a variance
+# needs no reference. So the thesis takes V(w) at three weights, BRDF sampling w = 0, balance heuristic w = 1/2, and
+# light sampling w = 1. First the exact ones, as multiples of V(1/2):
+curves = {colour: e.mean(axis=1) / e[WEIGHTS == 0.5].mean() for colour, e in mse.items()}
+exact = {colour: curve[np.isin(WEIGHTS, STRATEGIES)] for colour, curve in curves.items()}
+
+# %%
+# **Step 3, the fit.** One parabola a₂ w² + a₁ w + a₀ goes through three points (Eqs. 3.2-3.4). Its minimum is the
+# weight of the patch, w = -a₁ / (2 a₂) (Eq. 3.5), clipped to [0, 1].
+fitted = {colour: float(parabola_minimum(STRATEGIES, points)[0]) for colour, points in exact.items()}
+
+# %%
+# **What a pilot sees.** The rule does not know the exact points. It has the sample variances of two samples per pixel,
+# y = Σ (x - mean)², averaged over the patch. Here is what other random numbers would have made of it.
+pilots = {
+    colour: [
+        [
+            luminance(dmis.render(crop, f"fixed:{w:g}", 2, seed=3 * k + j).variance).mean()
+            for j, w in enumerate(STRATEGIES)
+        ]
+        for k in range(opts.pick(5, 40))
+    ]
+    for colour, crop in crops.items()
+}
+learned = {colour: parabola_minimum(STRATEGIES, np.transpose(y))[0] for colour, y in pilots.items()}
+for colour, curve in curves.items():
+    print(
+        f"{colour:4} V(w) / V(1/2): {', '.join(f'{v:.2f} at {w:g}' for w, v in zip(WEIGHTS, curve, strict=True))}; "
+        f"minimum of the exact parabola {fitted[colour]:.2f}, "
+        f"of pilots {np.median(learned[colour]):.2f} ({learned[colour].min():.2f} to {learned[colour].max():.2f})"
+    )
+
+# %%
+# Left: the picture with the two patches. Right: measured curves, exact parabolas, their minima, and those of pilots.
+figure, axes = print_canvas(1, 2, 3.4, width_ratios=[1, 1.6])
+plot.picture(axes[0, 0], dmis.render(scene, "balance", opts.pick(4, 32), seed=1).image)
+axes[0, 0].set_axis_off()
+axis, dense = axes[0, 1], np.linspace(0, 1, 201)
+low, high = -0.5, 6
+for k, (colour, curve) in enumerate(curves.items()):
+    plot.mark(axes[0, 0], patches[colour], f"tab:{colour}")
+    error = 2 * mse[colour].std(axis=1, ddof=1) / SEEDS**0.5 / mse[colour][WEIGHTS == 0.5].mean()
+    parabola = np.polyval(np.polyfit(STRATEGIES, exact[colour], 2), dense)
+    axis.plot(WEIGHTS, curve, "o-", color=f"tab:{colour}", label=f"{colour}: measured")
+    axis.errorbar(WEIGHTS, curve, error, fmt="none", color=f"tab:{colour}")
+    axis.plot(dense, parabola, "--", color=f"tab:{colour}", label="parabola through V(0), V(½), V(1)")
+    axis.plot(
+        fitted[colour],
+        np.interp(fitted[colour], dense, parabola),
+        "v",
+        color=f"tab:{colour}",
+        markersize=8,
+        markeredgecolor="black",
+        label=f"its minimum, w = {fitted[colour]:.2f}",
+    )
+    axis.plot(
+        learned[colour],
+        np.full(len(learned[colour]), low + (0.04 + 0.07 * k) * (high - low)),
+        "|",
+        color=f"tab:{colour}",
+        markersize=7,
+        label=f"minima of {len(learned[colour])} pilots",
+    )
+axis.set_ylim(low, high)
+axis.set_xlabel("share of light samples w  (0: BRDF only, 1: light only)")
+axis.set_ylabel("MSE / MSE at w = ½")
+figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+red, blue = (curves[colour] for colour in ("red", "blue"))
+opts.save_for_print(
     figure,
     "Figure 3.3: error against weight, KILLEROO GOLD",
-    f"""As Figure 3.2. Black: measured; red: three sample variances of two samples each, divided by {curve.spp}, and
-    the parabola through them; faint red: other random numbers. MSE at w = 0 over MSE at w = 1 is
-    {truth["A: gold"]:.2g} in A and {truth["B: wall"]:.2g} in B. Of the eleven pilots, {below["A: gold"]:.0%} (A) and
-    {below["B: wall"]:.0%} (B) put the variance of the worse technique too low.""",
+    f"""As Figure 3.2, for KILLEROO GOLD ({width}x{height} pixels, patches of {PATCH}x{PATCH}, {SPP} camera samples
+    per pixel, {SEEDS} seeds, ± 2 standard errors). On the gold (red) BRDF sampling is better: {red[0]:.2f} at w = 0,
+    {red[-1]:.2f} at w = 1, in multiples of the error at w = 1/2. On the floor (blue) light sampling is: {blue[0]:.1f}
+    and {blue[-1]:.2f}. Dashed: the parabola through three exact points of each, and its minimum. Ticks at the bottom:
+    where pilots of two samples per pixel put it.""",
 )
