@@ -14,10 +14,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import options, show
+from common import options, print_canvas, show
 
 import dmis
-from dmis import plot
 from dmis.base.patches import patch_mean
 from dmis.experiment.metrics import squared_error
 
@@ -26,18 +25,17 @@ PATCH = opts.pick(4, 8)
 SEEDS = range(opts.pick(3, 5))
 
 # %%
-# The error of every patch, against a reference, averaged over seeds.
+# The error of every patch, against a reference, averaged over seeds: MSE = mean of (x - r₁)(x - r₂), with two
+# independent halves r₁, r₂ of a reference.
 scene = opts.scene("killeroo-gold")
 reference = opts.reference(scene)
-images = [
-    dmis.render(scene, "balance", opts.spp, seed=seed, parallel=opts.threads, progress=show(f"seed {seed}"))
-    for seed in SEEDS
-]
+images = [dmis.render(scene, "balance", opts.spp, seed=seed, progress=show(f"seed {seed}")) for seed in SEEDS]
 error = np.mean([patch_mean(squared_error(i.image, reference.first, reference.second), PATCH) for i in images], axis=0)
 
 # %%
-# The variance of every patch: of an image of many samples; and of one of two samples, scaled to the same number. The
-# techniques alone show what the thesis's pilot has to work with.
+# The variance of every patch, Σ (x - mean)² / (n - 1) / n, which estimates MSE = Var (Eq. 3.1): of an image of many
+# samples; and of one of two samples, scaled to the same number. The techniques alone show what the thesis's pilot has
+# to work with.
 many = patch_mean(images[0].variance.mean(axis=2), PATCH)
 panels = {f"{opts.spp} samples, balance": (many, error)}
 for title, rule in (
@@ -45,20 +43,15 @@ for title, rule in (
     ("2 samples, BRDF alone", "fixed:0"),
     ("2 samples, light alone", "fixed:1"),
 ):
-    few = dmis.render(scene, rule, 2, seed=100, parallel=opts.threads).variance
+    few = dmis.render(scene, rule, 2, seed=100).variance
     truth = error
     if rule != "balance":  # its error is too slow to converge to: the variance of very many samples instead
-        truth = (
-            patch_mean(
-                dmis.render(scene, rule, 2 * opts.spp, seed=200, parallel=opts.threads).variance.mean(axis=2), PATCH
-            )
-            * 2
-        )
+        truth = patch_mean(dmis.render(scene, rule, 2 * opts.spp, seed=200).variance.mean(axis=2), PATCH) * 2
     panels[title] = patch_mean(few.mean(axis=2), PATCH) * 2 / opts.spp, truth
 
 # %%
 # On the diagonal, the estimate is right.
-figure, axes = plot.canvas(1, 4, 18, 5, sharex=True, sharey=True)
+figure, axes = print_canvas(1, 4, 2.5, sharex=True, sharey=True)
 told = []
 for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True):
     kept = (truth > 1e-9) & (estimate > 1e-12)
@@ -66,24 +59,24 @@ for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True
     off = np.abs(np.log10(y / x))
     low = np.mean(estimate[truth > 1e-9] < 0.5 * truth[truth > 1e-9])
     told.append((title, 10 ** np.median(off), low))
-    shown = axis.hexbin(x, y, gridsize=60, xscale="log", yscale="log", bins="log", mincnt=1, cmap="viridis")
+    shown = axis.hexbin(x, y, gridsize=40, xscale="log", yscale="log", bins="log", mincnt=1, cmap="viridis")
     ends = np.array([1e-7, 1e2])
-    axis.plot(ends, ends, color="tab:red", label="estimate = truth")
+    axis.plot(ends, ends, color="tab:red")
     axis.set_xlim(1e-7, 1e2)
     axis.set_ylim(1e-9, 1e2)
-    axis.set_title(f"{title}\ntypical factor {10 ** np.median(off):.2g}, less than half in {low:.0%}", fontsize=10)
-    axis.set_xlabel("true MSE of the patch (linear RGB²)")
-    axis.scatter([], [], marker="h", color="tab:green", label="patches (see the colour bar)")
-    axis.legend(fontsize=8, loc="upper left")
+    axis.set_xticks([1e-6, 1e-3, 1])
+    axis.set_title(title.replace(", ", ",\n"))
+    axis.set_xlabel("true MSE")
     print(f"{title:26} typical factor {10 ** np.median(off):5.2f}; {low:6.1%} of the patches below half of the truth")
-axes[0, 0].set_ylabel(f"sample variance / {opts.spp} (linear RGB²)")
-figure.colorbar(shown, ax=axes, label="patches", shrink=0.8)
-opts.save(
+axes[0, 0].set_ylabel(f"sample variance / {opts.spp}")
+figure.colorbar(shown, ax=axes, label="patches", pad=0.01)
+opts.save_for_print(
     figure,
     "Equation 3.1: variance is error, and what two samples know of it",
-    f"""{scene.name}, patches of {PATCH}x{PATCH} pixels; each point of the density is a patch. Abscissa: mean squared
-    error at {opts.spp} samples per pixel over {len(SEEDS)} seeds (for the techniques alone: the variance of
-    {2 * opts.spp} samples). Ordinate: the variance that the samples themselves report. With {opts.spp} samples it is
-    the error, within a factor of {told[0][1]:.2g}. With two, {told[2][2]:.0%} of the patches report less than half of
-    the variance of BRDF sampling, and {told[3][2]:.0%} of light sampling: mostly nothing, sometimes far too much.""",
+    f"""{scene.name}, patches of {PATCH}x{PATCH} pixels; the colour is the number of patches. Abscissa: mean squared
+    error (linear RGB²) at {opts.spp} samples per pixel over {len(SEEDS)} seeds; for the techniques alone the variance
+    of {2 * opts.spp} samples. Ordinate: the variance that the samples themselves report. On the red line they agree.
+    With {opts.spp} samples they do, within a factor of {told[0][1]:.2g}. With two, {told[2][2]:.0%} of the patches
+    report less than half of the variance of BRDF sampling, and {told[3][2]:.0%} of light sampling: mostly nothing,
+    sometimes far too much.""",
 )

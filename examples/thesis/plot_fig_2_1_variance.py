@@ -15,7 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import options, show, window
+from common import options, print_canvas, show, window
 
 import dmis
 from dmis import plot
@@ -25,16 +25,14 @@ opts, _ = options(__file__, __doc__)
 
 # %%
 # The same scene twice, with few and with many samples: one light and one BRDF sample each, balance heuristic.
-scene = opts.scene("teapot-area-light")
-reference = opts.reference(scene)
+scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
+reference = opts.reference(scene, opts.pick(64, 128))
 few, many = opts.pick((2, 16), (8, 128))
-images = {
-    n: dmis.render(scene, "balance", n, seed=1, parallel=opts.threads, progress=show("rendering")).image
-    for n in (few, many)
-}
+images = {n: dmis.render(scene, "balance", n, seed=1, progress=show("rendering")).image for n in (few, many)}
 
 # %%
-# The error of each pixel against two independent halves of a reference, whose own noise cancels in the mean.
+# The error of a pixel x is (x - r₁)(x - r₂), with two independent halves r₁, r₂ of a reference, whose own noise cancels
+# in the mean. A mean of n samples of variance V has the error MSE = V / n.
 errors = {n: squared_error(image, reference.first, reference.second) for n, image in images.items()}
 mse = {n: mean_and_error(error) for n, error in errors.items()}
 for n, (mean, spread) in mse.items():
@@ -42,22 +40,26 @@ for n, (mean, spread) in mse.items():
 print(f"ratio {mse[few][0] / mse[many][0]:.1f}, expected {many / few:.0f}")
 
 # %%
-# Left: the images. Middle: a crop, where the noise shows. Right: the error, on one scale.
-rows, columns = window(scene, (0.3, 0.6), (0.5, 0.8))
-figure, axes = plot.canvas(2, 3, 12, 7.6)
+# Left: the images. Middle: the framed part, where the noise shows. Right: the error, on one scale.
+part = window(scene, (0.42, 0.72), (0.6, 0.9))
+figure, axes = print_canvas(2, 3, 4.5)
 top = plot.shared_scale([np.sqrt(np.abs(errors[few]))])
-for line, (n, image) in zip(axes, images.items(), strict=True):
-    plot.picture(line[0], image, f"{n} samples per pixel")
-    plot.mark(line[0], (rows, columns), "tab:red", "crop")
-    plot.picture(line[1], image, "crop", (rows, columns))
-    title = f"error: MSE {mse[n][0]:.2e} ± {mse[n][1]:.0e}"
-    shown = plot.heat(line[2], np.sqrt(np.abs(errors[n])), title, cmap="magma", vmin=0, vmax=top)
+for line, letter, (n, image) in zip(axes, "ab", images.items(), strict=True):
+    plot.picture(line[0], image, f"({letter}) {n} samples per pixel")
+    plot.mark(line[0], part, "tab:red")
+    plot.picture(line[1], image, "framed part", part)
+    shown = plot.heat(
+        line[2], np.sqrt(np.abs(errors[n])), f"error: MSE {mse[n][0]:.1e}", cmap="magma", vmin=0, vmax=top
+    )
+for axis in axes.flat:
+    axis.set_axis_off()
 figure.colorbar(shown, ax=axes[:, 2], shrink=0.8, label="|error| of linear RGB")
-opts.save(
+opts.save_for_print(
     figure,
     "Figure 2.1: variance is noise",
-    f"""{scene.name} with {few} (top) and {many} (bottom) camera samples per pixel, each with one light and one BRDF
-    sample, balance heuristic. The mean squared error falls from {mse[few][0]:.2e} to {mse[many][0]:.2e}, by a factor
-    of {mse[few][0] / mse[many][0]:.1f}; {many / few:.0f} is expected, because variance falls as one over the number of
-    samples. MSE is over pixels and channels, ± one standard error.""",
+    f"""{scene.name} with (a) {few} and (b) {many} camera samples per pixel, each with one light and one BRDF sample,
+    balance heuristic. The mean squared error falls from {mse[few][0]:.2e} to {mse[many][0]:.2e}, by a factor of
+    {mse[few][0] / mse[many][0]:.1f}; {many / few:.0f} is expected, because variance falls as one over the number of
+    samples. MSE is over pixels and channels; relative standard errors {mse[few][1] / mse[few][0]:.0%} and
+    {mse[many][1] / mse[many][0]:.0%}.""",
 )

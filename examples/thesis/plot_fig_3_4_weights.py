@@ -2,66 +2,76 @@
 Figure 3.4: the learned weights
 ===============================
 
-The share map of each scene, as the final pass uses it: red where the thesis's rule gives the samples to BRDF sampling,
-blue where to light sampling, white where to both alike. The map next to it says how the weight of each patch came
-about. A parabola has a minimum inside [0, 1] in a part of the patches only; elsewhere the thesis does not say what to
-do, and this library clips to the nearer end, or takes the best of the three pilots where the parabola is not convex.
+The weight map of each scene, before the filter: red where the thesis's rule gives the samples to BRDF sampling, blue
+where to light sampling, white where to both alike. A parabola has a minimum inside [0, 1] in a part of the patches
+only; elsewhere the thesis does not say what to do, and this library takes the nearer end, or the best of the three
+pilots where the parabola is not convex.
 """
 
 import sys
 from pathlib import Path
 
 import numpy as np
-from matplotlib.colors import ListedColormap
-from matplotlib.patches import Patch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import SCENES, options
+from common import SCENES, options, print_canvas
 
 import dmis
 from dmis import plot
-from dmis.fit.thesis import STATUS
+from dmis.base.color import luminance
+from dmis.base.patches import patch_mean, patch_spread
+from dmis.fit.thesis import STATUS, parabola_minimum
 
 opts, _ = options(__file__, __doc__)
-PATCH = opts.pick(4, 8, 16)
+PATCH = opts.pick(4, 16)
+STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# Only the pilot and the fit are needed, so one final sample is enough.
-results = {
-    about.title: dmis.render(opts.scene(name), f"thesis:patch={PATCH}", 7, seed=1, parallel=opts.threads)
-    for name, about in SCENES.items()
+# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w = 0, 1/2, 1: an image of BRDF
+# sampling, of the balance heuristic, and of light sampling. A direction of contribution f counts as
+# f / (w p_l + (1 - w) p_b).
+scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in SCENES}
+pilots = {
+    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k) for k, w in enumerate(STRATEGIES, 1)]
+    for name, scene in scenes.items()
 }
 
 # %%
-# How often each case occurs.
-shares = {title: [np.mean(r.maps["status"] == k) for k in STATUS] for title, r in results.items()}
-print(f"{'scene':20}" + "".join(f"{name:>14}" for name in STATUS.values()))
-for title, share in shares.items():
-    print(f"{title:20}" + "".join(f"{100 * s:12.1f} %" for s in share))
+# **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a pixel, averaged over a patch.
+# `Result.variance` is that of the pixel, y / n; the factor n does not move a minimum.
+variances = {
+    name: np.stack([patch_mean(luminance(pilot.variance), PATCH) for pilot in three]) for name, three in pilots.items()
+}
 
 # %%
-# Left: the weights. Right: what happened.
-figure, axes = plot.canvas(4, 2, 11, 15)
-colours = ["tab:green", "gold", "tab:purple", "0.6"]
-for line, (title, result) in zip(axes, results.items(), strict=True):
-    whole = (0, result.weight.shape[0]), (0, result.weight.shape[1])
-    shown = plot.weights(line[0], result.weight, f"{title}: weights")
-    plot.weight_bar(figure, shown, line[0], shrink=0.7)
-    height, width = result.maps["status"].shape
-    covered = (0, height * PATCH), (0, width * PATCH)
-    plot.heat(
-        line[1], result.maps["status"], "what the fit found", covered, cmap=ListedColormap(colours), vmin=-0.5, vmax=3.5
-    )
-    line[1].set_xlim(whole[1])
-    line[1].set_ylim(whole[0][::-1])
-    names = [f"{name}: {100 * s:.0f} %" for name, s in zip(STATUS.values(), shares[title], strict=True)]
-    handles = [Patch(color=c, label=n) for c, n in zip(colours, names, strict=True)]
-    line[1].legend(handles=handles, fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), title="share of patches")
-opts.save(
+# **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of each patch (Eqs. 3.2-3.4) has
+# its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). The status says where that could not be used as it is.
+fits = {name: parabola_minimum(STRATEGIES, y) for name, y in variances.items()}
+for name, (_, status) in fits.items():
+    shares = (f"{meaning} {np.mean(status == code):.1%}" for code, meaning in STATUS.items())
+    print(f"{name:18} {', '.join(shares)}")
+
+# %%
+# The next steps, the filter and the final pass, are Figure 3.5's. Here are the weights as they come out of the fit,
+# beside the mean of the three pilots.
+figure, axes = print_canvas(4, 2, 8.6, width=6, height_ratios=[1.25, 1, 1, 0.75])
+for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
+    image = np.mean([pilot.image for pilot in pilots[name]], axis=0)
+    plot.picture(line[0], image, SCENES[name].title)
+    per_pixel = patch_spread(weight, PATCH, image.shape[:2])
+    shown = plot.weights(line[1], per_pixel, f"minimum inside [0, 1]: {np.mean(status == 0):.0%} of the patches")
+for axis in axes.flat:
+    axis.set_axis_off()
+plot.weight_bar(figure, shown, axes, shrink=0.4, location="bottom", pad=0.01)
+least = {name: np.mean((status == 1) | (status == 2)) for name, (_, status) in fits.items()}
+opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: share of light samples by the thesis's rule (pilot of 2 + 2 + 2 samples, patches of {PATCH}x{PATCH}
-    pixels, 5x5 Gaussian). Right: where the parabola has its minimum inside [0, 1], where outside (clipped to the
-    nearer end), where it is not convex (best of the three pilot weights), and where nothing was seen (w = 1/2).""",
+    f"""Left: the four scenes, mean of the three pilots of 2 camera samples per pixel, at
+    {"half" if opts.size == "default" else opts.size + " size of"} the thesis's side length. Right: the share of light
+    samples that the thesis's rule learns from them in patches of {PATCH}x{PATCH} pixels, before the filter. White
+    patches inside a shadow or beside the objects have no variance to compare, and keep w = 1/2. The minimum is outside
+    [0, 1], or the parabola not convex, in {", ".join(f"{share:.0%}" for share in least.values())} of the patches (from
+    the top).""",
 )

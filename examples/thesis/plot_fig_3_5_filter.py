@@ -3,9 +3,8 @@ Figure 3.5: the filter
 ======================
 
 Weights that are fitted patch by patch jump from patch to patch, because so few samples went into each. The thesis
-smooths them with a 5x5 Gaussian over patches. That helps where neighbours should agree; but it also blurs weights
-across the edges of shadows and materials, where they should not, and an average of two extreme weights is not the
-weight that an average of their statistics would give.
+smooths them with a 5x5 Gaussian over patches. That helps where neighbours should agree. It also blurs weights across
+the edges of shadows and materials, where they should not.
 """
 
 import sys
@@ -15,54 +14,105 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import options, show, window
+from common import SCENES, options, print_canvas, window
 
 import dmis
 from dmis import plot
-from dmis.experiment.metrics import mean_over_blocks, squared_error
+from dmis.base.color import luminance
+from dmis.base.patches import patch_mean, patch_spread
+from dmis.experiment.metrics import ratio_over_blocks, squared_error
+from dmis.filter import gaussian
+from dmis.fit.thesis import parabola_minimum
 
 opts, _ = options(__file__, __doc__)
-PATCH = opts.pick(4, 8, 16)
+PATCH = opts.pick(4, 16)
+STRATEGIES = np.array([0, 0.5, 1])
+CROPS = {  # rows and columns, in shares of the image
+    "teapot-area-light": ((0.35, 0.7), (0.65, 1)),
+    "killeroo-diffuse": ((0.62, 0.97), (0.3, 0.65)),
+    "killeroo-gold": ((0.62, 0.97), (0.3, 0.65)),
+}
 
 # %%
-# The same seed twice: the same pilot, the same raw weights; and the balance heuristic to compare with.
-scene = opts.scene("killeroo-diffuse")
-reference = opts.reference(scene)
-rules = {
-    "balance": "balance",
-    "without filter": f"thesis:patch={PATCH},filter=none",
-    "5x5 Gaussian": f"thesis:patch={PATCH}",
+# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w = 0, 1/2, 1. A direction of
+# contribution f counts as f / (w p_l + (1 - w) p_b).
+scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in CROPS}
+pilots = {
+    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k) for k, w in enumerate(STRATEGIES, 1)]
+    for name, scene in scenes.items()
 }
-results = {
-    title: dmis.render(scene, rule, opts.spp, seed=1, parallel=opts.threads, progress=show(title))
-    for title, rule in rules.items()
-}
-errors = {t: squared_error(r.image, reference.first, reference.second) for t, r in results.items()}
-mse = {title: mean_over_blocks(error) for title, error in errors.items()}
-for title, (mean, spread) in mse.items():
-    print(f"{title:15} MSE {mean:.3e} ± {spread:.1e}, ratio to balance {mean / mse['balance'][0]:.3f}")
 
 # %%
-# Top: without the filter. Bottom: with it. The crop shows what the filter does to the noise.
-part = window(scene, (0.6, 0.95), (0.25, 0.65))
-figure, axes = plot.canvas(2, 4, 17, 7.2)
-top = plot.shared_scale([np.sqrt(np.abs(e))[slice(*part[0]), slice(*part[1])] for e in errors.values()])
-for line, title in zip(axes, ("without filter", "5x5 Gaussian"), strict=True):
-    shown = plot.weights(line[0], results[title].weight, f"{title}: weights")
-    plot.mark(line[0], part, "black")
-    inside = results[title].weight[slice(*part[0]), slice(*part[1])]
-    plot.weights(line[1], inside, "weights, crop", part)
-    plot.picture(line[2], results[title].image, "image, crop", part)
-    inside = np.sqrt(np.abs(errors[title]))[slice(*part[0]), slice(*part[1])]
-    error = plot.heat(line[3], inside, "error, crop", part, cmap="magma", vmin=0, vmax=top)
-plot.weight_bar(figure, shown, axes[:, 0], shrink=0.7)
-figure.colorbar(error, ax=axes[:, 3], shrink=0.7, label="|error| of linear RGB")
-opts.save(
+# **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a pixel, averaged over a patch.
+# `Result.variance` is that of the pixel, y / n; the factor n does not move a minimum.
+variances = {
+    name: np.stack([patch_mean(luminance(pilot.variance), PATCH) for pilot in three]) for name, three in pilots.items()
+}
+
+# %%
+# **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of each patch (Eqs. 3.2-3.4) has
+# its minimum at w = -a₁ / (2 a₂) (Eq. 3.5).
+raw = {name: parabola_minimum(STRATEGIES, y)[0] for name, y in variances.items()}
+
+# %%
+# **Step 4, the filter.** The weight of patch p becomes Σ_q g(p - q) w_q over 5x5 patches q, with
+# g(d) ~ exp(-|d|² / 2).
+filtered = {name: gaussian(weight, sigma=1, radius=2) for name, weight in raw.items()}
+
+# %%
+# **Step 5, the final pass.** Each pixel has the weight of its patch. 122 of the 128 samples are left; the balance
+# heuristic, which needs no pilot, has all of them.
+SHAPES = {name: scene.camera.resolution[::-1] for name, scene in scenes.items()}
+maps = {
+    (name, title): patch_spread(weight[name], PATCH, SHAPES[name])
+    for name in scenes
+    for title, weight in (("without the filter", raw), ("with the filter", filtered))
+}
+final = {
+    (name, title): dmis.render(scenes[name], dmis.Given(weight=weight), opts.spp - 6, seed=4)
+    for (name, title), weight in maps.items()
+}
+balance = {name: dmis.render(scene, "balance", opts.spp, seed=4) for name, scene in scenes.items()}
+
+# %%
+# Was it worth it? The mean squared error over that of the balance heuristic, against two halves of a reference.
+ratios = {}
+for name, scene in scenes.items():
+    reference = opts.reference(scene, opts.pick(64, 128))
+    errors = squared_error(balance[name].image, reference.first, reference.second)
+    for title in ("without the filter", "with the filter"):
+        ours = squared_error(final[name, title].image, reference.first, reference.second)
+        ratios[name, title] = ratio_over_blocks(ours, errors)
+        value, half = ratios[name, title]
+        print(f"{name:18} {title:18} MSE / MSE of the balance heuristic {value:.3f} ± {half:.3f}")
+
+# %%
+# Left: the maps. Right: the part in the frame, its weights and the noise of the image.
+figure, axes = print_canvas(3, 6, 4.1, width_ratios=[1.3, 1.3, 1, 1, 1, 1])
+for line, name in zip(axes, scenes, strict=True):
+    part = window(scenes[name], *CROPS[name])
+    for k, title in enumerate(("without the filter", "with the filter")):
+        shown = plot.weights(line[k], maps[name, title], title if name == "teapot-area-light" else "")
+        plot.mark(line[k], part, "black")
+        inside = maps[name, title][slice(*part[0]), slice(*part[1])]
+        plot.weights(line[2 + k], inside, "", part)
+        plot.picture(line[4 + k], final[name, title].image, "", part)
+    line[0].text(-0.04, 0.5, SCENES[name].title, rotation=90, transform=line[0].transAxes, ha="right", va="center")
+for axis, title in zip(axes[0, 2:], ("weights, without", "with", "image, without", "with"), strict=True):
+    axis.set_title(title)
+for axis in axes.flat:
+    axis.set_axis_off()
+plot.weight_bar(figure, shown, axes, shrink=0.5, location="bottom", pad=0.01)
+told = "; ".join(
+    f"{SCENES[name].title} {ratios[name, 'without the filter'][0]:.3f} ± {ratios[name, 'without the filter'][1]:.3f} "
+    f"without and {ratios[name, 'with the filter'][0]:.3f} ± {ratios[name, 'with the filter'][1]:.3f} with it"
+    for name in scenes
+)
+opts.save_for_print(
     figure,
-    "Figure 3.5: weights with and without the filter",
-    f"""{scene.name}, {opts.spp} camera samples per pixel, patches of {PATCH}x{PATCH} pixels. MSE over that of the
-    balance heuristic: {mse["without filter"][0] / mse["balance"][0]:.3f} without the filter,
-    {mse["5x5 Gaussian"][0] / mse["balance"][0]:.3f} with it (one seed; relative standard errors over pixels
-    {mse["without filter"][1] / mse["without filter"][0]:.1%} and
-    {mse["5x5 Gaussian"][1] / mse["5x5 Gaussian"][0]:.1%}). The black frame marks the crop.""",
+    "Figure 3.5: weights without and with the filter",
+    f"""Share of light samples in patches of {PATCH}x{PATCH} pixels as it comes out of the fit and after the 5x5
+    Gaussian, whole and in the framed part, and that part of the final image of {opts.spp - 6} camera samples per pixel.
+    Mean squared error over that of the balance heuristic with {opts.spp} samples, one seed, 95 % intervals over blocks
+    of pixels: {told}.""",
 )

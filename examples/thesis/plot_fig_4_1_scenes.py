@@ -12,36 +12,41 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import SCENES, options, show
+from common import SCENES, options, print_canvas, show
 
 import dmis
 from dmis import plot
 
 opts, _ = options(__file__, __doc__)
+SPP = opts.pick(16, 32, 128)
+INTEGRATOR = {"killeroo-gold": "path"}
 
 # %%
-# 128 samples per pixel, 6 of them the pilot's.
+# The rule ``thesis``, with 6 samples in its pilot. Gold reflects its surroundings and little else, so that by direct
+# light alone it is black but for reflections of the light: KILLEROO GOLD is rendered with paths.
 results = {}
 for name, about in SCENES.items():
-    scene = opts.scene(name)
-    result = dmis.render(scene, "thesis", opts.spp, seed=1, parallel=opts.threads, progress=show(name))
-    results[about.title] = result
+    scene = opts.scene(name, opts.pick(16, min(about.size) / 800, 1))
+    settings = dmis.Settings(integrator=INTEGRATOR.get(name, "direct"))
+    results[about.title] = dmis.render(scene, "thesis", SPP, seed=1, settings=settings, progress=show(name))
     triangles = len(scene.plan.face_row)
     width, height = scene.camera.resolution
-    print(
-        f"{scene.name:20} {width}x{height}, {triangles:,} triangles, {len(scene.lights)} lights, "
-        f"{result.seconds['total']:.1f} s"
-    )
+    print(f"{scene.name:20} {width}x{height}, {triangles:,} triangles, {len(scene.lights)} lights")
 
 # %%
 # Nothing but the images.
-figure, axes = plot.canvas(2, 2, 14, 10.5)
+figure, axes = print_canvas(2, 2, 5, height_ratios=[1.15, 1])
 for axis, (title, result) in zip(axes.flat, results.items(), strict=True):
-    plot.picture(axis, result.image, f"{title} ({result.provenance['scene']})")
-opts.save(
+    plot.picture(axis, result.image, title)
+    axis.set_axis_off()
+opts.save_for_print(
     figure,
     "Figure 4.1: the four scenes",
-    f"""The thesis's scenes, rendered with its rule at {opts.spp} camera samples per pixel: a teapot on a floor under a
-    disk light; a diffuse creature and a golden one in a tiled room with a small sphere light; a car under an
-    environment map. sRGB, no tone mapping but clipping.""",
+    f"""The thesis's scenes, rendered with its rule at {SPP} camera samples per pixel. TEAPOT AREA LIGHT: a plastic pot
+    on a plastic board, under a disk of radius 2 that is partly in view, with a point light at the camera. KILLEROO
+    DIFFUSE and KILLEROO GOLD: a creature on a gridded floor before two gridded walls, under a disk of radius 150 at
+    height 800, with a headlight, a distant light along the view direction. TT: a car under a sky, with a small point
+    light in the closed cabin. Direct lighting, KILLEROO GOLD by paths. sRGB without tone mapping: values above 1 are
+    clipped.""",
+    dpi=260,
 )

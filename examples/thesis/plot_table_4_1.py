@@ -18,10 +18,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import ROOT, SCENES, Errors, machine, options, replace_table, show
+from common import ROOT, SCENES, Errors, machine, options, print_canvas, replace_table, show
 
 import dmis
-from dmis import plot
 from dmis.experiment.runs import median_seconds, on_cpu, spp_in_time
 
 opts, given = options(
@@ -105,9 +104,8 @@ if opts.size == "full" and opts.scene_dir is None:
 
 # %%
 # The same as a picture: below 1 the rule wins.
-figure, axes = plot.canvas(1, 2, 13, 4.8)
+figure, axes = print_canvas(1, 2, 3.1)
 places = np.arange(len(rows))
-titles = [f"{row['about'].title}\n{row['scene']}" for row in rows]
 axis = axes[0, 0]
 for shift, key, told, colour in (
     (-0.12, "equal samples", "equal_samples", "tab:blue"),
@@ -115,45 +113,30 @@ for shift, key, told, colour in (
 ):
     values, halves = np.transpose([row[key] for row in rows])
     thesis = [getattr(row["about"], told) for row in rows]
-    axis.errorbar(places + shift, values, halves, fmt="o", capsize=4, color=colour, label=f"measured, {key}")
-    axis.plot(places + shift, thesis, "D", fillstyle="none", markersize=9, color=colour, label=f"the thesis, {key}")
-axis.axhline(1, color="0.35", linestyle="--", label="balance heuristic")
+    axis.errorbar(places + shift, values, halves, fmt="o", capsize=3, color=colour, label=key)
+    axis.plot(places + shift, thesis, "D", fillstyle="none", markersize=7, color=colour, label=f"thesis, {key}")
+axis.axhline(1, color="0.35", linestyle="--", linewidth=0.8)
 axis.set_yscale("log")
 axis.set_ylabel("MSE / MSE of the balance heuristic")
 axis.yaxis.set_major_formatter(lambda x, _: f"{x:g}")
 axis.yaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "257" else "")
 axis = axes[0, 1]
-axis.bar(
-    places - 0.2,
-    [row["about"].seconds for row in rows],
-    0.4,
-    color="0.75",
-    label="the thesis (2014, thesis resolution)",
-)
-axis.bar(
-    places + 0.2,
-    [row["seconds"] for row in rows],
-    0.4,
-    color="tab:green",
-    label="measured here, at the size given below",
-)
-for place, row in zip(places, rows, strict=True):
-    axis.annotate(f"{row['seconds']:.3g}", (place + 0.2, row["seconds"]), ha="center", va="bottom")
-    axis.annotate(f"{row['about'].seconds}", (place - 0.2, row["about"].seconds), ha="center", va="bottom")
+axis.bar(places - 0.2, [row["about"].seconds for row in rows], 0.4, color="0.75", label="thesis, 2014")
+axis.bar(places + 0.2, [row["seconds"] for row in rows], 0.4, color="tab:green", label="here")
 axis.set_yscale("log")
 axis.set_ylabel("seconds of the balance heuristic")
 for axis in axes[0]:
-    axis.set_xticks(places, titles, fontsize=7.5)
-    axis.legend(fontsize=8, loc="upper left", ncols=2)
-    low, high = axis.get_ylim()
-    axis.set_ylim(top=high * (high / low) ** 0.3)  # room for the legend
-opts.save(
+    axis.set_xticks(places, [row["about"].title.replace(" ", "\n") for row in rows], fontsize=7)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
+sizes = ", ".join(row["scene"].split()[-1] for row in rows)
+opts.save_for_print(
     figure,
     "Table 4.1: the thesis's rule against the balance heuristic",
     f"""Left: mean squared error of the thesis's rule (pilot of 2 + 2 + 2 samples, patches of
     {given.patch}x{given.patch} pixels, 5x5 Gaussian) over that of the balance heuristic (one light and one BRDF sample
-    each time, {opts.spp} camera samples per pixel), {len(SEEDS)} seed(s)
-    ({len(timed[base])} in equal time); bars are 95 % confidence intervals from the spread over blocks of pixels.
-    Diamonds: the thesis's numbers. Samples that fit in the balance heuristic's time:
-    {", ".join(str(row["spp"]) for row in rows)} (thesis: 125). Right: seconds of the balance heuristic.""",
+    each time, {opts.spp} camera samples per pixel, {sizes} pixels), {len(SEEDS)} seed(s) ({len(timed[base])} in equal
+    time); bars are 95 % confidence intervals from the spread over blocks of pixels. Diamonds: the thesis's numbers.
+    Samples that fit in the balance heuristic's time: {", ".join(str(row["spp"]) for row in rows)} (thesis: 125). Right:
+    CPU seconds of the balance heuristic at these sizes, and the thesis's seconds at its own,
+    {", ".join("x".join(map(str, row["about"].size)) for row in rows)}.""",
 )
