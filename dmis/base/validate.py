@@ -5,6 +5,7 @@ Numbers of NumPy are accepted and converted to Python's, so that dataclasses mad
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable
 from math import inf
 from typing import Any, TypeVar
@@ -91,3 +92,19 @@ def positive(name: str, value: float) -> float:
     if not 0 < value < np.inf:
         raise ValueError(f"{name} must be positive and finite; got {value}")
     return value
+
+
+def check_methods(value: object, protocol: type, names: Iterable[str]) -> None:
+    """Raise a ValueError if the class of `value` only inherits one of the methods `names` from `protocol`.
+
+    The message names the method with its arguments, and quotes what the protocol says that it returns.
+    """
+    for name in names:
+        inherited = [vars(base)[name] for base in protocol.__mro__ if name in vars(base)]
+        if getattr(type(value), name) in inherited:
+            arguments = ", ".join(list(inspect.signature(inherited[0]).parameters)[1:])
+            purpose = inspect.getdoc(inherited[0]).splitlines()[0]  # type: ignore[union-attr]
+            raise ValueError(
+                f"{type(value).__name__} must define the method {name}({arguments}), for which {protocol.__name__} has "
+                f"no default. {purpose}"
+            )

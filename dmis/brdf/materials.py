@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.cosines import MAX_EXPONENT
@@ -47,7 +48,7 @@ class Material:
     Raises
     ------
     ValueError
-        If one of `lobes` is no lobe.
+        If one of `lobes` is no lobe, or lacks a method that has no default.
     """
 
     lobes: tuple[Lobe, ...]
@@ -60,6 +61,10 @@ class Material:
                     f"lobes must derive from dmis.brdf.lobe.Lobe or DeltaLobe, whose defaults a scene's plan reads; "
                     f"got {lobe!r}. Write class {type(lobe).__name__}(Lobe)"
                 )
+            if lobe.delta:
+                check_methods(lobe, DeltaLobe, ["scatter"])
+            else:
+                check_methods(lobe, Lobe, ["eval", "pdf", "sample"])
 
 
 def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:

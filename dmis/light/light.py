@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
+from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
 from dmis.light.coincident import Coincident
@@ -152,6 +153,16 @@ class DeltaLight(Light, Protocol):
     def is_at(self, point: Array, tolerance: float) -> bool:
         """Return whether the light stands at `point` ``(3,)``, so that all that is seen from there is unshadowed."""
         return False
+
+
+def check_light(light: Light) -> None:
+    """Raise a ValueError if a light lacks a method that has no default."""
+    if light.delta:
+        check_methods(light, DeltaLight, ["sample"])
+        return
+    check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
+    if not light.infinite and not hasattr(light, "radiance"):
+        check_methods(light, AreaLight, ["emission", "brightness"])
 
 
 def moved(position: Rgb | Array, origin: Array, length: float) -> Any:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
+from warnings import warn
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.samplers.streams import stream
 from dmis.scene.rescale import rescale_for_float32
-from dmis.scene.scene import Scene
+from dmis.scene.scene import Scene, SceneWarning
 
 MIN_SPP_TO_LEARN = 16
 """Camera samples per pixel from which on a pilot pays."""
@@ -104,6 +105,7 @@ class Job:
         if not isinstance(scene, Scene):
             raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
         spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
+        _warn_if_dark(scene)
         float32_scene, gain = rescale_for_float32(scene)
         rule = default_rule(spp, settings) if rule is None else rule
         rule_text = rule if isinstance(rule, str) else repr(rule)
@@ -266,3 +268,13 @@ def _check_rule(rule: Rule, rule_text: str, settings: Settings) -> None:
 def _densities_known(settings: Settings) -> bool:
     """Return whether the pdf of every technique is known."""
     return all(technique_by_name(name).exact for name in settings.techniques)
+
+
+def _warn_if_dark(scene: Scene) -> None:
+    """Warn before a black image is rendered because no light of the scene emits."""
+    if not any(light.has_power() for light in scene.lights):
+        text = (
+            f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, "
+            f"such as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
+        )
+        warn(SceneWarning(text), stacklevel=4)

@@ -45,7 +45,9 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
     for k, delta in enumerate(plan.deltas):
         rays = ", at the pinhole: no shadow rays from camera hits" if k in plan.headlights else ""
         lines.append(f"  {type(delta).__name__}: a single direction, outside MIS{rays}")
-    if not plan.sampled:
+    if not plan.has_light:
+        lines.append("  no light emits: images are black")
+    elif not plan.sampled:
         lines.append("  no light to sample by two techniques: MIS does not apply")
     if len(plan.pinhole_offsets):
         lines.append("  the camera lies in the plane of triangles around it, and does not see them")

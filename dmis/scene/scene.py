@@ -20,7 +20,7 @@ from dmis.base.validate import whole
 from dmis.base.vectors import TINY, Array, dot
 from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
-from dmis.light.light import Light
+from dmis.light.light import Light, check_light
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.defaults import MAX_DEPTH
@@ -68,8 +68,8 @@ class Scene:
     Raises
     ------
     ValueError
-        If an argument is something else, there is no part, a part's light is not among the lights, a mesh light that is
-        not flat is no part's, or there is no such integrator or depth.
+        If an argument is something else, there is no part, a part's light is not among the lights, a light lacks a
+        method, a mesh light that is not flat is no part's, or there is no such integrator or depth.
 
     Warns
     -----
@@ -112,6 +112,7 @@ class Scene:
                     "a part's light must be among the scene's lights, because it would be seen but not sampled"
                 )
         for light in self.lights:
+            check_light(light)
             if light.hides_itself() and not any(part.light is light for part in self.parts):
                 raise ValueError(
                     f"a {type(light).__name__} that is not flat must be a part of the scene too, because its triangles "

@@ -1,0 +1,247 @@
+"""Lobes and lights that are written outside the package, against shipped ones; errors and warnings about them."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from helpers import FLOOR, Z_LIMIT, box_scene, uniforms, z_score
+
+import dmis
+from dmis.base.vectors import Array, dot, normalise
+from dmis.brdf.cosines import Directions, LocalFrame
+from dmis.brdf.diffuse import Lambert, cosine_pdf, cosine_sample
+from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.texture import Image
+from dmis.formats.load_scene import light_part
+from dmis.geometry.shapes import quad
+from dmis.light.light import AreaLight, DeltaLight, InfiniteLight
+from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
+from dmis.samplers.warp import square_to_sphere
+from dmis.scene.groups import Part
+from dmis.scene.scene import SceneWarning
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSky(InfiniteLight):
+    """Radiance 2 from above the plane x = 0, and 1 from below; sampled uniformly."""
+
+    def radiance(self, wi: Array) -> Array:
+        return np.where(wi[[0, 0, 0]] > 0, np.float32(2), np.float32(1))
+
+    def sample(self, p: Array, u: Array) -> LightSample:
+        return self.hit(p, square_to_sphere(u))
+
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        n = wi.shape[1]
+        pdf = np.full(n, 1 / (4 * np.pi), np.float32)
+        return LightSample(wi, np.full(n, INFINITE_DISTANCE), self.radiance(wi), pdf, np.ones(n, bool))
+
+
+@dataclass(frozen=True, eq=False)
+class Candle(DeltaLight):
+    """A point light at (0, 0, 2) of intensity 4."""
+
+    def sample(self, p: Array, u: Array | None = None) -> LightSample:
+        to = np.array([[0], [0], [2]], np.float32) - p
+        distance = np.sqrt(dot(to, to))
+        one = np.ones_like(distance)
+        return LightSample(to / distance, distance, np.repeat((4 / distance**2)[None], 3, axis=0), one, one > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Paper(Lobe):
+    """Diffuse transmission: light from the other side leaves with the same radiance in all directions."""
+
+    share: Any
+    colours: ClassVar[tuple[str, ...]] = ("share",)
+    transmissive: ClassVar[bool] = True
+
+    def eval(self, directions: Directions) -> Array:
+        return self.share * (directions.above / np.float32(np.pi))
+
+    def pdf(self, directions: Directions) -> Array:
+        return cosine_pdf(directions)
+
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        return cosine_sample(surface, u)
+
+
+@dataclass(frozen=True, eq=False)
+class Paint(Lobe):
+    """Lambert's lobe, with another name for its colour."""
+
+    tint: Any
+    colours: ClassVar[tuple[str, ...]] = ("tint",)
+
+    def eval(self, directions: Directions) -> Array:
+        return self.tint * np.float32(1 / np.pi)
+
+    def pdf(self, directions: Directions) -> Array:
+        return cosine_pdf(directions)
+
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        return cosine_sample(surface, u)
+
+
+@dataclass(frozen=True, eq=False)
+class Panel(AreaLight):
+    """A square that shines downwards at a height, brighter where x > 0."""
+
+    height: float
+    textured: ClassVar[bool] = True
+
+    def emission(self, p: Array) -> Array:
+        return np.where(p[[0, 0, 0]] > 0, np.float32(8), np.float32(1))
+
+    def brightness(self, length: float) -> float:
+        return 8.0
+
+    def mesh(self) -> dmis.Mesh:
+        return quad((-1, -1, self.height), (0, 2, 0), (2, 0, 0))
+
+    def sample(self, p: Array, u: Array) -> LightSample:
+        to = np.stack([2 * u[0] - 1, 2 * u[1] - 1, np.full_like(u[0], self.height)]) - p
+        return self.hit(p, normalise(to))
+
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        distance = (np.float32(self.height) - p[2]) / np.where(wi[2] == 0, np.float32(1e-12), wi[2])
+        x = p + wi * distance
+        inside = (distance > 0) & (np.abs(x[:2]) <= 1).all(axis=0)
+        pdf = np.where(inside, distance * distance / (4 * np.maximum(np.abs(wi[2]), np.float32(1e-12))), np.float32(0))
+        return LightSample(wi, distance, self.emission(x), pdf, inside & (wi[2] > 0))
+
+
+@pytest.mark.parametrize("rule", ["fixed:0", "fixed:1", "balance"])
+def test_infinite_light_against_a_map(rule: str) -> None:
+    """The map is 2 for azimuths within 90 degrees of +x, else 1, up to its texels' edges."""
+    texels = np.ones((2, 256, 3), np.float32)
+    texels[:, :64] = texels[:, 192:] = 2
+    own, shipped = (box_scene(lights=(light,)) for light in (HalfSky(), dmis.EnvironmentLight(texels)))
+    settings = dmis.Settings(integrator="direct")
+
+    def images(scene: dmis.Scene, first: int) -> Array:
+        seeds = range(first, first + 16)
+        return np.array([dmis.render(scene, rule, 16, seed=s, settings=settings).image.mean() for s in seeds])
+
+    assert abs(z_score(images(own, 0), images(shipped, 100))) < Z_LIMIT
+
+
+def test_delta_light_against_a_point_light() -> None:
+    """Deltas have no noise of their own: the same samples give the same image, up to float32."""
+    own, shipped = (
+        dmis.render(box_scene(lights=(light,)), "balance", 8, settings=dmis.Settings(integrator="direct")).image
+        for light in (Candle(), dmis.PointLight((0, 0, 2), (4, 4, 4)))
+    )
+    assert shipped.max() > 0.1
+    np.testing.assert_allclose(own, shipped, rtol=1e-5)
+
+
+@pytest.mark.parametrize("rule", ["fixed:0", "fixed:1", "balance"])
+def test_transmissive_lobe_under_an_even_sky(rule: str) -> None:
+    """Paper of transmittance t under an even sky of radiance 1 lets t through, with all techniques."""
+    sky = dmis.EnvironmentLight(np.ones((4, 8, 3)))
+    scene = box_scene(dmis.Material((Paper((0.6, 0.3, 0.1)),)), (sky,), fov=10.0)
+    settings = dmis.Settings(integrator="direct")
+    images = [dmis.render(scene, rule, 16, seed=s, settings=settings).image.mean(axis=(0, 1)) for s in range(16)]
+    for values, share in zip(np.array(images).T, (0.6, 0.3, 0.1), strict=True):
+        if rule == "fixed:0":  # BRDF samples of an even sky weigh the transmittance exactly: no noise but rounding
+            np.testing.assert_allclose(values, share, rtol=1e-5)
+        else:
+            assert abs(z_score(values, share)) < Z_LIMIT
+
+
+def test_image_in_a_field_of_any_name() -> None:
+    """A textured lobe with a colour of its own name has the image of Lambert's lobe, bit for bit."""
+    texels = uniforms(8 * 8).reshape(8, 8, 2)[..., :1] * np.float32([0.9, 0.5, 0.2])
+    floor = replace(FLOOR, uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
+    lamp = dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
+    camera = box_scene().camera
+    own, shipped = (
+        dmis.render(dmis.Scene(camera, (Part(floor, dmis.Material((lobe(Image(texels)),))),), (lamp,)), "balance", 4)
+        for lobe in (Paint, Lambert)
+    )
+    assert np.ptp(shipped.image) > 0.01
+    np.testing.assert_array_equal(own.image, shipped.image)
+
+
+def test_rescaled_is_asked_for_where_it_is_needed() -> None:
+    """A light that cannot be rescaled will do in ordinary units, and not a million away from the origin."""
+    lamp = Panel(2.0)
+    ordinary = box_scene(lights=(lamp,), extra=(light_part(lamp),))
+    assert dmis.render(ordinary, "balance", 2).image.max() > 0
+    shift = np.eye(4)
+    shift[0, 3] = 1e6
+    far = replace(ordinary, parts=(Part(FLOOR.transformed(shift), dmis.matte()),), lights=(lamp,))
+    with pytest.raises(ValueError, match=r"Panel has no method rescaled\(origin, length, gain\)"):
+        dmis.render(far, "balance", 2)
+
+
+def test_a_textured_light_may_not_overlap_a_triangle() -> None:
+    lamp = Panel(2.0)
+    scene = box_scene(
+        lights=(lamp,), extra=(light_part(lamp), Part(quad((0, 0, 2), (3, 0, 0), (0, 3, 0)), dmis.matte()))
+    )
+    with pytest.raises(ValueError, match=r"textured light must not lie in one plane .* got a Panel\. Move one"):
+        dmis.render(scene, "balance", 2)
+
+
+def test_material_refuses_what_is_no_lobe() -> None:
+    with pytest.raises(ValueError, match=r"lobes must derive from dmis\.brdf\.lobe\.Lobe .* class int\(Lobe\)"):
+        dmis.Material((7,))  # type: ignore[arg-type]
+
+
+def without(method: str, base: type, parent: type) -> object:
+    """Return an object of a class like `base` that inherits `method` from the protocol `parent`."""
+    return type("Mine", (base,), {method: getattr(parent, method)})()
+
+
+@pytest.mark.parametrize(
+    "method, signature, says",
+    [
+        ("eval", r"eval\(directions\)", "Return the BSDF without the cosine"),
+        ("pdf", r"pdf\(directions\)", "Return the density of `sample` per solid angle"),
+        ("sample", r"sample\(surface, u\)", "Sample directions"),
+    ],
+)
+def test_material_names_the_method_that_a_lobe_lacks(method: str, signature: str, says: str) -> None:
+    lobe = type("Mine", (Paint,), {method: getattr(Lobe, method)})(0.5)
+    with pytest.raises(ValueError, match=rf"Mine must define the method {signature}.*{says}"):
+        dmis.Material((lobe,))
+
+
+def test_material_names_the_method_that_a_delta_lobe_lacks() -> None:
+    class Mine(DeltaLobe):
+        pass
+
+    with pytest.raises(ValueError, match=r"Mine must define the method scatter\(surface\).*Return directions"):
+        dmis.Material((Mine(),))  # type: ignore[abstract]
+
+
+@pytest.mark.parametrize(
+    "make, signature",
+    [
+        (lambda: without("sample", HalfSky, InfiniteLight), r"sample\(p, u\)"),
+        (lambda: without("hit", HalfSky, InfiniteLight), r"hit\(p, wi\)"),
+        (lambda: without("sample", Candle, DeltaLight), r"sample\(p, u\)"),
+        (lambda: type("Mine", (Panel,), {"emission": AreaLight.emission})(2.0), r"emission\(p\)"),
+        (lambda: type("Mine", (Panel,), {"brightness": AreaLight.brightness})(2.0), r"brightness\(length\)"),
+    ],
+)
+def test_scene_names_the_method_that_a_light_lacks(make: Callable[[], Any], signature: str) -> None:
+    with pytest.raises(ValueError, match=rf"Mine must define the method {signature}"):
+        box_scene(lights=(make(),))
+
+
+@pytest.mark.parametrize("lights", [(), (dmis.PointLight((0, 0, 1), (0, 0, 0)),)])
+def test_a_scene_without_light_warns_and_says_so(lights: tuple[dmis.PointLight, ...]) -> None:
+    scene = box_scene(lights=lights)
+    assert "no light emits: images are black" in scene.describe()
+    with pytest.warns(SceneWarning, match=rf"none of its {len(lights)} lights emits.*Add a light"):
+        assert not dmis.render(scene, "balance", 2).image.any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dmis.render(box_scene(), "balance", 2)
+    assert "images are black" not in box_scene().describe()
