@@ -1,0 +1,66 @@
+# Public names of dmis and their modules, one on each line: type checkers and dmis/__init__.py read them here.
+
+from dmis import plot as plot
+from dmis.brdf.materials import Material as Material
+from dmis.brdf.materials import glass as glass
+from dmis.brdf.materials import matte as matte
+from dmis.brdf.materials import metal as metal
+from dmis.brdf.materials import mirror as mirror
+from dmis.brdf.materials import plastic as plastic
+from dmis.brdf.materials import shiny_metal as shiny_metal
+from dmis.brdf.materials import substrate as substrate
+from dmis.brdf.materials import uber as uber
+from dmis.brdf.models import ashikhmin_shirley as ashikhmin_shirley
+from dmis.brdf.models import blinn_phong as blinn_phong
+from dmis.brdf.models import coated_diffuse as coated_diffuse
+from dmis.brdf.models import cook_torrance as cook_torrance
+from dmis.brdf.models import ggx as ggx
+from dmis.brdf.models import lafortune as lafortune
+from dmis.brdf.models import phong as phong
+from dmis.brdf.models import rough_glass as rough_glass
+from dmis.brdf.models import torrance_sparrow as torrance_sparrow
+from dmis.brdf.models import ward as ward
+from dmis.brdf.texture import Image as Image
+from dmis.estimator.settings import Settings as Settings
+from dmis.estimator.technique import Technique as Technique
+from dmis.estimator.technique import register_technique as register_technique
+from dmis.experiment.compare import compare as compare
+from dmis.experiment.metrics import mse as mse
+from dmis.experiment.metrics import relmse as relmse
+from dmis.experiment.oracle import make_oracle as make_oracle
+from dmis.experiment.reference import Reference as Reference
+from dmis.experiment.reference import make_reference as make_reference
+from dmis.experiment.runs import measure as measure
+from dmis.fit.given import Given as Given
+from dmis.fit.registry import make_rule as make_rule
+from dmis.fit.registry import register_rule as register_rule
+from dmis.fit.rule import Fit as Fit
+from dmis.fit.rule import Rule as Rule
+from dmis.formats.load_scene import SHIPPED as SHIPPED
+from dmis.formats.load_scene import load_scene as load_scene
+from dmis.geometry.mesh import Mesh as Mesh
+from dmis.geometry.mesh_files import load_mesh as load_mesh
+from dmis.geometry.subdivision import loop_subdivide as loop_subdivide
+from dmis.image import read_exr as read_exr
+from dmis.image import write_exr as write_exr
+from dmis.light.area import DiskLight as DiskLight
+from dmis.light.area import QuadLight as QuadLight
+from dmis.light.area import SphereLight as SphereLight
+from dmis.light.delta import DistantLight as DistantLight
+from dmis.light.delta import PointLight as PointLight
+from dmis.light.delta import SpotLight as SpotLight
+from dmis.light.environment import EnvironmentLight as EnvironmentLight
+from dmis.light.mesh_light import MeshLight as MeshLight
+from dmis.pipeline.executor import Processes as Processes
+from dmis.pipeline.render import render as render
+from dmis.pipeline.result import Result as Result
+from dmis.pipeline.result import find_fireflies as find_fireflies
+from dmis.pipeline.result import write_image as write_image
+from dmis.samplers.pixel_filter import PixelFilter as PixelFilter
+from dmis.samplers.streams import register_sampler as register_sampler
+from dmis.scene.camera import Camera as Camera
+from dmis.scene.groups import Part as Part
+from dmis.scene.scene import Scene as Scene
+
+__version__: str
+__all__: list[str]
