@@ -6,8 +6,8 @@ Renders a small scene of direct lighting with one rule, and counts the files of 
 that it called. A line counts if it has code: docstrings, comments and blank lines do not. The last column counts
 docstrings, too. Files come in the order in which docs/code.md says to read them, the others after them.
 
-The scene has one lobe (Lambert) and one light (a quadrilateral). Its plan, triangle tables and Embree scene are made
-before, unless `--first` is given.
+The scene has one lobe (Lambert) and one light (a quadrilateral). What is kept with it (its units, plan, triangle tables
+and Embree scene) is made before, unless `--first` is given.
 """
 
 from __future__ import annotations

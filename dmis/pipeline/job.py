@@ -106,7 +106,7 @@ class Job:
             raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
         spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
         _warn_if_dark(scene)
-        float32_scene, gain = rescale_for_float32(scene)
+        float32_scene, gain = _float32_scene(scene)
         rule = default_rule(spp, settings) if rule is None else rule
         rule_text = rule if isinstance(rule, str) else repr(rule)
         rule = make_rule(rule)
@@ -201,6 +201,18 @@ class Job:
         settings = replace(settings, combiner=combiner, shading_samples=shading_samples)
         control = control_variate.coefficients(pilot[0.5], shares) if controlled else None
         return FinalPass(fit, shares, settings, samples, control)
+
+
+def _float32_scene(scene: Scene) -> tuple[Scene, float]:
+    """Return the scene in units that float32 holds, and the gain of its image, see `dmis.scene.rescale`.
+
+    Both are kept with the scene, so that its next render finds them, with tables and Embree's copy. None stands for the
+    scene itself: it would refer to itself, and its memory would not be freed at once.
+    """
+    if (kept := vars(scene).get("_float32")) is None:
+        rescaled, gain = rescale_for_float32(scene)
+        kept = vars(scene)["_float32"] = (None if rescaled is scene else rescaled, gain)
+    return kept[0] or scene, kept[1]
 
 
 def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool) -> Settings:

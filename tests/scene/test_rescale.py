@@ -1,6 +1,9 @@
 """Units that suit float32: extreme scenes give the image of the tame one, ordinary scenes are not touched."""
 
-from dataclasses import replace
+import gc
+import pickle
+import weakref
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ from helpers import FLOOR, box_scene
 
 import dmis
 from dmis.geometry.transforms import scale, translate
+from dmis.pipeline.job import Job
 from dmis.scene.groups import Part
 from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import Scene
@@ -126,6 +130,22 @@ def test_vertices_of_no_triangle_do_not_count(far: float) -> None:
     other = replace(scene, parts=(replace(floor, mesh=mesh),))
     assert other.epsilon == scene.epsilon and rescale_for_float32(other)[0] is other
     np.testing.assert_array_equal(*(dmis.render(s, "balance", 4).image for s in (scene, other)))
+
+
+def test_the_next_render_finds_the_scene_that_was_rescaled() -> None:
+    """Its tables are built once; a pickled scene has neither, and an ordinary scene is freed when it is let go."""
+    extreme, ordinary = zoo(length=2.0**30), zoo()
+    first, second = (Job.of(extreme, "balance", 2, seed, dmis.Settings()).scene for seed in range(2))
+    assert first is second is not extreme
+    assert Job.of(ordinary, "balance", 2, 0, dmis.Settings()).scene is ordinary
+    assert vars(pickle.loads(pickle.dumps(extreme))).keys() == {field.name for field in fields(Scene)}
+    alive = weakref.ref(ordinary)
+    gc.disable()
+    try:
+        del ordinary
+        assert alive() is None
+    finally:
+        gc.enable()
 
 
 def sunlit(distance: float, surface: bool = True, ground: float = 6.0, name: str = "box") -> Scene:
