@@ -58,7 +58,7 @@ def test_tutorial_runs(tutorial, cache, tmp_path):
         env={**os.environ, "DMIS_CACHE": str(cache), "MPLBACKEND": "agg", "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,
     )
     assert (done.returncode, done.stderr) == (0, "")
     pictures = sorted((tmp_path / "figures" / "tutorials").iterdir())
@@ -181,7 +181,7 @@ def test_demo_quick(tmp_path):
         [sys.executable, ROOT / "examples" / "demo.py", "--quick", "-o", picture],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,
     )
     assert done.returncode == 0, done.stderr
     rows = [line for line in done.stdout.split("\n") if line.startswith(("| balance", "| thesis"))]

@@ -34,7 +34,7 @@ def run(script: Path, cache: Path, *arguments: str | Path, scenes: Path | None =
         env=environment,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=1200,
         check=False,
     )
     assert done.returncode == 0, done.stderr
