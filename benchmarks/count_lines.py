@@ -42,7 +42,7 @@ def small_scene() -> dmis.Scene:
     ball = dmis.Part(sphere(0.6, segments=16).transformed(translate((0, 0, 0.6))), dmis.matte((0.5, 0.2, 0.1)))
     lamp = dmis.QuadLight((-0.5, -0.5, 2.4), (0, 1, 0), (1, 0, 0), (6, 5, 4))
     camera = dmis.Camera.look_at((0, -3.6, 1.8), (0, 0, 0.7), fov=45, resolution=(16, 12))
-    return dmis.Scene(camera, (floor, ball), (lamp,), "ball", "direct")
+    return dmis.Scene(camera, (floor, ball), (lamp,), "ball", dmis.Suggestions("direct"))
 
 
 def called_functions(scene: dmis.Scene, rule: str, spp: int) -> set[CodeType]:

@@ -30,6 +30,7 @@ from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
+from dmis.scene.suggestions import Suggestions
 
 LIMIT = 1.01
 KD = (0.5, 0.25, 0.125)
@@ -44,7 +45,7 @@ def plain(size: tuple[int, int]) -> Scene:
     gold = metal(roughness=0.05)
     square = quad((-0.2, -3.9, 0.7), (0.4, 0, 0), (0, 0, 0.3))
     parts = Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), plastic(KD)), Part(ball, gold), Part(square, gold)
-    return Scene(camera, parts, (LAMP, PointLight((2, -2, 2), (1, 1, 1))), "plain", "direct", 5)
+    return Scene(camera, parts, (LAMP, PointLight((2, -2, 2), (1, 1, 1))), "plain", Suggestions("direct", 5))
 
 
 def behind(material: Material) -> Callable[[Scene], Scene]:

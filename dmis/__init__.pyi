@@ -61,6 +61,7 @@ from dmis.samplers.streams import register_sampler as register_sampler
 from dmis.scene.camera import Camera as Camera
 from dmis.scene.groups import Part as Part
 from dmis.scene.scene import Scene as Scene
+from dmis.scene.suggestions import Suggestions as Suggestions
 
 __version__: str
 __all__: list[str]

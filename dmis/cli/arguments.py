@@ -54,9 +54,10 @@ def _render(command: argparse.ArgumentParser) -> None:
         help="output image with the layers RGB, weight, variance, samples",
     )
     command.add_argument("--png", metavar="OUT.png", help="also write a preview image")
-    command.add_argument("--spp", type=int, default=128, help="camera samples per pixel, pilot included (default 128)")
+    command.add_argument("--spp", type=int, help="camera samples per pixel, pilot included (default 128)")
     command.add_argument("--resolution", type=_resolution, metavar="WxH", help="pixels (default: as the scene says)")
     _add_integrator(command)
+    _add_as_in_file(command)
     command.add_argument(
         "--rule",
         help=f"weight rule: {', '.join(RULES)}; with options: thesis:patch=8,filter=none (default auto, or balance for "
@@ -96,6 +97,7 @@ def _compare(command: argparse.ArgumentParser) -> None:
     """Add the options of ``compare``."""
     _add_scene_options(command)
     _add_integrator(command)
+    _add_as_in_file(command)
     command.add_argument("scene", help="a pbrt or mesh file, or the name of a scene that comes with dmis")
     command.add_argument(
         "--rules", default="balance,thesis,auto", help="rules separated by commas, or all (default balance,thesis,auto)"
@@ -103,7 +105,6 @@ def _compare(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--spp",
         type=_sample_counts,
-        default=[128],
         metavar="N,N,...",
         help="camera samples per pixel of each budget (default 128)",
     )
@@ -197,6 +198,15 @@ def _add_integrator(command: argparse.ArgumentParser) -> None:
         metavar="D",
         help="largest number of surfaces on a path; direct: through mirrors and glass; path: that scatter light, where "
         "1 is direct lighting and none sets no limit (default: as the scene says, or 5)",
+    )
+
+
+def _add_as_in_file(command: argparse.ArgumentParser) -> None:
+    """Add --as-in-file."""
+    command.add_argument(
+        "--as-in-file",
+        action="store_true",
+        help="take sampler, samples per pixel and light, and strategy from the scene file, unless other options say",
     )
 
 

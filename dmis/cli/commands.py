@@ -46,6 +46,8 @@ from dmis.pipeline.tile import Tile
 from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import Scene
 
+DEFAULT_SPP = 128
+"""Camera samples per pixel where neither an option nor the scene's file says."""
 CLUSTER_TIMEOUT = 30.0
 """Seconds to wait for a Dask scheduler to answer, and again for its first worker."""
 
@@ -95,9 +97,20 @@ def _load(options: argparse.Namespace) -> Scene:
     )
 
 
-def _settings(options: argparse.Namespace) -> dict[str, Any]:
+def _given_settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the fields of `Settings` that were given as options, by name."""
     return {field.name: getattr(options, field.name) for field in fields(Settings) if hasattr(options, field.name)}
+
+
+def _settings(options: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """Return fields of `Settings` by name: those given, and with --as-in-file the scene file's."""
+    given = _given_settings(options)
+    return vars(Settings.as_in_file(scene, **given)) if options.as_in_file else given
+
+
+def _spp(options: argparse.Namespace, scene: Scene) -> int:
+    """Return the camera samples per pixel where no option says."""
+    return (scene.suggested.spp if options.as_in_file else None) or DEFAULT_SPP
 
 
 def _compare(options: argparse.Namespace) -> int:
@@ -105,12 +118,13 @@ def _compare(options: argparse.Namespace) -> int:
     if not 1 <= options.seeds <= 10_000:
         raise ValueError(f"--seeds must be from 1 to 10000; got {options.seeds}")
     rules = parse_rules(options.rules)
-    settings = _settings(options)
-    expected = {name: settings[name] for name in ("integrator", "max_depth") if name in settings}  # of the image
-    curves = {name: value for name, value in settings.items() if name != "sampler"}
-    make_settings(**settings)  # a bad one ends the command before the reference is rendered
+    make_settings(**_given_settings(options))  # a bad one ends the command before the scene is read
     check_output(options.output)  # before the reference is rendered
     scene = _load(options)
+    counts = options.spp or [_spp(options, scene)]
+    settings = _settings(options, scene)
+    expected = {name: settings[name] for name in ("integrator", "max_depth") if name in settings}  # of the image
+    curves = {name: value for name, value in settings.items() if name != "sampler"}
     if options.verbose:
         print(_description(scene), flush=True)
     with _ProgressBar(options.quiet) as progress:
@@ -125,11 +139,11 @@ def _compare(options: argparse.Namespace) -> int:
         if options.oracle_spp is not None:
             oracle = make_oracle(scene, options.oracle_spp, parallel=options.threads, progress=progress, **curves)
         comparison = compare(
-            scene, rules, options.spp, seeds, reference, options.output,
+            scene, rules, counts, seeds, reference, options.output,
             oracle=oracle, progress=_print_run if options.verbose else progress, parallel=options.threads,
             **settings,
         )  # fmt: skip
-    missing = [(rule, n) for n in options.spp for rule in rules if (rule, n) not in comparison.runs]
+    missing = [(rule, n) for n in counts for rule in rules if (rule, n) not in comparison.runs]
     for rule, n in missing:
         print(
             f"dmis: {rule} is left out at {n} samples per pixel, because its pilot needs as many: use a larger --spp",
@@ -164,11 +178,12 @@ def _render(options: argparse.Namespace) -> int:
         raise ValueError(f"files to write must differ from each other and from the scene; got {repeated[0]} twice")
     threads = options.threads or options.workers or os.cpu_count() or 1
     scene = _load(options)
+    spp = _spp(options, scene) if options.spp is None else options.spp
     for path in files:
         check_writable(path, 32 * math.prod(scene.camera.resolution) + 2**16)  # eight channels and their description
     tiles: list[Tile] = []
     with _cluster(options.cluster) as executor, _ProgressBar(options.quiet) as progress:
-        job = Job.of(scene, options.rule, options.spp, options.seed, make_settings(**_settings(options)))
+        job = Job.of(scene, options.rule, spp, options.seed, make_settings(**_settings(options, scene)))
         parallel = executor or (Processes(options.workers) if options.workers else options.threads)
         result = render_job(job, parallel, progress, options.checkpoint, tiles.extend if options.stats else None)
     write_image(output, result)
@@ -183,7 +198,7 @@ def _render(options: argparse.Namespace) -> int:
         seconds = result.seconds["total"]
         rate = _samples(result) / seconds / 1e6
         rule = result.provenance["rule"]
-        print(f"{output}: {rule}, {options.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_fireflies(result)}")
+        print(f"{output}: {rule}, {spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_fireflies(result)}")
     if options.verbose:
         print("\n".join([f"  {_description(scene)}", *_time_and_rays(result)]))
     return 0
@@ -289,7 +304,7 @@ def _bench(options: argparse.Namespace) -> int:
         speeds = bench(
             options.scenes or SHIPPED, parse_rules(options.rules), options.resolution, options.spp,
             parallel=options.threads, repeats=options.repeats, seed=options.seed, progress=progress,
-            **_settings(options),
+            **_given_settings(options),
         )  # fmt: skip
     print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     return 0

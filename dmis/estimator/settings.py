@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import technique_by_name
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
-from dmis.scene.scene import Scene
+from dmis.scene.scene import Scene, SceneWarning
 
 MOST = 100
 """Shading samples of a camera sample."""
@@ -128,6 +129,35 @@ class Settings:
         """Whether one light is picked at each point; `integrator` must not be ``auto`` any more."""
         return self.lights == "one" or (self.lights == "pbrt" and self.integrator == "path")
 
+    @classmethod
+    def as_in_file(cls, scene: Scene, **options: Any) -> Settings:
+        """Return the settings that the file of `scene` suggests, see `dmis.scene.suggestions.Suggestions`.
+
+        `options` are settings that replace what the file says. Direct lighting takes as many shading samples as the
+        light with the most has light and BRDF samples in pbrt, at most `MOST`; paths take one of each, of one light.
+
+        Warns
+        -----
+        SceneWarning
+            If the file asks for what dmis does not have.
+        """
+        suggested = scene.suggested
+        preset = options.get("preset")
+        direct = resolve_auto(make_settings(**options), scene).integrator == "direct"
+        samples = (suggested.shading_samples if direct else None) or 2
+        unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {MOST})"] if samples > MOST else [])]
+        if unmet:
+            text = f"scene {scene.name}: the file asks for what dmis does not have: {', '.join(unmet)}"
+            warnings.warn(SceneWarning(text), stacklevel=2)
+        values = {
+            "shading_samples": min(samples, MOST),
+            "lights": (suggested.lights or "all") if direct else "one",
+            "sampler": suggested.sampler or "independent",
+        }
+        if preset is not None:  # what it pins stays as it is
+            values = {name: value for name, value in values.items() if name in PRESETS[preset].choices}
+        return make_settings(**{**values, **options})
+
     @property
     def deepest(self) -> float:
         """`max_depth` as a number that depths compare with; infinite for None. It must not be ``auto`` any more."""
@@ -175,10 +205,10 @@ def resolve_auto(settings: Settings, scene: Scene) -> Settings:
     """
     if settings.integrator != "auto" and settings.max_depth != "auto":
         return settings
-    integrator, max_depth = settings.integrator, settings.max_depth
+    integrator, max_depth, suggested = settings.integrator, settings.max_depth, scene.suggested
     if integrator == "auto":
-        integrator = scene.integrator or DEFAULT_INTEGRATOR
+        integrator = suggested.integrator or DEFAULT_INTEGRATOR
     if max_depth == "auto":
-        named = scene.max_depth is not None and scene.integrator in (None, integrator)
-        max_depth = scene.max_depth if named else DEFAULT_DEPTH
+        named = suggested.max_depth is not None and suggested.integrator in (None, integrator)
+        max_depth = suggested.max_depth if named else DEFAULT_DEPTH
     return replace(settings, integrator=integrator, max_depth=max_depth)

@@ -24,8 +24,8 @@ MEANING = 1
 """Raise it by one when a shipped lobe, light, camera or reader changes the image that is expected of a scene: the
 references of all scenes are then rendered anew.
 """
-_ABOUT = ("name", "source")
-"""Fields of a scene that no image depends on."""
+_ABOUT = ("name", "source", "suggested")
+"""Fields of a scene that no expected image depends on, but for a suggested integrator and depth."""
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
 _CONSTANTS = (*_PLAIN, tuple, frozenset, np.ndarray, np.generic)
 _CODE = (
@@ -55,8 +55,8 @@ def fingerprint(scene: Scene) -> str:
     content["parts"] = [
         {**_fields(part), "light": None if part.light is None else number[id(part.light)]} for part in scene.parts
     ]
-    content["integrator"] = scene.integrator or DEFAULT_INTEGRATOR
-    content["max_depth"] = scene.max_depth or DEFAULT_DEPTH
+    content["integrator"] = scene.suggested.integrator or DEFAULT_INTEGRATOR
+    content["max_depth"] = scene.suggested.max_depth or DEFAULT_DEPTH
     return digest({"meaning": MEANING, **content}, "scene")
 
 

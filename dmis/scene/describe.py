@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from dmis.light.light import Light
-from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
 from dmis.scene.groups import Group
 from dmis.scene.plan import Plan
 
@@ -55,14 +54,6 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         lines.append(f"  not read from the file: {', '.join(unread)}")
     lines.append(f"  left out: {'; '.join(_left_out(plan, unread)) or 'nothing'}")
     return "\n".join(lines)
-
-
-def describe_integrator(integrator: str | None, max_depth: int | None) -> str:
-    """Return a line about the integrator and depth that a scene names, or the defaults if it names none."""
-    source = "set by the scene: its file, or the dialect's default"
-    if integrator is None:
-        source = "the default, because the scene names none"
-    return f"  integrator: {integrator or DEFAULT_INTEGRATOR}, max_depth {max_depth or DEFAULT_DEPTH}, {source}"
 
 
 def describe_source(source: Mapping[str, Any]) -> Iterator[str]:

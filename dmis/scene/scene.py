@@ -16,18 +16,17 @@ from typing import Any
 import numpy as np
 
 from dmis.base.selection import Index, Selection, columns, take
-from dmis.base.validate import whole
 from dmis.base.vectors import TINY, Array, dot
 from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.light import Light, check_light
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
-from dmis.scene.defaults import MAX_DEPTH
-from dmis.scene.describe import describe_integrator, describe_plan, describe_source
+from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.plan import Plan, textures
 from dmis.scene.shading_points import ShadingPoints
+from dmis.scene.suggestions import Suggestions
 from dmis.scene.triangle_tables import Tables
 
 
@@ -58,8 +57,8 @@ class Scene:
         All lights, those with a visible surface included.
     name
         For titles and file names.
-    integrator, max_depth
-        What the scene's file asks for, see `dmis.estimator.settings.Settings`; None if it does not say.
+    suggested
+        What the scene's file asks for: integrator, sampler, numbers of samples.
     source
         How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are not read,
         such as "3 materials (wood, glass, lamp)"; of a pbrt file ``dialect`` and ``dialect_from``, ``file`` (its
@@ -69,7 +68,7 @@ class Scene:
     ------
     ValueError
         If an argument is something else, there is no part, a part's light is not among the lights, a light lacks a
-        method, a mesh light that is not flat is no part's, or there is no such integrator or depth.
+        method, or a mesh light that is not flat is no part's.
 
     Warns
     -----
@@ -81,8 +80,7 @@ class Scene:
     parts: tuple[Part, ...]
     lights: tuple[Light, ...]
     name: str = "scene"
-    integrator: str | None = None
-    max_depth: int | None = None
+    suggested: Suggestions = field(default_factory=Suggestions)
     source: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -102,10 +100,8 @@ class Scene:
             object.__setattr__(self, name, found)
         if not self.parts:
             raise ValueError("a scene needs at least one part, because there is nothing to see otherwise; got none")
-        if self.integrator not in (None, "direct", "path"):
-            raise ValueError(f"integrator must be direct or path, or None; got {self.integrator!r}")
-        if self.max_depth is not None:
-            object.__setattr__(self, "max_depth", whole("max_depth", self.max_depth, 1, MAX_DEPTH, "or None"))
+        if not isinstance(self.suggested, Suggestions):
+            raise ValueError(f"suggested must be dmis.Suggestions, such as those of a file; got {self.suggested!r}")
         for part in self.parts:
             if part.light is not None and not any(part.light is light for light in self.lights):
                 raise ValueError(
@@ -202,11 +198,9 @@ class Scene:
         return Plan(self.camera, self.parts, self.lights, nearest)
 
     def describe(self) -> str:
-        """Return in words what ``python -m dmis info`` prints: the plan, the integrator, how the file was read."""
-        integrator = describe_integrator(self.integrator, self.max_depth)
-        return "\n".join(
-            [describe_plan(self.plan, self.source.get("unread", ())), integrator, *describe_source(self.source)]
-        )
+        """Return in words what ``python -m dmis info`` prints: the plan, what the file suggests, how it was read."""
+        unread = self.source.get("unread", ())
+        return "\n".join([describe_plan(self.plan, unread), self.suggested.describe(), *describe_source(self.source)])
 
     @cached_property
     def covered_pixels(self) -> np.ndarray | None:

@@ -54,7 +54,7 @@ def walls(albedo):
 
 def scene(name, parts, *lights, integrator="direct"):
     """A scene with its name, and the integrator that renders it."""
-    return dmis.Scene(CAMERA, tuple(parts), lights, name, integrator)
+    return dmis.Scene(CAMERA, tuple(parts), lights, name, dmis.Suggestions(integrator))
 
 
 grey = dmis.Part(FLOOR, dmis.matte(0.5))
@@ -91,7 +91,7 @@ for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
     middle.set_ylim(0, 4.2)
     middle.tick_params(axis="x", rotation=45)
     middle.set_ylabel("rays per camera sample")
-    middle.set_title(one.integrator, fontsize=10)
+    middle.set_title(one.suggested.integrator, fontsize=10)
     needs = [line.strip() for line in one.describe().split("\n") if "needs" in line or "left out" in line]
     text = "\n".join(textwrap.fill(line, 56, subsequent_indent="   ") for line in needs)
     below.text(0, 1, text, va="top", fontsize=7, family="monospace", transform=below.transAxes)

@@ -189,7 +189,7 @@ def _integrator(reader: Reader, token: Token, cursor: Cursor) -> None:
         # In pbrt-v2 the light at vertices 0 to maxdepth is gathered before the loop is left (integrators/path.cpp), in
         # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
         # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike).
-        reader.integrator = "path", _surfaces(p, depth + dialect.beyond)
+        reader.integrator, reader.samples.strategy = ("path", _surfaces(p, depth + dialect.beyond)), "one"
         reader.note(p)
         return
     if name.name != "directlighting" or dialect is V4:
@@ -198,8 +198,7 @@ def _integrator(reader: Reader, token: Token, cursor: Cursor) -> None:
     strategy = p.string("strategy", "all")
     if strategy not in ("all", "one"):
         raise p.items["strategy"].token.error(f"strategy must be all or one; got {strategy!r}")
-    if strategy == "one":
-        p.read_names.discard("strategy")  # `Settings.lights` decides it; the expected image is the same
+    reader.samples.strategy = strategy
     reader.integrator = "direct", _surfaces(p, max(depth, 1))  # none is left out at depth 0 either
     reader.note(p)
 
@@ -218,6 +217,13 @@ def _renderer(reader: Reader, token: Token, cursor: Cursor) -> None:
     if name.name != "sampler":
         raise name.error("the renderer must be sampler; others are not supported")
     reader.note(cursor.parameters(token))
+
+
+def _sampler(reader: Reader, token: Token, cursor: Cursor) -> None:
+    name = cursor.string(token, "a kind of sampler")
+    p = cursor.parameters(token)
+    reader.samples.read_sampler(name.name, p)
+    reader.note(p)
 
 
 def _ignored(reader: Reader, token: Token, cursor: Cursor) -> None:
@@ -286,7 +292,7 @@ _DIRECTIVES: dict[str, tuple[str, Directive]] = {
     "Camera": ("options", _camera),
     "Film": ("options", _film),
     "PixelFilter": ("options", _pixel_filter),
-    "Sampler": ("options", _ignored),
+    "Sampler": ("options", _sampler),
     "SurfaceIntegrator": ("options", _integrator),
     "Integrator": ("options", _integrator),
     "VolumeIntegrator": ("options", _ignored),

@@ -46,7 +46,8 @@ The modules: `dmis.formats.pbrt.dialect` (dialects as data), `dmis.formats.pbrt.
 `dmis.formats.pbrt.world` (lines), `dmis.formats.pbrt.reader` (state and scene), `dmis.formats.pbrt.objects`
 (textures, materials and lights of v2), `dmis.formats.pbrt.materials`, `dmis.formats.pbrt.lights` and
 `dmis.formats.pbrt.spectra` (by dialect), `dmis.formats.pbrt.shapes` (meshes), `dmis.formats.pbrt.quadrics` (their
-tessellation), `dmis.formats.pbrt.parts` (sides, parts, area lights).
+tessellation), `dmis.formats.pbrt.parts` (sides, parts, area lights), `dmis.formats.pbrt.suggestions` (samplers, numbers
+of samples).
 """
 
 from __future__ import annotations

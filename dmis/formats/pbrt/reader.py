@@ -26,6 +26,7 @@ from dmis.formats.pbrt.parameters import Parameter, Parameters
 from dmis.formats.pbrt.parts import areas, make_light_part, merge
 from dmis.formats.pbrt.quadrics import MAX_ERROR
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
+from dmis.formats.pbrt.suggestions import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.light.light import AreaLight, Light
 from dmis.scene.camera import Camera
@@ -96,6 +97,7 @@ class Reader:
         self.including: list[Path] = []
         self.files, self.characters = 0, 0
         self.integrator = "direct" if self.dialect.name == "v2" else "path", DEFAULT_DEPTH
+        self.samples = SampleRequests(self.dialect.name)
         self.filter, self.filter_line = self.dialect.filter, False
         self.v1_token: Token | None = None
         self.vacuums: set[str] = set()
@@ -182,8 +184,9 @@ class Reader:
         parts = bright + merge(others)
         source = {} if self.quadrics is None else {"quadrics": self.quadrics}
         finished = tuple(light for light in lights if light is not None)
+        suggested = self.samples.suggestions(self.integrator, lights)
         with blame(self.token):
-            return Scene(camera, tuple(parts), finished, self.source.path.stem, *self.integrator, source=source)
+            return Scene(camera, tuple(parts), finished, self.source.path.stem, suggested, source=source)
 
     def _camera(self) -> Camera:
         film, p = self.film, self.camera

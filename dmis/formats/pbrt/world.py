@@ -80,6 +80,7 @@ def _light_source(reader: Reader, token: Token, cursor: Cursor) -> None:
     name = cursor.string(token, "a kind of light")
     parameters = _parameters(reader, token, cursor, "light")
     reader.lights.append(make_light(name, parameters, reader.state.to_world))
+    reader.samples.light_samples.append(reader.samples.read_light(parameters))
     reader.note(parameters)
 
 
@@ -91,6 +92,7 @@ def _area_light_source(reader: Reader, token: Token, cursor: Cursor) -> None:
     emitted = emission(parameters, lambda: np.ones(1))  # of unit area, to check the parameters here
     if min(emitted) < 0:
         raise name.error(f"the radiance of a light must not be negative; got {emitted}")
+    reader.samples.read_light(parameters)
     reader.note(parameters)
     reader.state = replace(reader.state, area_light=parameters)
 
@@ -109,6 +111,7 @@ def _shape(reader: Reader, token: Token, cursor: Cursor) -> None:
     reader.count(token, shape)
     reader.emitters.append((len(reader.lights), shape, material, state.area_light))
     reader.lights.append(None)
+    reader.samples.light_samples.append(reader.samples.read_light(state.area_light))
 
 
 def _object_instance(reader: Reader, token: Token, cursor: Cursor) -> None:

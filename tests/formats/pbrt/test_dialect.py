@@ -167,7 +167,7 @@ def test_dialect_can_be_forced(read, tmp_path):
     (tmp_path / "plain.pbrt").write_text('WorldBegin\nShape "sphere"\nWorldEnd\n')
     with pytest.warns(PbrtWarning, match="read as pbrt-v2, which is a guess"):
         assert read_pbrt(tmp_path / "plain.pbrt").camera.resolution == (640, 480)
-    assert read_pbrt(tmp_path / "plain.pbrt", dialect="v3").integrator == "path"
+    assert read_pbrt(tmp_path / "plain.pbrt", dialect="v3").suggested.integrator == "path"
     read("v3")
     with pytest.raises(PbrtError, match="Integrator belongs to v3 and v4"):
         read_pbrt(tmp_path / "scene.pbrt", dialect="v2")
@@ -799,7 +799,7 @@ def test_integrator_of_the_file(read, dialect, line, expected):
     """maxdepth m of v3 and v4 is the number of surfaces that scatter light; of v2 it is one less."""
     film = {"v3": 'Film "image"\n', "v4": 'Film "rgb"\nPixelFilter "box"\n'}[dialect]
     scene = read(dialect, head=f"{film}{line}\n", force=True)
-    assert (scene.integrator, scene.max_depth) == expected
+    assert (scene.suggested.integrator, scene.suggested.max_depth) == expected
 
 
 def test_depth_of_paths_counts_alike(read):
