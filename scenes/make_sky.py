@@ -1,4 +1,6 @@
-"""Make the sky of the scene `tt.pbrt`: a light probe of a piazza in late sunlight, `scenes/textures/sky.exr`.
+"""Make the skies of `tt.pbrt` and `tt-overcast.pbrt`: light probes of a piazza, with the low sun and without it.
+
+Writes `scenes/textures/sky.exr` and `scenes/textures/sky-overcast.exr`.
 
 What: a latitude-longitude map, 1024 x 512 half floats, in the convention of pbrt-v2: the direction (x, y, z), z up, is
 looked up at u = phi / (2 pi), phi = atan2(y, x) in [0, 2 pi), and v = acos(z) / pi, so that row 0 is the zenith.
@@ -9,7 +11,8 @@ that are hit by a ray per texel and shaded by sun and sky, a paved ground, and a
 Why: it stands in for a photographed probe that cannot be passed on.  The sun is a disk of 2.5 degrees radius that gives
 the floor about as much light as all the rest.  It is so small that a sampled reflection lobe rarely finds it, so a
 matte floor wants light sampling; but the lobe of a glossy coat is far narrower than the sky, so where the coat mirrors
-the sky it wants lobe sampling.  Neither technique is good everywhere, which is what the scene is for.
+the sky it wants lobe sampling.  Neither technique is good everywhere, which is what the scene is for.  The second sky
+is the first without the disk, all else equal, because the probe of the original scene has no sun in it.
 
 Run: python scenes/make_sky.py        (deterministic, a few seconds, needs numpy and OpenEXR)
 """
@@ -19,7 +22,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-FILE = Path(__file__).parent / "textures" / "sky.exr"
+FOLDER = Path(__file__).parent / "textures"
 WIDTH, HEIGHT = 1024, 512
 
 SUN_AZIMUTH, SUN_ELEVATION = 84.0, 29.0  # degrees
@@ -188,6 +191,15 @@ def add_houses(image, w, sun, irradiance_sun, irradiance_sky):
     return image
 
 
+def write(name, image):
+    FOLDER.mkdir(exist_ok=True)
+    half = np.ascontiguousarray(image, dtype=np.float16)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": OpenEXR.Channel(half)}) as out:
+        out.write(str(FOLDER / name))
+    print(f"{FOLDER / name}: {WIDTH} x {HEIGHT}, {(FOLDER / name).stat().st_size / 1e6:.2f} MB")
+
+
 def main():
     w, solid_angle = texel_directions()
     sun = sun_direction()
@@ -210,17 +222,12 @@ def main():
     disk = 1 - smoothstep(degrees, SUN_RADIUS - SUN_EDGE, SUN_RADIUS + SUN_EDGE)
     disk_irradiance = (disk[..., None] * horizontal).sum((0, 1))
     sun_radiance = GROUND_IRRADIANCE_SUN * SUN_COLOUR / disk_irradiance
+    write("sky-overcast.exr", image)
     image = image + disk[..., None] * sun_radiance
-
-    half = np.ascontiguousarray(image, dtype=np.float16)
-    FILE.parent.mkdir(exist_ok=True)
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGB": OpenEXR.Channel(half)}) as out:
-        out.write(str(FILE))
+    write("sky.exr", image)
 
     rest = ((image - disk[..., None] * sun_radiance) * horizontal).sum((0, 1))
     total = (image * horizontal).sum((0, 1))
-    print(f"{FILE}: {WIDTH} x {HEIGHT}, {FILE.stat().st_size / 1e6:.2f} MB")
     print(
         f"sun radiance {sun_radiance.round(0)}, irradiance on the ground: sun {(total - rest).round(3)}, "
         f"rest {rest.round(3)}; radiance of a floor of albedo 0.7: {(0.7 * total / np.pi).round(3)}"

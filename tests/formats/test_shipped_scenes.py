@@ -1,4 +1,4 @@
-"""The scenes that come with the library, the thesis's four and a box for light that bounces."""
+"""The scenes that come with the library: the thesis's four, one of them without sun, and a box of paths."""
 
 import subprocess
 import sys
@@ -16,6 +16,7 @@ RESOLUTIONS = {
     "killeroo-diffuse": (1368, 1026),
     "killeroo-gold": (1368, 1026),
     "tt": (1500, 833),
+    "tt-overcast": (1500, 833),
     "cornell": (200, 200),
 }
 
@@ -67,6 +68,35 @@ def test_rules_agree_on_paths(name):
     for mean, error in zip(means[1:], errors[1:], strict=True):
         assert abs(mean - means[0]) < 4 * np.hypot(error, errors[0])
     assert means[0] > dmis.render(scene, "balance", 32, settings=replace(settings, max_depth=1)).image.mean()
+
+
+def test_skies():
+    """The overcast sky is the other without its sun: a disk of 2.5 degrees, 38 to 40 % of the power."""
+    (sunny, _), (overcast, _) = (
+        dmis.read_exr(ROOT / "scenes" / "textures" / f"{name}.exr") for name in ("sky", "sky-overcast")
+    )
+    sine = np.sin((np.arange(512) + 0.5) / 512 * np.pi)[:, None]
+    sunny, overcast = (sky["RGB"].astype(float) @ [0.2126, 0.7152, 0.0722] for sky in (sunny, overcast))
+    mean, power = (overcast * sine).sum() / sine.sum() / 1024, (sunny * sine).sum() / sine.sum() / 1024
+    assert overcast.max() < 6 * mean and sunny.max() > 500 * power  # 5.4 and 826
+    assert 0.38 < 1 - mean / power < 0.40
+    sun = sunny != overcast
+    assert (sun * sine).sum() / sine.sum() / 1024 == pytest.approx((1 - np.cos(np.radians(3.1))) / 2, rel=0.1)
+
+
+def test_scenes_of_two_skies_differ_in_the_sky_only():
+    """The same camera, parts and lights but for the map; the overcast image is darker everywhere."""
+    tt, overcast = (dmis.load_scene(name, resolution=(48, 27)) for name in ("tt", "tt-overcast"))
+    assert np.array_equal(tt.camera.to_world, overcast.camera.to_world)
+    for a, b in zip(tt.parts, overcast.parts, strict=True):
+        assert np.array_equal(a.mesh.vertices, b.mesh.vertices) and a.material.name == b.material.name
+    assert [type(light) for light in tt.lights] == [type(light) for light in overcast.lights]
+    images = [
+        dmis.render(scene, "balance", 64, seed=1, settings=dmis.Settings(integrator="direct")).image
+        for scene in (tt, overcast)
+    ]
+    blocks = [image.mean(axis=2)[:24].reshape(3, 8, 6, 8).mean(axis=(1, 3)) for image in images]
+    assert (blocks[1] < blocks[0]).all() and (blocks[1] > 0.2 * blocks[0]).all()
 
 
 @pytest.mark.parametrize("path", [*(ROOT / "scenes").rglob("*.*")], ids=lambda p: p.name)

@@ -36,7 +36,8 @@ def read(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("name", "spp", "samples"),
-    [("teapot-area-light", 8, 16), ("killeroo-gold", 64, 4), ("killeroo-diffuse", 64, 4), ("tt", 32, 8)],
+    [("teapot-area-light", 8, 16), ("killeroo-gold", 64, 4), ("killeroo-diffuse", 64, 4), ("tt", 32, 8)]
+    + [("tt-overcast", 32, 8)],
 )
 def test_shipped_scenes(name: str, spp: int, samples: int) -> None:
     """They ask for what the public pbrt-v2 files of the thesis's scenes ask for (diffuse: gold's)."""
