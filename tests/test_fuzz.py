@@ -252,14 +252,6 @@ def test_rules_that_ask_for_too_much(rule, message):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (
-            ["render", "SCENE", "-o", "a.exr", "--workers", "99999999999999999999"],
-            "workers must be a whole number from 1 to 1024",
-        ),
-        (
-            ["render", "SCENE", "-o", "a.exr", "--threads", "99999999999999999999"],
-            "threads must be a whole number from 1 to 1024",
-        ),
         (["compare", "SCENE", "-o", "a", "--seeds", "99999999999999999999"], "--seeds must be from 1"),
         (["compare", "SCENE", "-o", "a", "--reference", "nothing.npy"], "there is no reference nothing.npy"),
     ],
