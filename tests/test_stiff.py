@@ -105,6 +105,7 @@ def test_images_smaller_than_a_patch(rule: str, resolution: tuple[int, int]) -> 
     assert np.isfinite(result.weight).all() and np.isfinite(result.variance).all()
 
 
+@pytest.mark.filterwarnings("ignore:.*none of its 1 lights emits:dmis.scene.scene.SceneWarning")
 @pytest.mark.parametrize("rule", sorted(RULES))
 @pytest.mark.parametrize("radiance, lit, seen", [(0.0, False, 0.0), (0.0, True, 0.0), (7.0, True, 7.0)])
 def test_images_without_noise(rule: str, radiance: float, lit: bool, seen: float) -> None:

@@ -227,7 +227,8 @@ def test_a_dialect_that_is_a_guess_is_named(tmp_path, capsys):
     path.write_text('Film "image" "integer xresolution" 4 "integer yresolution" 4 WorldBegin Shape "sphere" WorldEnd')
     with pytest.warns(PbrtWarning, match="fit v2 and v3, .* give dialect='v2' .--dialect v2. or dialect='v3'"):
         scene = dmis.load_scene(path)
-    source = dmis.render(scene, "balance", 1).provenance["source"]
+    with pytest.warns(dmis.scene.scene.SceneWarning, match="none of its 0 lights emits"):
+        source = dmis.render(scene, "balance", 1).provenance["source"]
     assert (source["dialect"], source["dialect_from"]) == ("v2", "guess")
     source = dmis.load_scene(path, dialect="v3").source
     assert (source["dialect"], source["dialect_from"]) == ("v3", "caller")
