@@ -80,35 +80,28 @@ def load_scene(
         If a mesh file holds materials and none is given, or an image is to be on a mesh without texture coordinates.
         `dmis.formats.pbrt.reader.PbrtWarning` is one of these.
     """
-    unread: tuple[str, ...] = ()
-    if isinstance(source, str | os.PathLike):
-        path = Path(source)
-        suffix = path.suffix.lower()
-        if suffix not in MESH_SUFFIXES:
-            for name, value in (("camera", camera), ("lights", lights), ("material", material)):
-                if value is not None:
-                    raise ValueError(f"{name} must not be given for {path}, because a pbrt scene has its own")
-            from dmis.formats.pbrt.read import (
-                read_pbrt,  # imported where used: it takes a fifth of the time of all of dmis
-            )
+    if (path := _pbrt_file(source)) is not None:
+        for name, value in (("camera", camera), ("lights", lights), ("material", material)):
+            if value is not None:
+                raise ValueError(f"{name} must not be given for {source}, because a pbrt scene has its own")
+        from dmis.formats.pbrt.read import read_pbrt  # here, because it takes a fifth of the time of all of dmis
 
-            path = path if suffix == ".pbrt" else _shipped(path)
-            return read_pbrt(path, resolution, dialect=dialect, outside=outside)
-        if isinstance(material, Mapping):
-            raise ValueError(
-                f"material must be one Material for {path}, because the geometries of a file are joined; "
-                f"load_scene(trimesh.load(...)) takes one for each name"
-            )
-        mesh, unread = read_mesh(path)
-        if unread and material is None:
-            text = f"{path}: {', '.join(unread)} ignored, all is matte grey; give load_scene a material"
-            warnings.warn(SceneWarning(text), stacklevel=2)
-        named, title, up = {"": mesh}, path.stem, "y" if suffix == ".glb" else "z"
-    else:
-        named, title, up = _meshes(source), "scene", "z"
-    parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
+        return read_pbrt(path, resolution, dialect=dialect, outside=outside)
+    return _mesh_scene(source, resolution, camera, lights, material)
+
+
+def _mesh_scene(
+    source: str | os.PathLike[str] | Mesh | trimesh.Trimesh | trimesh.Scene,
+    resolution: tuple[int, int] | None,
+    camera: Camera | None,
+    lights: Sequence[Light] | None,
+    material: Material | Mapping[str, Material] | None,
+) -> Scene:
+    """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
     if isinstance(lights, Light):
         raise ValueError(f"lights must be a sequence of lights; got {lights!r} alone")
+    named, title, up, unread = _named_meshes(source, material)
+    parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
     if lights is None:
         lights = [EnvironmentLight(np.ones((16, 32, 3)))]
     parts += [light_part(light) for light in lights if light.mesh() is not None]  # type: ignore[arg-type]
@@ -119,6 +112,23 @@ def load_scene(
     return Scene(camera, tuple(parts), tuple(lights), title, source={"unread": list(unread)} if unread else {})
 
 
+def _named_meshes(source: Any, material: Any) -> tuple[dict[str, Mesh], str, str, tuple[str, ...]]:
+    """Return the meshes of a file or an object by name, the scene's name, the axis that is up, and what is not read."""
+    if not isinstance(source, str | os.PathLike):
+        return _meshes(source), "scene", "z", ()
+    path = Path(source)
+    if isinstance(material, Mapping):
+        raise ValueError(
+            f"material must be one Material for {path}, because the geometries of a file are joined; "
+            f"load_scene(trimesh.load(...)) takes one for each name"
+        )
+    mesh, unread = read_mesh(path)
+    if unread and material is None:
+        text = f"{path}: {', '.join(unread)} ignored, all is matte grey; give load_scene a material"
+        warnings.warn(SceneWarning(text), stacklevel=4)  # the caller of load_scene
+    return {"": mesh}, path.stem, "y" if path.suffix.lower() == ".glb" else "z", unread
+
+
 def light_part(light: AreaLight) -> Part:
     """Return the visible surface of an area light, which emits its radiance and reflects nothing."""
     mesh = light.mesh()
@@ -127,13 +137,18 @@ def light_part(light: AreaLight) -> Part:
     return Part(Mesh(mesh.vertices, mesh.faces), matte(0), light)
 
 
-def _shipped(name: Path) -> Path:
-    """Return the file of the scene `name` that comes with the library."""
-    if str(name) in SHIPPED:
-        return _FOLDER / f"{name}.pbrt"
+def _pbrt_file(source: Any) -> Path | None:
+    """Return the pbrt file of a path or of the name of a shipped scene; None for meshes and their files."""
+    if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() in MESH_SUFFIXES:
+        return None
+    path = Path(source)
+    if path.suffix.lower() == ".pbrt":
+        return path
+    if str(path) in SHIPPED:
+        return _FOLDER / f"{path}.pbrt"
     raise ValueError(
         f"a scene must be a file ending in {', '.join(('.pbrt', *MESH_SUFFIXES))}, or one of the scenes that come with "
-        f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(name)!r}"
+        f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(path)!r}"
     )
 
 

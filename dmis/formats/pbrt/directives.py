@@ -46,7 +46,19 @@ def carry_out(reader: Reader, source: Source) -> None:
     if not reader.including and reader.phase == "world" and not reader.dialect.ends:
         _world_end(reader, reader.token, cursor)
     if not reader.including and reader.phase != "end":
-        raise token.error(f"{'WorldEnd' if reader.phase == 'world' else 'WorldBegin'} is missing")
+        raise token.error(_unfinished(reader))
+
+
+def _unfinished(reader: Reader) -> str:
+    """Return the message about a file that ends too early."""
+    if reader.phase != "world":
+        return "WorldBegin is missing"
+    if "v4" not in reader.fits:
+        return "WorldEnd is missing"
+    return (
+        "WorldEnd is missing: the file is cut off, or looks like pbrt-v4, which has no WorldEnd; for v4 give "
+        'dialect="v4" (--dialect v4)'
+    )
 
 
 def _unknown(word: str, dialect: str) -> str:

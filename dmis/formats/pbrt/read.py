@@ -110,29 +110,37 @@ def read_pbrt(
     Warns
     -----
     PbrtWarning
-        Once each, if something in the file was not used, if reflectances exceed 1, if the dialect is a guess, and if
-        the file has words of pbrt-v1 and lacks a PixelFilter line, whose default is another one there.
+        Once each, if something in the file was not used, if reflectances exceed 1, if the dialect is a guess or not
+        that of the file's words, and if the file has words of pbrt-v1 and lacks a PixelFilter line, whose default is
+        another one there.
     """
+    path, resolution = _checked(path, resolution, dialect)
+    source = Source.read(path, outside)
+    guess, fits = detect(_words(source))
+    chosen = guess if dialect is None else DIALECTS[dialect]
+    if dialect is not None and dialect not in fits:
+        warnings.warn(PbrtWarning(_contradicted(path, dialect, fits)), stacklevel=2)
+    reader = Reader(replace(source, dialect=chosen), resolution, fits if dialect is None else ())
+    with np.errstate(all="ignore"):  # what is not finite is refused where it matters
+        carry_out(reader, reader.source)
+        scene = reader.scene()
+    reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
+    if reason == "guess":
+        warnings.warn(PbrtWarning(_guessed(path, chosen, fits)), stacklevel=2)
+    reader.warn(stacklevel=2)
+    return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
+
+
+def _checked(
+    path: str | os.PathLike[str], resolution: tuple[int, int] | None, dialect: str | None
+) -> tuple[Path, tuple[int, int] | None]:
+    """Return the path and the resolution; raise an error if there is no such file, resolution or dialect."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no scene file {path}")
-    if resolution is not None:
-        resolution = Camera(np.eye(4), 90.0, resolution).resolution
     if dialect is not None and dialect not in DIALECTS:
         raise ValueError(f"dialect must be one of {', '.join(DIALECTS)}; got {dialect!r}")
-    source = Source.read(path, outside)
-    candidates: tuple[str, ...]
-    chosen, candidates = detect(_words(source)) if dialect is None else (DIALECTS[dialect], ())
-    source = replace(source, dialect=chosen)
-    reader = Reader(source, resolution)
-    with np.errstate(all="ignore"):  # what is not finite is refused where it matters
-        carry_out(reader, source)
-        scene = reader.scene()
-    if len(candidates) > 1:
-        warnings.warn(PbrtWarning(_guessed(path, chosen, candidates)), stacklevel=2)
-    reader.warn(stacklevel=2)
-    reason = "guess" if len(candidates) > 1 else "file" if candidates else "caller"
-    return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
+    return path, None if resolution is None else Camera(np.eye(4), 90.0, resolution).resolution
 
 
 def _words(source: Source) -> Iterator[Token]:
@@ -161,4 +169,12 @@ def _guessed(path: Path, dialect: Dialect, fits: tuple[str, ...]) -> str:
     return (
         f"{path}: read as pbrt-{dialect.name}, which is a guess: the words of the file fit {' and '.join(fits)}, whose "
         f"images differ (the integrator and the film where no line names them, materials, textures); give {others}"
+    )
+
+
+def _contradicted(path: Path, dialect: str, fits: tuple[str, ...]) -> str:
+    """Return the text of the warning that the words of a file are not of the dialect that the caller names."""
+    return (
+        f"{path}: read as pbrt-{dialect}, as asked, but the words of the file fit {' and '.join(fits)}; leave out "
+        f"dialect= (--dialect) to read it as pbrt-{fits[0]}"
     )

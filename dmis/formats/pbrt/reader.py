@@ -85,8 +85,10 @@ class State:
 class Reader:
     """State of reading a pbrt file: options, graphics state, shapes and lights so far, and warnings."""
 
-    def __init__(self, source: Source, resolution: tuple[int, int] | None) -> None:
+    def __init__(self, source: Source, resolution: tuple[int, int] | None, fits: tuple[str, ...] = ()) -> None:
         self.source, self.resolution = source, resolution
+        self.fits = fits
+        """Dialects that the words of the file fit, where no caller has chosen one."""
         self.token = Token("word", "", source, 0)
         self.dialect = source.dialect
         nothing = Parameters(self.token, {})

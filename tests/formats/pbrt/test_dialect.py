@@ -169,7 +169,10 @@ def test_dialect_can_be_forced(read, tmp_path):
         assert read_pbrt(tmp_path / "plain.pbrt").camera.resolution == (640, 480)
     assert read_pbrt(tmp_path / "plain.pbrt", dialect="v3").suggested.integrator == "path"
     read("v3")
-    with pytest.raises(PbrtError, match="Integrator belongs to v3 and v4"):
+    with (
+        pytest.warns(PbrtWarning, match="read as pbrt-v2, as asked, but the words of the file fit v3"),
+        pytest.raises(PbrtError, match="Integrator belongs to v3 and v4"),
+    ):
         read_pbrt(tmp_path / "scene.pbrt", dialect="v2")
     with pytest.raises(ValueError, match="dialect must be one of v2, v3, v4; got 'v5'"):
         read_pbrt(tmp_path / "scene.pbrt", dialect="v5")
@@ -245,6 +248,34 @@ def test_a_dialect_that_is_a_guess_is_named(tmp_path, capsys):
 @pytest.mark.parametrize("name", dmis.SHIPPED)
 def test_shipped_scenes_are_decided(name):
     assert dmis.load_scene(name, (8, 8)).source["dialect_from"] == "file"
+
+
+def test_a_file_without_world_end_may_be_of_v4(tmp_path):
+    """Words that fit all dialects and no WorldEnd: the error says how to read it, which works."""
+    path = tmp_path / "open.pbrt"
+    path.write_text('WorldBegin Shape "sphere"')
+    with pytest.raises(
+        PbrtError, match=r'WorldEnd is missing: .* looks like pbrt-v4, .* dialect="v4" \(--dialect v4\)'
+    ):
+        dmis.load_scene(path)
+    assert dmis.load_scene(path, dialect="v4").parts
+    path.write_text('SurfaceIntegrator "path" WorldBegin Shape "sphere"')  # of v2
+    with pytest.raises(PbrtError, match=r"WorldEnd is missing$"):
+        dmis.load_scene(path)
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_dialect_that_the_words_contradict(tmp_path, capsys):
+    """A warning names the dialect of the words, whether the file can be read or not; not where they fit."""
+    path = tmp_path / "two.pbrt"
+    for line, code in (('Film "image" "float scale" 1', 0), ('SurfaceIntegrator "path"', 2)):
+        path.write_text(f'{line} WorldBegin Shape "sphere" WorldEnd')
+        other = "v2" if code == 0 else "v4"
+        right = "v3" if code == 0 else "v2"
+        assert main(["info", str(path), "--dialect", other]) == code
+        assert f"read as pbrt-{other}, as asked, but the words of the file fit {right};" in capsys.readouterr().err
+        assert main(["info", str(path), "--dialect", right]) == 0
+        assert "as asked" not in capsys.readouterr().err
 
 
 def test_included_files_tell_the_dialect(tmp_path):
