@@ -52,7 +52,7 @@ SUM_NAMES = ("control_product", "control_square", "control_light")
 
 
 class Controls:
-    """A rule's statistic, and with it numerator and denominator of beta at `WEIGHTS`, and the light of each channel.
+    """A rule's statistic, numerator and denominator of beta at `WEIGHTS`, and the light of each channel.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ class Controls:
     """
 
     def __init__(self, statistic: Callable[[int, int], Statistic], pixels: int, shading_samples: int) -> None:
-        self._own, self._shading_samples = statistic(pixels, shading_samples), shading_samples
+        self._rule_statistic, self._shading_samples = statistic(pixels, shading_samples), shading_samples
         self._n = 0
         self._product, self._square = np.zeros((2, len(WEIGHTS), pixels))
         self._light = np.zeros((3, pixels))
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """See `dmis.estimator.records.Statistic.add`."""
-        self._own.add(records, radiance, count)
+        self._rule_statistic.add(records, radiance, count)
         self._n += count
         n, pixels = radiance.shape[1], self._light.shape[1]
         for record in records:
@@ -82,34 +82,35 @@ class Controls:
                 m = np.maximum(1 + np.float32(2 * w - 1) * d, MIN_DENSITY_RATIO)
                 slope = d / m
                 difference, mass = _halves((x * slope).sum(axis=1)), _halves(2 * (d * slope).sum(axis=1))
-                both = np.stack([difference, mass])
-                found = both.mean(axis=1) - w * (1 - w) * (both * mass[::-1]).mean(axis=1)
-                product, square = found.reshape(2, count, pixels).sum(axis=1)
+                # D (1 - w (1 - w) G) and G (1 - w (1 - w) G), products from two halves
+                d_and_g = np.stack([difference, mass])
+                terms = d_and_g.mean(axis=1) - w * (1 - w) * (d_and_g * mass[::-1]).mean(axis=1)
+                product, square = terms.reshape(2, count, pixels).sum(axis=1)
                 self._product[k] += product
                 self._square[k] += square
 
     def sums(self) -> dict[str, Array]:
         """See `dmis.estimator.records.Statistic.sums`."""
-        found = (self._product, self._square, self._light)
-        return {**self._own.sums(), **{name: a / max(self._n, 1) for name, a in zip(SUM_NAMES, found, strict=True)}}
+        totals = zip(SUM_NAMES, (self._product, self._square, self._light), strict=True)
+        return {**self._rule_statistic.sums(), **{name: a / max(self._n, 1) for name, a in totals}}
 
 
 def statistic(
-    pilot: Mapping[float, int], own: Callable[[int, int], Statistic] | None
+    pilot: Mapping[float, int], rule_statistic: Callable[[int, int], Statistic] | None
 ) -> Callable[[int, int], Statistic]:
-    """Return `Controls` around a rule's `own` statistic.
+    """Return `Controls` around the statistic of a rule, `rule_statistic`.
 
     Raises
     ------
     ValueError
         If the rule has no pilot at w = 1/2 that gathers statistics.
     """
-    if own is None or list(pilot) != [0.5]:
+    if rule_statistic is None or list(pilot) != [0.5]:
         raise ValueError(
             "combiner controlled needs a rule that learns from shading samples of a pilot at w = 1/2, such as "
             f"second-moment or auto; this one has pilots at w = {', '.join(map(str, pilot)) or 'none'}"
         )
-    return partial(Controls, own)
+    return partial(Controls, rule_statistic)
 
 
 def without_control_sums(pilot: Pilot) -> Pilot:

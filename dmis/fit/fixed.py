@@ -51,8 +51,8 @@ class Fixed(Rule):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        own = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
-        return own | final_settings(self.sampler)
+        settings = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
+        return settings | final_settings(self.sampler)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)

@@ -83,18 +83,19 @@ def _tangent(x: Array, d: Array) -> dict[str, Array]:
 
 
 def _newton(means: Means, cost: tuple[float, float]) -> Array:
-    """One Newton step of M2(w) from 1/2: ``1/2 + mean(X^2 d) / (4 mean(X^2 d^2))``."""
+    """Return one Newton step of M2(w) from 1/2: ``1/2 + mean(X^2 d) / (4 mean(X^2 d^2))``."""
     return 0.5 + _divide(means["slope"], 4 * means["bend"])
 
 
 def _alone(x: Array, d: Array) -> dict[str, Array]:
-    """f / p_i of each technique's own sample, ``(2, N)``."""
-    own = np.stack([1 + d[0], 1 - d[1]])
-    return {"alone": x / np.maximum(own, MIN_DENSITY_RATIO)}
+    """Return f / p_i of the sample of each technique, ``(2, N)``."""
+    # p_i / q of the technique that drew the sample
+    ratio = np.stack([1 + d[0], 1 - d[1]])
+    return {"alone": x / np.maximum(ratio, MIN_DENSITY_RATIO)}
 
 
 def _halves(x: Array, d: Array) -> dict[str, Array]:
-    """The weighted contribution of each technique, ``W_i f / p_i`` with equal counts, ``(2, N)``."""
+    """Return the weighted contribution of each technique, ``W_i f / p_i`` with equal counts, ``(2, N)``."""
     return {"halves": x}
 
 
@@ -104,25 +105,25 @@ def _squares(x: Array, d: Array) -> dict[str, Array]:
 
 
 def _inverse_variance(means: Means, cost: tuple[float, float]) -> Array:
-    """Shares in proportion to ``1 / (c_i v_i)``."""
+    """Return shares in proportion to ``1 / (c_i v_i)``."""
     light, brdf = means["alone"]
     return _proportion(brdf * cost[0], light * cost[1])
 
 
 def _neyman(means: Means, cost: tuple[float, float]) -> Array:
-    """Shares in proportion to ``s_i / sqrt(c_i)``."""
+    """Return shares in proportion to ``s_i / sqrt(c_i)``."""
     light, brdf = np.sqrt(np.maximum(means["halves"], 0))
     return _proportion(light / np.sqrt(cost[1]), brdf / np.sqrt(cost[0]))
 
 
 def _representativity(means: Means, cost: tuple[float, float]) -> Array:
-    """Shares in proportion to ``E[f / p_i]^2 / E[(f / p_i)^2]``, 1 where a technique follows the integrand exactly."""
+    """Return shares in proportion to ``E[f / p_i]^2 / E[(f / p_i)^2]``; 1 for a technique that follows f."""
     light, brdf = _divide(means["first"] ** 2, means["second"], 0.0)
     return _proportion(light, brdf)
 
 
 def _tsallis(gamma: float, x: Array, d: Array) -> dict[str, Array]:
-    """``xi(w) = E_q[(X / m)^gamma d]`` at the weights of the grid, without its ends, ``(G - 2, N)``."""
+    """Return ``xi(w) = E_q[(X / m)^gamma d]`` at the weights of the grid, without its ends, ``(G - 2, N)``."""
     raised = x ** np.float32(gamma) if gamma != 1 else x
     out = np.empty((len(GRID) - 2, x.shape[1]), np.float32)
     for g, w in enumerate(GRID[1:-1]):
@@ -142,18 +143,18 @@ def _root(means: Means, cost: tuple[float, float]) -> Array:
 
 
 def _normal(x: Array, d: Array) -> dict[str, Array]:
-    """Normal equations of the regression of X on ``p_l / q = 1 + d`` and ``p_b / q = 1 - d``.
+    """Return the normal equations of the regression of X on ``p_l / q = 1 + d`` and ``p_b / q = 1 - d``.
 
     Pairs of which neither sample met the light are left out: the surface faces away from it, or there is none.
     """
-    seen = (d[0] < 1) | (d[1] > -1) | (x.sum(axis=0) > 0)
+    met = (d[0] < 1) | (d[1] > -1) | (x.sum(axis=0) > 0)
     light, brdf = 1 + d, 1 - d
     pairs = {"matrix": (light * light, light * brdf, brdf * brdf), "vector": (x * light, x * brdf)}
-    return {name: np.stack([a.sum(axis=0) for a in rows]) / 2 * seen for name, rows in pairs.items()}
+    return {name: np.stack([a.sum(axis=0) for a in rows]) / 2 * met for name, rows in pairs.items()}
 
 
 def _combination(means: Means, cost: tuple[float, float]) -> Array:
-    """``a_l / (a_l + a_b)`` of the solution, which is negative in one of them at most; 1/2 where it is not unique."""
+    """Return ``a_l / (a_l + a_b)`` of the solution, at most one of which is negative; 1/2 without one."""
     light, both, brdf = means["matrix"]
     f_light, f_brdf = means["vector"]
     regular = light * brdf - both * both > 1e-6 * light * brdf

@@ -177,9 +177,9 @@ def _option_words(name: str) -> dict[str, list[str]]:
     """Return the words that options take beside numbers, by name: those of ``Literal`` in an annotation."""
     literal = re.compile(r"Literal\[(.*?)\]")
     return {
-        key: re.findall(r"\w+", found[1])
+        key: re.findall(r"\w+", match[1])
         for key, p in _arguments(name).items()
-        if (found := literal.search(str(p.annotation)))
+        if (match := literal.search(str(p.annotation)))
     }
 
 

@@ -93,12 +93,12 @@ def _scatter_of_kinds(
     variance, scatter, weight = np.zeros((3, *rho.shape))
     for rows in row_blocks(len(curves.position)):
         part, of_kind = change(curves.rows(rows)), kinds[:, rows]
-        own = _Deviations.of(part, rho, of_kind)
+        deviations = _Deviations.of(part, rho, of_kind)
         # tau^2 = sum u (e^2 - sigma^2) / sum u s^2,  u = 1 / (s^2 + sigma^2)
-        u = _divide(1.0, own.scale * own.scale + own.error, 0.0)
-        variance += _sum_over_patches(of_kind**2, part.pixels**2 * own.error)
-        scatter += _sum_over_patches(of_kind, u * (own.e * own.e - own.error))
-        weight += _sum_over_patches(of_kind, u * own.scale * own.scale)
+        u = _divide(1.0, deviations.scale * deviations.scale + deviations.error, 0.0)
+        variance += _sum_over_patches(of_kind**2, part.pixels**2 * deviations.error)
+        scatter += _sum_over_patches(of_kind, u * (deviations.e * deviations.e - deviations.error))
+        weight += _sum_over_patches(of_kind, u * deviations.scale * deviations.scale)
     return np.maximum(_divide(scatter, weight, 0.0), 0), variance
 
 

@@ -156,7 +156,7 @@ def test_cost_depends_on_the_settings(tmp_path) -> None:
 def test_random_allocation_is_refused(rule: str) -> None:
     """Random allocation is refused, because the curves are those of fixed shares."""
     scene = dmis.load_scene("cornell", resolution=(16, 16))
-    with pytest.raises(ValueError, match=f"rule {rule} learns variances at shares that are kept"):
+    with pytest.raises(ValueError, match=f"rule {rule} needs allocation systematic, because it learns variances"):
         dmis.render(scene, rule, 24, settings=dmis.Settings(allocation="random"))
 
 

@@ -227,7 +227,7 @@ def test_bad_shares(bad: float) -> None:
 @pytest.mark.parametrize("counts", ["yes", "no"])
 def test_split_renders(box: dmis.Scene, monkeypatch, counts: str) -> None:
     """Fewer camera samples, as many shading samples: the budget is kept, and so is the mean."""
-    monkeypatch.setattr("dmis.fit.second_moment.SPLITS", (4,))
+    monkeypatch.setattr("dmis.fit.second_moment.SHADING_FACTORS", (4,))
     result = dmis.render(box, f"second-moment:split=yes,counts={counts}", 66, seed=1)
     pixels = result.samples.size
     if counts == "no":  # else the pixels that see nothing, where no ray is traced, have fewer

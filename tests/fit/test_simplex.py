@@ -302,7 +302,7 @@ def test_the_price_is_that_of_the_minimum() -> None:
 def test_texts() -> None:
     """Learned or given; commas between rules, and within one."""
     assert make_rule("simplex") == Simplex() == make_rule("simplex:light+brdf+resampled")
-    assert make_rule("simplex:brdf+uniform,patch=8,cost=no") == Simplex("brdf+uniform", 8, cost=False)
+    assert make_rule("simplex:brdf+uniform,patch=8,cost=no") == Simplex("brdf+uniform", patch=8, cost=False)
     shares = Fixed((0.3, 0.45, 0.25), "power", ("light", "brdf", "resampled"))
     assert make_rule(f"simplex:{MIX},combiner=power") == shares
     assert parse_rules(f"balance,simplex:{MIX},auto") == ["balance", f"simplex:{MIX}", "auto"]
