@@ -196,6 +196,11 @@ def make_oracle(
     spp, patch = whole("spp", spp, 1), whole("patch", patch, 1)
     settings = make_settings(settings, **options)
     path = _path(scene, spp, patch, settings, folder, combiner)
+    if not scene.plan.mixable:
+        raise ValueError(
+            f"an oracle needs a light that two techniques can reach; scene {scene.name!r} has nothing to mix, and the "
+            f"same variance at every share. Compare its rules without an oracle"
+        )
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)

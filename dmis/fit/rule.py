@@ -113,6 +113,9 @@ class Rule:
     multi_technique
         Whether the rule divides samples between any number of techniques, as `dmis.fit.simplex.Simplex` does; then
         the statistic does without their densities. Default: False, two techniques.
+    shares_only
+        Whether the fit decides shares alone, and no numbers of samples. Then the pilot is left out of scenes with
+        nothing to mix, see `dmis.scene.plan.Plan.mixable`. Default: False.
     """
 
     if TYPE_CHECKING:  # read-only, so that rules may have a field or a property of the name
@@ -127,11 +130,13 @@ class Rule:
         def needs_features(self) -> bool: ...
         @property
         def multi_technique(self) -> bool: ...
+        @property
+        def shares_only(self) -> bool: ...
 
     else:
         pilot = settings = MappingProxyType({})
         statistic = None
-        needs_features = multi_technique = False
+        needs_features = multi_technique = shares_only = False
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Return the weights, from the `Pilot` at each weight of `pilot`."""
@@ -166,6 +171,10 @@ class _Completed(Rule):
     @property
     def multi_technique(self) -> bool:
         return self._attribute("multi_technique")
+
+    @property
+    def shares_only(self) -> bool:
+        return self._attribute("shares_only")
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         return self.rule.fit(pilot)

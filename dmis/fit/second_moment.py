@@ -114,6 +114,11 @@ class SecondMoment(PooledRule):
         return {"combiner": self.combiners[0]} | final_settings(self.sampler, self.reuse)
 
     @property
+    def shares_only(self) -> bool:
+        """Whether numbers of camera samples and of shading samples stay as they are."""
+        return not (self.counts or self.split)
+
+    @property
     def combiners(self) -> tuple[str, ...]:
         """Combiners that the pilot chooses from."""
         return tuple(self.combiner.split("+"))

@@ -75,7 +75,7 @@ class Simplex(PooledRule):
     """
 
     mix: str = "light+brdf+resampled"
-    multi_technique = True
+    multi_technique = shares_only = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

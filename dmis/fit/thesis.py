@@ -78,6 +78,7 @@ class Thesis(Rule):
     reuse: bool = False
     combiner: str = "balance"
     sampler: str = ""
+    shares_only = True
 
     def __post_init__(self) -> None:
         if self.patch != "auto" and not (isinstance(self.patch, int | np.integer) and 1 <= self.patch <= 65535):

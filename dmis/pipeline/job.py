@@ -39,6 +39,8 @@ MIN_SPP_TO_LEARN = 16
 """Camera samples per pixel from which on a pilot pays."""
 MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
+NOTHING_TO_MIX = "no light has two techniques: no pilot, equal shares"
+"""Value of ``nothing_to_mix`` in the provenance of a render for which this is so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,8 @@ class Job:
         Estimator settings of the pilot, see `pilot_settings`.
     statistic
         Makes the statistic that the pilot gathers; None: the moments of the pixels alone.
+    nothing_to_mix
+        Whether the rule learns shares alone, and no light of the scene has two techniques: then there is no pilot.
     """
 
     scene: Scene
@@ -98,6 +102,7 @@ class Job:
     pilot_settings: Settings
     statistic: Callable[[int, int], Statistic] | None
     given_scene: Scene
+    nothing_to_mix: bool
 
     @classmethod
     def of(cls, scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings: Settings) -> Job:
@@ -114,6 +119,9 @@ class Job:
         if settings.reuse_pilot is None:
             settings = replace(settings, reuse_pilot=settings.sampler == "independent")
         _check_rule(rule, rule_text, settings)
+        nothing_to_mix = rule.shares_only and not float32_scene.plan.mixable
+        if nothing_to_mix:
+            rule, settings = _without_learning(settings)
         statistic = rule.statistic
         if combiner_by_name(settings.combiner).control_variate:
             statistic = control_variate.statistic(rule.pilot, statistic)
@@ -124,7 +132,9 @@ class Job:
                 f"of rule {rule_text}; got {spp}"
             )
         learning = pilot_settings(settings, rule.pilot, statistic is not None)
-        return cls(float32_scene, gain, rule, rule_text, spp, seed, settings, learning, statistic, scene)
+        return cls(
+            float32_scene, gain, rule, rule_text, spp, seed, settings, learning, statistic, scene, nothing_to_mix
+        )
 
     @property
     def pilot_samples(self) -> dict[Any, int]:
@@ -163,6 +173,7 @@ class Job:
             "spp": self.spp,
             "seed": self.seed,
             "settings": asdict(self.settings),
+            **({"nothing_to_mix": NOTHING_TO_MIX} if self.nothing_to_mix else {}),
         }
 
     def without_tables(self) -> Job:
@@ -255,6 +266,18 @@ def default_rule(spp: int, settings: Settings) -> Rule | str:
         return "auto"
     rule = Fixed(0.5, settings.combiner, settings.techniques, settings.allocation)
     return "balance" if rule == Fixed() else rule
+
+
+def _without_learning(settings: Settings) -> tuple[Rule, Settings]:
+    """Return the rule of equal shares for a scene with nothing to mix, and the settings that go with it.
+
+    All heuristics are the same there; a control variate, whose coefficients need a pilot, is 0.
+    """
+    if combiner_by_name(settings.combiner).control_variate:
+        settings = replace(settings, combiner="balance")
+    k = len(settings.techniques)
+    w = 0.5 if k == 2 else (1 / k,) * k
+    return Fixed(w, settings.combiner, settings.techniques, settings.allocation), settings
 
 
 def _check_rule(rule: Rule, rule_text: str, settings: Settings) -> None:

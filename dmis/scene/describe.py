@@ -46,8 +46,10 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         lines.append(f"  {type(delta).__name__}: a single direction, outside MIS{rays}")
     if not plan.has_light:
         lines.append("  no light emits: images are black")
-    elif not plan.sampled:
-        lines.append("  no light to sample by two techniques: MIS does not apply")
+    elif not plan.mixable:
+        lines.append(
+            "  nothing to mix: no light can be reached by two techniques, so rules learn no shares, without a pilot"
+        )
     if len(plan.pinhole_offsets):
         lines.append("  the camera lies in the plane of triangles around it, and does not see them")
     if unread:

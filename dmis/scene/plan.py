@@ -109,6 +109,11 @@ class Plan:
         """Whether there is a light that rays can meet."""
         return bool(self.environment) or any(group.emission is not None for group in self.groups)
 
+    @property
+    def mixable(self) -> bool:
+        """Whether there is anything to mix: a light that two techniques can reach from some surface."""
+        return any(self.mixes(group, light) for group in self.groups for light in self.sampled)
+
     def mixes(self, group: Group, light: Light) -> bool:
         """Return whether MIS applies: the light has an extent, and the surface a lobe that is a function."""
         return bool(group.reflection or group.transmission) and not light.delta

@@ -1,0 +1,112 @@
+"""Scenes in which no light has two techniques: no share is learned, and all samples are final."""
+
+import numpy as np
+import pytest
+from helpers import box_scene
+
+import dmis
+from dmis.fit.rule import Fit
+
+POINT, SUN = dmis.PointLight((1, -1, 2), (3, 3, 3)), dmis.DistantLight((0, 0.3, 1), (1, 1, 1))
+
+
+@pytest.fixture(scope="module")
+def delta_scene() -> dmis.Scene:
+    """A matte floor under lights of a single direction each."""
+    return box_scene(dmis.matte(0.6), (POINT, SUN), resolution=(40, 32))
+
+
+@pytest.fixture(scope="module")
+def mirror_scene() -> dmis.Scene:
+    """A mirror under a sky, which no surface samples."""
+    sky = dmis.EnvironmentLight(np.random.default_rng(1).random((4, 8, 3)))
+    return box_scene(dmis.mirror(), (sky,), resolution=(40, 32))
+
+
+@pytest.mark.parametrize("scene_name", ["delta_scene", "mirror_scene"])
+@pytest.mark.parametrize(
+    ("rule", "same"),
+    [
+        ("thesis", "balance"),
+        ("thesis:patch=auto,reuse=yes,strategies=5", "balance"),
+        ("thesis:combiner=power,sampler=sobol", "pbrt:sampler=sobol"),
+        ("second-moment", "balance"),
+        ("second-moment:combiner=controlled", "balance"),
+        ("second-moment:combiner=optimal", "balance:combiner=optimal"),
+        ("neyman:combiner=frozen", "balance:combiner=frozen"),
+        ("simplex:light+brdf", "balance"),
+    ],
+)
+def test_images_are_those_of_equal_shares(
+    scene_name: str, rule: str, same: str, request: pytest.FixtureRequest
+) -> None:
+    """The same bits and rays as `balance` with the settings of the rule; the maps say so, and the provenance, why."""
+    scene, stages = request.getfixturevalue(scene_name), set()
+    result = dmis.render(scene, rule, 9, seed=2, progress=lambda stage, done, total: stages.add(stage))
+    other = dmis.render(scene, same, 9, seed=2)
+    np.testing.assert_array_equal(result.image, other.image)
+    np.testing.assert_array_equal(result.variance, other.variance)
+    assert result.rays == other.rays and result.image.max() > 0
+    assert (result.weight == 0.5).all() and (result.samples == 9).all()
+    assert stages == {"final"} and result.maps == {} and result.provenance["pilot_rays"] == {}
+    assert "no pilot" in result.provenance["nothing_to_mix"] and "nothing_to_mix" not in other.provenance
+    assert result.provenance["rule"] == rule
+
+
+def test_a_small_budget_is_enough(delta_scene: dmis.Scene) -> None:
+    """Without a pilot no samples need to be left for it."""
+    assert (dmis.render(delta_scene, "thesis", 1).samples == 1).all()
+
+
+def test_shares_of_three_techniques(delta_scene: dmis.Scene) -> None:
+    """They are equal; the mean is that of two techniques, because lights of one direction have no technique."""
+    result = dmis.render(delta_scene, "simplex", 8, seed=1)
+    np.testing.assert_array_equal(result.weight, np.float32(1 / 3))
+    assert result.rays["delta"] > 0 and not result.rays.keys() & {"shadow", "brdf", "resampled"}
+
+
+def test_rules_that_divide_camera_samples_keep_their_pilot(delta_scene: dmis.Scene) -> None:
+    """`auto` takes more samples where the image is noisy, whatever the lights."""
+    result = dmis.render(delta_scene, "auto", 32, seed=1)
+    assert np.ptp(result.samples) > 0 and (result.weight == 0.5).all()
+    assert result.provenance["pilot_rays"]["camera"] > 0 and "nothing_to_mix" not in result.provenance
+
+
+class Own:
+    """A rule of one's own, of which it is not known what it decides."""
+
+    shares_only = False
+
+    @property
+    def pilot(self):
+        return {0.5: 2}
+
+    def fit(self, pilot):
+        return Fit(0.25)
+
+
+def test_own_rules_keep_their_pilot_unless_they_say(delta_scene: dmis.Scene) -> None:
+    """The default is to render the pilot; ``shares_only = True`` leaves it out."""
+    result = dmis.render(delta_scene, Own(), 8)
+    assert (result.weight == 0.25).all() and result.provenance["pilot_rays"]["camera"] > 0
+    rule = Own()
+    rule.shares_only = True
+    result = dmis.render(delta_scene, rule, 8)
+    assert (result.weight == 0.5).all() and result.provenance["pilot_rays"] == {}
+
+
+def test_one_light_with_two_techniques_is_enough(delta_scene: dmis.Scene) -> None:
+    """A lamp beside the others brings the pilot back; one without power does not."""
+    lamp, dark = (dmis.QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (e, e, e)) for e in (3, 0))
+    for light, learned in ((lamp, True), (dark, False)):
+        scene = box_scene(dmis.matte(0.6), (POINT, light), resolution=(16, 12))
+        assert scene.plan.mixable == learned
+        result = dmis.render(scene, "thesis", 8, seed=1)
+        assert ("nothing_to_mix" not in result.provenance) == learned == (result.maps != {})
+        assert ("nothing to mix" in scene.describe()) != learned
+
+
+def test_an_oracle_has_nothing_to_say(delta_scene: dmis.Scene, tmp_path) -> None:
+    """All shares have the same variance."""
+    with pytest.raises(ValueError, match="has nothing to mix, and the same variance at every share"):
+        dmis.make_oracle(delta_scene, 8, folder=tmp_path)
