@@ -18,8 +18,10 @@ size lead to, up to a fit from three quarters of the pixels, which favours large
 least score is taken, the larger one of equal scores. It decides which map is used and nothing else, so that the image,
 whose final samples are drawn afterwards, stays unbiased.
 
-Known failure: the score is a sum of heavy-tailed estimates, in which a few bright pixels may outweigh all others; so
-they do in the error of the image. Where all pixels of a pilot missed a spike, so does the score.
+Known failures: the score is a sum of heavy-tailed estimates, in which a few bright pixels may outweigh all others; so
+they do in the error of the image. Where all pixels of a pilot missed a spike, so does the score. Where one technique
+alone is very bad, the parabola dips below V between the pilot's shares, even below 0; the score then says how well
+patches follow a dip that the rule believes in, too, and its value is no variance.
 """
 
 from __future__ import annotations
