@@ -2,11 +2,10 @@
 Why the parabola fails
 ======================
 
-Three reasons, in one patch of each scene. (i) V(w) is no parabola: near an end where a technique fails it shoots up
-like 1/w, so the parabola through V(0), V(1/2), V(1) has its minimum in the wrong place even if the three are known
-exactly. If V(0) dwarfs the others, Eq. 3.5 says w = 3/4, whatever they are; if V(1) does, w = 1/4. (ii) With two
-samples per pixel the three are not known: where a spike is rare, most pilots do not see it, and the technique that
-fails looks best. (iii) Then w goes to an end of [0, 1], where a mistake costs most.
+The same rule on the same pilot loses by a large factor with patches of 4x4 pixels and is a fair rule with patches of
+16x16. What differs is the number of samples behind a variance. Where a technique meets the light in one sample of a
+hundred, most small patches see no such sample. Their variance is then nearly zero: the technique that fails looks
+perfect, and gets all samples.
 """
 
 import sys
@@ -16,69 +15,99 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import SCENES, options
-from curves import STRATEGIES, draw_curve, mse_curve, parabola, patch_at, pilot
+from common import options, print_canvas, window
 
+import dmis
 from dmis import plot
+from dmis.base.color import luminance
+from dmis.base.patches import patch_mean, patch_spread, patch_sum
+from dmis.experiment.metrics import ratio_over_blocks, squared_error
+from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
 
 opts, _ = options(__file__, __doc__)
-SIZE = opts.pick(4, 16)
-PILOTS = opts.pick(10, 200)
-PLACES = {
-    "teapot-area-light": ("penumbra", 0.66, 0.6),
-    "killeroo-diffuse": ("shadow's edge", 0.93, 0.187),
-    "killeroo-gold": ("golden head", 0.125, 0.327),
-    "tt": ("windscreen", 0.46, 0.47),
+PATCHES = (4, 8, 16)
+STRATEGIES = np.array([0, 0.5, 1])
+
+# %%
+# **Steps 1 to 5** of the thesis's rule on TT: pilot, variance, fit, filter, final pass, with three sizes of patches.
+# The pilot is the same: two samples per pixel for each share of light samples w = 0, 1/2, 1.
+scene = opts.scene("tt", opts.pick(16, 4, 1))
+pilots = [dmis.render(scene, f"fixed:{w:g}", 2, seed=k) for k, w in enumerate(STRATEGIES, 1)]
+shape = pilots[0].image.shape[:2]
+variance = np.stack([luminance(pilot.variance) for pilot in pilots])  # y = Σ (x - mean)² / (n - 1) / n of pixels
+weights, images = {}, {}
+for patch in PATCHES:
+    raw, status = parabola_minimum(STRATEGIES, patch_mean(variance, patch))  # w = -a₁ / (2 a₂)   (Eqs. 3.2-3.5)
+    weights[patch] = patch_spread(gaussian(raw), patch, shape)  # Σ_q g(p - q) w_q over 5x5 patches   (Sec. 3.4)
+    images[patch] = dmis.render(scene, dmis.Given(weight=weights[patch]), opts.spp - 6, seed=4).image
+
+# %%
+# The mean squared error over that of the balance heuristic.
+reference = opts.reference(scene, opts.pick(64, 128))
+balance = squared_error(dmis.render(scene, "balance", opts.spp, seed=4).image, reference.first, reference.second)
+ratios = {
+    patch: ratio_over_blocks(squared_error(image, reference.first, reference.second), balance)
+    for patch, image in images.items()
 }
+for patch, (value, half) in ratios.items():
+    print(f"patches of {patch:2}x{patch:<2} MSE / MSE of the balance heuristic {value:6.2f} ± {half:.2f}")
 
 # %%
-# In each patch: the true curve, the parabola through three exact points of it, and many pilots.
-found = {}
-for name, (_, row, column) in PLACES.items():
-    scene = opts.scene(name)
-    patch = patch_at(scene, row, column, SIZE)
-    curve = mse_curve(opts, scene, patch)
-    exact = curve.mse[[0, list(curve.w).index(0.5), -1]]
-    fitted = np.array([pilot(scene, patch, seed).w for seed in range(PILOTS)])
-    found[name] = curve, exact, fitted
+# **How many patches see no spike?** On the diffuse walls of KILLEROO DIFFUSE, a BRDF sample that hits the lamp is far
+# brighter than the pixel, and all others bring nothing. If a share h of the BRDF samples hits, none of the n samples of
+# each of P pixels does with probability (1 - h)^(P n).
+room = opts.scene("killeroo-diffuse", opts.pick(16, 4, 1))
+wall = room.crop(*window(room, (0.02, 0.27), (0, 0.187)))
+truth = luminance(dmis.render(wall, "balance", opts.pick(32, 128), seed=1).image)
+hit = {
+    spp: [
+        luminance(dmis.render(wall, "fixed:0", spp, seed=100 * spp + k).image) > truth for k in range(opts.pick(4, 50))
+    ]
+    for spp in (1, 2, 4)
+}
+SIDES = np.array([2, 4, 8, 16])
+missed = {spp: [np.mean(patch_sum(np.array(h, float), side) == 0) for side in SIDES] for spp, h in hit.items()}
+h = np.mean(hit[1]) / 2  # two BRDF samples for each camera sample
+print(f"share of BRDF samples that hit the lamp: {h:.2%}")
+for spp, shares in missed.items():
+    told = ", ".join(f"{share:.1%} ({(1 - h) ** (2 * spp * side**2):.1%})" for side, share in zip(SIDES, shares))
+    print(f"{spp} samples per pixel, patches of 2, 4, 8, 16 pixels: no hit in {told} of them (expected)")
 
 # %%
-# What the fitted weights cost: the curve, read at each of them.
-figure, axes = plot.canvas(2, 4, 18, 8)
-dense = np.linspace(0, 1, 401)
-summary = []
-for (above, below), (name, (curve, exact, fitted)) in zip(axes.T, found.items(), strict=True):
-    draw_curve(above, curve)
-    above.plot(
-        dense, parabola(exact, dense), color="tab:red", linestyle="--", label="parabola through V(0), V(½), V(1)"
-    )
-    vertex = float(parabola_minimum(STRATEGIES, exact)[0])
-    above.axvline(vertex, color="tab:red", linewidth=1, label=f"its minimum: w = {vertex:.2f}")
-    above.set_yscale("log")
-    above.set_ylim(0.4 * curve.mse.min(), 2.5 * curve.mse.max())
-    above.set_ylabel(f"mean squared error at {curve.spp} spp (linear RGB²)")
-    above.set_title(f"{SCENES[name].title}: {PLACES[name][0]}", fontsize=10)
-    above.legend(fontsize=7, loc="upper center")
-    below.hist(fitted, np.linspace(0, 1, 41), color="tab:red", alpha=0.7, label=f"{PILOTS} pilots of 2 + 2 + 2 samples")
-    below.axvline(vertex, color="tab:red", linewidth=1, label="exact parabola")
-    below.axvline(curve.w[curve.best], color="black", linestyle=":", label="lowest measured error")
-    below.set_xlabel("fitted share of light samples w")
-    below.set_ylabel("number of pilots")
-    below.legend(fontsize=7)
-    cost = np.exp(np.interp(fitted, curve.w, np.log(curve.mse)))
-    half = curve.mse[list(curve.w).index(0.5)]
-    told = cost.mean() / half, np.median(cost) / half, curve.mse.min() / half
-    summary.append(f"{name} {told[0]:.2f} ({told[1]:.2f}, {told[2]:.2f})")
-    print(
-        f"{name:18} MSE / that of w = 1/2: mean over pilots {told[0]:6.2f}, median {told[1]:.2f}, exact parabola "
-        f"{np.exp(np.interp(vertex, curve.w, np.log(curve.mse))) / half:.2f}, best {told[2]:.2f}; "
-        f"fitted at an end of [0, 1]: {np.mean((fitted == 0) | (fitted == 1)):.0%}"
-    )
-opts.save(
+# Top: the weights. Middle: what they make of the image. Bottom: patches without a spike.
+figure = print_canvas(1, 1, 5.6)[0]
+figure.clear()
+top, bottom = figure.subfigures(2, 1, height_ratios=[1.75, 1])
+axes, part = top.subplots(2, 3), window(scene, (0.5, 0.95), (0.1, 0.5))
+for k, patch in enumerate(PATCHES):
+    value, half = ratios[patch]
+    shown = plot.weights(axes[0, k], weights[patch], f"patches of {patch}x{patch}: MSE x {value:.2g}")
+    plot.mark(axes[0, k], part, "black")
+    plot.picture(axes[1, k], images[patch], "", part)
+for axis in axes.flat:
+    axis.set_axis_off()
+plot.weight_bar(top, shown, axes[0], location="bottom", shrink=0.5, aspect=40, pad=0.02)
+axis = bottom.subplots()
+pixels = np.geomspace(SIDES[0] ** 2, SIDES[-1] ** 2, 100)
+for (spp, shares), colour in zip(missed.items(), ("tab:orange", "tab:red", "tab:purple"), strict=True):
+    axis.plot(SIDES**2, 100 * np.array(shares), "o", color=colour, label=f"{spp} per pixel")
+    axis.plot(pixels, 100 * (1 - h) ** (2 * spp * pixels), "--", color=colour, linewidth=0.8)
+axis.set_xscale("log")
+axis.set_xticks(SIDES**2, [f"{side}x{side}" for side in SIDES])
+axis.minorticks_off()
+axis.set_xlabel("pixels of a patch")
+axis.set_ylabel("patches without a hit (%)")
+axis.legend(loc="center left", bbox_to_anchor=(1, 0.5), title="camera samples")
+height, width = shape
+told = ", ".join(f"{value:.3g} ± {half:.1f}" for value, half in ratios.values())
+opts.save_for_print(
     figure,
     "Why the parabola fails",
-    f"""Top: measured error of one patch of {SIZE}x{SIZE} pixels per scene against the share of light samples, and the
-    parabola through three exact points of the curve. Bottom: the weights that {PILOTS} independent pilots lead to.
-    Error over that of w = 1/2, mean over pilots (median; best weight): {"; ".join(summary)}.""",
+    f"""Top: weights of the thesis's rule on TT ({width}x{height} pixels) from one pilot of 2 + 2 + 2 camera samples per
+    pixel, with patches of three sizes, and mean squared error over that of the balance heuristic, {told} (one seed,
+    {opts.spp} samples). Middle: the framed part of the image. Dark red patches get BRDF samples only, because the
+    pilot's BRDF samples missed the sun there. Bottom: on the wall of KILLEROO DIFFUSE {h:.1%} of the BRDF samples hit
+    the lamp; share of the patches in which none of the pilot's does, over {len(hit[1])} pilots. Dashed: (1 - h)^n for
+    n BRDF samples, two for each camera sample.""",
 )
