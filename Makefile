@@ -7,6 +7,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 DOCS := .venv-docs
 GALLERY ?= 1
+FIGURES ?= thesis/ why_the_parabola_fails
 SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
@@ -27,8 +28,8 @@ $(READY): pyproject.toml
 demo: $(READY)  ## render the teapot with the balance heuristic and with the thesis's rule, print the table, draw the picture
 	$(BIN)/python examples/demo.py
 
-figures: $(READY)  ## draw all figures and figures/index.html (minutes)
-	$(BIN)/python examples/make_figures.py
+figures: $(READY)  ## draw the figures of the thesis for figures/index.html and docs/figures (15 minutes); FIGURES=/: all, hours
+	$(BIN)/python examples/make_figures.py --publish docs --only $(FIGURES)
 
 report: $(READY)  ## measure error against time on the four scenes, write figures/report.html (10 minutes)
 	$(BIN)/python examples/make_report.py --docs docs/report.md

@@ -17,7 +17,9 @@ from latex2mathml.converter import convert
 import dmis
 
 DOCS = Path(__file__).parent
-sys.path.insert(0, str(DOCS))  # gallery.py
+sys.path.insert(0, str(DOCS))
+import gallery  # noqa: E402
+
 os.environ.setdefault("DMIS_CACHE", str(DOCS / "_build" / "cache"))
 os.environ.pop("DMIS_PBRT_SCENES", None)  # the gallery shows the scenes that everyone has
 
@@ -56,7 +58,7 @@ html_show_sphinx = False
 sphinx_gallery_conf = {
     "examples_dirs": ["tutorials", "../examples"],
     "gallery_dirs": ["generated/tutorials", "generated/figures"],
-    "filename_pattern": r"/(plot_|\d_)",
+    "filename_pattern": gallery.run_pattern(),
     "ignore_pattern": r"^(?!plot_|\d_)",
     "within_subsection_order": "FileNameSortKey",
     "reset_argv": "gallery.arguments",
@@ -105,6 +107,7 @@ def contents() -> str:
 def source_read(app, page: str, text: list[str]) -> None:
     """Links that lead out of docs/ lead to the pages that the site has for them."""
     if page.startswith("generated/"):
+        text[0] = gallery.with_figure(page, text[0])
         return
     for file, name in ELSEWHERE.items():
         text[0] = text[0].replace(f"](../{file}", f"](generated/{name}.md")
@@ -127,6 +130,7 @@ def write(path: Path, text: str) -> None:
 
 def generate(app) -> None:
     """Pages that are made of other files: those at the root, and one for each module."""
+    gallery.write_thumbnails(DOCS / "generated" / "figures", DOCS.parent / "examples")
     for file, name in ELSEWHERE.items():
         text = (DOCS.parent / file).read_text("utf-8")
         text = re.sub(r"\]\(docs/", "](../", text)

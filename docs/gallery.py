@@ -1,12 +1,47 @@
-"""What sphinx-gallery needs to know of the scripts: how they are run, and where their pictures are."""
+"""What sphinx-gallery needs to know of the scripts: how they are run, and where their pictures are.
 
+A script whose figure `make figures` has written to ``docs/figures`` is not run: its page shows that figure, of the
+default size, with its caption. The others run at their quick size.
+"""
+
+import json
+import re
+import shutil
 from pathlib import Path
 
 from sphinx_gallery.scrapers import figure_rst
 
 FIGURES = Path(__file__).parent / "_build" / "figures"
+PUBLISHED = {path.stem: path for path in sorted((Path(__file__).parent / "figures").glob("plot_*.webp"))}
+"""Figures of the default size, by script."""
 KEPT = {"plot_scale"}
 """Scripts that draw what was measured once, and is kept with the project, unless they are asked to be quick."""
+
+
+def run_pattern() -> str:
+    """Return the pattern of the scripts that are run: tutorials, and figures that are not published."""
+    published = "|".join(re.escape(stem.removeprefix("plot_")) for stem in PUBLISHED)
+    return rf"/(plot_(?!(?:{published})\.py)|\d_)" if published else r"/(plot_|\d_)"
+
+
+def write_thumbnails(folder: Path, examples: Path) -> None:
+    """Write the published figures where sphinx-gallery looks for the pictures of a script, below `folder`."""
+    for script in examples.glob("*/plot_*.py"):
+        if script.stem in PUBLISHED:
+            images = folder / script.parent.name / "images"
+            images.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(PUBLISHED[script.stem], images / f"sphx_glr_{script.stem}_001.webp")
+
+
+def with_figure(page: str, text: str) -> str:
+    """Return the text of a script's page with its published figure and caption below the title."""
+    stem = page.rpartition("/")[2]
+    if stem not in PUBLISHED:
+        return text
+    about = json.loads(PUBLISHED[stem].with_name("captions.json").read_text("utf-8"))[stem]
+    caption = re.sub(r"([\\*`|_])", r"\\\1", f"{about['caption']} ({about['made']}.)")
+    figure = f".. figure:: /figures/{stem}.webp\n   :alt: {about['title']}\n\n   {caption}\n"
+    return re.sub(r"^=+\n", lambda line: f"{line[0]}\n{figure}\n", text, count=1, flags=re.M)
 
 
 def arguments(conf: dict, script: dict) -> list[str]:

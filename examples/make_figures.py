@@ -2,43 +2,67 @@
 All figures and a contact sheet
 ===============================
 
-Makes the references that several figures share, runs every ``plot_*.py`` at the size asked for, and writes
-``figures/index.html``, which shows all figures by section with their captions. What a script prints goes to
-``<script>.txt`` beside its figure.
+Runs every ``plot_*.py`` at the size asked for, and writes ``figures/index.html``, which shows all figures by section
+with their captions. What a script prints goes to ``<script>.txt`` beside its figure. With ``--publish docs`` the
+figures also go to the pages of the project: as WebP files to ``docs/figures``, where the gallery takes them from, and
+those of the thesis with their captions between the marks ``figures`` of ``docs/reproduction.md``.
 """
 
 import html
+import json
+import resource
 import subprocess
 import sys
 import time
+from datetime import date
 from pathlib import Path
 
-from common import SCENES, options
+from common import ROOT, options, replace_table
 from PIL import Image
 
 SECTIONS = {"thesis": "The thesis, figure by figure", "explained": "Explained", "measured": "Measured"}
 """Folders of scripts, in the order of the page, and their headings there."""
+LARGEST = 150_000
+"""Bytes of a published figure."""
 
 opts, given = options(
     __file__,
     __doc__,
-    only={"nargs": "+", "default": [""], "help": "run only scripts with one of these in their names"},
+    only={"nargs": "+", "default": [""], "help": "run only scripts with one of these in their paths"},
+    publish={"type": Path, "help": "folder of the project's pages, docs, that get the figures too"},
 )
+if given.publish is not None and opts.size != "default":
+    sys.exit(f"--publish takes figures of the default size; got --{opts.size}")
 folder = opts.output.parent
 folder.mkdir(parents=True, exist_ok=True)
-sections = {name: sorted((Path(__file__).resolve().parent / name).glob("plot_*.py")) for name in SECTIONS}
+here = Path(__file__).resolve().parent
+sections = {name: sorted((here / name).glob("plot_*.py")) for name in SECTIONS}
 scripts = [
-    script for section in sections.values() for script in section if any(part in script.stem for part in given.only)
+    script
+    for section in sections.values()
+    for script in section
+    if any(part in script.relative_to(here).as_posix() for part in given.only)
 ]
 
-# %%
-# References are rendered once and kept; the scripts read them from disk.
-begun = time.perf_counter()
-for k, name in enumerate(SCENES, 1):
-    begin = time.perf_counter()
-    print(f"[{k}/{len(SCENES)}] reference of {name:20}", end=" ", flush=True)
-    reference = opts.reference(opts.scene(name))
-    print(f"{time.perf_counter() - begin:6.1f} s  2 x {reference.spp} spp", flush=True)
+
+def publish(picture: Path, seconds: float) -> None:
+    """Write a figure as WebP of at most `LARGEST` bytes, and its title and caption to ``captions.json`` beside it."""
+    to = given.publish / "figures" / f"{picture.stem}.webp"
+    to.parent.mkdir(parents=True, exist_ok=True)
+    with Image.open(picture) as image:
+        about, pixels = image.info, image.convert("RGB")
+    for quality in (90, 80, 70, 60, 50, 40, 30, 20):
+        pixels.save(to, quality=quality, method=6)
+        if to.stat().st_size <= LARGEST:
+            break
+    git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
+    made = f"{date.today()}, commit {commit}, {seconds:.0f} CPU seconds"
+    table = to.with_name("captions.json")
+    captions = json.loads(table.read_text("utf-8")) if table.exists() else {}
+    captions[picture.stem] = {"title": about["Title"], "caption": about["Description"], "made": made}
+    table.write_text(json.dumps(captions, indent=1, ensure_ascii=False, sort_keys=True) + "\n", "utf-8")
+
 
 # %%
 # One line for each script. One that fails does not keep the others from running.
@@ -48,8 +72,9 @@ if opts.scene_dir is not None:
 if opts.threads is not None:
     arguments += ["--threads", str(opts.threads)]
 failed = []
+begun = time.perf_counter()
 for k, script in enumerate(scripts, 1):
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     print(f"[{k:2}/{len(scripts)}] {script.stem:38}", end=" ", flush=True)
     picture = folder / f"{script.stem}.png"
     done = subprocess.run(
@@ -57,9 +82,25 @@ for k, script in enumerate(scripts, 1):
     )
     log = folder / f"{script.stem}.txt"
     log.write_text(done.stdout + done.stderr, "utf-8")
+    cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - cpu
     if done.returncode:
         failed.append(script.stem)
-    print(f"{time.perf_counter() - begin:6.1f} s  {f'FAILED, see {log}' if done.returncode else picture}", flush=True)
+    elif given.publish is not None:
+        publish(picture, cpu)
+    end = f"FAILED, see {log}" if done.returncode else picture
+    print(f"{time.perf_counter() - begin:6.1f} s ({cpu:6.1f} s CPU)  {end}", flush=True)
+
+# %%
+# The page of the thesis shows its figures in the order of their numbers.
+if given.publish is not None:
+    captions = json.loads((given.publish / "figures" / "captions.json").read_text("utf-8"))
+    lines = []
+    for stem in sorted((script.stem for script in sections["thesis"]), key=lambda stem: stem.split("_")[2:4]):
+        if stem in captions:
+            title, caption, made = (captions[stem][key] for key in ("title", "caption", "made"))
+            lines += [f"### {title}", "", f"![{title}](figures/{stem}.webp)", ""]
+            lines += [f"{caption} ([`{stem}.py`](../examples/thesis/{stem}.py); {made}.)", ""]
+    replace_table(given.publish / "reproduction.md", "figures", "", *lines)
 
 # %%
 # The contact sheet shows the pictures of this run and of earlier ones: titles and captions are in their metadata.

@@ -2,6 +2,7 @@
 
 import inspect
 import os
+import json
 import re
 import runpy
 import subprocess
@@ -126,6 +127,19 @@ def test_readme_lists_the_figures_of_a_section(section):
     assert table is not None
     scripts = sorted(path.name for path in (ROOT / "examples" / section).glob("plot_*.py"))
     assert sorted(re.findall(r"`(plot_\w+\.py)`", table[0])) == scripts
+
+
+def test_published_figures():
+    """Each figure of the thesis is small, has a caption that says how it was made, and is on the page."""
+    folder, page = ROOT / "docs" / "figures", (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    captions = json.loads((folder / "captions.json").read_text("utf-8"))
+    scripts = {path.stem for path in (ROOT / "examples" / "thesis").glob("plot_*.py")}
+    assert scripts <= set(captions) == {path.stem for path in folder.glob("*.webp")}
+    for stem, about in captions.items():
+        assert (folder / f"{stem}.webp").stat().st_size <= 150_000
+        assert re.fullmatch(r"\d{4}-\d\d-\d\d, commit [0-9a-f]{7,}, \d+ CPU seconds", about["made"])
+        if stem in scripts:
+            assert f"![{about['title']}](figures/{stem}.webp)" in page and about["caption"] in page
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/index.md"])

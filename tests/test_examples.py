@@ -62,6 +62,11 @@ def test_figure(script, cache, tmp_path):
     picture = tmp_path / "figure.png"
     assert run(script, cache, "-o", picture).rstrip().endswith(str(picture))
     check(picture)
+    if script.parent.name == "thesis":  # for print: 7 inches wide at 200 dpi or more, and a PDF
+        with Image.open(picture) as image:
+            dpi = image.info["dpi"][0]
+            assert dpi > 199.9 and image.size[0] / dpi < 7.01
+        assert picture.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.slow
@@ -74,10 +79,10 @@ def test_figure_of_the_original_scenes(script, cache, tmp_path, pbrt_scenes):
 
 
 def test_contact_sheet(cache, tmp_path):
-    """One line per reference and script; a page that shows what there is."""
+    """One line per script; a page that shows what there is."""
     script = ROOT / "examples" / "make_figures.py"
     lines = run(script, cache, "-o", tmp_path / "any.png", "--only", "fig_2_1", "1d_mixture").splitlines()
-    assert len(lines) == 4 + 2 + 1 and "plot_fig_2_1_variance" in lines[4]
+    assert len(lines) == 2 + 1 and "plot_fig_2_1_variance" in lines[0]
     page = (tmp_path / "index.html").read_text("utf-8")
     assert page.count("<figure ") == 2 and 'src="plot_1d_mixture.png"' in page
     headings = [page.index(f"<h2>{heading}</h2>") for heading in ("The thesis, figure by figure", "Explained")]
@@ -86,16 +91,31 @@ def test_contact_sheet(cache, tmp_path):
     assert "MSE" in (tmp_path / "plot_fig_2_1_variance.txt").read_text("utf-8")
 
 
-def test_reproduction_table(cache, tmp_path):
-    """It replaces the block between its marks, and nothing else of the page."""
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- shipped: begin -->\nstale\n<!-- shipped: end -->\nafter\n", "utf-8")
-    run(ROOT / "examples" / "thesis" / "make_reproduction.py", cache, "--seeds", "2", "--page", page)
+def test_quick_figures_are_not_published(cache, tmp_path):
+    """The pages of the project show figures of the default size."""
+    script = ROOT / "examples" / "make_figures.py"
+    arguments = ["--quick", "-o", tmp_path / "any.png", "--publish", tmp_path / "docs"]
+    done = subprocess.run([sys.executable, script, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "default size; got --quick" in done.stderr and not (tmp_path / "docs").exists()
+
+
+def test_reproduction_grid_is_resumed(cache, tmp_path):
+    """A line for each comparison; a second run makes none again, and its table is the same."""
+    page, results = tmp_path / "page.md", tmp_path / "rows.csv"
+    page.write_text("before\n<!-- grid: begin -->\nstale\n<!-- grid: end -->\nafter\n", "utf-8")
+    script = ROOT / "examples" / "thesis" / "make_reproduction.py"
+    arguments = ("--seeds", "1", "--csv", results, "--page", page, "--scenes", "teapot-area-light", "killeroo-gold")
+    printed = run(script, cache, *arguments)
+    rows = results.read_bytes()
+    assert rows.count(b"\n") == 1 + 2 * 2 * 4 + 2  # header; scenes, set-ups, sizes of patches; gold by paths
     text = page.read_text("utf-8")
-    assert text.startswith("before\n<!-- shipped: begin -->\nMade on ") and text.endswith(
-        "<!-- shipped: end -->\nafter\n"
-    )
-    assert text.count("| thesis, patch 8 |") == 4 and "stale" not in text
+    assert text.startswith("before\n<!-- grid: begin -->\nMade on ") and text.endswith("<!-- grid: end -->\nafter\n")
+    assert text.count("as in the file, direct |") == 8 and text.count(", path |") == 2
+    assert "stale" not in text and "nan" not in text
+    results.write_bytes(rows[: rows.rindex(b"\n", 0, -1) + 1])  # as if interrupted before the last line
+    assert run(script, cache, *arguments) == printed
+    again = results.read_bytes().splitlines()
+    assert again[:-1] == rows.splitlines()[:-1] and len(again) == len(rows.splitlines())
 
 
 @pytest.mark.parametrize(

@@ -27,10 +27,10 @@ WEIGHTS = np.array([0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# Red: a horn, with the reflection of the light. Blue: the floor in the shadow's edge.
+# Red: a horn, with the reflection of the light. Blue: the floor, at the edge of the shadow.
 scene = opts.scene("killeroo-gold", opts.pick(16, 2, 1))
 height, width = scene.camera.resolution[::-1]
-corners = {"red": (0.125, 0.374), "blue": (0.624, 0.538)}  # top left, in shares of the image
+corners = {"red": (0.125, 0.374), "blue": (0.936, 0.281)}  # top left, in shares of the image
 patches = {
     colour: ((round(y * height), round(y * height) + PATCH), (round(x * width), round(x * width) + PATCH))
     for colour, (y, x) in corners.items()
@@ -86,7 +86,7 @@ figure, axes = print_canvas(1, 2, 3.4, width_ratios=[1, 1.6])
 plot.picture(axes[0, 0], dmis.render(scene, "balance", opts.pick(4, 32), seed=1).image)
 axes[0, 0].set_axis_off()
 axis, dense = axes[0, 1], np.linspace(0, 1, 201)
-low, high = -0.5, 6
+low, high = -4, 6
 for k, (colour, curve) in enumerate(curves.items()):
     plot.mark(axes[0, 0], patches[colour], f"tab:{colour}")
     error = 2 * mse[colour].std(axis=1, ddof=1) / SEEDS**0.5 / mse[colour][WEIGHTS == 0.5].mean()

@@ -71,7 +71,8 @@ opts.save_for_print(
     f"""Left: the four scenes, mean of the three pilots of 2 camera samples per pixel, at
     {"half" if opts.size == "default" else opts.size + " size of"} the thesis's side length. Right: the share of light
     samples that the thesis's rule learns from them in patches of {PATCH}x{PATCH} pixels, before the filter. White
-    patches inside a shadow or beside the objects have no variance to compare, and keep w = 1/2. The minimum is outside
-    [0, 1], or the parabola not convex, in {", ".join(f"{share:.0%}" for share in least.values())} of the patches (from
-    the top).""",
+    patches beside the pot see nothing and keep w = 1/2. Where the lamp does not shine, on the pot and in the darkest
+    shadow, the three variances are those of the headlight within a pixel, equal but for noise, and the weight is
+    chance. The minimum is outside [0, 1], or the parabola not convex, in
+    {", ".join(f"{share:.0%}" for share in least.values())} of the patches (from the top).""",
 )

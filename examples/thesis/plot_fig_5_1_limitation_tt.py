@@ -1,6 +1,6 @@
 """
-Figure 5.1: where the rule loses, TT
-====================================
+Figure 5.1: noisy weights, TT
+=============================
 
 The thesis names TT as the limit of its method: with two samples per pixel the variances are noisy, so the weights are,
 and the filter does not mend them. Here are its three panels, and a fourth question that they raise: in which patches is
@@ -80,14 +80,14 @@ print(f"MSE / MSE of the balance heuristic {value:.3f} ± {half:.3f}")
 
 # %%
 # Top: the thesis's panels. Bottom: ratios of errors patch by patch, and how losses and gains add up.
-figure, axes = print_canvas(2, 3, 3.9)
+figure, axes = print_canvas(2, 3, 4.4)
 zoom = window(scene, (0.3, 0.75), (0.3, 0.75))
 whole = patch_spread(raw, PATCH, (height, width))
 plot.weights(axes[0, 0], whole, "(a) weights from the fit")
 plot.mark(axes[0, 0], zoom, "black")
 plot.weights(axes[0, 1], whole[slice(*zoom[0]), slice(*zoom[1])], "(b) framed part of (a)", zoom)
 shown = plot.weights(axes[0, 2], weight, "(c) after the 5x5 Gaussian")
-bar = figure.colorbar(shown, ax=axes[0], label="share of light samples w", pad=0.01, aspect=12)
+plot.weight_bar(figure, shown, axes[0], location="bottom", shrink=0.5, aspect=40, pad=0.02)
 for axis, name, title in zip(
     axes[1], ("thesis", "balance again"), ("(d) rule / balance", "(e) balance / balance"), strict=False
 ):
@@ -99,20 +99,15 @@ figure.colorbar(ratios, ax=axes[1, :2], label="ratio of errors", location="botto
 for axis in [*axes[0], *axes[1, :2]]:
     axis.set_axis_off()
 axis, share = axes[1, 2], 100 * np.arange(1, errors["thesis"].size + 1) / errors["thesis"].size
-axis.plot(share, 1 + lost["thesis"], color="tab:red", label="rule")
-axis.plot(share, 1 + lost["balance again"], color="0.4", linestyle="--", label="balance")
-axis.annotate(
-    "rule", (share[-1], 1 + lost["thesis"][-1]), (-4, 6), textcoords="offset points", color="tab:red", ha="right"
-)
-axis.annotate(
-    "balance", (share[-1], 1 + lost["balance again"][-1]), (-4, -9), textcoords="offset points", color="0.4", ha="right"
-)
+for (name, title), style in zip((("thesis", "rule"), ("balance again", "balance")), ("-", "--"), strict=True):
+    axis.plot(share, 1 + lost[name], style, color="tab:red" if name == "thesis" else "0.4", label=title)
+axis.legend(loc="lower center")
 axis.set_xlabel("patches, largest loss first (%)")
 axis.set_ylabel("MSE / MSE of balance")
 axis.set_title("(f) patches added one by one")
 opts.save_for_print(
     figure,
-    "Figure 5.1: where the thesis's rule loses, TT",
+    "Figure 5.1: noisy weights, TT",
     f"""TT, {width}x{height} pixels. (a) Share of light samples from a pilot of 2 + 2 + 2 camera samples per pixel in
     patches of {PATCH}x{PATCH} pixels; (b) the framed part; (c) filtered, as the final pass uses it. (d) Error of the
     rule over that of the balance heuristic in each patch, {opts.spp} samples each, orange where the rule is worse, and
