@@ -27,7 +27,7 @@ SPP = 16
 SEED = 7
 SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt")
 RULES = ("balance", "thesis:patch=8")
-SAMPLERS = ("independent",)
+SAMPLERS = ("independent", "lowdiscrepancy")
 INTEGRATORS = ("direct", "path")
 CLOSE, SHARE, FAR = 1e-5, 0.98, 5.0
 """Relative difference that `SHARE` of the blocks keep, and standard errors that all of them keep."""

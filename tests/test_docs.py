@@ -1,8 +1,8 @@
 """What the pages, tutorials and examples show runs as it stands; links lead somewhere."""
 
 import inspect
-import os
 import json
+import os
 import re
 import runpy
 import subprocess

@@ -9,7 +9,7 @@ light samples as the public scene file asks for, and as many BRDF samples. KILLE
 patch size that is best by direct lighting. All of it is the preset ``thesis``.
 
 Each comparison is one line of ``figures/reproduction.csv``, written as soon as it is made; a run that was interrupted
-goes on after the last. At half the thesis's side length it takes two hours on two cores.
+goes on after the last. At half the thesis's side length it takes about two hours on two cores.
 """
 
 import csv
@@ -71,24 +71,6 @@ def error_maps(name: str, image: np.ndarray, reference: dmis.Reference) -> dict[
 
 
 # %%
-<<<<<<< HEAD
-# MSE of the row over MSE of the column's baseline, same seeds, with the 95 % confidence interval; in bold where the
-# interval is below 1.
-lines = ["| scene | rule | MSE / balance 1+1 | MSE / one-sample ½ |", "|---|---|---|---|"]
-for name in SCENES:
-    scene = opts.scene(name, opts.pick(16, 4))
-    reference = opts.reference(scene)
-    rules = {"one-sample ½": "one-sample", **{f"thesis, patch {p}": f"thesis:patch={p}" for p in PATCHES}}
-    rules["thesis, patch 16, pilot in the image"] = "thesis:patch=16,reuse=yes"
-    budgets = [(rule, opts.spp) for rule in ("balance", *rules.values())]
-    runs = dmis.measure(scene, budgets, range(given.seeds), reference, parallel=opts.threads, progress=show(name))
-    width, height = scene.camera.resolution
-    for title, rule in rules.items():
-        against = [cell(runs[rule, opts.spp], runs[base, opts.spp]) for base in ("balance", "one-sample")]
-        lines.append(f"| {scene.name} {width}×{height} | {title} | {against[0]} | {against[1]} |")
-    print("\n".join(lines[-len(rules) :]), flush=True)
-    lines = [line.replace("| 1.000 ± 0.000 |", "| 1 |") for line in lines]
-=======
 # What is there already. The first line of the file has the names of the columns.
 rows: dict[tuple, dict] = {}
 given.csv.parent.mkdir(parents=True, exist_ok=True)
@@ -134,7 +116,6 @@ def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measur
     )
     return base.mean(), ours.mean(), ours.sum() / base.sum(), np.sqrt(((half * base) ** 2).sum()) / base.sum()
 
->>>>>>> 16fdfaa (Make Table 4.1 as a grid that can be resumed)
 
 # %%
 # Each scene: two set-ups, four sizes of patches; then paths with the best of them. References have the points and the
@@ -156,7 +137,7 @@ for name in given.scenes:
     for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
         settings = dmis.Settings(integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name])
         reference = dmis.make_reference(
-            scene, opts.pick(64, 256), settings=settings, progress=show(f"reference of {name}, {integrator}")
+            scene, opts.pick(64, 128), settings=settings, progress=show(f"reference of {name}, {integrator}")
         )
         for setup in setups(name):
             patches = PATCHES if integrator == "direct" else (best[setup],)
