@@ -102,7 +102,7 @@ for axis, title in zip(axes[0, 2:], ("weights, without", "with", "image, without
     axis.set_title(title)
 for axis in axes.flat:
     axis.set_axis_off()
-plot.weight_bar(figure, shown, axes, shrink=0.5, location="bottom", pad=0.01)
+plot.weight_bar(figure, shown, axes, shrink=0.5, aspect=40, location="bottom", pad=0.01)
 told = "; ".join(
     f"{SCENES[name].title} {ratios[name, 'without the filter'][0]:.3f} ± {ratios[name, 'without the filter'][1]:.3f} "
     f"without and {ratios[name, 'with the filter'][0]:.3f} ± {ratios[name, 'with the filter'][1]:.3f} with it"
