@@ -56,7 +56,7 @@ raw = {name: parabola_minimum(STRATEGIES, y)[0] for name, y in variances.items()
 
 # %%
 # **Step 4, the filter.** The weight of patch p becomes Σ_q g(p - q) w_q over 5x5 patches q, with
-# g(d) ~ exp(-|d|² / 2).
+# g ~ exp(-d² / 2) at a distance of d patches.
 filtered = {name: gaussian(weight, sigma=1, radius=2) for name, weight in raw.items()}
 
 # %%

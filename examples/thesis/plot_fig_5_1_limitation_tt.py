@@ -47,7 +47,7 @@ raw, status = parabola_minimum(STRATEGIES, variances)
 
 # %%
 # **Step 4, the filter.** The weight of patch p becomes Σ_q g(p - q) w_q over 5x5 patches q, with
-# g(d) ~ exp(-|d|² / 2).
+# g ~ exp(-d² / 2) at a distance of d patches.
 filtered = gaussian(raw, sigma=1, radius=2)
 
 # %%
