@@ -116,10 +116,7 @@ for shift, key, told, colour in (
     axis.errorbar(places + shift, values, halves, fmt="o", capsize=3, color=colour, label=key)
     axis.plot(places + shift, thesis, "D", fillstyle="none", markersize=7, color=colour, label=f"thesis, {key}")
 axis.axhline(1, color="0.35", linestyle="--", linewidth=0.8)
-axis.set_yscale("log")
 axis.set_ylabel("MSE / MSE of the balance heuristic")
-axis.yaxis.set_major_formatter(lambda x, _: f"{x:g}")
-axis.yaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "257" else "")
 axis = axes[0, 1]
 axis.bar(places - 0.2, [row["about"].seconds for row in rows], 0.4, color="0.75", label="thesis, 2014")
 axis.bar(places + 0.2, [row["seconds"] for row in rows], 0.4, color="tab:green", label="here")
