@@ -17,6 +17,7 @@ import os
 import random
 import re
 import resource
+import shutil
 import signal
 import struct
 import sys
@@ -58,15 +59,19 @@ intersect.CHECK_RAYS = True
 def prepare(folder: Path) -> None:
     """Good files, for scenes to name and for cases to damage."""
     rng = np.random.default_rng(1)
-    for name in ("a.exr", "textures/grid.exr", "textures/sky.exr"):
+    sources = [path.read_text() for path in SCENES.rglob("*.pbrt")]
+    textures, meshes = (
+        {name for text in sources for name in re.findall(rf"[\w/-]+\.{suffix}", text)} for suffix in ("exr", "ply")
+    )
+    for name in ("a.exr", *sorted(textures)):
         (folder / name).parent.mkdir(exist_ok=True)
         write_exr(folder / name, {"RGB": np.full((2, 4, 3), 0.5, np.float32)})
     (folder / "geometry").mkdir()
     box = trimesh.creation.box()
-    names = {name for text in TEXTS for name in re.findall(r"geometry/[\w-]+\.ply", " ".join(text))}
-    for name in ("a.ply", *sorted(names)):
+    for name in ("a.ply", *sorted(meshes)):
         box.export(folder / name)
     tetrahedron = '"integer indices" [0 2 1 0 1 3 0 3 2 1 2 3] "point P" [0 0 0 1 0 0 0 1 0 0 0 1]'
+    shutil.copy(SCENES / "geometry/tt-world.pbrt", folder / "geometry")
     (folder / "geometry/creature.pbrt").write_text(f'Shape "loopsubdiv" "integer nlevels" 1 {tetrahedron}')
     (folder / "a.spd").write_text("400 1\n700 .5\n")
     (folder / "empty.pbrt").write_text("")

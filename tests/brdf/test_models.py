@@ -193,6 +193,7 @@ def page_table(first: str) -> dict[str, list[float]]:
     """Numbers of the table of docs/brdfs.md whose header begins with `first`, by the first cell of each row."""
     text = (Path(__file__).parents[2] / "docs" / "brdfs.md").read_text("utf-8")
     lines = text[text.index(f"| {first} |") :].split("\n\n")[0].splitlines()[2:]
+    lines = [line for line in lines if line.startswith("|")]
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     numbers = [" ".join(cell for cell in row[1:] if "D" not in cell) for row in cells]
     return {row[0]: [float(x) for x in re.findall(r"\d+\.\d+", text)] for row, text in zip(cells, numbers, strict=True)}

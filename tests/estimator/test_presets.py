@@ -83,9 +83,11 @@ def test_lights_as_in_pbrt(box: dmis.Scene, integrator: str, same_as: str) -> No
 
 
 def test_scene_decides_the_integrator(box: dmis.Scene) -> None:
-    settings = resolve_auto(make_settings(preset="thesis"), replace(box, integrator="path"))
+    settings = resolve_auto(make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("path")))
     assert settings.one_light and settings.preset == "thesis"
-    assert not resolve_auto(make_settings(preset="thesis"), replace(box, integrator="direct")).one_light
+    assert not resolve_auto(
+        make_settings(preset="thesis"), replace(box, suggested=dmis.Suggestions("direct"))
+    ).one_light
 
 
 def test_reference_of_a_preset_is_that_of_its_settings(box: dmis.Scene, tmp_path: Path) -> None:

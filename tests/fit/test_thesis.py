@@ -191,7 +191,8 @@ def test_chance_that_the_pilot_misses_a_spike() -> None:
     brdf_samples = Thesis().pilot[0.0] * Settings().shading_samples
     missed = 0.99 ** (brdf_samples * 16)
     page = " ".join((Path(__file__).parents[2] / "docs" / "theory.md").read_text("utf-8").split())
-    assert f"(1 - \\varepsilon)^{{{brdf_samples}P}}$, {missed:.0%}".replace("%", " %") in page
+    assert "(1 - p)^{2 P S}" in page
+    assert f"{missed:.0%} (S = {Settings().shading_samples}) at 16 pixels".replace("%", " %") in page
     hits = np.random.default_rng(1).random((20_000, brdf_samples * 16)) < 0.01
     assert abs(z_score(~hits.any(axis=1), missed)) < Z_LIMIT
 

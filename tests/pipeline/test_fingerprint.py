@@ -237,6 +237,8 @@ class Generated(Lobe):
     reflectance: Any
     rng: Any
 
+    eval = pdf = sample = None  # a scene can be made with it
+
 
 @pytest.mark.parametrize("value", [np.random.default_rng(1), sys, np.array([np.random.default_rng(1)]), iter([1])])
 def test_a_field_without_content_is_refused(value):
