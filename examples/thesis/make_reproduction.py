@@ -8,8 +8,9 @@ one light and one BRDF sample at each surface, and *as in the file*, with pbrt-v
 light samples as the public scene file asks for, and as many BRDF samples. KILLEROO GOLD and TT also by paths, with the
 patch size that is best by direct lighting. All of it is the preset ``thesis``.
 
-Each comparison is one line of ``figures/reproduction.csv``, written as soon as it is made; a run that was interrupted
-goes on after the last. At half the thesis's side length it takes about two hours on two cores.
+Each comparison is one line of ``docs/tables/reproduction.csv``, written as soon as it is made; a run that was
+interrupted goes on after the last. Lines stay valid, because no later version changes the preset. At half the thesis's
+side length it takes about two hours on two cores.
 """
 
 import csv
@@ -21,18 +22,20 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import FIGURES, SCENES, machine, options, replace_table, show
+from common import SCENES, machine, options, replace_table, show
 from scipy.ndimage import binary_dilation
 
 import dmis
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
+
+RESULTS = Path(__file__).resolve().parents[2] / "docs" / "tables" / "reproduction.csv"
 
 opts, given = options(
     __file__,
     "the thesis's Table 4.1 by set-up and patch size",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     scenes={"nargs": "+", "default": [*SCENES, "tt-overcast"], "help": "only these scenes"},
-    csv={"type": Path, "default": FIGURES / "reproduction.csv", "help": "results; those in it are not made again"},
+    csv={"type": Path, "default": RESULTS, "help": "results; those in it are not made again"},
     page={"type": Path, "help": "a page that gets the table between its marks 'grid'"},
 )
 PATCHES = (4, 8, 16, 32)
@@ -118,7 +121,7 @@ def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measur
 
 
 # %%
-# Each scene: two set-ups, four sizes of patches; then paths with the best of them. References have the points and the
+# Each scene: two set-ups, four sizes of patches; then paths with the best of them. References have Sobol points and the
 # shading samples of the file, so that their own noise is small beside the errors.
 lines = [
     "| scene | set-up | patch | rule / balance | without the lamp's edge | clipped to [0, 1] | MSE of balance "
