@@ -29,7 +29,9 @@ SEEDS = range(opts.pick(3, 5))
 # independent halves r₁, r₂ of a reference.
 scene = opts.scene("killeroo-gold")
 reference = opts.reference(scene)
-images = [dmis.render(scene, "balance", opts.spp, seed=seed, progress=show(f"seed {seed}")) for seed in SEEDS]
+images = [
+    dmis.render(scene, "balance", opts.spp, seed=seed, progress=show(f"seed {seed}"), preset="thesis") for seed in SEEDS
+]
 error = np.mean([patch_mean(squared_error(i.image, reference.first, reference.second), PATCH) for i in images], axis=0)
 
 # %%
@@ -43,10 +45,11 @@ for title, rule in (
     ("2 samples, BRDF alone", "fixed:0"),
     ("2 samples, light alone", "fixed:1"),
 ):
-    few = dmis.render(scene, rule, 2, seed=100).variance
+    few = dmis.render(scene, rule, 2, seed=100, preset="thesis").variance
     truth = error
     if rule != "balance":  # its error is too slow to converge to: the variance of very many samples instead
-        truth = patch_mean(dmis.render(scene, rule, 2 * opts.spp, seed=200).variance.mean(axis=2), PATCH) * 2
+        many = dmis.render(scene, rule, 2 * opts.spp, seed=200, preset="thesis").variance
+        truth = 2 * patch_mean(many.mean(axis=2), PATCH)
     panels[title] = patch_mean(few.mean(axis=2), PATCH) * 2 / opts.spp, truth
 
 # %%

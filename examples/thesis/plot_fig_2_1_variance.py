@@ -28,7 +28,9 @@ opts, _ = options(__file__, __doc__)
 scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
 reference = opts.reference(scene, opts.pick(64, 128))
 few, many = opts.pick((2, 16), (8, 128))
-images = {n: dmis.render(scene, "balance", n, seed=1, progress=show("rendering")).image for n in (few, many)}
+images = {
+    n: dmis.render(scene, "balance", n, seed=1, progress=show("rendering"), preset="thesis").image for n in (few, many)
+}
 
 # %%
 # The error of a pixel x is (x - r₁)(x - r₂), with two independent halves r₁, r₂ of a reference, whose own noise cancels

@@ -33,7 +33,7 @@ STRATEGIES = {0: "BRDF sampling, w = 0", 0.5: "balance heuristic, w = ½", 1: "l
 # counts as f / (w p_l + (1 - w) p_b), with the densities p_l and p_b of the two techniques.
 scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in NAMES}
 pilots = {
-    (name, w): dmis.render(scene, f"fixed:{w}", 2, seed=k)
+    (name, w): dmis.render(scene, f"fixed:{w}", 2, seed=k, preset="thesis")
     for name, scene in scenes.items()
     for k, w in enumerate(STRATEGIES, 1)
 }

@@ -44,7 +44,7 @@ crops = {colour: scene.crop(*patch) for colour, patch in patches.items()}
 mse = {}
 for colour, crop in crops.items():
     reference = opts.reference(crop, opts.pick(1024, 8192))
-    runs = dmis.measure(crop, [(f"fixed:{w:g}", SPP) for w in WEIGHTS], range(SEEDS), reference)
+    runs = dmis.measure(crop, [(f"fixed:{w:g}", SPP) for w in WEIGHTS], range(SEEDS), reference, preset="thesis")
     mse[colour] = np.array([[run.mse for run in runs[f"fixed:{w:g}", SPP]] for w in WEIGHTS])  # (weights, seeds)
 
 # %%
@@ -65,7 +65,7 @@ fitted = {colour: float(parabola_minimum(STRATEGIES, points)[0]) for colour, poi
 pilots = {
     colour: [
         [
-            luminance(dmis.render(crop, f"fixed:{w:g}", 2, seed=3 * k + j).variance).mean()
+            luminance(dmis.render(crop, f"fixed:{w:g}", 2, seed=3 * k + j, preset="thesis").variance).mean()
             for j, w in enumerate(STRATEGIES)
         ]
         for k in range(opts.pick(5, 40))
@@ -83,7 +83,7 @@ for colour, curve in curves.items():
 # %%
 # Left: the picture with the two patches. Right: measured curves, exact parabolas, their minima, and those of pilots.
 figure, axes = print_canvas(1, 2, 3.4, width_ratios=[1, 1.6])
-plot.picture(axes[0, 0], dmis.render(scene, "balance", opts.pick(4, 32), seed=1).image)
+plot.picture(axes[0, 0], dmis.render(scene, "balance", opts.pick(4, 32), seed=1, preset="thesis").image)
 axes[0, 0].set_axis_off()
 axis, dense = axes[0, 1], np.linspace(0, 1, 201)
 low, high = -4, 6

@@ -33,7 +33,7 @@ STRATEGIES = np.array([0, 0.5, 1])
 # f / (w p_l + (1 - w) p_b).
 scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in SCENES}
 pilots = {
-    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k) for k, w in enumerate(STRATEGIES, 1)]
+    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis") for k, w in enumerate(STRATEGIES, 1)]
     for name, scene in scenes.items()
 }
 

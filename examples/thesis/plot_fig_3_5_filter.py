@@ -38,7 +38,7 @@ CROPS = {  # rows and columns, in shares of the image
 # contribution f counts as f / (w p_l + (1 - w) p_b).
 scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in CROPS}
 pilots = {
-    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k) for k, w in enumerate(STRATEGIES, 1)]
+    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis") for k, w in enumerate(STRATEGIES, 1)]
     for name, scene in scenes.items()
 }
 
@@ -69,10 +69,10 @@ maps = {
     for title, weight in (("without the filter", raw), ("with the filter", filtered))
 }
 final = {
-    (name, title): dmis.render(scenes[name], dmis.Given(weight=weight), opts.spp - 6, seed=4)
+    (name, title): dmis.render(scenes[name], dmis.Given(weight=weight), opts.spp - 6, seed=4, preset="thesis")
     for (name, title), weight in maps.items()
 }
-balance = {name: dmis.render(scene, "balance", opts.spp, seed=4) for name, scene in scenes.items()}
+balance = {name: dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis") for name, scene in scenes.items()}
 
 # %%
 # Was it worth it? The mean squared error over that of the balance heuristic, against two halves of a reference.

@@ -27,8 +27,8 @@ INTEGRATOR = {"killeroo-gold": "path"}
 results = {}
 for name, about in SCENES.items():
     scene = opts.scene(name, opts.pick(16, min(about.size) / 800, 1))
-    settings = dmis.Settings(integrator=INTEGRATOR.get(name, "direct"))
-    results[about.title] = dmis.render(scene, "thesis", SPP, seed=1, settings=settings, progress=show(name))
+    more = {"preset": "thesis", "integrator": INTEGRATOR.get(name, "direct")}
+    results[about.title] = dmis.render(scene, "thesis", SPP, seed=1, progress=show(name), **more)
     triangles = len(scene.plan.face_row)
     width, height = scene.camera.resolution
     print(f"{scene.name:20} {width}x{height}, {triangles:,} triangles, {len(scene.lights)} lights")

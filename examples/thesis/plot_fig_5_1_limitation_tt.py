@@ -33,7 +33,7 @@ STRATEGIES = np.array([0, 0.5, 1])
 # **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w = 0, 1/2, 1. A direction of
 # contribution f counts as f / (w p_l + (1 - w) p_b).
 scene = opts.scene("tt", opts.pick(16, 2, 1))
-pilots = [dmis.render(scene, f"fixed:{w:g}", 2, seed=k) for k, w in enumerate(STRATEGIES, 1)]
+pilots = [dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis") for k, w in enumerate(STRATEGIES, 1)]
 
 # %%
 # **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a pixel, averaged over a patch.
@@ -56,9 +56,9 @@ filtered = gaussian(raw, sigma=1, radius=2)
 height, width = pilots[0].image.shape[:2]
 weight = patch_spread(filtered, PATCH, (height, width))
 images = {
-    "thesis": dmis.render(scene, dmis.Given(weight=weight), opts.spp - 6, seed=4).image,
-    "balance": dmis.render(scene, "balance", opts.spp, seed=5).image,
-    "balance again": dmis.render(scene, "balance", opts.spp, seed=6).image,
+    "thesis": dmis.render(scene, dmis.Given(weight=weight), opts.spp - 6, seed=4, preset="thesis").image,
+    "balance": dmis.render(scene, "balance", opts.spp, seed=5, preset="thesis").image,
+    "balance again": dmis.render(scene, "balance", opts.spp, seed=6, preset="thesis").image,
 }
 
 # %%

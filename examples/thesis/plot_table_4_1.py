@@ -43,7 +43,7 @@ for name, about in SCENES.items():
     scene = opts.scene(name)
     reference = opts.reference(scene)
     errors = Errors(reference)
-    more = {"parallel": 1, "progress": show(name), "keep": errors.keep}
+    more = {"preset": "thesis", "parallel": 1, "progress": show(name), "keep": errors.keep}
     base, same = ("balance", opts.spp), (OURS, opts.spp)
     runs = {key: on_cpu(of) for key, of in dmis.measure(scene, [base, same], SEEDS, reference, **more).items()}
     rates, equal = runs, errors.ratio(same, base)
