@@ -129,7 +129,7 @@ def test_samplers_that_are_refused(name: str, factory: object, message: str) -> 
 
 def test_metric() -> None:
     """It has a value for each render, within the noise of a few samples."""
-    names: dict = {"dmis": dmis}
+    names: dict = {}
     exec(block("A metric"), names)
     assert {budget: len(values) for budget, values in names["errors"].items()} == {("balance", 8): 3, ("thesis", 8): 3}
     assert all(abs(value) < 0.1 * names["reference"].first.mean() for v in names["errors"].values() for value in v)

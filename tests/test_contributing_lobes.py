@@ -16,13 +16,15 @@ TEXT = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text("utf-8")
 
 @pytest.fixture(scope="module")
 def page() -> dict[str, Any]:
-    """Names that the blocks of the page define."""
-    namespace: dict[str, Any] = {"__name__": "page"}
+    """Names that the blocks of the page define, each of which runs without the others."""
+    names: dict[str, Any] = {}
     blocks = re.findall(r"^\*\*(?:A lobe\.|A delta lobe|A light\.)\*\*.*?```python\n(.*?)```", TEXT, re.M | re.S)
     assert len(blocks) == 3
     for code in blocks:
+        namespace: dict[str, Any] = {"__name__": "page"}
         exec(compile(code, "CONTRIBUTING.md", "exec", dont_inherit=True), namespace)
-    return namespace
+        names |= namespace
+    return names
 
 
 def agree(scene: dmis.Scene) -> None:
