@@ -7,6 +7,7 @@ names of all rules.
 
 from __future__ import annotations
 
+import re
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -149,6 +150,9 @@ class _Completed(Rule):
 
     rule: Any
 
+    def __repr__(self) -> str:
+        return rule_text(self.rule)
+
     def _attribute(self, name: str) -> Any:
         return getattr(self.rule, name, getattr(Rule, name))
 
@@ -197,6 +201,21 @@ def complete_rule(rule: Any) -> Rule:
             f"def fit(self, pilot): return dmis.Fit(weight=0.5); or give a map of weights as dmis.Given(weight=...)"
         )
     return rule if isinstance(rule, Rule) else _Completed(rule)
+
+
+def rule_text(rule: Any) -> str:
+    """Return the text of a rule for messages, provenance and checkpoints, the same in every process.
+
+    A text is itself, and an object is what its ``__repr__`` returns. An object of a class without one is the name of
+    its class with its attributes, such as ``Quieter(least=0.2)``. Memory addresses are left out.
+    """
+    if isinstance(rule, str):
+        return rule
+    text = repr(rule)
+    if type(rule).__repr__ is object.__repr__:
+        attributes = (f"{name}={value!r}" for name, value in getattr(rule, "__dict__", {}).items())
+        text = f"{type(rule).__name__}({', '.join(attributes)})"
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", text)
 
 
 def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:

@@ -27,7 +27,7 @@ from dmis.estimator.technique import technique_by_name
 from dmis.fit import control_variate
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, merge_settings
+from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, merge_settings, rule_text
 from dmis.pipeline.budget import LEVELS, split_budget, whole_samples
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
@@ -113,12 +113,12 @@ class Job:
         _warn_if_dark(scene)
         float32_scene, gain = _float32_scene(scene)
         rule = default_rule(spp, settings) if rule is None else rule
-        rule_text = rule if isinstance(rule, str) else repr(rule)
+        text = rule_text(rule)
         rule = make_rule(rule)
-        settings = resolve_auto(merge_settings(rule, rule_text, settings), float32_scene)
+        settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
         if settings.reuse_pilot is None:
             settings = replace(settings, reuse_pilot=settings.sampler == "independent")
-        _check_rule(rule, rule_text, settings)
+        _check_rule(rule, text, settings)
         nothing_to_mix = rule.shares_only and not float32_scene.plan.mixable
         if nothing_to_mix:
             rule, settings = _without_learning(settings)
@@ -129,12 +129,10 @@ class Job:
         if spp <= pilot_spp:
             raise ValueError(
                 f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
-                f"of rule {rule_text}; got {spp}"
+                f"of rule {text}; got {spp}"
             )
         learning = pilot_settings(settings, rule.pilot, statistic is not None)
-        return cls(
-            float32_scene, gain, rule, rule_text, spp, seed, settings, learning, statistic, scene, nothing_to_mix
-        )
+        return cls(float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix)
 
     @property
     def pilot_samples(self) -> dict[Any, int]:

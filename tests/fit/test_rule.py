@@ -13,7 +13,7 @@ from dmis.brdf.materials import plastic
 from dmis.cli.commands import main
 from dmis.experiment.compare import compare, parse_rules
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.rule import Rule, complete_rule
+from dmis.fit.rule import Rule, complete_rule, rule_text
 from dmis.light.area import DiskLight
 from dmis.pipeline.fingerprint import digest
 
@@ -123,6 +123,31 @@ def test_bad_parts_are_named(box: dmis.Scene, name: str, value: object, message:
     setattr(rule, name, value)
     with pytest.raises(ValueError, match=message):
         dmis.render(box, rule, 8)
+
+
+class Described:
+    """A plain class that refers to a function, of whose ``repr`` the address is a part."""
+
+    def __init__(self) -> None:
+        self.best = 3
+        self.shape = lambda x: x
+
+    def fit(self, pilot: object) -> dmis.Fit:
+        return dmis.Fit(weight=0.5)
+
+
+@pytest.mark.parametrize(
+    ("rule", "text"),
+    [
+        ("thesis:patch=8", "thesis:patch=8"),
+        (dmis.Given(0.25), "Given(weight=0.25, samples=None)"),
+        (Described(), "Described(best=3, shape=<function Described.__init__.<locals>.<lambda>>)"),
+        (complete_rule(Described()), rule_text(Described())),
+    ],
+)
+def test_text_of_a_rule(rule: object, text: str) -> None:
+    """Text as it is, the class's own ``__repr__``, or the class with its attributes; no memory address."""
+    assert rule_text(rule) == text
 
 
 def test_a_class_is_no_rule() -> None:

@@ -101,6 +101,30 @@ def test_only_the_missing_tiles_are_traced(wide, tmp_path):
     assert not file.exists()
 
 
+class Least:
+    """A plain class as a rule, without a ``__repr__`` of its own."""
+
+    pilot = {0.5: 2}  # noqa: RUF012
+
+    def __init__(self, least):
+        self.least = least
+
+    def fit(self, pilot):
+        return dmis.Fit(weight=self.least)
+
+
+def test_equal_objects_of_a_plain_class_resume(wide, tmp_path):
+    """The text of a rule has no memory address: another object with the same fields resumes, as a new process would."""
+    first, second = Least(0.2), Least(0.2)
+    file = interrupt(wide, tmp_path / "c", rule=first)
+    resumed = dmis.render(wide, checkpoint=file, **{**OPTIONS, "rule": second})
+    assert np.array_equal(resumed.image, dmis.render(wide, **{**OPTIONS, "rule": first}).image)
+    assert resumed.provenance["rule"] == "Least(least=0.2)"
+    file = interrupt(wide, tmp_path / "c", rule=first)
+    with pytest.raises(ValueError, match=r"rule is Least\(least=0.2\) there, and Least\(least=0.3\) is asked for"):
+        dmis.render(wide, checkpoint=file, **{**OPTIONS, "rule": Least(0.3)})
+
+
 def start(*arguments):
     """A render in a process of its own, which says when a tile is finished."""
     command = [sys.executable, "-c", CHILD, *map(str, arguments)]
