@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -69,6 +70,9 @@ class Settings:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MOST))
+        if isinstance(self.techniques, str) or not isinstance(self.techniques, Iterable):
+            raise ValueError(f"techniques must be names such as ('light', 'brdf'); got {self.techniques!r}")
+        object.__setattr__(self, "techniques", tuple(self.techniques))
         if len(self.techniques) < 2:
             raise ValueError(f"techniques must be at least two names, which share the samples; got {self.techniques}")
         techniques = [technique_by_name(name) for name in self.techniques]

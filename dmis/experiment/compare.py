@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.atomic_files import check_folder, check_package, check_writable
+from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
@@ -21,7 +22,7 @@ from dmis.experiment.reference import Reference
 from dmis.experiment.runs import Budget, Run, measure
 from dmis.experiment.table import Comparison, Results, conditions
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.rule import merge_settings
+from dmis.fit.rule import merge_settings, rule_text
 from dmis.image import read_exr
 from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
@@ -137,7 +138,7 @@ def compare(
     Parameters
     ----------
     rules, spp, seeds
-        Rules with options, camera samples per pixel (pilot included) and seeds: all combinations are rendered.
+        Rules as text with options, camera samples per pixel (pilot included) and seeds: all combinations are rendered.
     reference
         Image that errors are measured against.
     folder
@@ -150,14 +151,15 @@ def compare(
     Raises
     ------
     ValueError
-        If the reference is of another size, or ``results.csv`` was measured under other conditions, or the package
-        that writes images is missing.
+        If an argument is not of this form, the reference is of another size, ``results.csv`` was measured under other
+        conditions, or the package that writes images is missing.
     OSError
         If a file of `folder` cannot be written.
     """
     parallel = options.pop("parallel", None)
     settings = make_settings(**options)
-    rules = tuple(dict.fromkeys(("balance", *rules)))
+    rules = tuple(dict.fromkeys(("balance", *_check_rule_texts(rules))))
+    spp, seeds = _whole_numbers("spp", spp, 1), _whole_numbers("seeds", seeds, 0)
     folder = Path(folder)
     _check_sizes(scene, reference, oracle)
     _check_rules_and_output(rules, settings, folder)
@@ -176,9 +178,36 @@ def compare(
     return comparison
 
 
+def _check_rule_texts(rules: Any) -> list[str]:
+    """Return `rules` as a list; raise a ValueError unless they are a sequence of texts, by which rows are resumed."""
+    if isinstance(rules, str) or not isinstance(rules, Iterable):
+        raise ValueError(f'rules must be a list of texts, such as ["balance", "thesis:patch=8"]; got {rules!r}')
+    rules = list(rules)
+    for rule in rules:
+        if not isinstance(rule, str):
+            raise ValueError(
+                f"a rule of compare must be text, because rows of results.csv are found by it; got {rule_text(rule)}. "
+                f'Write a text such as "thesis:patch=8", or name a class of your own: '
+                f'dmis.register_rule("mine", MyRule), then "mine:patch=8"'
+            )
+    return rules
+
+
+def _whole_numbers(name: str, values: Any, least: int) -> list[int]:
+    """Return `values` as a list; raise a ValueError unless they are whole numbers of at least `least`."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ValueError(f"{name} must be a list of whole numbers, such as [{values}]; got {values!r}")
+    return [whole(name, value, least) for value in values]
+
+
 def _check_sizes(scene: Scene, reference: Reference, oracle: Oracle | None) -> None:
-    """Check that reference and oracle have the resolution of the scene."""
+    """Check that there is a reference, and that it and the oracle have the resolution of the scene."""
     width, height = scene.camera.resolution
+    if not isinstance(reference, Reference):
+        raise ValueError(
+            f"reference must be a dmis.Reference, which dmis.make_reference(scene) renders; got "
+            f"{type(reference).__name__}"
+        )
     if reference.first.shape[:2] != (height, width):
         raise ValueError(
             f"reference must be of {width}x{height} pixels, like the scene; got {reference.first.shape[1::-1]}"

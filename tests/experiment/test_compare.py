@@ -11,6 +11,7 @@ from dmis.cli.commands import main
 from dmis.experiment.compare import parse_rules
 from dmis.experiment.table import COLUMNS
 from dmis.fit.registry import RULES
+from dmis.fit.thesis import Thesis
 
 SIZE = ["--resolution", "24x18", "--reference-spp", "16"]
 
@@ -49,6 +50,31 @@ def test_misspelt_rule_is_named(text):
     """The error names the misspelt rule, wherever it stands, and lists the rules."""
     with pytest.raises(ValueError, match=r"^rule must be one of .*thesis.*; got 'nope'"):
         parse_rules(text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rules": "balance"}, r"rules must be a list of texts, such as \[.*; got 'balance'"),
+        ({"rules": None}, r"rules must be a list of texts.*; got None"),
+        ({"rules": [Thesis(patch=8)]}, r"must be text.*; got Thesis\(patch=8.*dmis\.register_rule\(.mine., MyRule\)"),
+        ({"spp": 16}, r"spp must be a list of whole numbers, such as \[16\]; got 16"),
+        ({"spp": [0]}, r"spp must be a whole number of at least 1; got 0"),
+        ({"seeds": 3}, r"seeds must be a list of whole numbers, such as \[3\]; got 3"),
+        ({"seeds": ["a"]}, r"seeds must be a whole number of at least 0; got 'a'"),
+        ({"reference": None}, r"reference must be a dmis\.Reference, which dmis\.make_reference.*; got NoneType"),
+        ({"techniques": "light"}, r"techniques must be names such as \('light', 'brdf'\); got 'light'"),
+        ({"techniques": 2}, r"techniques must be names such as \('light', 'brdf'\); got 2"),
+    ],
+)
+def test_bad_arguments_of_compare_are_named(tmp_path, box, changes, message):
+    """An argument of the wrong form is refused at the top, and nothing is written."""
+    width, height = box.camera.resolution
+    black = np.zeros((height, width, 3), np.float32)
+    arguments = {"rules": ["balance"], "spp": [4], "seeds": [0], "reference": dmis.Reference(black, black, 1)}
+    with pytest.raises(ValueError, match=message):
+        dmis.compare(box, folder=tmp_path / "out", **{**arguments, **changes})
+    assert not (tmp_path / "out").exists()
 
 
 def test_compare(tmp_path, capsys, monkeypatch):
