@@ -156,13 +156,58 @@ class DeltaLight(Light, Protocol):
 
 
 def check_light(light: Light) -> None:
-    """Raise a ValueError if a light lacks a method that has no default."""
+    """Raise a ValueError if a light lacks a method that has no default, or one returns values of the wrong form."""
     if light.delta:
         check_methods(light, DeltaLight, ["sample"])
-        return
-    check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
-    if not light.infinite and not hasattr(light, "radiance"):
-        check_methods(light, AreaLight, ["emission", "brightness"])
+    else:
+        check_methods(light, InfiniteLight if light.infinite else AreaLight, ["sample", "hit"])
+        if not light.infinite and not hasattr(light, "radiance"):
+            check_methods(light, AreaLight, ["emission", "brightness"])
+    if not type(light).__module__.startswith("dmis."):
+        _check_values(light)
+
+
+_POINTS = np.array([[0.1, -0.4], [0.2, 0.5], [0.3, -0.6]], np.float32)
+_DIRECTIONS = np.array([[0.6, 0], [0, -0.6], [0.8, -0.8]], np.float32)
+_NUMBERS = np.array([[0.25, 0.5], [0.75, 0.5]], np.float32)
+
+
+def _check_values(light: Any) -> None:
+    """Call each method of a light for two points; raise a ValueError if what it returns has the wrong form."""
+    name = type(light).__name__
+    with np.errstate(all="ignore"):  # a point may be a special one of the light
+        if light.delta:
+            _check_light_sample(f"{name}.sample(p)", light.sample(_POINTS), delta=True)
+            return
+        if light.infinite:
+            _check_radiance(f"{name}.radiance(wi) must return radiance", light.radiance(_DIRECTIONS))
+        else:
+            _check_radiance(f"{name}.emission(p) must return radiance", light.emission(_POINTS))
+        _check_light_sample(f"{name}.sample(p, u)", light.sample(_POINTS, _NUMBERS))
+        _check_light_sample(f"{name}.hit(p, wi)", light.hit(_POINTS, _DIRECTIONS))
+
+
+def _check_light_sample(call: str, light_sample: Any, delta: bool = False) -> None:
+    """Raise a ValueError unless a light's method returned a light sample of two directions."""
+    if not isinstance(light_sample, LightSample):
+        raise ValueError(
+            f"{call} must return a LightSample of dmis.light.light_sample; got {type(light_sample).__name__}. Write "
+            f"LightSample(wi, distance, radiance, pdf, emits)"
+        )
+    for field, allowed in (("wi", "(3, N)"), ("distance", "(N,)"), ("pdf", "(N,)"), ("emits", "(N,)")):
+        shape = (3, 2) if field == "wi" else (2,)
+        array = np.asarray(getattr(light_sample, field))
+        if array.shape != shape and not (delta and field == "pdf"):  # which is not read
+            raise ValueError(f"{call}: {field} must be of shape {allowed}; got shape {array.shape} for N = 2")
+    if (kind := np.asarray(light_sample.emits).dtype).kind != "b":
+        raise ValueError(f"{call}: emits must be bool; got {kind}. Write a comparison, such as cos > 0")
+    _check_radiance(f"{call}: radiance must be of shape", light_sample.radiance_at(None))
+
+
+def _check_radiance(must: str, radiance: Any) -> None:
+    """Raise a ValueError unless `radiance` has the shape of that of two points."""
+    if (shape := np.shape(radiance)) not in ((3, 1), (3, 2)):
+        raise ValueError(f"{must} (3, 1) or (3, N); got shape {shape} for N = 2")
 
 
 def moved(position: Rgb | Array, origin: Array, length: float) -> Any:

@@ -235,6 +235,48 @@ def test_scene_names_the_method_that_a_light_lacks(make: Callable[[], Any], sign
         box_scene(lights=(make(),))
 
 
+def changed(base: type, method: str, change: Callable[[Any], Any]) -> Any:
+    """Return an object of a class like `base` whose `method` returns what `change` makes of its result."""
+    original = getattr(base, method)
+    mine = type("Mine", (base,), {method: lambda self, *arguments: change(original(self, *arguments))})
+    return mine(2.0) if base is Panel else mine()
+
+
+@pytest.mark.parametrize(
+    ("light", "message"),
+    [
+        (
+            changed(Panel, "emission", lambda _: 8.0),
+            r"Mine\.emission\(p\) must return radiance \(3, 1\) or .* shape \(\)",
+        ),
+        (changed(Panel, "emission", lambda _: np.ones(3)), r"Mine\.emission\(p\) must return .* got shape \(3,\)"),
+        (changed(HalfSky, "radiance", lambda _: np.ones(3)), r"Mine\.radiance\(wi\) must return .* got shape \(3,\)"),
+        (changed(Panel, "sample", lambda s: s.wi), r"Mine\.sample\(p, u\) must return a LightSample .* got ndarray"),
+        (changed(Panel, "hit", lambda s: s.pdf), r"Mine\.sample\(p, u\) must return a LightSample .* got ndarray"),
+        (changed(Candle, "sample", lambda _: None), r"Mine\.sample\(p\) must return a LightSample .* got NoneType"),
+        (
+            changed(Panel, "sample", lambda s: replace(s, emits=s.emits.astype(np.float32))),
+            r"Mine\.sample\(p, u\): emits must be bool; got float32",
+        ),
+        (
+            changed(Panel, "hit", lambda s: replace(s, radiance=np.ones(3))),
+            r"Mine\.sample\(p, u\): radiance must be of shape \(3, 1\) or \(3, N\); got shape \(3,\)",
+        ),
+        (
+            changed(HalfSky, "hit", lambda s: replace(s, pdf=0.1)),
+            r"Mine\.sample\(p, u\): pdf must be of shape \(N,\); got shape \(\) for N = 2",
+        ),
+        (
+            changed(Candle, "sample", lambda s: replace(s, wi=s.wi.T)),
+            r"Mine\.sample\(p\): wi must be of shape \(3, N\); got shape \(2, 3\)",
+        ),
+    ],
+)
+def test_scene_names_the_method_of_a_light_that_returns_the_wrong_form(light: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        box_scene(lights=(light,))
+
+
 @pytest.mark.parametrize("lights", [(), (dmis.PointLight((0, 0, 1), (0, 0, 0)),)])
 def test_a_scene_without_light_warns_and_says_so(lights: tuple[dmis.PointLight, ...]) -> None:
     scene = box_scene(lights=lights)
