@@ -41,6 +41,9 @@ ATTEMPTS = 3
 MAX_WORKERS = 1024
 """Largest number of threads or processes."""
 
+MAIN_GUARD = 'if __name__ == "__main__":'
+"""Line of a script under which it must start processes."""
+
 
 @dataclass(frozen=True)
 class Processes:
@@ -91,6 +94,8 @@ class Workers:
 
     def __init__(self, scene: Scene, parallel: Parallel = None) -> None:
         parallel = check_parallel(parallel)
+        if isinstance(parallel, Processes):
+            _check_main_guard()
         keep()  # threads that are there already have their arenas
         self._processes = parallel.number if isinstance(parallel, Processes) else None
         self._fruitless = 0
@@ -110,7 +115,7 @@ class Workers:
                 self._scene = _send(parallel, scene)
 
     def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, Rendered], None, None]:
-        """Rendered tiles as they come, in any order; submitted in the order given.
+        """Yield rendered tiles in order of completion; they are submitted in the order given.
 
         Raises
         ------
@@ -174,13 +179,13 @@ class Workers:
         again, hint = "", ", or if the scheduler of a cluster does"
         if self._own:
             again = f"in {ATTEMPTS} new pools in a row "
-            hint = "; or, in a script, if what starts the rendering is not under `if __name__ == '__main__':`"
+            hint = f"; or, in a script, if what starts the render is not under `{MAIN_GUARD}`"
         raise ChildProcessError(
             f"{len(lost)} tiles were lost {again}with the workers that rendered them, the first at rows "
             f"{first.rows[0]} to {first.rows[1]}, columns {first.columns[0]} to {first.columns[1]} "
             f"({type(reason).__name__}: {reason}). Tiles are lost if memory runs out{hint}. "
             "Finished ones are kept if there is a checkpoint"
-        ) from reason
+        ) from None  # the message has the reason
 
     def _pool(self) -> ProcessPoolExecutor:
         assert self._file is not None
@@ -193,8 +198,23 @@ class Workers:
         )
 
 
+def _check_main_guard() -> None:
+    """Raise a RuntimeError in a worker process that runs the user's script again, because it has no main guard.
+
+    Every worker of every new pool would print a traceback of 40 lines: it is left out here, and the workers end.
+    """
+    import multiprocessing
+
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        sys.tracebacklimit = 0
+        raise RuntimeError(
+            f"a script that renders with dmis.Processes must start it under `{MAIN_GUARD}`, because each process "
+            f"imports the script. Indent the render under that line"
+        )
+
+
 def _render(scene: Scene | Path, tile: Tile, version: str) -> Rendered:
-    """What a worker does."""
+    """Render one tile in a worker."""
     if version != __version__:
         raise ValueError(
             f"all machines must have the same version of dmis, because the image depends on it; "

@@ -164,6 +164,24 @@ def test_processes_end_with_the_one_that_started_them(tmp_path):
         time.sleep(0.05)
 
 
+def test_a_script_without_main_guard_is_told_so(tmp_path):
+    """The error names the line that the script lacks; neither workers nor parent print tracebacks of other modules."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import dmis\n"
+        "scene = dmis.load_scene('teapot-area-light', resolution=(16, 16))\n"
+        "dmis.render(scene, 'balance', 2, parallel=dmis.Processes(2))\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(dmis.__file__).parent.parent), "TMPDIR": str(tmp_path)}
+    ended = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=300)
+    message = 'RuntimeError: a script that renders with dmis.Processes must start it under `if __name__ == "__main__":`'
+    assert ended.returncode == 1
+    assert message in ended.stderr and "ChildProcessError" in ended.stderr
+    assert ended.stderr.count("Traceback") <= 1 and "concurrent" not in ended.stderr
+    assert len(ended.stderr.splitlines()) < 60
+    assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
+
+
 SCRIPT = """
 import multiprocessing
 import dmis
