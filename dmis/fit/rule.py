@@ -212,7 +212,7 @@ def rule_text(rule: Any) -> str:
     if isinstance(rule, str):
         return rule
     text = repr(rule)
-    if type(rule).__repr__ is object.__repr__:
+    if rule.__class__.__repr__ is object.__repr__:
         attributes = (f"{name}={value!r}" for name, value in getattr(rule, "__dict__", {}).items())
         text = f"{type(rule).__name__}({', '.join(attributes)})"
     return re.sub(r" at 0x[0-9a-fA-F]+", "", text)
