@@ -126,7 +126,7 @@ def room(material):
     light = DiskLight((1.5, 0.0, 4.0), (-0.3, 0.0, -1.0), 0.8, (9.0, 8.0, 7.0))
     sky = EnvironmentLight(np.full((4, 8, 3), 0.2) * np.linspace(1, 2, 4)[:, None, None])
     camera = dmis.Camera.look_at((3, -5, 3), (0, 0, 0.8), fov=35, resolution=(40, 32))
-    return dmis.Scene(camera, (floor, ball, dmis.formats.load_scene.light_part(light)), (light, sky))
+    return dmis.Scene(camera, (floor, ball, dmis.light_part(light)), (light, sky))
 
 
 @pytest.mark.parametrize("depth", [1, 4])

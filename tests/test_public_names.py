@@ -38,7 +38,9 @@ def test_all_names_load_without_packages_of_their_own() -> None:
 
 def test_dir_lists_public_names_only() -> None:
     assert dir(dmis) == sorted(["__version__", *dmis.__all__])
-    assert {"measure", "compare", "make_oracle", "plot", "Technique", "render", "matte"} <= set(dmis.__all__)
+    assert {"light_part", "measure", "compare", "make_oracle", "plot", "Technique", "render", "matte"} <= set(
+        dmis.__all__
+    )
 
 
 @pytest.mark.parametrize("name", dmis.__all__)

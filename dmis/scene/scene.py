@@ -112,7 +112,7 @@ class Scene:
             if light.hides_itself() and not any(part.light is light for part in self.parts):
                 raise ValueError(
                     f"a {type(light).__name__} that is not flat must be a part of the scene too, because its triangles "
-                    "may hide one another; dmis.formats.load_scene.light_part makes one of it"
+                    "may hide one another; dmis.light_part makes one of it"
                 )
         bare = [part for part in self.parts if part.mesh.uv is None and textures(part.material)]
         if bare:

@@ -48,7 +48,7 @@ def make_scene(material, radius=0.5, name="ring"):
         dmis.Part(dmis.load_mesh(folder / "ring.obj", smooth=True), material),
         dmis.Part(dmis.load_mesh(folder / "ground.obj", smooth=False), dmis.plastic(kd=0.3, ks=0.3, roughness=0.01)),
     ]
-    return dmis.Scene(camera, (*parts, dmis.formats.load_scene.light_part(lamp)), (lamp,), name)
+    return dmis.Scene(camera, (*parts, dmis.light_part(lamp)), (lamp,), name)
 
 
 gold = dmis.metal(roughness=0.02)

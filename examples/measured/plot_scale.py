@@ -53,7 +53,7 @@ def measure(case):
     floor = dmis.Part(shapes.quad((-6, -6, -1), (12, 0, 0), (0, 12, 0)), dmis.matte(0.5))
     camera = dmis.Camera.look_at((0, -4, 1.5), (0, 0, 0), fov=35, resolution=(side, side))
     ball_part = dmis.Part(mesh, dmis.plastic((0.6, 0.3, 0.1), 0.3, 0.05))
-    scene = dmis.Scene(camera, (floor, ball_part, dmis.formats.load_scene.light_part(light)), (light,), "ball")
+    scene = dmis.Scene(camera, (floor, ball_part, dmis.light_part(light)), (light,), "ball")
     begin = time.process_time()
     scene.prepare()
     built = time.process_time()

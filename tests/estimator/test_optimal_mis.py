@@ -214,7 +214,7 @@ def test_lights_that_hide_part_of_themselves() -> None:
     assert not light.flat
     floor = dmis.Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), dmis.matte(0.6))
     camera = dmis.Camera.look_at((0, -3, 2), (0, 0, 0), fov=40, resolution=(16, 16))
-    scene = dmis.Scene(camera, (floor, dmis.formats.load_scene.light_part(light)), (light,))
+    scene = dmis.Scene(camera, (floor, dmis.light_part(light)), (light,))
     means = {
         rule: [dmis.render(scene, rule, 64, seed=k).image.mean(dtype=float) for k in range(12)]
         for rule in ("balance", "balance:combiner=optimal-progressive", "second-moment:combiner=controlled,guard=1e9")

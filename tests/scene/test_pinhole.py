@@ -82,7 +82,7 @@ def test_rays_leave_to_both_sides() -> None:
         dmis.QuadLight((-50, -50, -3), (100, 0, 0), (0, 100, 0), (2, 2, 2)),
     )
     camera = dmis.Camera.look_at((0.3, 0.2, 0), (1.3, 0.2, 0), fov=120, resolution=(8, 8))
-    parts = (Part(floor, dmis.matte(0.5)), *(dmis.formats.load_scene.light_part(lamp) for lamp in lamps))
+    parts = (Part(floor, dmis.matte(0.5)), *(dmis.light_part(lamp) for lamp in lamps))
     image = dmis.render(Scene(camera, parts, lamps), "balance", 4).image
     np.testing.assert_array_equal(image[:3], 7)  # rays of the rows between them pass beside the lamps
     np.testing.assert_array_equal(image[5:], 2)

@@ -156,7 +156,7 @@ def sunlit(distance: float, surface: bool = True, ground: float = 6.0, name: str
     floor = dmis.geometry.shapes.quad((-ground / 2, -ground / 2, 0), (ground, 0, 0), (0, ground, 0))
     parts = (Part(floor, dmis.matte(0.8)), Part(dmis.geometry.mesh_files.from_trimesh(box), dmis.matte(0.5)))
     camera = dmis.Camera.look_at((0, -1.5, 1), (0, 0, 0), fov=20, resolution=(32, 32))
-    return Scene(camera, parts + ((dmis.formats.load_scene.light_part(sun),) if surface else ()), (sun,), name)
+    return Scene(camera, parts + ((dmis.light_part(sun),) if surface else ()), (sun,), name)
 
 
 @pytest.mark.parametrize("distance", [1e3, 1e5, 1e6])
