@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 from math import inf
 from typing import Any, TypeVar
 
@@ -53,6 +54,16 @@ def pair(name: str, value: Any, check: Callable[[str, Any], T]) -> tuple[T, T]:
     if len(values) != 2:
         raise ValueError(f"{name} must be two numbers; got {value!r}")
     return check(name, values[0]), check(name, values[1])
+
+
+def did_you_mean(name: str, names: Iterable[str], likeness: float = 0.6) -> str:
+    """Return the end of a message about an unknown name, ``, did you mean 'thesis'?``; empty if no name is like it.
+
+    `likeness`, of `difflib.get_close_matches`, is that of the names, from 0 to 1, upper and lower case being the same.
+    """
+    known = {other.lower(): other for other in sorted(names)}
+    similar = get_close_matches(name.lower(), known, 1, likeness)
+    return f", did you mean {known[similar[0]]!r}?" if similar else ""
 
 
 def _plain(value: Any) -> Any:

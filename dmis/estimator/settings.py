@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from dmis.base.validate import whole
+from dmis.base.validate import did_you_mean, whole
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import technique_by_name
@@ -76,14 +76,18 @@ class Settings:
         if len(self.techniques) < 2:
             raise ValueError(f"techniques must be at least two names, which share the samples; got {self.techniques}")
         techniques = [technique_by_name(name) for name in self.techniques]
+        if not isinstance(self.combiner, str):
+            raise ValueError(f"combiner must be a name such as 'balance' or 'power'; got {self.combiner!r}")
         combiner = combiner_by_name(self.combiner)
         if len(techniques) > 2 and combiner.two_techniques:
             raise ValueError(
                 f"combiner {self.combiner} needs two techniques; got {len(techniques)}: {', '.join(self.techniques)}"
             )
-        if combiner.exact_densities and not all(t.exact for t in techniques):
+        without = [repr(technique.name) for technique in techniques if not technique.exact]
+        if combiner.exact_densities and without:
             raise ValueError(
-                f"combiner {self.combiner} needs densities that are known, which those of technique resampled are not"
+                f"combiner {self.combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use "
+                f"combiner balance or power"
             )
         for option, value, allowed in (
             ("integrator", self.integrator, ("auto", "direct", "path")),
@@ -188,7 +192,8 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
         raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
     names = [field.name for field in fields(Settings)]
     if unknown := [name for name in options if name not in names]:
-        hint = ". Write parallel=" if {"threads", "workers", "executor"} & set(unknown) else ""
+        is_parallel = {"threads", "workers", "executor"} & set(unknown)
+        hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)
         raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
     preset = options.get("preset")
     if preset is not None and settings is not None and settings.preset != preset:

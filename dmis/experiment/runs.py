@@ -106,6 +106,8 @@ def measure(
     dmis.experiment.alarm.ReferenceWarning
         Once for each rule whose image has another mean than the reference, see `dmis.experiment.alarm`.
     """
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress must be a function progress(rule, done, total), or None; got {progress!r}")
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
     finished = {(run.rule, run.spp, run.seed): run for run in done}
     total = len(runs) * len(seeds)

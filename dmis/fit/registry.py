@@ -9,6 +9,7 @@ from functools import partial
 from inspect import Parameter, signature
 from typing import Any
 
+from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.fixed import Fixed
 from dmis.fit.rule import Rule, complete_rule
@@ -132,8 +133,8 @@ def make_rule(text: Rule | str | Any) -> Rule:
     name, _, rest = text.strip().partition(":")
     if name not in RULES:
         raise ValueError(
-            f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}. "
-            f"dmis.register_rule adds one"
+            f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}"
+            f"{did_you_mean(name, RULES) or '.'} dmis.register_rule adds one"
         )
     convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
     types, words = _option_types(name, convert), _option_words(name)
@@ -146,11 +147,15 @@ def make_rule(text: Rule | str | Any) -> Rule:
     options: dict[str, Any] = {}
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
+        if not equals and key in _arguments(name) and key in types:
+            raise ValueError(f"option {key} of rule {name} needs a value: {name}:{key}={_example(name, key)}")
         if not equals and types:
             key, value = next(iter(types)), item
         if key not in types:
             known = f"the options {', '.join(types)}" if types else "no options"
-            raise ValueError(f"rule {name} has {known}; got {key!r}")
+            raise ValueError(f"rule {name} has {known}; got {key!r}{did_you_mean(key, types)}")
+        if key in options:
+            raise ValueError(f"option {key} of rule {name} must be given once; got {options[key]} and {value}")
         try:
             options[key] = value if value in words.get(key, ()) else convert[types[key]](value)
         except ValueError:
@@ -165,6 +170,12 @@ def _arguments(name: str) -> Mapping[str, Parameter]:
     """Return the arguments of a rule that are its options, by name."""
     arguments = signature(type(RULES[name]())) if name in _SHIPPED else signature(RULES[name])
     return {key: p for key, p in arguments.parameters.items() if p.kind not in _REST}
+
+
+def _example(name: str, option: str) -> str:
+    """Return the default value of a rule's option as text, an example of what it may be."""
+    default = _arguments(name)[option].default
+    return "no" if default in (None, False) else "yes" if default is True else str(default)
 
 
 def _option_types(name: str, readable: Container[type]) -> dict[str, type]:

@@ -11,6 +11,7 @@ import re
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -252,16 +253,33 @@ def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
             )
         if getattr(settings, name) not in (getattr(defaults, name), value):
             raise ValueError(
-                f"conflicting {name}: Settings has {getattr(settings, name)!r}, rule {text} uses {value!r}. Give it as "
-                f"an option of the rule, such as balance:combiner=power or second-moment:reuse=no"
+                f"conflicting {name}: Settings has {getattr(settings, name)!r}, rule {text} uses {value!r}. "
+                f"{_advice(rule, text, name, getattr(settings, name))}"
             )
     for w, n in rule.pilot.items():
         shares = w if isinstance(w, tuple) else (w,)
-        if not all(0 <= share <= 1 for share in shares) or n < 1 or n != int(n):
+        if not all(isinstance(share, Real) and 0 <= share <= 1 for share in shares) or not _positive_whole(n):
             raise ValueError(
-                f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n} at {w}"
+                f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n!r} at {w!r}"
             )
     return replace(settings, **rule.settings)
+
+
+def _positive_whole(n: Any) -> bool:
+    return isinstance(n, Real) and n >= 1 and n % 1 == 0
+
+
+def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
+    """Return how a rule gets the `value` of a setting that it has an option for, or that it has none."""
+    option = {"reuse_pilot": "reuse"}.get(name, name)
+    if not hasattr(rule.rule if isinstance(rule, _Completed) else rule, option):
+        return f"The rule has no option {option}: leave it out of the settings, or use another rule"
+    if "(" in text:
+        return f"Make the rule with {option}={value!r}"
+    rule_name, _, rest = text.partition(":")
+    others = [item for item in rest.split(",") if item and not item.startswith(f"{option}=")]
+    word = ("no", "yes")[value] if isinstance(value, bool) else value
+    return f'Write rule="{rule_name}:{",".join([*others, f"{option}={word}"])}"'
 
 
 def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:

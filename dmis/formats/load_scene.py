@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.base.validate import did_you_mean
 from dmis.brdf.materials import Material, matte
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, read_mesh
@@ -149,6 +150,7 @@ def _pbrt_file(source: Any) -> Path | None:
     raise ValueError(
         f"a scene must be a file ending in {', '.join(('.pbrt', *MESH_SUFFIXES))}, or one of the scenes that come with "
         f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(path)!r}"
+        f"{did_you_mean(str(path), SHIPPED)}"
     )
 
 

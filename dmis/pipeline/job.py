@@ -129,9 +129,9 @@ class Job:
         if spp <= pilot_spp:
             raise ValueError(
                 f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
-                f"of rule {text}; got {spp}"
+                f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
             )
-        learning = pilot_settings(settings, rule.pilot, statistic is not None)
+        learning = pilot_settings(settings, rule.pilot, statistic is not None, text)
         return cls(float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix)
 
     @property
@@ -224,14 +224,14 @@ def _float32_scene(scene: Scene) -> tuple[Scene, float]:
     return kept[0] or scene, kept[1]
 
 
-def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool) -> Settings:
+def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool, text: str) -> Settings:
     """Return the settings that a pilot is rendered with.
 
     Its samples are independent, as statistics assume, and combined by the balance heuristic, whose terms are f / p_w,
     however the final samples are drawn and combined. If `paired`, because a statistic is gathered, a camera sample has
     twice the shading samples, and there are half as many camera samples: two independent estimates at one point tell
     the variance over the pixel from the variance at the point. For K techniques to have two samples each, there are K
-    times the shading samples in as many times fewer camera samples.
+    times the shading samples in as many times fewer camera samples. `text` is that of the rule in messages.
 
     Raises
     ------
@@ -244,7 +244,11 @@ def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool
     techniques = len(settings.techniques)
     for name, n in (("shading_samples", settings.shading_samples), *(("pilot samples", n) for n in pilot.values())):
         if n % 2:
-            raise ValueError(f"{name} must be even for rules that learn from two halves of them; got {n}")
+            even = f"{n - 1} or {n + 1}" if n > 1 else "2"
+            raise ValueError(
+                f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {even}, or "
+                f"rule thesis"
+            )
         if name != "shading_samples" and n % techniques:
             raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
     return replace(settings, shading_samples=techniques * settings.shading_samples)

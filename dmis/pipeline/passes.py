@@ -51,7 +51,7 @@ class Passes:
     Raises
     ------
     ValueError
-        If `parallel` is not right, or the checkpoint belongs to a different image.
+        If `parallel` or `progress` is not right, or the checkpoint belongs to a different image.
     OSError
         If the checkpoint cannot be written.
     """
@@ -67,6 +67,8 @@ class Passes:
         self._job, self._progress, self._observer = job, progress, observer
         self._pixels = math.prod(job.scene.camera.resolution)
         self.rays: Counter[str] = Counter()
+        if progress is not None and not callable(progress):
+            raise ValueError(f"progress must be a function progress(stage, done, total), or None; got {progress!r}")
         parallel = check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:

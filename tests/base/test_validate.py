@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dmis.base.validate import number, pair, whole
+from dmis.base.validate import did_you_mean, number, pair, whole
 
 
 @pytest.mark.parametrize("value", [8, 8.0, np.int64(8), np.uint8(8), np.float32(8), np.float64(8)])
@@ -36,3 +36,10 @@ def test_what_is_no_number_in_range(value: Any) -> None:
 def test_what_is_no_pair(value: Any) -> None:
     with pytest.raises(ValueError, match="p must be two numbers; got "):
         pair("p", value, whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "end"), [("thesi", ", did you mean 'thesis'?"), ("AUTO", ", did you mean 'auto'?"), ("nope", "")]
+)
+def test_a_name_that_is_alike_is_suggested(name: str, end: str) -> None:
+    assert did_you_mean(name, ["auto", "balance", "thesis"]) == end

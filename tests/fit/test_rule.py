@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from dmis.cli.commands import main
 from dmis.experiment.compare import compare, parse_rules
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import Rule, complete_rule, rule_text
+from dmis.fit.thesis import Thesis
 from dmis.light.area import DiskLight
 from dmis.pipeline.fingerprint import digest
 
@@ -148,6 +150,40 @@ class Described:
 def test_text_of_a_rule(rule: object, text: str) -> None:
     """Text as it is, the class's own ``__repr__``, or the class with its attributes; no memory address."""
     assert rule_text(rule) == text
+
+
+class Stubborn(dmis.Rule):
+    """A rule that has a setting and no option for it."""
+
+    settings = {"combiner": "balance"}  # noqa: RUF012
+
+    def fit(self, pilot: object) -> dmis.Fit:
+        return dmis.Fit(weight=0.5)
+
+
+@pytest.mark.parametrize(
+    ("rule", "setting", "advice"),
+    [
+        ("thesis", {"combiner": "power"}, 'Write rule="thesis:combiner=power"'),
+        ("thesis:8,combiner=balance", {"combiner": "power"}, 'Write rule="thesis:8,combiner=power"'),
+        ("thesis:reuse=no", {"reuse_pilot": True}, 'Write rule="thesis:reuse=yes"'),
+        (Thesis(8), {"combiner": "power"}, "Make the rule with combiner='power'"),
+        (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave it out of the settings"),
+    ],
+)
+def test_a_conflict_names_rule_and_option(box: dmis.Scene, rule: Any, setting: dict[str, Any], advice: str) -> None:
+    """The advice is of the rule at hand, and what it tells to write is a rule."""
+    with pytest.raises(ValueError, match=rf"^conflicting .*{re.escape(advice)}"):
+        dmis.render(box, rule, 16, **setting)
+    if advice.startswith("Write"):
+        make_rule(advice.split('"')[1])
+
+
+@pytest.mark.parametrize("pilot", [{"a": 2}, {0.5: "2"}, {0.5: None}, {0.5: 2.5}, {(0.5, "b"): 2}, {float("nan"): 2}])
+def test_a_pilot_of_no_numbers_is_refused(box: dmis.Scene, pilot: dict[Any, Any]) -> None:
+    rule = type("Mine", (Stubborn,), {"pilot": pilot})()
+    with pytest.raises(ValueError, match=r"the pilot of rule Mine\(\) must have whole numbers .*; got "):
+        dmis.render(box, rule, 16)
 
 
 def test_a_class_is_no_rule() -> None:

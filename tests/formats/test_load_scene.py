@@ -58,8 +58,10 @@ def test_unknown_names_are_told_the_known_ones(monkeypatch, pbrt_file):
     monkeypatch.setattr("dmis.formats.load_scene._FOLDER", pbrt_file.parent)
     monkeypatch.setattr("dmis.formats.load_scene.SHIPPED", ("scene",))
     assert load_scene("scene").parts
-    with pytest.raises(ValueError, match=r"one of the scenes that come with dmis: scene; got 'teapot'"):
+    with pytest.raises(ValueError, match=r"one of the scenes that come with dmis: scene; got 'teapot'$"):
         load_scene("teapot")
+    with pytest.raises(ValueError, match=r"got 'scenes', did you mean 'scene'\?"):
+        load_scene("scenes")
 
 
 @pytest.mark.parametrize("suffix", ["ply", "obj", "glb", "stl"])

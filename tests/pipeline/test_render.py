@@ -297,6 +297,23 @@ def _stop(*_):
         ({"rule": 3}, "rule must be a rule, or text such as thesis:patch=16; got 3"),
         ({"rule": Thesis}, "rule must be a rule, or text"),
         ({"rule": "thesis:patch=0"}, "patch must be 1 to 65535"),
+        ({"rule": "thesi"}, r"got 'thesi', did you mean 'thesis'\? dmis\.register_rule adds one"),
+        ({"rule": "thesis:pach=4"}, r"rule thesis has the options .*; got 'pach', did you mean 'patch'\?"),
+        ({"rule": "thesis:patch"}, "option patch of rule thesis needs a value: thesis:patch=16$"),
+        ({"rule": "thesis:reuse"}, "option reuse of rule thesis needs a value: thesis:reuse=no$"),
+        ({"rule": "thesis:patch=4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
+        ({"rule": "thesis:4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
+        ({"shading_sample": 4}, r"got shading_sample, did you mean 'shading_samples'\?"),
+        ({"rule": "auto", "spp": 32, "shading_samples": 3}, "even for rule auto,.*; got 3. Use 2 or 4, or rule thesis"),
+        ({"rule": "auto", "spp": 32, "shading_samples": 1}, "even for rule auto,.*; got 1. Use 2, or rule thesis"),
+        ({"combiner": 3}, "combiner must be a name such as 'balance' or 'power'; got 3"),
+        ({"combiner": ["power"]}, r"combiner must be a name .*; got \['power'\]"),
+        ({"progress": 5}, r"progress must be a function progress\(stage, done, total\), or None; got 5"),
+        ({"rule": None, "preset": "thesis"}, "; got 4. Use a larger spp or another rule, such as balance"),
+        (
+            {"techniques": ("resampled", "brdf"), "combiner": "controlled"},
+            "combiner controlled needs the pdf of every technique, but 'resampled' has none",
+        ),
     ],
 )
 def test_bad_arguments(box, options, message):

@@ -8,13 +8,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
 from dmis.formats.pbrt.cursor import Cursor
@@ -232,9 +232,7 @@ class Reader:
         for name in parameters.unused():
             if name in V1_PARAMETERS.get(parameters.directive.text, ()):
                 self.v1_token = self.v1_token or parameters.items[name].token
-            names = {used.lower(): used for used in sorted(parameters.read_names)}
-            similar = get_close_matches(name.lower(), names, 1, MIN_LIKENESS)
-            hint = f", did you mean {names[similar[0]]!r}?" if similar else ""
+            hint = did_you_mean(name, parameters.read_names, MIN_LIKENESS)
             what = f"parameter {name!r} of {parameters.directive.text}{hint}"
             self._unused.setdefault(what, []).append(parameters.items[name].token)
 
