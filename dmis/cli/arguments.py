@@ -51,7 +51,7 @@ def _render(command: argparse.ArgumentParser) -> None:
         "--output",
         required=True,
         metavar="OUT.exr",
-        help="output image with the layers RGB, weight, variance, samples",
+        help="output image with the layers RGB, weight, variance, samples; or OUT.png, a preview alone",
     )
     command.add_argument("--png", metavar="OUT.png", help="also write a preview image")
     command.add_argument("--spp", type=int, help="camera samples per pixel, pilot included (default 128)")

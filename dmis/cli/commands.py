@@ -198,7 +198,9 @@ def _render(options: argparse.Namespace) -> int:
         seconds = result.seconds["total"]
         rate = _samples(result) / seconds / 1e6
         rule = result.provenance["rule"]
-        print(f"{output}: {rule}, {spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{_fireflies(result)}")
+        taken = f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
+        about = f"{rule}, {spp} spp{taken if options.as_in_file else ''}"
+        print(f"{output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{_fireflies(result)}")
     if options.verbose:
         print("\n".join([f"  {_description(scene)}", *_time_and_rays(result)]))
     return 0
@@ -224,9 +226,12 @@ def _fireflies(result: Result) -> str:
     number = int(result.fireflies.sum())
     if not number:
         return ""
+    are, fades = (
+        ("is a noisy speck (firefly)", "it fades") if number == 1 else ("are noisy specks (fireflies)", "they fade")
+    )
     return (
-        f"\n  {number} of {result.fireflies.size:,} pixels are noisy specks (fireflies), each made by a few rare "
-        f"bright samples: the image is right on average, and a larger --spp makes them fade"
+        f"\n  {number} of {result.fireflies.size:,} pixels {are}, made by a few rare bright samples: the image is "
+        f"right on average, and {fades} with a larger --spp"
     )
 
 

@@ -10,12 +10,14 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import dmis
 import dmis.experiment
+from dmis.cli import commands
 from dmis.cli.commands import main
 from dmis.experiment.speed.bench import fresh_python
 from dmis.image import read_exr
@@ -102,7 +104,7 @@ def test_verbose_says_more(scene, tmp_path, capsys):
     out = str(tmp_path / "a.exr")
     assert main(["render", scene, "-o", out, "--spp", "2", "--rule", "balance", "--verbose"]) == 0
     first, *plan, seconds, rays, weight = capsys.readouterr().out.splitlines()
-    plan = [line for line in plan if "noisy specks" not in line]
+    plan = [line for line in plan if "noisy speck" not in line]
     assert first.startswith(out) and "40x30 pixels" in plan[0] and len(plan) > 2
     assert "pilot" in seconds and "shadow" in rays and "50%" in weight
     options = ["--rules", "pbrt", "--spp", "2", "--seeds", "2", "--reference-spp", "2", "--resolution", "16x12"]
@@ -114,6 +116,16 @@ def test_verbose_says_more(scene, tmp_path, capsys):
     assert captured.err == ""
     with pytest.raises(SystemExit):
         main(["render", scene, "-o", out, "--quiet", "--verbose"])
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [(0, ""), (1, r"1 of 2,304 pixels is a noisy speck .*"), (2, r"2 of 2,304 pixels are noisy specks .*")],
+)
+def test_fireflies_are_counted_in_words(number, text):
+    """One pixel is, two are."""
+    fireflies = np.arange(48 * 48).reshape(48, 48) < number
+    assert re.fullmatch(text, commands._fireflies(SimpleNamespace(fireflies=fireflies)).strip())
 
 
 def test_import_is_light():

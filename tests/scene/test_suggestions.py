@@ -155,11 +155,12 @@ def test_command_line(tmp_path: Path, capsys) -> None:
     small = ["teapot-area-light", "--resolution", "16x12", "--rule", "balance", "--as-in-file"]
     out = tmp_path / "a.exr"
     assert main(["render", *small, "-o", str(out)]) == 0
-    assert "balance, 8 spp" in capsys.readouterr().out
+    assert "balance, 8 spp, sampler lowdiscrepancy, 32 shading samples, " in capsys.readouterr().out
     scene = dmis.load_scene("teapot-area-light", resolution=(16, 12))
     expected = dmis.render(scene, "balance", 8, settings=dmis.Settings.as_in_file(scene))
     assert (read_exr(out)[0]["RGB"] == expected.image).all()
     assert main(["render", *small, "--spp", "4", "--shading-samples", "2", "-o", str(out)]) == 0
+    assert "balance, 4 spp, sampler lowdiscrepancy, 2 shading samples, " in capsys.readouterr().out
     expected = dmis.render(scene, "balance", 4, settings=dmis.Settings.as_in_file(scene, shading_samples=2))
     assert (read_exr(out)[0]["RGB"] == expected.image).all()
     words = [*small[:3], "--rules", "balance", "--seeds", "1", "--reference-spp", "2", "--as-in-file"]
