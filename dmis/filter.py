@@ -63,19 +63,19 @@ def effective(shape: tuple[int, int], sigma: float = 1.0, radius: int = 2) -> Ar
 
 
 def joint(
-    values: Array, guides: Mapping[str, Array], scales: Mapping[str, float], sigma: float = 1.0, radius: int = 2
+    values: Array, features: Mapping[str, Array], scales: Mapping[str, float], sigma: float = 1.0, radius: int = 2
 ) -> tuple[Array, Array]:
     """Return maps filtered by a joint (cross-) bilateral filter: a Gaussian in space times one in feature differences.
 
-    ``w_pq = exp(-|p - q|^2 / (2 sigma^2) - sum_g |g_p - g_q|^2 / (2 scale_g^2))``. The weights depend on the guides,
-    which have no noise, and not on the values, so means stay unbiased where the guides determine the expected values.
-    Edges that are in no guide, such as those of shadows, are blurred.
+    ``w_pq = exp(-|p - q|^2 / (2 sigma^2) - sum_g |g_p - g_q|^2 / (2 scale_g^2))``. The weights depend on the features,
+    which have no noise, and not on the values, so means stay unbiased where the features determine the expected values.
+    Edges that are in no feature, such as those of shadows, are blurred.
 
     Parameters
     ----------
     values
         Maps ``(..., H, W)``, which are filtered with the same weights.
-    guides, scales
+    features, scales
         Feature buffers by name, ``(C, H, W)`` each, and for each the distance that counts as one standard deviation.
     sigma, radius
         See `gaussian`. Taps outside the map are left out.
@@ -92,7 +92,7 @@ def joint(
     if radius < 0:
         raise ValueError(f"radius must not be negative; got {radius}")
     height, width = values.shape[-2:]
-    guide = np.concatenate([np.zeros((1, height, width)), *(g / scales[name] for name, g in guides.items())])
+    stacked = np.concatenate([np.zeros((1, height, width)), *(g / scales[name] for name, g in features.items())])
     total = np.array(values, np.float64)
     weight, square = np.ones((2, height, width))
     for dy in range(min(radius, height - 1) + 1):
@@ -101,7 +101,7 @@ def joint(
                 continue
             p = ..., slice(0, height - dy), slice(max(-dx, 0), width - max(dx, 0))
             q = ..., slice(dy, height), slice(max(dx, 0), width - max(-dx, 0))
-            difference = guide[p] - guide[q]
+            difference = stacked[p] - stacked[q]
             w = np.exp(-0.5 * ((dy * dy + dx * dx) / sigma**2 + (difference * difference).sum(axis=0)))
             for a, b in ((p, q), (q, p)):
                 total[a] += w * values[b]

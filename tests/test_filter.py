@@ -88,9 +88,9 @@ ONE = {"normal": 1.0, "step": 0.1}
 
 
 def test_joint_keeps_constants() -> None:
-    """Whatever the guides are, at the edges too, and for all maps of a stack."""
-    guides = {"normal": np.random.default_rng(1).random((3, 20, 17))}
-    filtered, _ = joint(np.full((2, 3, 20, 17), 0.3), guides, ONE)
+    """Whatever the features are, at the edges too, and for all maps of a stack."""
+    features = {"normal": np.random.default_rng(1).random((3, 20, 17))}
+    filtered, _ = joint(np.full((2, 3, 20, 17), 0.3), features, ONE)
     np.testing.assert_allclose(filtered, 0.3, rtol=1e-14)
 
 
@@ -111,14 +111,14 @@ def test_joint_of_equal_guides_is_a_gaussian(radius: int) -> None:
 
 
 def test_joint_follows_the_definition() -> None:
-    """Several guides with scales of their own."""
+    """Several features with scales of their own."""
     rng = np.random.default_rng(2)
-    values, guides = rng.random((6, 5)), {"normal": rng.random((3, 6, 5)), "step": rng.random((1, 6, 5))}
-    filtered, _ = joint(values, guides, {"normal": 0.5, "step": 0.2}, 2.0, 6)
+    values, features = rng.random((6, 5)), {"normal": rng.random((3, 6, 5)), "step": rng.random((1, 6, 5))}
+    filtered, _ = joint(values, features, {"normal": 0.5, "step": 0.2}, 2.0, 6)
     at = 4, 1
     y, x = np.mgrid[:6, :5] - np.reshape(at, (2, 1, 1))
     exponent = (x * x + y * y) / 8
-    for guide, scale in zip(guides.values(), (0.5, 0.2), strict=True):
+    for guide, scale in zip(features.values(), (0.5, 0.2), strict=True):
         exponent = exponent + ((guide - guide[:, at[0], at[1], None, None]) ** 2).sum(axis=0) / (2 * scale**2)
     w = np.exp(-exponent)
     assert filtered[at] == pytest.approx((w * values).sum() / w.sum(), rel=1e-12)
@@ -129,8 +129,8 @@ def test_joint_does_not_cross_steps() -> None:
     step = np.zeros((1, 20, 17))
     step[..., 8:] = 1
     values = np.where(step[0] > 0, 5.0, np.random.default_rng(1).random((20, 17)))
-    guides = {**FLAT, "step": step}
-    filtered, entries = joint(values, guides, ONE)
+    features = {**FLAT, "step": step}
+    filtered, entries = joint(values, features, ONE)
     left, alone = joint(values[:, :8], {"step": step[..., :8]}, ONE)
     np.testing.assert_allclose(filtered[:, :8], left, rtol=1e-12)
     np.testing.assert_allclose(filtered[:, 8:], 5, rtol=1e-12)
@@ -141,8 +141,8 @@ def test_joint_does_not_cross_steps() -> None:
 def test_joint_reduces_noise_as_said() -> None:
     """The variance of white noise falls by the number of entries."""
     rng = np.random.default_rng(3)
-    guides = {"step": 0.1 * rng.integers(0, 3, (1, 20, 17))}
-    filtered, entries = joint(rng.normal(size=(4000, 20, 17)), guides, ONE)
+    features = {"step": 0.1 * rng.integers(0, 3, (1, 20, 17))}
+    filtered, entries = joint(rng.normal(size=(4000, 20, 17)), features, ONE)
     np.testing.assert_allclose(filtered.var(axis=0) * entries, 1, atol=0.15)
     assert np.ptp(entries) > 2
 

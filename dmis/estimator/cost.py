@@ -58,7 +58,9 @@ def camera_sample_cost(
     camera, points = count_camera_samples(rays), surface_points(rays)
     per_technique = camera * points * pilot_samples / len(techniques)  # samples of each technique
     mixed: Array | float = 0
-    for share, of in zip(shares, map(technique_by_name, techniques), strict=True):
-        mixed = mixed + share * ((SHADING if of.exact else RESAMPLED) + RAY * rays.get(of.rays, 0) / per_technique)
+    for share, technique in zip(shares, map(technique_by_name, techniques), strict=True):
+        mixed = mixed + share * (
+            (SHADING if technique.exact else RESAMPLED) + RAY * rays.get(technique.rays, 0) / per_technique
+        )
     always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
     return np.asarray(always + points * shading_samples * mixed)

@@ -1,7 +1,7 @@
 """Sampling techniques: ways to pick a direction for direct lighting.
 
 Each technique is a pair of functions with the same leading arguments: ``sample`` picks directions at surface points and
-tells what they see of a light; ``pdf`` is the density, per solid angle, with which it would pick given directions,
+returns their light samples; ``pdf`` is the density, per solid angle, with which it would pick given directions,
 or, where that is not known, what stands in for it in MIS weights (`dmis.estimator.resampling`).
 Two techniques or more are mixed in `dmis.estimator.direct`; anything that has these two functions can be one of them.
 """
@@ -33,7 +33,7 @@ class Technique:
     sample
         ``(surface, light, u) -> LightSample``, `u` ``(numbers, N)``.
     pdf
-        ``(surface, pair, light_pdf) -> (N,)``.
+        ``(surface, directions, light_pdf) -> (N,)``.
     numbers
         How many uniform numbers a sample needs, 2 to 4.
     exact

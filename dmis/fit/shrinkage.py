@@ -43,7 +43,7 @@ def shrink_in_place(
 
     The scale of a patch is V(1/2), or its standard error if that is more: the estimate of a quiet patch may be
     negative, which would turn the shape upside down. Where the curve of a kind is bad, such as at an end of the grid
-    where few patches see the spikes that matter, it warns those that saw none.
+    where few patches see the spikes that matter, patches without a spike in their pilot are moved away from that end.
 
     Two failures are known. Where a patch saw no spike, sigma is too small as well, and the patch keeps more of its
     curve than it should. And neighbours that a filter has made alike count as independent in the error of rho.

@@ -21,8 +21,8 @@ def split_budget(samples: int, shading_samples: int, factor: float) -> tuple[int
     """
     candidates = []
     for n in {max(1, math.floor(samples / factor)), max(1, math.ceil(samples / factor))}:
-        of_each = max(1, min(samples * shading_samples // n, MOST))
-        candidates.append((-n * of_each, abs(of_each - shading_samples * factor), n, of_each))
+        samples_each = max(1, min(samples * shading_samples // n, MOST))
+        candidates.append((-n * samples_each, abs(samples_each - shading_samples * factor), n, samples_each))
     return min(candidates)[2:]
 
 
@@ -44,16 +44,17 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
     least, most = min(2, spp), LEVELS[-1]
     values, pixels = np.unique(share, return_counts=True)
     low_scale, high_scale = 0.0, most / values[0]
-    # what the limits take or give is shared by the others: bisection, until all are at the least or nothing is between
+    # bisection for the scale at which the clipped samples have the mean spp; it ends when all pixels are at the least,
+    # or when no float is between the two scales
     while high_scale * values[-1] > least and low_scale < (scale := (low_scale + high_scale) / 2) < high_scale:
         enough = np.clip(values * scale, least, most) @ pixels >= spp * share.size
         low_scale, high_scale = (low_scale, scale) if enough else (scale, high_scale)
     samples = np.empty(share.shape, np.int32)
-    passed = rng.random()
+    offset = rng.random()
     for row, row_samples in zip(share, samples, strict=True):
-        wanted = np.clip(row.astype(float) * high_scale, least, most)
-        low = np.clip(np.searchsorted(LEVELS, wanted, "right") - 1, 0, len(LEVELS) - 2)
-        steps = np.cumsum(np.append(passed, (wanted - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])))
+        target = np.clip(row.astype(float) * high_scale, least, most)
+        low = np.clip(np.searchsorted(LEVELS, target, "right") - 1, 0, len(LEVELS) - 2)
+        steps = np.cumsum(np.append(offset, (target - LEVELS[low]) / (LEVELS[low + 1] - LEVELS[low])))
         row_samples[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
-        passed = steps[-1]
+        offset = steps[-1]
     return samples

@@ -115,7 +115,7 @@ class Workers:
                 self._scene = _send(parallel, scene)
 
     def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, Rendered], None, None]:
-        """Yield rendered tiles in order of completion; they are submitted in the order given.
+        """Yield rendered tiles in order of completion; tiles are submitted in the order given.
 
         Raises
         ------

@@ -132,7 +132,7 @@ def _result(
 def _average(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
     """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.
 
-    They take the place of the first of them, and are worked out row by row, because images are large. Both are in the
+    The results overwrite the arrays of the first part, row by row, because images are large. Both are in the
     units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """

@@ -89,8 +89,8 @@ def test_a_rule_takes_the_curves_of_its_choice(rule: str) -> None:
     sums = {"curve": curve, "square": curve**2, "cross": curve * half, "pattern": np.zeros(curve.shape)}
     sums["position"] = np.zeros(curve.shape[-2:])
     moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
-    guides = {"normal": np.zeros((3, size // PATCH, size // PATCH))}
-    found = Pilot(moments, {"camera": 100}, {name: a * PATCH**2 for name, a in sums.items()}, features=guides)
+    features = {"normal": np.zeros((3, size // PATCH, size // PATCH))}
+    found = Pilot(moments, {"camera": 100}, {name: a * PATCH**2 for name, a in sums.items()}, features=features)
     fit = learned.fit({0.5: found})
     assert fit.combiner == "power" and np.all(fit.weight == np.float32(0.73))
 
