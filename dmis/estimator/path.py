@@ -26,8 +26,8 @@ from dmis.brdf.specular import relative_ior
 from dmis.samplers.keys import CONTINUE
 from dmis.scene.shading_points import ShadingPoints
 
-Way = int | Literal["glossy", "through"]
-"""Way in which light comes to a surface: by one of the delta lobes, or by glossy lobes of one side or the other."""
+LobeGroup = int | Literal["reflection", "transmission"]
+"""What continues a path: one of the delta lobes, by its number, or all other lobes of reflection or of transmission."""
 ROULETTE = 3
 """Depth from which on paths of little throughput are ended at random."""
 
@@ -46,7 +46,7 @@ class Rays:
         Surfaces that scattered them.
     path
         What led here, to tell random numbers apart.
-    sees
+    adds_emission
         Whether lights that they meet count, ``(N,)`` bool, or one for all.
     """
 
@@ -56,7 +56,7 @@ class Rays:
     throughput: Array | None
     depth: int
     path: tuple[int, ...]
-    sees: np.ndarray | bool = True
+    adds_emission: np.ndarray | bool = True
 
 
 def scatter(surface: ShadingPoints, lobe: Any) -> tuple[Array, Array, Array]:
@@ -90,21 +90,21 @@ def bounce(
         Whether only lights that a delta lobe shows still count.
     """
     n = len(surface.cos_o)
-    ways = _ways(surface)
-    if not ways:
+    groups = _lobe_groups(surface)
+    if not groups:
         return None
-    if len(ways) == 1:  # nothing to choose, nothing to put together
-        origin, direction, factor = _follow(surface, ways[0], u)
-        sees: np.ndarray | bool = isinstance(ways[0], int)
+    if len(groups) == 1:  # nothing to choose, nothing to put together
+        origin, direction, factor = _follow(surface, groups[0], u)
+        adds_emission: np.ndarray | bool = isinstance(groups[0], int)
     else:
         origin, direction, factor = np.empty((3, 3, n), np.float32)
-        sees = np.zeros(n, bool)
-        for way, index, chance in _choose(surface, ways, n, rng):
+        adds_emission = np.zeros(n, bool)
+        for group, index, chance in _choose(surface, groups, n, rng):
             at: Any = slice(None) if index is None else index
-            p, wi, of_way = _follow(surface.take(index), way, take(u, index))
-            for out, value in zip((origin, direction, factor), (p, wi, of_way / chance), strict=True):
+            p, wi, group_factor = _follow(surface.take(index), group, take(u, index))
+            for out, value in zip((origin, direction, factor), (p, wi, group_factor / chance), strict=True):
                 out[:, at] = value
-            sees[at] = isinstance(way, int)
+            adds_emission[at] = isinstance(group, int)
     if throughput is not None:
         factor = factor * throughput
     largest = factor.max(axis=0)
@@ -114,13 +114,13 @@ def bounce(
         alive &= rng.random(n, dtype=np.float32) < survival
         factor = factor / np.maximum(survival, np.float32(1e-30))
     if last:
-        alive &= sees
+        alive &= adds_emission
     index = indices(alive)
     if index is not None and len(index) == 0:
         return None
     origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
-    sees = sees if isinstance(sees, bool) else take(sees, index)
-    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (CONTINUE,) * (depth + 1), sees)
+    adds_emission = adds_emission if isinstance(adds_emission, bool) else take(adds_emission, index)
+    return Rays(origin, direction, compose(sample, index), factor, depth + 1, (CONTINUE,) * (depth + 1), adds_emission)
 
 
 def _scaled(surface: ShadingPoints, direction: Array) -> Array | np.float32:
@@ -133,21 +133,21 @@ def _scaled(surface: ShadingPoints, direction: Array) -> Array | np.float32:
     return np.where(inside, np.float32(eta * eta), np.float32(1))
 
 
-def _ways(surface: ShadingPoints) -> list[Way]:
-    """Return the ways in which light can come to the surface."""
-    ways: list[Way] = list(range(len(surface.delta)))
+def _lobe_groups(surface: ShadingPoints) -> list[LobeGroup]:
+    """Return the groups of lobes that can continue a path at the surface."""
+    groups: list[LobeGroup] = list(range(len(surface.delta)))
     if surface.reflection:
-        ways.append("glossy")
+        groups.append("reflection")
     if surface.transmission:
-        ways.append("through")
-    return ways
+        groups.append("transmission")
+    return groups
 
 
-def _follow(surface: ShadingPoints, way: Way, u: Array) -> tuple[Array, Array, Array]:
-    """Return origins, directions and factors, each ``(3, N)``, of rays that go one way."""
-    if isinstance(way, int):
-        return scatter(surface, surface.delta[way])
-    if way == "through":
+def _follow(surface: ShadingPoints, group: LobeGroup, u: Array) -> tuple[Array, Array, Array]:
+    """Return origins, directions and factors, each ``(3, N)``, of rays that a group of lobes sends on."""
+    if isinstance(group, int):
+        return scatter(surface, surface.delta[group])
+    if group == "transmission":
         surface = surface.beyond()
     wi = surface.sample(u)
     return surface.p, wi, _reflected(surface, wi)
@@ -161,10 +161,10 @@ def merge(parts: Sequence[Rays], samples: int) -> Rays:
     sample = np.concatenate([take(every, p.sample) for p in parts])
     fields = zip(*((p.origin, p.direction, _throughput(p)) for p in parts), strict=True)
     origin, direction, throughput = (np.concatenate(f, axis=1) for f in fields)
-    sees = parts[0].sees
-    if not isinstance(sees, bool) or any(p.sees is not sees for p in parts):
-        sees = np.concatenate([np.broadcast_to(p.sees, p.origin.shape[1]) for p in parts])
-    return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, sees)
+    adds_emission = parts[0].adds_emission
+    if not isinstance(adds_emission, bool) or any(p.adds_emission is not adds_emission for p in parts):
+        adds_emission = np.concatenate([np.broadcast_to(p.adds_emission, p.origin.shape[1]) for p in parts])
+    return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, adds_emission)
 
 
 def _throughput(rays: Rays) -> Array:
@@ -184,33 +184,33 @@ def _reflected(surface: ShadingPoints, wi: Array) -> Array:
 
 
 def _choose(
-    surface: ShadingPoints, ways: list[Way], n: int, rng: np.random.Generator
-) -> list[tuple[Way, Selection | None, Array | np.float32]]:
-    """Divide the points among the ways; returns each way with its points and its probability.
+    surface: ShadingPoints, groups: list[LobeGroup], n: int, rng: np.random.Generator
+) -> list[tuple[LobeGroup, Selection | None, Array | np.float32]]:
+    """Divide the points among the groups of lobes; returns each group with its points and its probability.
 
-    Delta lobes are picked in proportion to the power that they reflect or let through, glossy ones share what is left
-    of 1, and get at least a tenth. Of that, what a smooth surface would let through goes to those of light that comes
-    through.
+    Delta lobes are picked in proportion to the power that they reflect or transmit; the other lobes share the
+    remainder to 1, and get at least a tenth. Of that, the share that a smooth surface would transmit goes to the lobes
+    of transmission.
     """
-    wanted = np.zeros((len(ways), n), np.float32)
+    power = np.zeros((len(groups), n), np.float32)
     for k, lobe in enumerate(surface.delta):
-        wanted[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
+        power[k] = np.asarray(lobe.scatter(surface)[1]).mean(axis=0)
         if (eta := lobe.eta_scale()) != 1:  # radiance is divided by eta^2, power is not
-            wanted[k] *= relative_ior(eta, surface.outside) ** 2
-    left = np.maximum(1 - wanted.sum(axis=0), np.float32(0.1))
+            power[k] *= relative_ior(eta, surface.outside) ** 2
+    remainder = np.maximum(1 - power.sum(axis=0), np.float32(0.1))
     if surface.transmission:
         transmitted = np.clip(surface.transmission[0].transmitted_share(surface), np.float32(0.1), np.float32(0.9))
-        wanted[-1] = left * transmitted if surface.reflection else left
-        left = left * (1 - transmitted)
+        power[-1] = remainder * transmitted if surface.reflection else remainder
+        remainder = remainder * (1 - transmitted)
     if surface.reflection:
-        wanted[ways.index("glossy")] = left
-    cumulative = np.cumsum(wanted, axis=0)
+        power[groups.index("reflection")] = remainder
+    cumulative = np.cumsum(power, axis=0)
     total = np.maximum(cumulative[-1], np.float32(1e-30))
-    chosen = np.minimum((cumulative <= rng.random(n, dtype=np.float32) * total).sum(axis=0), len(ways) - 1)
-    out: list[tuple[Way, Selection | None, Array | np.float32]] = []
-    for k, way in enumerate(ways):
+    chosen = np.minimum((cumulative <= rng.random(n, dtype=np.float32) * total).sum(axis=0), len(groups) - 1)
+    out: list[tuple[LobeGroup, Selection | None, Array | np.float32]] = []
+    for k, group in enumerate(groups):
         index = indices(chosen == k)
         if index is None or len(index):
-            chance = np.maximum(take(wanted[k] / total, index), np.float32(1e-30))
-            out.append((way, index, chance))
+            chance = np.maximum(take(power[k] / total, index), np.float32(1e-30))
+            out.append((group, index, chance))
     return out

@@ -69,11 +69,11 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
         kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
         batch.rays[kind] += len(hits.prim)
     group_of = plan.face_group.take(hits.prim)
-    if rays.sees is not False:
+    if rays.adds_emission is not False:
         yield from _emission(batch, rays, hits)
     last = rays.depth >= settings.deepest
     for number, group in enumerate(plan.groups):
-        emits = group.emission is not None and rays.sees is not False
+        emits = group.emission is not None and rays.adds_emission is not False
         if not emits and (last or not group.reflects):
             continue
         for index in point_chunks(indices(group_of == number), len(group_of)):
@@ -82,7 +82,9 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
             # L_o = L_e + integral of f   (docs/theory.md, Eq. 1)
             out = np.zeros(surface.wo.shape, np.float32)
             if emits and emission is not None:
-                out += emission if rays.sees is True else emission * take(np.asarray(rays.sees), index)
+                out += (
+                    emission if rays.adds_emission is True else emission * take(np.asarray(rays.adds_emission), index)
+                )
             if group.reflection and not last:
                 add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out))
             if group.transmission and not last:
@@ -99,7 +101,7 @@ def _emission(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Sel
     """Yield the radiance of lights that belong to no group: of skies, and of lights that overlap where they are hit."""
     plan = batch.scene.plan
     if plan.environment:
-        missed = indices((hits.prim < 0) & rays.sees)
+        missed = indices((hits.prim < 0) & rays.adds_emission)
         if missed is None or len(missed):
             for light in plan.environment:
                 sky = light.radiance(take(rays.direction, missed))
@@ -108,7 +110,7 @@ def _emission(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Sel
                 yield sky, compose(rays.sample, missed)
     if plan.coincident is not None:
         emission, met = batch.scene.overlapping_emission(hits, rays.direction)
-        emission = emission * take(np.asarray(rays.sees), met)
+        emission = emission * take(np.asarray(rays.adds_emission), met)
         if rays.throughput is not None:
             emission = emission * take(rays.throughput, met)
         yield emission, compose(rays.sample, met)

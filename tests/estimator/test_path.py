@@ -252,7 +252,7 @@ def test_one_batch_per_bounce() -> None:
     b = Rays(np.ones((3, 2)), np.full((3, 2), 2.0), np.array([0, 3]), np.ones((3, 2)), 1, (1,), False)
     both = merge([a, b], 5)
     assert list(both.sample) == [1, 4, 0, 3] and list(both.direction[0]) == [1, 1, 2, 2]
-    assert list(both.sees) == [True, False, False, False]
+    assert list(both.adds_emission) == [True, False, False, False]
     rays = dmis.render(ROOM, "balance", 4, settings=Settings(integrator="path", max_depth=3)).rays
     assert set(rays) == {"camera", "bounce 1", "bounce 2", "shadow", "brdf"}
     assert rays["camera"] >= rays["bounce 1"] > rays["bounce 2"] > 0
