@@ -56,7 +56,7 @@ class Thesis(Rule):
 
     Notes
     -----
-    The maps of its `Fit` are ``status`` (see `STATUS`), ``raw`` and ``patch``, the weights before and after the
+    The maps of its `Fit` are ``status`` (see `STATUS`), ``raw`` and ``filtered``, the weights before and after the
     filter, and ``variances``, those of the pilot, ``(strategies, rows, columns)``; with ``patch=auto`` also
     ``sizes``, the sizes and their predicted variances, ``(2, 4)``.
 
@@ -131,13 +131,13 @@ class Thesis(Rule):
         # y_i = mean over the patch's pixels of s^2
         y = np.stack([patch_mean(variance, patch) for variance in s2])
         weight, raw, status = self._weights(w, y, freedom, patch_sum(np.ones(s2.shape[1:]), patch))
-        maps |= {"status": status, "raw": raw, "patch": weight, "variances": y}
+        maps |= {"status": status, "raw": raw, "filtered": weight, "variances": y}
         return Fit(patch_spread(weight, patch, s2.shape[1:]), maps)
 
     def _weights(self, w: Array, y: Array, freedom: Array, area: Array) -> tuple[Array, Array, np.ndarray]:
         """Return the weights of patches after and before the filter, and their status; `area` is in pixels."""
         # a2 w^2 + a1 w + a0 through (w_i, y_i), minimum -a1 / (2 a2); points count by their degrees of freedom
-        raw, status = parabola_minimum(w, y, trust=freedom)
+        raw, status = parabola_minimum(w, y, degrees_of_freedom=freedom)
         if self.filter == "none":
             return raw, raw, status
         # weight_p = sum_q g(p - q) c_q raw_q / sum_q g(p - q) c_q,  g(d) ~ exp(-|d|^2 / (2 sigma^2)) over size x size
@@ -152,7 +152,7 @@ class Thesis(Rule):
         return luminance(variance) if self.channels == "luminance" else variance.mean(axis=-1)
 
 
-def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> tuple[Array, np.ndarray]:
+def parabola_minimum(w: Array, variance: Array, degrees_of_freedom: Array | None = None) -> tuple[Array, np.ndarray]:
     """Return the minimum over [0, 1] of the least-squares parabola through (w, variance): thesis Eqs. 3.2-3.5.
 
     Parameters
@@ -161,9 +161,8 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
         At least three distinct weights, ``(n,)``; the parabola meets three points exactly.
     variance
         ``(n, ...)``.
-    trust
-        Positive weights of the points in the fit, ``(n,)``, such as the degrees of freedom of the variances; None:
-        all equal.
+    degrees_of_freedom
+        Degrees of freedom n_i of the variances, ``(n,)``, positive, which weight the points; None: all equal.
 
     Returns
     -------
@@ -174,9 +173,11 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
     """
     if len(np.unique(w)) < 3:
         raise ValueError(f"a parabola needs at least three distinct weights; got {w.tolist()}")
-    trust = np.ones(len(w)) if trust is None else np.asarray(trust, float)
-    if trust.shape != np.shape(w) or not (trust > 0).all():
-        raise ValueError(f"trust must hold one positive number for each of {len(w)} weights; got {trust.tolist()}")
+    n = np.ones(len(w)) if degrees_of_freedom is None else np.asarray(degrees_of_freedom, float)
+    if n.shape != np.shape(w) or not (n > 0).all():
+        raise ValueError(
+            f"degrees_of_freedom must be one positive number for each of {len(w)} weights; got {n.tolist()}"
+        )
 
     # y_i / max |y_i|, of scale 1; 0 without a signal: y_i not finite, or max y_i - min y_i <= 1e-12 max |y_i|
     y = variance.reshape(len(w), -1)
@@ -186,10 +187,10 @@ def parabola_minimum(w: Array, variance: Array, trust: Array | None = None) -> t
         signal &= np.ptp(y, axis=0) > 1e-12 * scale
     y = np.where(signal, y / np.where(signal, scale, 1), 0)
 
-    # min over a of sum_i trust_i (a2 w_i^2 + a1 w_i + a0 - y_i)^2   (Eqs. 3.2-3.4), in v = w - 1/2 for its rounding:
+    # min over a of sum_i n_i (a2 w_i^2 + a1 w_i + a0 - y_i)^2   (Eqs. 3.2-3.4), in v = w - 1/2 for its rounding:
     # a2 w^2 + a1 w + a0 = a2 v^2 + b1 v + b0,  b1 = a1 + a2
     # of three points at w = 0, 1/2, 1:  a2 = 2 (y_0 + y_1 - 2 y_h),  a1 = -3 y_0 + 4 y_h - y_1
-    v, root = w - 0.5, np.sqrt(trust / trust.max())[:, None]
+    v, root = w - 0.5, np.sqrt(n / n.max())[:, None]
     powers = np.stack([v**2, v, np.ones_like(v)], axis=1)
     (a2, b1, _), *_ = np.linalg.lstsq(root * powers, root * y, rcond=None)
 

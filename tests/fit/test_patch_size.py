@@ -102,7 +102,7 @@ def test_scores_have_the_mean_of_the_true_variance() -> None:
 
 
 def test_more_than_three_shares() -> None:
-    """Five shares of a parabola give the same score as three, when nothing is noisy; trust does not matter then."""
+    """Five shares of a parabola give the same score as three, without noise, whatever the degrees of freedom."""
     minimum, five = checkers(8, 32), np.linspace(0, 1, 5)
     exact = np.stack([(w - minimum) ** 2 + 0.1 for w in five])
 
@@ -135,5 +135,5 @@ def test_renders(box: dmis.Scene) -> None:
     sizes, scores = result.maps["sizes"]
     chosen = int(sizes[scores.argmin()])
     height, width = result.weight.shape
-    assert result.maps["patch"].shape == (-(-height // chosen), -(-width // chosen))
+    assert result.maps["filtered"].shape == (-(-height // chosen), -(-width // chosen))
     np.testing.assert_array_equal(result.weight, dmis.render(box, f"thesis:patch={chosen}", 16, seed=1).weight)

@@ -83,18 +83,18 @@ def test_least_squares_of_more_points() -> None:
 
 
 def test_weighted_least_squares() -> None:
-    """A point that is trusted k times as much counts as k points; with three points trust changes nothing."""
+    """A point of k times the degrees of freedom counts as k points; with three points they change nothing."""
     w = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     y = np.random.default_rng(5).random((5, 20)) + 4 * (w[:, None] - 0.4) ** 2
-    trust = np.array([1, 3, 2, 1, 1])
-    repeated = parabola_minimum(np.repeat(w, trust), np.repeat(y, trust, axis=0))[0]
-    np.testing.assert_allclose(parabola_minimum(w, y, trust)[0], repeated, atol=1e-12)
+    freedom = np.array([1, 3, 2, 1, 1])
+    repeated = parabola_minimum(np.repeat(w, freedom), np.repeat(y, freedom, axis=0))[0]
+    np.testing.assert_allclose(parabola_minimum(w, y, freedom)[0], repeated, atol=1e-12)
     assert not np.allclose(parabola_minimum(w, y)[0], repeated, atol=1e-3)
     np.testing.assert_allclose(
-        parabola_minimum(w[::2], y[::2], trust[::2])[0], parabola_minimum(w[::2], y[::2])[0], atol=1e-12
+        parabola_minimum(w[::2], y[::2], freedom[::2])[0], parabola_minimum(w[::2], y[::2])[0], atol=1e-12
     )
     for bad in ([1, 1], [1, 1, 0, 1, 1], [1, 1, np.nan, 1, 1]):
-        with pytest.raises(ValueError, match="trust must hold one positive number for each"):
+        with pytest.raises(ValueError, match="degrees_of_freedom must be one positive number for each"):
             parabola_minimum(w, y, np.array(bad))
 
 
@@ -154,7 +154,7 @@ def test_thesis_recovers_planted_weights(shape: tuple[int, int], patch: int) -> 
     minimum = np.random.default_rng(4).uniform(0.1, 0.9, shape)
     fit = Thesis(patch, filter="none").fit(pilot(minimum))
     assert np.shape(fit.weight) == shape
-    np.testing.assert_allclose(fit.maps["patch"], patch_mean(minimum, patch), atol=1e-12)
+    np.testing.assert_allclose(fit.maps["filtered"], patch_mean(minimum, patch), atol=1e-12)
     assert not fit.maps["status"].any()
 
 
@@ -211,7 +211,7 @@ def test_size_of_the_filter() -> None:
     minimum = np.full((36, 36), 0.4)
     minimum[16:20, 16:20] = 0.6
     for size in (1, 3, 5, 7):
-        weight = Thesis(4, size=size).fit(pilot(minimum)).maps["patch"]
+        weight = Thesis(4, size=size).fit(pilot(minimum)).maps["filtered"]
         assert np.count_nonzero(np.abs(weight - 0.4) > 1e-9) == size**2
 
 
@@ -223,8 +223,8 @@ def test_patches_without_a_signal_may_be_left_out_of_the_filter() -> None:
     assert found[0.0].moments.variance()[16, 16, 0] == 0
     half, skip = (Thesis(4, no_signal=option).fit(found).maps for option in ("half", "skip"))
     assert half["raw"][4, 4] == 0.5 and STATUS[int(half["status"][4, 4])] == "no signal"
-    assert half["patch"][4, 3] > 0.22 and half["patch"][4, 4] > 0.22
-    np.testing.assert_allclose(skip["patch"], 0.2, atol=1e-12)
+    assert half["filtered"][4, 3] > 0.22 and half["filtered"][4, 4] > 0.22
+    np.testing.assert_allclose(skip["filtered"], 0.2, atol=1e-12)
 
 
 def test_black_pilot_skipped() -> None:
@@ -242,8 +242,8 @@ def test_ragged_patches_may_count_by_their_area() -> None:
     column = np.clip(np.arange(1, 6), 0, 3)  # around the last patch, which is repeated beyond the border
     for maps, count in ((equal, 1.0), (area, 0.25)):
         counts = g * np.where(column == 3, count, 1)
-        assert maps["patch"][1, 3] == pytest.approx((counts * np.where(column == 3, 0.7, 0.3)).sum() / counts.sum())
-    assert (area["patch"][:, 2:] < equal["patch"][:, 2:] - 0.02).all()
+        assert maps["filtered"][1, 3] == pytest.approx((counts * np.where(column == 3, 0.7, 0.3)).sum() / counts.sum())
+    assert (area["filtered"][:, 2:] < equal["filtered"][:, 2:] - 0.02).all()
     whole = np.random.default_rng(1).uniform(0.1, 0.9, (16, 16))
     fits = [Thesis(4, ragged=option).fit(pilot(whole)).weight for option in ("equal", "area")]
     np.testing.assert_array_equal(*fits)
