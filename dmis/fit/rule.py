@@ -11,7 +11,6 @@ import re
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -258,15 +257,17 @@ def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
             )
     for w, n in rule.pilot.items():
         shares = w if isinstance(w, tuple) else (w,)
-        if not all(isinstance(share, Real) and 0 <= share <= 1 for share in shares) or not _positive_whole(n):
+        if not (
+            all(_is_number(share) and 0 <= share <= 1 for share in shares) and _is_number(n) and n >= 1 and n % 1 == 0
+        ):
             raise ValueError(
                 f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n!r} at {w!r}"
             )
     return replace(settings, **rule.settings)
 
 
-def _positive_whole(n: Any) -> bool:
-    return isinstance(n, Real) and n >= 1 and n % 1 == 0
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating)
 
 
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
