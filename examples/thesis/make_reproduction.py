@@ -105,7 +105,7 @@ def compare(name: str, scene: dmis.Scene, setup: str, integrator: str, patches, 
                 row[f"{measure}_half"] = f"{ratio_over_blocks(ours[measure], balance[measure])[1]:.6e}"
             rows[tuple(row[column] for column in KEY)] = row
             with given.csv.open("a", newline="", encoding="utf-8") as file:
-                csv.DictWriter(file, COLUMNS).writerow(row)
+                csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
 
 
 def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measure: str) -> tuple[float, ...]:
