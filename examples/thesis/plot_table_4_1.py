@@ -35,9 +35,9 @@ OURS = f"thesis:patch={given.patch}"
 
 # %%
 # Equal samples first. The times tell how many samples fit into the time of the balance heuristic; render with that
-# number, again next to the balance heuristic, and see whether the times agree. If they do not, correct it once. They
-# never agree quite, so the ratio in equal time is that of MSE times time, which is exact if error falls as 1 / time.
-# Time is the processor's, of one thread: wall times also depend on what else a machine does.
+# number, again next to the balance heuristic, and see whether the times agree. If they do not, correct it once; what is
+# left of the difference stands beside the ratio. Time is the processor's, of one thread: wall times also depend on what
+# else a machine does.
 rows = []
 for name, about in SCENES.items():
     scene = opts.scene(name)
@@ -63,14 +63,13 @@ for name, about in SCENES.items():
         "equal samples": equal,
         "overhead": median_seconds(runs[same]) / median_seconds(runs[base]) - 1,
         "spp": spp,
-        "same time": errors.ratio((OURS, spp), base),
+        "equal time": errors.ratio((OURS, spp), base),
         "time": share,
-        "equal time": share * np.array(errors.ratio((OURS, spp), base)),
     }
     rows.append(row)
     print(
         f"{row['scene']:28} balance {row['seconds']:7.1f} s, MSE {row['mse']:.3e}; ours {row['equal samples'][0]:.3f} "
-        f"at equal samples, {row['equal time'][0]:.3f} in equal time",
+        f"at equal samples, {row['equal time'][0]:.3f} at equal time",
         flush=True,
     )
 
@@ -78,25 +77,24 @@ for name, about in SCENES.items():
 # The table, with the thesis's numbers in parentheses; and the short one of the README.
 lines = [
     "| scene | balance: s (thesis) | MSE | ours / balance, equal samples (thesis) | more time (thesis) "
-    "| spp for equal time (thesis) | ours / balance at that spp (thesis) | time / balance | MSE × time, over balance |",
-    "|---" * 9 + "|",
+    "| spp in equal time (thesis) | time / balance | ours / balance, equal time (thesis) |",
+    "|---" * 8 + "|",
 ]
 short = [
     "| scene | thesis, equal samples | ours, equal samples | thesis, equal time | ours, equal time |",
     "|---" * 5 + "|",
 ]
 for row in rows:
-    about, equal, near, fair = (row[key] for key in ("about", "equal samples", "same time", "equal time"))
+    about, equal, fair = row["about"], row["equal samples"], row["equal time"]
     lines.append(
         f"| {row['scene']} | {row['seconds']:.1f} ({about.seconds}) | {row['mse']:.3e} "
         f"| {equal[0]:.3f} ± {equal[1]:.3f} ({about.equal_samples:.3f}) "
         f"| {row['overhead']:+.1%} ({about.overhead:+.1%}) "
-        f"| {row['spp']} (125) | {near[0]:.3f} ± {near[1]:.3f} ({about.equal_time:.3f}) "
-        f"| {row['time']:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} |"
+        f"| {row['spp']} (125) | {row['time']:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} ({about.equal_time:.3f}) |"
     )
     short.append(
         f"| {row['scene']} | {about.equal_samples:.3f} | {equal[0]:.3f} ± {equal[1]:.3f} "
-        f"| {about.equal_time:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} |"
+        f"| {about.equal_time:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} (time × {row['time']:.2f}) |"
     )
 print("", *lines, "", sep="\n")
 if opts.size == "full" and opts.scene_dir is None:
@@ -134,9 +132,8 @@ opts.save_for_print(
     f"""Left: mean squared error of the thesis's rule (pilot of 2 + 2 + 2 samples, patches of
     {given.patch}x{given.patch} pixels, 5x5 Gaussian) over that of the balance heuristic (one light and one BRDF sample
     each time, {opts.spp} camera samples per pixel, {sizes} pixels), {len(SEEDS)} seed(s) ({len(timed[base])} in equal
-    time, where it is multiplied by CPU time); bars are 95 % confidence intervals from the spread over blocks of pixels.
-    Diamonds: the thesis's numbers. Samples that fit in the balance heuristic's time:
-    {", ".join(str(row["spp"]) for row in rows)} (thesis: 125). Right:
+    time); bars are 95 % confidence intervals from the spread over blocks of pixels. Diamonds: the thesis's numbers.
+    Samples that fit in the balance heuristic's time: {", ".join(str(row["spp"]) for row in rows)} (thesis: 125). Right:
     CPU seconds of the balance heuristic at these sizes, and the thesis's seconds at its own,
     {", ".join("x".join(map(str, row["about"].size)) for row in rows)}.""",
 )
