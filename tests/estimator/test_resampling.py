@@ -54,7 +54,9 @@ def test_what_needs_densities_is_refused() -> None:
     ):
         dmis.render(scene, "second-moment", 16, settings=settings)
     for combiner in ("optimal", "optimal-progressive", "controlled"):
-        with pytest.raises(ValueError, match=f"combiner {combiner} needs densities that are known"):
+        with pytest.raises(
+            ValueError, match=f"combiner {combiner} needs the pdf of every technique, but .resampled. has none"
+        ):
             Settings(techniques=("resampled", "brdf"), combiner=combiner)
     assert (dmis.render(scene, None, 16, settings=settings).weight == 0.5).all()
     assert np.isfinite(dmis.render(scene, "thesis:patch=8", 16, settings=settings).image).all()
