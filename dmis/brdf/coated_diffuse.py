@@ -41,7 +41,7 @@ from dmis.samplers.warp import INV_PI
 
 @dataclass(frozen=True, eq=False)
 class CoatedBase(Lobe):
-    """What a Lambertian base reflects through its coat; the same from both sides of a mesh.
+    """Light that a Lambertian base reflects through its coat; the same from both sides of a mesh.
 
     Only the reflectance may differ from point to point.
 

@@ -121,7 +121,7 @@ _MIN_COSINE2 = np.float32(1e-12)
 
 @dataclass(frozen=True, eq=False)
 class Isotropic(Parameters):
-    """The same roughness `alpha` in all directions."""
+    """Distribution with one roughness `alpha` in all directions."""
 
     alpha: Any
     scalars: ClassVar[tuple[str, ...]] = ("alpha",)

@@ -32,7 +32,7 @@ _MIN_DIVISOR = np.float32(1e-12)
 
 @dataclass(frozen=True, eq=False)
 class RoughReflection(Lobe):
-    """What the facets mirror: `dmis.brdf.microfacet.GGX` with Fresnel's reflectance of the side that wo is on."""
+    """Reflection by the facets: `dmis.brdf.microfacet.GGX` with Fresnel's reflectance of the side that wo is on."""
 
     reflectance: Any
     roughness: Roughness
@@ -64,7 +64,7 @@ class RoughReflection(Lobe):
 
 @dataclass(frozen=True, eq=False)
 class RoughTransmission(Lobe):
-    """What the facets let through; its surface's normal is on the side of wi, that of wo is beyond it.
+    """Transmission through the facets; its surface's normal is on the side of wi, that of wo is beyond it.
 
     ``f = T (1 - F) D G2 |wo.h| |wi.h| / (cos_i cos_o (wo.h + eta wi.h)^2)`` with F at ``wo.h``. The weight
     ``f cos_i / pdf = T (1 - F) G2 / G1 / eta^2``. Half vectors that reflect totally have no direction beyond, so the

@@ -42,7 +42,7 @@ class Image:
     offset: tuple[float, float] = (0.0, 0.0)
     wrap: Wrap = "repeat"
     outside: ClassVar[float] = 0.0
-    """What a lookup finds outside of an image whose wrap is black."""
+    """Value of a lookup outside of an image whose wrap is black."""
 
     def __post_init__(self) -> None:
         given = np.asarray(self.texels)

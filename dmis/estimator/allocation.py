@@ -41,7 +41,7 @@ def shares_of(weight: Array | float | Sequence[float]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """How each camera sample's shading samples are divided.
+    """Numbers of shading samples of each technique, for each camera sample.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Counts:
 
     @property
     def first(self) -> np.ndarray | int:
-        """How many go to the first technique."""
+        """Number of samples of the first technique."""
         return self.per_technique[0]
 
     def of_every_camera_sample(self, k: int, shading_samples: int) -> int | None:
@@ -138,10 +138,10 @@ def rounding_covariance(shares: Sequence[float], shading_samples: int) -> Array:
 
     They differ from the `shares` by the systematic rounding of `allocate`.
     """
-    wanted = np.asarray(shares, np.float64)
-    covariance = np.zeros((len(wanted), len(wanted)))
-    for probability, counts in _roundings(tuple(wanted), shading_samples):
-        off = np.array(counts) / shading_samples - wanted
+    targets = np.asarray(shares, np.float64)
+    covariance = np.zeros((len(targets), len(targets)))
+    for probability, counts in _roundings(tuple(targets), shading_samples):
+        off = np.array(counts) / shading_samples - targets
         covariance += probability * np.outer(off, off)
     return covariance
 

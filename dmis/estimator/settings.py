@@ -22,7 +22,7 @@ MOST = 100
 
 @dataclass(frozen=True)
 class Settings:
-    """How direct lighting is estimated.
+    """Settings of the estimator of direct lighting and paths.
 
     Parameters
     ----------

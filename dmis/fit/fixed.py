@@ -14,7 +14,7 @@ from dmis.fit.rule import Fit, Pilot, Rule, Weight, final_settings
 
 @dataclass(frozen=True)
 class Fixed(Rule):
-    """The same weight everywhere and no pilot. w = 1/2 with the balance heuristic is the classic estimator.
+    """Use one weight everywhere, without a pilot. w = 1/2 with the balance heuristic is the classic estimator.
 
     For more than two `techniques` w is the shares of all of them.
     """

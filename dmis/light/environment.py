@@ -149,7 +149,7 @@ class EnvironmentLight(InfiniteLight):
 
     @cached_property
     def _guide(self) -> np.ndarray:
-        """Where the search for u may begin: the texel of ``k / n`` for k = 0 ... n - 1, with n texels."""
+        """Return where the search for u may begin: the texel of ``k / n`` for k = 0 ... n - 1, with n texels."""
         cdf = self._distribution[0][1:]
         first = np.searchsorted(cdf, np.arange(len(cdf)) / len(cdf), side="right")
         return np.minimum(first, len(cdf) - 1).astype(np.int32)

@@ -159,15 +159,15 @@ def _pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     return b"".join(number.to_bytes(_NUMBER, "little") for number in (len(data), zlib.crc32(data))) + data
 
 
-def _differences(held: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return each difference by name, ``seed is 1 there, and 2 is asked for``."""
+def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Return each difference by name, ``seed is 1 in the checkpoint and 2 in this render``."""
     out = []
-    for name in sorted({*held, *wanted}):
-        there, here = held.get(name), wanted.get(name)
-        if name == "rule_hash" and held.get("rule") != wanted.get("rule"):
+    for name in sorted({*stored, *requested}):
+        there, here = stored.get(name), requested.get(name)
+        if name == "rule_hash" and stored.get("rule") != requested.get("rule"):
             continue  # the text of the rule says it
         if isinstance(there, dict) and isinstance(here, dict):
             out += _differences(there, here, f"{prefix}{name}.")
         elif there != here:
-            out.append(f"{prefix}{name} is {there} there, and {here} is asked for")
+            out.append(f"{prefix}{name} is {there} in the checkpoint and {here} in this render")
     return out

@@ -312,6 +312,6 @@ def _send(executor: Any, scene: Scene) -> Any:
 
 
 def _losses() -> tuple[type[Exception], ...]:
-    """What a future raises whose worker died or whose cluster is gone."""
+    """Return the errors of a future whose worker died or whose cluster is gone."""
     distributed = sys.modules.get("distributed")
     return (BrokenExecutor, CancelledError, *((distributed.KilledWorker,) if distributed else ()))

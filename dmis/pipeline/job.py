@@ -151,7 +151,7 @@ class Job:
 
     @cached_property
     def provenance(self) -> Mapping[str, Any]:
-        """What is known of the image before it is rendered; plain JSON data.
+        """Description of the image before it is rendered; plain JSON data.
 
         The hash of the scene takes time: so all of it is made when it is first read. The hash is None if a part of the
         scene has no fingerprint (`dmis.pipeline.fingerprint.digest`), because an image is written all the same.
@@ -181,7 +181,7 @@ class Job:
 
     @property
     def key(self) -> dict[str, Any]:
-        """What a checkpoint's tiles depend on: the provenance, the rule's content, the layout of tiles, the code.
+        """Key of a checkpoint: the provenance, the rule's content, the layout of tiles and the code.
 
         A ValueError if the scene or the rule has no fingerprint.
         """

@@ -95,7 +95,7 @@ class Result:
 
     @cached_property
     def provenance(self) -> Mapping[str, Any]:
-        """What is needed to make the image again; plain JSON data. It is made when it is first read.
+        """Description from which the image can be made again; plain JSON data. It is made when it is first read.
 
         Its ``scene_hash`` is None if a part of the scene has no content to be hashed.
         """
@@ -113,7 +113,9 @@ class Result:
 
 
 def find_fireflies(image: Array, variance: Array, samples: Array) -> np.ndarray:
-    """Which pixels look like fireflies, ``(H, W)`` bool; a matter of milliseconds, whatever the number of samples.
+    """Return which pixels look like fireflies, ``(H, W)`` bool.
+
+    It takes milliseconds, whatever the number of samples.
 
     Two conditions, both on luminance, of which the variance is that of channels that rise and fall together. The mean
     x of n samples with the estimated variance v of this mean is carried by ``k = 1 / (v / x^2 + 1 / n)`` samples

@@ -10,7 +10,7 @@ from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 
 @dataclass(frozen=True)
 class Suggestions:
-    """What a scene's file asks for. None of it changes what the scene is.
+    """Wishes of a scene's file about how it is rendered. None of it changes what the scene is.
 
     Renders take integrator and depth from here unless told otherwise; the rest is taken by
     `dmis.estimator.settings.Settings.as_in_file` and ``--as-in-file`` only.

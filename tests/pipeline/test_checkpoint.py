@@ -121,7 +121,7 @@ def test_equal_objects_of_a_plain_class_resume(wide, tmp_path):
     assert np.array_equal(resumed.image, dmis.render(wide, **{**OPTIONS, "rule": first}).image)
     assert resumed.provenance["rule"] == "Least(least=0.2)"
     file = interrupt(wide, tmp_path / "c", rule=first)
-    with pytest.raises(ValueError, match=r"rule is Least\(least=0.2\) there, and Least\(least=0.3\) is asked for"):
+    with pytest.raises(ValueError, match=r"Least\(least=0.2\) in the checkpoint and Least\(least=0.3\) in this render"):
         dmis.render(wide, checkpoint=file, **{**OPTIONS, "rule": Least(0.3)})
 
 
@@ -186,10 +186,10 @@ def test_a_file_in_use_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "difference"),
     [
-        ({"seed": 10}, "seed is 9 there, and 10 is asked for"),
-        ({"spp": 33}, "spp is 32 there, and 33 is asked for"),
-        ({"rule": "thesis:patch=4"}, "rule is thesis there, and thesis:patch=4 is asked for"),
-        ({"settings": dmis.Settings(lights="one")}, "settings.lights is all there, and one is asked for"),
+        ({"seed": 10}, "seed is 9 in the checkpoint and 10 in this render"),
+        ({"spp": 33}, "spp is 32 in the checkpoint and 33 in this render"),
+        ({"rule": "thesis:patch=4"}, "rule is thesis in the checkpoint and thesis:patch=4 in this render"),
+        ({"settings": dmis.Settings(lights="one")}, "settings.lights is all in the checkpoint and one in this render"),
     ],
 )
 def test_a_checkpoint_of_another_image_is_refused(wide, tmp_path, changes, difference):
@@ -205,10 +205,10 @@ def test_a_checkpoint_of_another_scene_or_version_is_refused(wide, tmp_path, mon
     """Scenes are told apart by their description, whatever their names."""
     file = interrupt(wide, tmp_path / "c", 1)
     other = replace(wide, lights=wide.lights[:1])
-    with pytest.raises(ValueError, match=r": scene_hash is \w+ there, and \w+ is asked for$"):
+    with pytest.raises(ValueError, match=r": scene_hash is \w+ in the checkpoint and \w+ in this render$"):
         dmis.render(other, checkpoint=file, **OPTIONS)
     monkeypatch.setattr(sys.modules["dmis.pipeline.job"], "__version__", "9.9")
-    with pytest.raises(ValueError, match=r": dmis is 0\.1\S+ there, and 9\.9 is asked for$"):
+    with pytest.raises(ValueError, match=r": dmis is 0\.1\S+ in the checkpoint and 9\.9 in this render$"):
         dmis.render(wide, checkpoint=file, **OPTIONS)
     file.write_bytes(file.read_bytes().replace(b"checkpoint 3", b"checkpoint 2"))
     with pytest.raises(ValueError, match="is of another version: b'dmis checkpoint 2'"):
