@@ -107,7 +107,7 @@ def test_reproduction_grid_is_resumed(cache, tmp_path):
     arguments = ("--seeds", "1", "--csv", results, "--page", page, "--scenes", "teapot-area-light", "killeroo-gold")
     printed = run(script, cache, *arguments)
     rows = results.read_bytes()
-    assert rows.count(b"\n") == 1 + 2 * 2 * 4 + 2  # header; scenes, set-ups, sizes of patches; gold by paths
+    assert rows.count(b"\n") == 1 + 2 * (2 * 4 + 1) + 2  # header; scenes, set-ups, sizes of patches; gold by paths
     text = page.read_text("utf-8")
     assert text.startswith("before\n<!-- grid: begin -->\nMade on ") and text.endswith("<!-- grid: end -->\nafter\n")
     assert text.count("as in the file, direct |") == 8 and text.count(", path |") == 2
