@@ -167,7 +167,8 @@ for name in given.scenes:
 
 # %%
 # The table; intervals are 95 %, over blocks of pixels.
-about = f"Made on {date.today()} with {given.seeds} seeds at {opts.spp} camera samples per pixel, on {machine()}."
+seeds = f"{given.seeds} seed{'' if given.seeds == 1 else 's'}"
+about = f"Made on {date.today()} with {seeds} at {opts.spp} camera samples per pixel, on {machine()}."
 print("", about, "", *lines, sep="\n")
 if given.page is not None:
     replace_table(given.page, "grid", about, "", *lines)
