@@ -17,6 +17,7 @@ from dmis.estimator.technique import SampledLight
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers import warp
+from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import SAMPLERS, Independent, make_sampler
 from dmis.scene.shading_points import ShadingPoints
 from dmis.variance.moments import Moments
@@ -124,7 +125,8 @@ def test_vectors(benchmark: Any, name: str) -> None:
 @pytest.mark.parametrize("kind", tuple(SAMPLERS))
 def test_random_numbers(benchmark: Any, kind: Any) -> None:
     pixels = 1024
-    sampler = make_sampler(kind, np.random.default_rng(1), pixels, [N // pixels], 2)
+    block = PixelBlock(np.random.default_rng(1), 1, np.arange(pixels), [N // pixels], 2)
+    sampler = make_sampler(kind, block)
     sampler.start(np.tile(np.arange(pixels), N // pixels), np.repeat(np.arange(N // pixels), pixels))
     assert isinstance(sampler, Independent) == (kind == "independent")
     assert benchmark(lambda: sampler.draw("camera", None)).shape == (2, N)

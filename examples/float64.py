@@ -21,7 +21,7 @@ import scipy.ndimage
 import scipy.stats  # noqa: F401
 import trimesh  # noqa: F401
 
-SINGLE = ("dmis.intersect", "dmis.samplers.streams", "dmis.image")
+SINGLE = ("dmis.intersect", "dmis.samplers.streams", "dmis.samplers.sobol", "dmis.image")
 """Modules that go on to mean float32."""
 
 

@@ -10,10 +10,13 @@ import numpy as np
 
 from dmis.base.selection import compose
 from dmis.base.vectors import Array
-from dmis.estimator.allocation import Counts, allocate
+from dmis.estimator.allocation import Counts, allocate, equal_counts
 from dmis.estimator.optimal_mis import slot
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
+from dmis.samplers.keys import ROUNDING
+from dmis.samplers.sobol import Sobol
+from dmis.samplers.streams import Sampler
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,8 @@ class SampleAllocation:
         Number of stages that the combiner takes the samples of a pixel in; each has random offsets of its own.
     rng
         Source of the offsets, and of techniques that are picked at random.
+    sampler
+        Sampler of the tile; one of `dmis.samplers.sobol` rounds the counts by numbers of its own.
     """
 
     def __init__(
@@ -88,10 +93,11 @@ class SampleAllocation:
         settings: Settings,
         stages: int,
         rng: np.random.Generator,
+        sampler: Sampler,
     ) -> None:
         self._shares = shares if stages == 1 or shares.shape[1] == 1 else np.tile(shares, stages)
         self._spp, self._pixels, self._stages = spp, pixels, stages
-        self._shading_samples = settings.shading_samples
+        self._shading_samples, self._sampler = settings.shading_samples, sampler
         self._offset = rng.random((len(shares) - 1, stages * pixels))
         self._random_allocation = rng if settings.allocation == "random" else None
         self._track_sequence = settings.sampler != "independent"
@@ -102,19 +108,40 @@ class SampleAllocation:
             np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
         )
         slots = slot(pixel, number, self._spp, self._pixels, self._stages)
-        counts = allocate(
-            self._shares,
-            self._shading_samples,
-            slots,
-            number,
-            self._offset,
-            self._random_allocation,
-            self._track_sequence,
-        )
+        if self._random_allocation is None and isinstance(self._sampler, Sobol):
+            counts = self._sampled_counts(self._sampler, pixel, number)
+        else:
+            counts = allocate(
+                self._shares,
+                self._shading_samples,
+                slots,
+                number,
+                self._offset,
+                self._random_allocation,
+                self._track_sequence,
+            )
         if isinstance(counts.first, int):
             return CameraSamples(pixel, number, slots, counts, None)
         order = descending_order(counts.first)
         return CameraSamples(pixel.take(order), number.take(order), slots.take(order), counts.take(order), order)
+
+    def _sampled_counts(self, sampler: Sobol, pixel: np.ndarray, number: np.ndarray) -> Counts:
+        """Return counts whose rounding is a further dimension of the points.
+
+        In the order of the camera samples, regular counts would alias with the digits of their places in the pixel: at
+        w = 1/2 and S = 1 all light samples would be in one half of it. Camera sample i has room for ``ceil(S w_k)``
+        samples of technique k in its sequence, so that those of a pixel whose counts need no rounding are neighbours.
+        """
+        if (equal := equal_counts(self._shares, self._shading_samples)) is not None:
+            return equal
+        sampler.start(pixel, number)
+        offset = np.stack([sampler.draw((ROUNDING, k), None)[0] for k in range(len(self._offset))])
+        # n_k = floor(S w_k + u)
+        shares = self._shares.take(pixel, axis=1, mode="clip")
+        every, first = np.arange(len(pixel)), np.zeros_like(number)
+        counts = allocate(shares, self._shading_samples, every, first, offset, None, False)
+        most = np.ceil(self._shading_samples * shares - 1e-5).astype(np.int64)
+        return replace(counts, samples_before=number * most)
 
 
 def descending_order(counts: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.intersect import RayCaster
 from dmis.pipeline.camera_samples import SampleAllocation, SampleBlock, sample_batches
+from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import Sampler, make_sampler, stream
 from dmis.scene.pinhole import ray_origins
 from dmis.scene.scene import Scene
@@ -196,11 +197,13 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     tile = replace(tile, settings=resolve_auto(tile.settings, scene))
     settings, pixels, shading_samples = tile.settings, tile.pixels, tile.settings.shading_samples
     rng = stream(tile.seed, tile.pass_, tile.number)
-    sampler = make_sampler(settings.sampler, rng, pixels, np.unique(tile.spp).tolist(), shading_samples)
+    pixel_numbers = _pixel_numbers(tile, scene.camera.resolution[0])
+    block = PixelBlock(rng, tile.seed, pixel_numbers, np.unique(tile.spp).tolist(), shading_samples)
+    sampler = make_sampler(settings.sampler, block)
     collector = combiner_by_name(settings.combiner).collector(tile.shares, tile.spp * np.full(pixels, shading_samples))
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
     stages = 1 if collector is None else collector.stages
-    allocation = SampleAllocation(tile.shares, tile.spp, pixels, settings, stages, rng)
+    allocation = SampleAllocation(tile.shares, tile.spp, pixels, settings, stages, rng, sampler)
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     rays: Counter[str] = Counter()
     moments = PixelMoments(pixels)
@@ -244,6 +247,12 @@ def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
         return None
     covered: np.ndarray = scene.covered_pixels[slice(*tile.rows), slice(*tile.columns)].reshape(-1)
     return None if covered.all() else covered
+
+
+def _pixel_numbers(tile: Tile, width: int) -> np.ndarray:
+    """Return the numbers ``y width + x`` of the pixels of a tile in the image, ``(P,)``."""
+    rows, columns = np.arange(*tile.rows), np.arange(*tile.columns)
+    return (rows[:, None] * width + columns).reshape(-1)
 
 
 def _pixel_corners(tile: Tile) -> tuple[Array, Array]:

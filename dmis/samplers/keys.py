@@ -4,3 +4,5 @@ MORE = -1
 """Mark of the second pair of numbers of a shading sample."""
 CONTINUE = -2
 """Mark of the direction in which a path goes on; the key of a path's vertex has as many as the path has bounces."""
+ROUNDING = -3
+"""Mark of the numbers that round a camera sample's share of shading samples up or down."""

@@ -30,6 +30,7 @@ import numpy as np
 from dmis.base.selection import Selection, size, take
 from dmis.base.vectors import Array
 from dmis.samplers.keys import CONTINUE
+from dmis.samplers.pixel_block import PixelBlock
 
 BOUNCES = 3
 """Vertices of a path that have sequences; later ones have random numbers. pbrt-v2's SAMPLE_DEPTH."""
@@ -38,11 +39,11 @@ INNER_ORDERS = 2**10
 
 
 class LowDiscrepancy:
-    """Sampler of one tile, see `dmis.samplers.streams.make_sampler` for its arguments."""
+    """Sampler of the pixels of one tile."""
 
-    def __init__(self, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int) -> None:
-        self._rng, self._pixels, self._length = rng, pixels, stops[-1] * shading_samples
-        self._bits = _bits(stops[-1])
+    def __init__(self, block: PixelBlock) -> None:
+        self._rng, self._pixels = block.rng, len(block.pixels)
+        self._length, self._bits = block.stops[-1] * block.shading_samples, _bits(block.stops[-1])
         self._pixel = self._number = np.empty(0, np.int64)
         self._words: dict[Hashable, np.ndarray] = {}
         self._orders: dict[Hashable, np.ndarray] = {}

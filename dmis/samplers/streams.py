@@ -1,33 +1,31 @@
 """Samplers: uniform numbers for every (pixel, sample, dimension), as functions of (seed, pass, tile) only.
 
 A tile has one random stream, so an image does not depend on how many threads, processes or machines rendered it, or in
-which order.
+which order. Numbers of `sobol` are functions of (seed, pixel, sample, dimension), and do not even depend on passes and
+tiles.
 
 All draws are two-dimensional. `Independent` numbers have no structure. The others spread the numbers of one pixel
-evenly: `Stratified` over a jittered grid, `Sobol` over a (0, 2)-sequence with a random digit shift per pixel and
-draw. `dmis.samplers.lowdiscrepancy` does as pbrt-v2's sampler of that name does.
+evenly: `Stratified` over a jittered grid, `dmis.samplers.sobol` over the points of a (0, 2)-sequence, so that pairs are
+even together too. `dmis.samplers.lowdiscrepancy` does as pbrt-v2's sampler of that name does.
 
-Draws with different keys are independent of each other, because each key has its own order of the points. If sample i
-had point i of the sequence in all of them, two draws would differ by their digit shifts alone: an integrand of both,
-such as the light at a path's second surface, would be sampled in one plane of its four dimensions only, however many
-samples there are. Orders of `Sobol` are nested (Owen 1995 scrambles digits so; Burley 2020 orders): the halves change
-places at random, then the halves of each half, so that the first 2^k points are still 2^k neighbours in the sequence,
-and as evenly spread. The camera's points are shuffled altogether, so that their order does not correlate with the
-order in which samples are given to techniques.
+Draws with different keys must have different orders of the points, unless they are only ever added up. If sample i had
+point i of the sequence in all of them, an integrand of two draws, such as the light at a path's second surface, would
+be sampled in one plane of its four dimensions only, however many samples there are.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Hashable, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Hashable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from dmis.base.selection import Selection, size, take
 from dmis.base.vectors import Array
-from dmis.samplers.lowdiscrepancy import LowDiscrepancy, nested_order
+from dmis.samplers.lowdiscrepancy import LowDiscrepancy
+from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.sobol import Sobol
 
 
 def stream(seed: int, pass_: int, tile: int) -> np.random.Generator:
@@ -81,8 +79,8 @@ class BlockSampler(Sampler, Protocol):
 class Independent:
     """Sampler of independent random numbers."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng, self._size = rng, 0
+    def __init__(self, block: PixelBlock) -> None:
+        self._rng, self._size = block.rng, 0
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """See `Sampler.start`."""
@@ -96,11 +94,12 @@ class Independent:
 class _Sequence:
     """Base of the samplers with a point sequence per pixel: the index in it that a sample uses."""
 
-    def __init__(self, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int) -> None:
-        self._rng, self._pixels, self._spp = rng, pixels, stops[-1]
-        self._length = self._spp * shading_samples
+    def __init__(self, block: PixelBlock) -> None:
+        self._rng, self._pixels, self._spp = block.rng, len(block.pixels), block.stops[-1]
+        self._length = self._spp * block.shading_samples
         # shuffled between stops only: a pixel that stops early uses the beginning of the sequence
-        self._camera = np.concatenate([a + rng.permutation(b - a) for a, b in itertools.pairwise((0, *stops))])
+        steps = itertools.pairwise((0, *block.stops))
+        self._camera = np.concatenate([a + block.rng.permutation(b - a) for a, b in steps])
         self._pixel = self._number = np.empty(0, np.int64)
         self._orders: dict[Hashable, np.ndarray] = {}
         self._begins: dict[Hashable, np.ndarray] = {}
@@ -142,43 +141,10 @@ class Stratified(_Sequence):
         return np.minimum(u, np.float32(1 - 2**-24))
 
 
-class Sobol(_Sequence):
-    """Sampler of the first two Sobol dimensions, a (0, 2)-sequence, with a random digit shift per pixel and draw."""
-
-    def __init__(self, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int) -> None:
-        super().__init__(rng, pixels, stops, shading_samples)
-        self._shifts: dict[Hashable, np.ndarray] = {}
-
-    def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
-        """See `Sampler.draw`."""
-        bits = (self._length - 1).bit_length()
-        if key not in self._orders:
-            self._orders[key] = nested_order(self._rng, bits)
-            self._begins[key] = self._rng.integers(2**bits, size=self._pixels, dtype=np.int32)
-            self._shifts[key] = self._rng.integers(2**32, size=(2, self._pixels), dtype=np.uint32)
-        pixel = take(self._pixel, index)
-        point = self._orders[key].take(self._place(key, index, number) ^ self._begins[key].take(pixel))
-        digits = _sobol(bits).take(point, axis=1) ^ self._shifts[key].take(pixel, axis=1)
-        return (digits >> np.uint32(8)).astype(np.float32) * np.float32(2**-24)
-
-
-@lru_cache(maxsize=8)
-def _sobol(bits: int) -> np.ndarray:
-    """Return the first points of the two-dimensional Sobol sequence as 32-bit fractions, ``(2, 2^bits)``."""
-    from scipy.stats import qmc  # imported here because scipy.stats takes most of a second
-
-    points = qmc.Sobol(2, scramble=False, bits=32).random_base2(bits)
-    return np.ascontiguousarray((points.T * 2**32).astype(np.uint32))
-
-
-def _independent(rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int) -> Sampler:
-    return Independent(rng)
-
-
-SamplerFactory = Callable[[np.random.Generator, int, Sequence[int], int], Sampler]
-"""Makes the sampler of one tile from the arguments of `make_sampler` after the first."""
+SamplerFactory = Callable[[PixelBlock], Sampler]
+"""Makes the sampler of the pixels of one tile."""
 SAMPLERS: dict[str, SamplerFactory] = {
-    "independent": _independent,
+    "independent": Independent,
     "stratified": Stratified,
     "sobol": Sobol,
     "lowdiscrepancy": LowDiscrepancy,
@@ -192,7 +158,7 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     Parameters
     ----------
     factory
-        ``(rng, pixels, stops, shading_samples) -> Sampler``, such as a class; see `make_sampler` for the arguments.
+        ``(block) -> Sampler``, such as a class; `block` is a `dmis.samplers.pixel_block.PixelBlock`.
 
     Raises
     ------
@@ -208,17 +174,8 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     SAMPLERS[name] = factory
 
 
-def make_sampler(
-    kind: str, rng: np.random.Generator, pixels: int, stops: Sequence[int], shading_samples: int
-) -> Sampler:
-    """Return the sampler `kind` for one tile of `pixels`, whose numbers come from `rng`.
-
-    Parameters
-    ----------
-    stops
-        Numbers of camera samples after which some pixels stop, ascending; all stop at the last.
-    shading_samples
-        Shading samples per camera sample.
+def make_sampler(kind: str, block: PixelBlock) -> Sampler:
+    """Return the sampler `kind` of the pixels `block`.
 
     Raises
     ------
@@ -227,4 +184,4 @@ def make_sampler(
     """
     if kind not in SAMPLERS:
         raise ValueError(f"sampler must be one of {', '.join(SAMPLERS)}; got {kind!r}")
-    return SAMPLERS[kind](rng, pixels, stops, shading_samples)
+    return SAMPLERS[kind](block)

@@ -22,6 +22,7 @@ from dmis.brdf.distributions import Isotropic
 from dmis.brdf.microfacet import GGX
 from dmis.estimator.mis import balance
 from dmis.intersect import Intersector
+from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import make_sampler, stream
 
 # %%
@@ -47,7 +48,7 @@ camera = dmis.Camera.look_at((0, -6, 3), (0, 0, -0.3), fov=36, resolution=(96, 7
 width, height = camera.resolution
 spp, pixels = 32, width * height
 pixel, number = np.tile(np.arange(pixels), spp), np.repeat(np.arange(spp), pixels)
-sampler = make_sampler("independent", stream(1, 0, 0), pixels, [spp], 2)
+sampler = make_sampler("independent", PixelBlock(stream(1, 0, 0), 1, np.arange(pixels), [spp], 2))
 sampler.start(pixel, number)
 y, x = np.divmod(pixel, width)
 u = sampler.draw("camera", None)

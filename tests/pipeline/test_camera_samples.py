@@ -7,6 +7,8 @@ from helpers import pixel_shares
 from dmis import Settings
 from dmis.estimator.records import Record
 from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
+from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.streams import make_sampler
 
 PIXELS = 12
 UNEVEN = np.random.default_rng(3).integers(1, 40, PIXELS)
@@ -26,12 +28,20 @@ def test_batches_have_every_camera_sample_once(spp, size):
         assert numbers[pixel] == list(range(expected))
 
 
+def allocation_of(shares, spp, settings):
+    """Allocation of a tile with the sampler of the settings."""
+    rng = np.random.default_rng(2)
+    block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
+    return SampleAllocation(shares, spp, PIXELS, settings, 1, rng, make_sampler(settings.sampler, block))
+
+
+@pytest.mark.parametrize("sampler", ["independent", "sobol"])
 @pytest.mark.parametrize("allocation", ["systematic", "random"])
-def test_order_of_counts_and_back(allocation):
+def test_order_of_counts_and_back(allocation, sampler):
     """Counts for the first technique descend, and values and records of the samples return to the blocks' order."""
     shares = pixel_shares(np.random.default_rng(1).random(PIXELS))
-    settings = Settings(allocation=allocation, shading_samples=4)
-    allocation = SampleAllocation(shares, UNEVEN, PIXELS, settings, 1, np.random.default_rng(2))
+    settings = Settings(allocation=allocation, shading_samples=4, sampler=sampler)
+    allocation = allocation_of(shares, UNEVEN, settings)
     for blocks in sample_batches(UNEVEN, PIXELS, 64):
         samples = allocation.camera_samples(blocks)
         assert (np.diff(samples.counts.first.astype(int)) <= 0).all() and np.ptp(samples.counts.first) > 0
@@ -46,7 +56,7 @@ def test_order_of_counts_and_back(allocation):
 
 def test_equal_counts_keep_the_order():
     """At w = 1/2 and two shading samples nothing is sorted."""
-    allocation = SampleAllocation(pixel_shares(0.5), 4, PIXELS, Settings(), 1, np.random.default_rng(2))
+    allocation = allocation_of(pixel_shares(0.5), 4, Settings())
     (blocks,) = sample_batches(4, PIXELS, 64)
     samples = allocation.camera_samples(blocks)
     values = np.ones((3, 4 * PIXELS), np.float32)

@@ -14,12 +14,13 @@ from dmis.light.area import DiskLight
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.keys import CONTINUE
 from dmis.samplers.lowdiscrepancy import BOUNCES, LowDiscrepancy
+from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import stream
 
 
 def sampler(seed: int, pixels: int, spp: int, shading_samples: int = 2) -> LowDiscrepancy:
     """A sampler of which a batch of all samples of all pixels has begun, sample-major."""
-    out = LowDiscrepancy(stream(seed, 0, 0), pixels, [spp], shading_samples)
+    out = LowDiscrepancy(PixelBlock(stream(seed, 0, 0), seed, np.arange(pixels), [spp], shading_samples))
     out.start(np.tile(np.arange(pixels), spp), np.repeat(np.arange(spp), pixels))
     return out
 
@@ -68,7 +69,7 @@ def test_counts_that_are_no_powers_of_two() -> None:
 def test_uneven_counts_use_even_beginnings() -> None:
     """Numbers by their place in a technique's sequence: the first 2^k of a pixel are a net for every k."""
     for n in (2, 8, 32):
-        source = LowDiscrepancy(stream(4, 0, 0), 3, [100], 2)
+        source = LowDiscrepancy(PixelBlock(stream(4, 0, 0), 4, np.arange(3), [100], 2))
         source.start(np.tile(np.arange(3), n), np.repeat(np.arange(n), 3))
         u = source.draw((0, 1), None, np.repeat(np.arange(n), 3)).reshape(2, n, 3)
         assert all(is_net(u[..., pixel]) for pixel in range(3))

@@ -1,0 +1,34 @@
+"""Pixels whose uniform numbers one sampler makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class PixelBlock:
+    """Pixels that are sampled together, those of a tile, and what is known of their samples beforehand.
+
+    Attributes
+    ----------
+    rng
+        Random stream of this tile in this pass. Numbers from it depend on which pixels are a tile.
+    seed
+        Seed of the image. A sampler whose numbers are functions of it and of `pixels` gives the same ones in every
+        tile and pass.
+    pixels
+        Numbers ``y width + x`` of the P pixels in the image, ``(P,)`` whole numbers.
+    stops
+        Numbers of camera samples after which some pixels stop, ascending; all stop at the last.
+    shading_samples
+        Shading samples per camera sample.
+    """
+
+    rng: np.random.Generator
+    seed: int
+    pixels: np.ndarray
+    stops: Sequence[int]
+    shading_samples: int

@@ -1,0 +1,155 @@
+"""The sampler ``sobol``: one sequence of even points in the square, in an order of its own for each pair of numbers.
+
+**One sequence.** Point i has two coordinates, whose binary digits are sums modulo 2 of binary digits of i::
+
+    u_0(i): digits of i in reverse (van der Corput)        u_1(i): digits of i times Pascal's triangle (Sobol)
+
+The first 2^m points have exactly one in each rectangle of 2^-a by 2^-(m-a), for every a, and so has each later block of
+2^m: this is a (0, 2)-sequence. The error of a smooth function's mean falls like 1/n, and that of an edge like n^-3/4,
+where independent points have n^-1/2.
+
+**An order for each pair.** A camera sample uses several pairs: its place in the pixel, a point on the light, a
+direction of the BRDF, the direction in which a path goes on. If all of them were point i, they would be copies of each
+other, and all pairs together would lie in one plane, however many samples there are. So camera sample i has point i for
+its place in the pixel, and point A(i) for the light, where A is a matrix over the binary digits: bit j of A(i) is the
+parity of some bits of i. A is triangular (bit j depends on bits j, j + 1, ... alone), so that the first 2^k indices
+stay the first 2^k, in another order, and each pair by itself keeps all of its evenness. A was searched so that the
+pairs are even *together*, too, as points in four dimensions: see `COLUMNS`.
+
+Pairs that are added up may share an order: those of all lights and techniques at one vertex, and the direction in which
+the path goes on from there. Pairs whose numbers meet in one product must not: these are the pairs on one path, one
+after the other. So the order is the number of pairs before, see `order_of`. If each camera sample takes n samples of a
+technique, camera sample i has the n points i n, i n + 1, ... of that technique's sequence.
+
+**A shift for each pixel and pair.** The digits of all points of a pixel and pair are XORed with one word (a digit
+shift). It keeps the evenness, makes each point uniform, and pixels and pairs independent of each other. The word is an
+integer hash of (seed, pixel, pair), so a number depends on (seed, pixel, pair, index) and on nothing else: neither on
+tiles, nor on passes, nor on how many samples follow.
+
+References: Sobol' 1967; Niederreiter, *Random Number Generation and Quasi-Monte Carlo Methods*, 1992, chapter 4 (nets
+and t); Kollig and Keller, "Efficient Multidimensional Sampling", 2002 (digit shifts per pixel).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from functools import lru_cache
+
+import numpy as np
+
+from dmis.base.selection import Selection, take
+from dmis.base.vectors import Array
+from dmis.samplers.keys import CONTINUE, MORE, ROUNDING
+from dmis.samplers.pixel_block import PixelBlock
+
+DIGITS = 24
+"""Binary digits of a coordinate: as many as float32 has below 1."""
+COLUMNS: dict[int, tuple[int, ...]] = {
+    1: (1, 3, 4, 13, 19, 48, 111, 217, 497, 820, 1734, 3211, 6628, 8360, 25162, 54709),
+    2: (1, 2, 4, 15, 25, 47, 99, 212, 343, 817, 1518, 2900, 7442, 15595, 19970, 52842),
+    3: (1, 2, 6, 14, 29, 56, 68, 160, 286, 701, 1921, 3527, 7552, 10164, 23249, 38978),
+    4: (1, 3, 5, 11, 24, 56, 81, 128, 496, 963, 1670, 2253, 5932, 15522, 27526, 37853),
+    5: (1, 3, 7, 10, 16, 55, 68, 240, 440, 945, 1475, 2465, 5574, 13036, 32018, 42601),
+    6: (1, 2, 5, 15, 20, 50, 122, 147, 482, 992, 1534, 2545, 5411, 9550, 27886, 44858),
+    ROUNDING: (1, 3, 4, 10, 27, 49, 115, 248, 497, 821, 1950, 3553, 7696, 12910, 20234, 44233),
+}
+"""Matrices by the number of their order: column c is the index A(2^c) of the point that sample 2^c takes.
+
+Further columns and matrices are pseudo-random.
+"""
+PART = 12
+"""Bits of an index that one table has the points of: 32 kB, which stay in the cache."""
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+"""2^64 over the golden ratio: the step of SplitMix64."""
+
+
+class Sobol:
+    """Sampler of one (0, 2)-sequence in several orders, with a digit shift per pixel and pair."""
+
+    def __init__(self, block: PixelBlock) -> None:
+        seed = np.random.SeedSequence(block.seed).generate_state(1, np.uint64)
+        self._pixel_words = mix(seed + np.asarray(block.pixels).astype(np.uint64) * GOLDEN)
+        self._shifts: dict[Hashable, np.ndarray] = {}
+        self._pixel = self._number = np.empty(0, np.int64)
+
+    def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
+        """See `dmis.samplers.streams.Sampler.start`."""
+        self._pixel, self._number = pixel, number
+
+    def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
+        """See `dmis.samplers.streams.Sampler.draw`. Keys are tuples of whole numbers, or ``"camera"``."""
+        pair = () if key == "camera" else key
+        assert isinstance(pair, tuple)
+        if pair not in self._shifts:
+            shift = mix(self._pixel_words + _word(pair)).view(np.uint32)
+            self._shifts[pair] = (shift >> np.uint32(32 - DIGITS)).view(np.uint64)
+        # digits of point A(i), A(i) = A(low bits of i) XOR A(high bits of i), XOR those of the shift
+        digits = take(self._shifts[pair], take(self._pixel, index))
+        i = take(self._number, index) if number is None else number
+        order, bits = order_of(pair), int(i.max(initial=0)).bit_length()
+        for part in range(-(-bits // PART) or 1):
+            low = i if bits <= PART else i >> PART * part & (1 << PART) - 1
+            digits = digits ^ points(order, part).take(low)
+        u = digits.view(np.uint32).reshape(-1, 2).T.astype(np.float32, order="C")
+        u *= np.float32(2**-DIGITS)
+        return u
+
+    def draw_block(self, key: Hashable, index: Selection | None, sample: int, count: int) -> Array:
+        """See `dmis.samplers.streams.BlockSampler.draw_block`."""
+        return self.draw(key, index, take(self._number, index) * count + sample)
+
+
+def order_of(pair: tuple[int, ...]) -> int:
+    """Return the number of the order of a pair: how many pairs its path has before it, 0 for the camera's.
+
+    The pair that rounds numbers of samples meets all others, and has an order for itself.
+    """
+    if pair == () or pair[0] == ROUNDING:
+        return pair[0] if pair else 0
+    return pair.count(CONTINUE) + pair.count(MORE) + (pair[-1] != CONTINUE)
+
+
+@lru_cache(maxsize=256)
+def points(order: int, part: int) -> np.ndarray:
+    """Return the points ``A(i 2^(12 part))`` for i = 0 ... 4095, without shift: ``(4096,)`` uint64, two uint32 each."""
+    table = np.zeros((1, 2), np.uint32)
+    for c in range(PART * part, PART * (part + 1)):
+        # A(i + 2^c) = A(i) XOR A(2^c) for i < 2^c
+        table = np.concatenate([table, table ^ _point(_column(order, c))])
+    return table.view(np.uint64)[:, 0]
+
+
+def _column(order: int, c: int) -> int:
+    """Return ``A(2^c)``, column c of the matrix of an order: bit c is set, and bits above it are not."""
+    if order == 0:
+        return 2**c
+    columns = COLUMNS.get(order, ())
+    return columns[c] if c < len(columns) else 2**c + int(_word((order, c))[0]) % 2**c
+
+
+def _point(i: int) -> np.ndarray:
+    """Return the digits of point i of the sequence, without shift, ``(2,)`` uint32."""
+    van_der_corput = sobol = 0
+    reversed_digit = pascal = 2 ** (DIGITS - 1)
+    for j in range(DIGITS):
+        if i >> j & 1:
+            van_der_corput ^= reversed_digit
+            sobol ^= pascal
+        # column j + 1 of Pascal's triangle modulo 2 is column j plus itself, moved down by one
+        reversed_digit, pascal = reversed_digit >> 1, pascal ^ pascal >> 1
+    return np.array([van_der_corput, sobol], np.uint32)
+
+
+def mix(words: np.ndarray) -> np.ndarray:
+    """Return a hash of each of the `words` ``(N,)`` uint64: the finaliser of SplitMix64 (Steele et al. 2014)."""
+    words = (words ^ words >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+    words = (words ^ words >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+    return words ^ words >> np.uint64(31)
+
+
+def _word(numbers: tuple[int, ...]) -> np.ndarray:
+    """Return a hash of whole numbers, ``(1,)`` uint64."""
+    word = np.zeros(1, np.uint64)
+    for number in numbers:
+        word = mix(word + GOLDEN + np.uint64(number % 2**64))
+    return word
