@@ -59,6 +59,8 @@ Further columns and matrices are pseudo-random.
 """
 PART = 12
 """Bits of an index that one table has the points of: 32 kB, which stay in the cache."""
+LOW = 2**PART - 1
+"""Mask of these bits."""
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 """2^64 over the golden ratio: the step of SplitMix64."""
 
@@ -83,20 +85,20 @@ class Sobol:
         if pair not in self._shifts:
             shift = mix(self._pixel_words + _word(pair)).view(np.uint32)
             self._shifts[pair] = (shift >> np.uint32(32 - DIGITS)).view(np.uint64)
-        # digits of point A(i), A(i) = A(low bits of i) XOR A(high bits of i), XOR those of the shift
-        digits = take(self._shifts[pair], take(self._pixel, index))
         i = take(self._number, index) if number is None else number
-        order, bits = order_of(pair), int(i.max(initial=0)).bit_length()
-        for part in range(-(-bits // PART) or 1):
-            low = i if bits <= PART else i >> PART * part & (1 << PART) - 1
-            digits = digits ^ points(order, part).take(low)
-        u = digits.view(np.uint32).reshape(-1, 2).T.astype(np.float32, order="C")
+        bits = int(i.max(initial=0)).bit_length()
+        # A(i) = A(low bits of i) XOR A(high bits of i), and so are the points
+        digits = points(order_of(pair), 0).take(i if bits <= PART else i & LOW, mode="wrap")
+        for part in range(1, -(-bits // PART)):
+            digits ^= points(order_of(pair), part).take(i >> PART * part & LOW, mode="wrap")
+        digits ^= take(self._shifts[pair], take(self._pixel, index))
+        u = digits.view(np.int32).reshape(-1, 2).T.astype(np.float32, order="C")
         u *= np.float32(2**-DIGITS)
         return u
 
     def draw_block(self, key: Hashable, index: Selection | None, sample: int, count: int) -> Array:
         """See `dmis.samplers.streams.BlockSampler.draw_block`."""
-        return self.draw(key, index, take(self._number, index) * count + sample)
+        return self.draw(key, index, None if count == 1 else take(self._number, index) * count + sample)
 
 
 def order_of(pair: tuple[int, ...]) -> int:
