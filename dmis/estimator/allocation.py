@@ -101,10 +101,10 @@ def allocate(
     track_sequence
         Whether to count `Counts.samples_before`, which only samplers with a sequence ask for.
     """
-    if rng is None or (shares == 1).any():
-        equal = equal_counts(shares, shading_samples)
-        if equal is not None:
-            return equal
+    if shares.shape[1] == 1 and (rng is None or (shares == 1).any()):
+        whole = [float(shading_samples * share) for share in shares[:-1, 0]]
+        if all(n.is_integer() for n in whole):
+            return Counts(tuple(int(n) for n in whole))
     if rng is not None:
         u = rng.random((shading_samples, len(pixel)), dtype=np.float32)
         bounds = (_of_samples(bound, pixel) for bound in itertools.accumulate(shares[:-1]))
@@ -126,14 +126,6 @@ def allocate(
     return Counts(
         tuple(n.astype(np.int8) for n in per_technique), np.stack([*samples_before, slot]) if track_sequence else None
     )
-
-
-def equal_counts(shares: Array, shading_samples: int) -> Counts | None:
-    """Return the counts if all pixels have the same `shares` ``(K, 1)``, and these need no rounding; otherwise None."""
-    whole = [float(shading_samples * share) for share in shares[:-1, 0]]
-    if shares.shape[1] > 1 or not all(n.is_integer() for n in whole):
-        return None
-    return Counts(tuple(int(n) for n in whole))
 
 
 def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:

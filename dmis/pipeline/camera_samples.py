@@ -10,12 +10,12 @@ import numpy as np
 
 from dmis.base.selection import compose
 from dmis.base.vectors import Array
-from dmis.estimator.allocation import Counts, allocate, equal_counts
+from dmis.estimator.allocation import Counts, allocate
 from dmis.estimator.optimal_mis import slot
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.samplers.keys import ROUNDING
-from dmis.samplers.sobol import Sobol
+from dmis.samplers.sobol import Sobol, reordered
 from dmis.samplers.streams import Sampler
 
 
@@ -82,7 +82,7 @@ class SampleAllocation:
     rng
         Source of the offsets, and of techniques that are picked at random.
     sampler
-        Sampler of the tile; one of `dmis.samplers.sobol` rounds the counts by numbers of its own.
+        Sampler of the tile; one of `dmis.samplers.sobol` makes the offsets.
     """
 
     def __init__(
@@ -97,8 +97,15 @@ class SampleAllocation:
     ) -> None:
         self._shares = shares if stages == 1 or shares.shape[1] == 1 else np.tile(shares, stages)
         self._spp, self._pixels, self._stages = spp, pixels, stages
-        self._shading_samples, self._sampler = settings.shading_samples, sampler
-        self._offset = rng.random((len(shares) - 1, stages * pixels))
+        self._shading_samples = settings.shading_samples
+        self._offset, self._whole = rng.random((len(shares) - 1, stages * pixels)), None
+        if isinstance(sampler, Sobol):
+            # numbers of the pixels, and not of the tile
+            sampler.start(np.arange(pixels), np.zeros(pixels, np.int64))
+            offsets = [sampler.draw((ROUNDING, k), None)[0] for k in range(len(self._offset))]
+            self._offset = np.tile(offsets, stages).astype(float)
+            counts = self._shading_samples * shares.astype(float)
+            self._whole = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
         self._random_allocation = rng if settings.allocation == "random" else None
         self._track_sequence = settings.sampler != "independent"
 
@@ -108,40 +115,30 @@ class SampleAllocation:
             np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
         )
         slots = slot(pixel, number, self._spp, self._pixels, self._stages)
-        if self._random_allocation is None and isinstance(self._sampler, Sobol):
-            counts = self._sampled_counts(self._sampler, pixel, number)
-        else:
-            counts = allocate(
-                self._shares,
-                self._shading_samples,
-                slots,
-                number,
-                self._offset,
-                self._random_allocation,
-                self._track_sequence,
-            )
+        counts = allocate(
+            self._shares,
+            self._shading_samples,
+            slots,
+            self._sequence_numbers(pixel, number),
+            self._offset,
+            self._random_allocation,
+            self._track_sequence,
+        )
         if isinstance(counts.first, int):
             return CameraSamples(pixel, number, slots, counts, None)
         order = descending_order(counts.first)
         return CameraSamples(pixel.take(order), number.take(order), slots.take(order), counts.take(order), order)
 
-    def _sampled_counts(self, sampler: Sobol, pixel: np.ndarray, number: np.ndarray) -> Counts:
-        """Return counts whose rounding is a further dimension of the points.
+    def _sequence_numbers(self, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
+        """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.
 
-        In the order of the camera samples, regular counts would alias with the digits of their places in the pixel: at
-        w = 1/2 and S = 1 all light samples would be in one half of it. Camera sample i has room for ``ceil(S w_k)``
-        samples of technique k in its sequence, so that those of a pixel whose counts need no rounding are neighbours.
+        In the order of the points, regular counts would alias with the digits of the place in the pixel: at w = 1/2 and
+        S = 1 all light samples would be in one half of it. Pixels whose counts need no rounding keep the order.
         """
-        if (equal := equal_counts(self._shares, self._shading_samples)) is not None:
-            return equal
-        sampler.start(pixel, number)
-        offset = np.stack([sampler.draw((ROUNDING, k), None)[0] for k in range(len(self._offset))])
-        # n_k = floor(S w_k + u)
-        shares = self._shares.take(pixel, axis=1, mode="clip")
-        every, first = np.arange(len(pixel)), np.zeros_like(number)
-        counts = allocate(shares, self._shading_samples, every, first, offset, None, False)
-        most = np.ceil(self._shading_samples * shares - 1e-5).astype(np.int64)
-        return replace(counts, samples_before=number * most)
+        if self._whole is None or self._whole.all():
+            return number
+        order = reordered(ROUNDING, number)
+        return order if not self._whole.any() else np.where(self._whole.take(pixel, mode="clip"), number, order)
 
 
 def descending_order(counts: np.ndarray) -> np.ndarray:

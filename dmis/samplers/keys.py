@@ -5,4 +5,4 @@ MORE = -1
 CONTINUE = -2
 """Mark of the direction in which a path goes on; the key of a path's vertex has as many as the path has bounces."""
 ROUNDING = -3
-"""Mark of the numbers that round a camera sample's share of shading samples up or down."""
+"""Mark of the numbers, and of the order, by which counts of shading samples are rounded up or down."""

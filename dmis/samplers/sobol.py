@@ -10,16 +10,17 @@ where independent points have n^-1/2.
 
 **An order for each pair.** A camera sample uses several pairs: its place in the pixel, a point on the light, a
 direction of the BRDF, the direction in which a path goes on. If all of them were point i, they would be copies of each
-other, and all pairs together would lie in one plane, however many samples there are. So camera sample i has point i for
-its place in the pixel, and point A(i) for the light, where A is a matrix over the binary digits: bit j of A(i) is the
-parity of some bits of i. A is triangular (bit j depends on bits j, j + 1, ... alone), so that the first 2^k indices
-stay the first 2^k, in another order, and each pair by itself keeps all of its evenness. A was searched so that the
-pairs are even *together*, too, as points in four dimensions: see `COLUMNS`.
+other, and all pairs together would stay in a plane of their many dimensions, however many samples there are. So camera
+sample i has point i for its place in the pixel, and point A(i) for the light, where A is a matrix over the binary
+digits: bit j of A(i) is the parity of some bits of i. A is triangular (bit j depends on bits j, j + 1, ... alone), so
+that the first 2^k indices stay the first 2^k, in another order, and each pair by itself keeps all of its evenness. A
+was searched so that the pairs are even *together*, too, as points in four dimensions: see `COLUMNS`.
 
 Pairs that are added up may share an order: those of all lights and techniques at one vertex, and the direction in which
 the path goes on from there. Pairs whose numbers meet in one product must not: these are the pairs on one path, one
 after the other. So the order is the number of pairs before, see `order_of`. If each camera sample takes n samples of a
-technique, camera sample i has the n points i n, i n + 1, ... of that technique's sequence.
+technique, camera sample i has the n points i n, i n + 1, ... of that technique's sequence. Where n would be a fraction,
+see `dmis.pipeline.camera_samples.SampleAllocation`.
 
 **A shift for each pixel and pair.** The digits of all points of a pixel and pair are XORed with one word (a digit
 shift). It keeps the evenness, makes each point uniform, and pixels and pairs independent of each other. The word is an
@@ -45,16 +46,18 @@ from dmis.samplers.pixel_block import PixelBlock
 DIGITS = 24
 """Binary digits of a coordinate: as many as float32 has below 1."""
 COLUMNS: dict[int, tuple[int, ...]] = {
-    1: (1, 3, 4, 13, 19, 48, 111, 217, 497, 820, 1734, 3211, 6628, 8360, 25162, 54709),
-    2: (1, 2, 4, 15, 25, 47, 99, 212, 343, 817, 1518, 2900, 7442, 15595, 19970, 52842),
-    3: (1, 2, 6, 14, 29, 56, 68, 160, 286, 701, 1921, 3527, 7552, 10164, 23249, 38978),
-    4: (1, 3, 5, 11, 24, 56, 81, 128, 496, 963, 1670, 2253, 5932, 15522, 27526, 37853),
-    5: (1, 3, 7, 10, 16, 55, 68, 240, 440, 945, 1475, 2465, 5574, 13036, 32018, 42601),
-    6: (1, 2, 5, 15, 20, 50, 122, 147, 482, 992, 1534, 2545, 5411, 9550, 27886, 44858),
-    ROUNDING: (1, 3, 4, 10, 27, 49, 115, 248, 497, 821, 1950, 3553, 7696, 12910, 20234, 44233),
+    1: (1, 3, 4, 13, 18, 42, 79, 209, 454, 927, 1248, 2666, 4675, 10323, 17956, 50135),
+    2: (1, 2, 5, 10, 16, 33, 100, 134, 452, 1023, 1339, 2704, 7879, 11794, 22365, 47299),
+    3: (1, 3, 7, 14, 26, 55, 117, 222, 367, 878, 1944, 3453, 7335, 12196, 21838, 46404),
+    4: (1, 3, 4, 12, 22, 45, 66, 186, 492, 737, 2015, 3011, 6888, 11690, 20928, 40435),
+    5: (1, 3, 6, 9, 31, 39, 101, 184, 348, 724, 1944, 3858, 5901, 12371, 27368, 41682),
+    6: (1, 2, 4, 13, 23, 61, 81, 173, 486, 878, 1956, 2833, 4926, 9955, 26592, 64726),
+    ROUNDING: (1, 2, 4, 9, 22, 47, 97, 174, 306, 807, 1462, 2468, 4220, 14329, 29791, 64769),
 }
 """Matrices by the number of their order: column c is the index A(2^c) of the point that sample 2^c takes.
 
+Camera pair and light pair are a net in four dimensions with t = 0, 1, 1, 1, 2, 2, 2 for 2^1 ... 2^7 samples, and t = 3
+up to 2^16: each box of volume 2^(t - m) has 2^t of the first 2^m points. `benchmarks/search_net.py` searched them.
 Further columns and matrices are pseudo-random.
 """
 PART = 12
@@ -102,13 +105,18 @@ class Sobol:
 
 
 def order_of(pair: tuple[int, ...]) -> int:
-    """Return the number of the order of a pair: how many pairs its path has before it, 0 for the camera's.
-
-    The pair that rounds numbers of samples meets all others, and has an order for itself.
-    """
-    if pair == () or pair[0] == ROUNDING:
-        return pair[0] if pair else 0
+    """Return the number of the order of a pair: how many pairs its path has before it, 0 for the camera's."""
+    if pair == ():
+        return 0
     return pair.count(CONTINUE) + pair.count(MORE) + (pair[-1] != CONTINUE)
+
+
+def reordered(order: int, i: np.ndarray) -> np.ndarray:
+    """Return the indices A(i) of an order, ``(N,)`` whole numbers."""
+    index = np.zeros_like(i)
+    for c in range(int(i.max(initial=0)).bit_length()):
+        index ^= (i >> c & 1) * _column(order, c)
+    return index
 
 
 @lru_cache(maxsize=256)
