@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 DOCS := .venv-docs
 GALLERY ?= 1
-FIGURES ?= thesis/ why_the_parabola_fails
+FIGURES ?= thesis/ why_the_parabola_fails nets
 SOURCES := $(wildcard dmis benchmarks docs examples scenes tests)
 
 .DEFAULT_GOAL := help
