@@ -32,7 +32,7 @@ HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | 
 |---|---|---|---|---|---|---|---|---|"""
 PARTS = {
     "embree": {"intersect.py": {"closest", "occluded"}},
-    "random numbers": {"streams.py": {"draw", "start", "stream", "make_sampler"}},
+    "random numbers": {"streams.py": {"draw", "start", "stream", "make_sampler"}, "sobol.py": {"draw"}},
     "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "samples.py": {"record_samples"}},
     "film": {"moments.py": {"of", "merge"}},
 }
