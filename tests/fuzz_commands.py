@@ -40,7 +40,7 @@ def rule_text(rng: random.Random) -> str:
 
 OPTIONS = {
     "render": "--spp --resolution --integrator --rule --seed --threads --workers --sampler --shading-samples --lights "
-    "--max-depth --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
+    "--compensation --max-depth --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
     "compare": "--rules --spp --seeds --seed --reference --reference-spp --oracle-spp --resolution --threads -o "
     "--quiet",
     "info": "--resolution --dialect --allow-outside",

@@ -82,6 +82,14 @@ def _render(command: argparse.ArgumentParser) -> None:
         help="sample all lights at each shading point, or one chosen at random; pbrt: one at each vertex of a "
         "path, all in direct lighting (default all)",
     )
+    _add_setting(
+        command,
+        "--compensation",
+        type=float,
+        metavar="SHARE",
+        help="share of a sky's light samples that is drawn from what exceeds its mean radiance, from 0 to below 1 "
+        "(default: 0.9 with rules that learn from densities, such as auto, else 0)",
+    )
     command.add_argument(
         "--checkpoint", metavar="FILE", help="file for finished tiles; an interrupted render is resumed from it"
     )

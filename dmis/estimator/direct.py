@@ -31,7 +31,7 @@ from dmis.light.light import DeltaLight
 def add_direct_light(batch: Batch, vertices: Vertices) -> None:
     """Add the light that the vertices reflect: of all lights, or of one that is picked for each vertex."""
     plan = batch.scene.plan
-    lights = (*plan.sampled, *plan.deltas)
+    lights = (*plan.sampled_lights(batch.settings.sky_compensation), *plan.deltas)
     picked = None
     if batch.settings.one_light and len(lights) > 1:
         picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)

@@ -42,6 +42,7 @@ PRESETS: Mapping[str, Preset] = {
             "max_depth": "auto",
             "sampler": "independent",
             "reuse_pilot": None,
+            "compensation": 0.0,
         },
         choices={
             "shading_samples": (),
@@ -58,13 +59,13 @@ PRESETS: Mapping[str, Preset] = {
 
 ``thesis`` is the estimator of Seo's thesis (2014), which stands on pbrt-v2. Pinned: light and BRDF sampling, whose
 counts are rounded systematically to w S on average; all lights in direct lighting, and one, picked uniformly, at each
-vertex of a path; independent points, or pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of
-independent points, combined by the balance heuristic. The caller gives S, integrator and depth. The rule says whether
-its pilot is part of the image; if it does not, the pilot is with independent points.
+vertex of a path; skies sampled by luminance, without compensation for the other technique; independent points, or
+pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of independent points, combined by the balance
+heuristic. The caller gives S, integrator and depth. The rule says whether its pilot is part of the image; if it does
+not, the pilot is with independent points.
 
-What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; skies
-by luminance, without compensation for the other technique; lobes of a surface picked uniformly; a path continued by a
-BRDF sample of its own, beside those of direct lighting; Russian roulette as in `dmis.estimator.path`. Whoever makes one
-of these a choice, or changes it, adds a field to `Settings` whose value in this preset is the old behaviour. Images of
-the preset are held by `tests/estimator/test_presets.py`.
+What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; lobes
+of a surface picked uniformly; a path continued by a BRDF sample of its own, beside those of direct lighting; Russian
+roulette as in `dmis.estimator.path`. Whoever makes one of these a choice, or changes it, adds a field to `Settings`
+whose value in this preset is the old behaviour. Images of the preset are held by `tests/estimator/test_presets.py`.
 """

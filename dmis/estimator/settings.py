@@ -12,6 +12,7 @@ from dmis.base.validate import did_you_mean, whole
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import technique_by_name
+from dmis.light.environment import check_compensation
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 from dmis.scene.scene import Scene, SceneWarning
@@ -52,6 +53,11 @@ class Settings:
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
         if the final samples are independent, as the pilot's are; the others are more even, and a few independent ones
         among them cost more than they bring.
+    compensation
+        Share of the light samples of a sky, in [0, 1), that are drawn in proportion to what exceeds its mean radiance
+        (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
+        techniques and covers the rest. None: `dmis.pipeline.job.LEARNED_COMPENSATION` with a rule that learns from the
+        samples' densities, else 0.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.
@@ -66,6 +72,7 @@ class Settings:
     max_depth: int | str | None = "auto"
     sampler: str = "independent"
     reuse_pilot: bool | None = None
+    compensation: float | None = None
     preset: str | None = None
 
     def __post_init__(self) -> None:
@@ -110,6 +117,7 @@ class Settings:
             raise ValueError(f"reuse_pilot must be True, False or None; got {self.reuse_pilot!r}")
         if self.reuse_pilot is not None:
             object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
+        object.__setattr__(self, "compensation", check_compensation(self.compensation))
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
@@ -131,6 +139,11 @@ class Settings:
                     f"preset {self.preset} has {name} {' or '.join(map(repr, allowed))}; got {value!r}. "
                     f"Give another value, or no preset"
                 )
+
+    @property
+    def sky_compensation(self) -> float:
+        """`compensation` where BRDF sampling covers what it leaves out, else 0."""
+        return self.compensation or 0.0 if "brdf" in self.techniques else 0.0
 
     @property
     def one_light(self) -> bool:

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from dmis.fit.curve_minimum import cost_weighted
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.pipeline.passes import Progress
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
@@ -250,6 +251,9 @@ def _path(
     """Return the path of an oracle in the cache."""
     width, height = scene.camera.resolution
     combiners = [] if combiner == "balance" else [combiner]
+    settings = settings or Settings()
+    share = LEARNED_COMPENSATION if settings.compensation is None else settings.compensation
+    settings = replace(settings, compensation=share if scene.plan.environment else None)
     key = json.dumps([__version__, LAYOUT, fingerprint(scene), spp, patch, *settings_key(settings), *combiners])
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"

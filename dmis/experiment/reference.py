@@ -77,7 +77,8 @@ def make_reference(
         Rule that renders it; every rule converges to the same image.
     settings, options
         Settings such as ``integrator="path"``, see `dmis.pipeline.render.render`. A preset does not hold for the
-        points, which are those of a reference.
+        points, which are those of a reference, and `compensation` is the rule's: the expected image does not depend
+        on them.
     folder
         Folder of the cache. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
     parallel, progress
@@ -91,9 +92,9 @@ def make_reference(
         If it cannot be written.
     """
     spp = whole("spp", spp, 1, MAX_SPP)
-    settings = replace(make_settings(settings, **options), preset=None)
+    settings = replace(make_settings(settings, **options), preset=None, compensation=None)
     width, height = scene.camera.resolution
-    key = json.dumps([fingerprint(scene), width, height, spp, rule, *settings_key(settings)])
+    key = json.dumps([fingerprint(scene, expected_image=True), width, height, spp, rule, *settings_key(settings)])
     import hashlib  # imported where used: it brings OpenSSL
 
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
@@ -116,11 +117,13 @@ def make_reference(
 def settings_key(settings: Settings | None) -> list[dict[str, Any]]:
     """Return settings as a part of the key of a cached file; empty for the default settings.
 
-    `reuse_pilot` and the name of a preset do not change what is cached.
+    `reuse_pilot` and the name of a preset do not change what is cached; a compensation that is None is left out.
     """
     relevant = replace(settings or Settings(), preset=None, reuse_pilot=None)
     key = asdict(relevant)
     del key["preset"]
+    if relevant.compensation is None:
+        del key["compensation"]
     return [] if relevant == Settings() else [key]
 
 

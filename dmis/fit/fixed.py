@@ -24,6 +24,7 @@ class Fixed(Rule):
     techniques: tuple[str, ...] = ("light", "brdf")
     allocation: str = "systematic"
     sampler: str = ""
+    compensation: float | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.w, tuple):
@@ -52,7 +53,7 @@ class Fixed(Rule):
     @property
     def settings(self) -> Mapping[str, Any]:
         settings = {"combiner": self.combiner, "techniques": self.techniques, "allocation": self.allocation}
-        return settings | final_settings(self.sampler)
+        return settings | final_settings(self.sampler, compensation=self.compensation)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         return Fit(np.array(self.w) if isinstance(self.w, tuple) else self.w)

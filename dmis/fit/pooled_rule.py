@@ -41,6 +41,8 @@ class PooledRule(Rule):
         final samples are independent too.
     combiner, sampler
         Of the final samples; an empty sampler is that of the settings.
+    compensation
+        Of skies, for pilot and final samples, see `dmis.estimator.settings.Settings`. None: as the settings say.
     """
 
     patch: int = 4
@@ -54,6 +56,7 @@ class PooledRule(Rule):
     reuse: bool | None = None
     combiner: str = "balance"
     sampler: str = ""
+    compensation: float | None = None
 
     def __post_init__(self) -> None:
         if not PATCH <= self.patch <= 65536 or self.patch % PATCH:

@@ -22,9 +22,11 @@ def _simplex(**options: Any) -> Rule:
     shares = {name: options.pop(name) for name in tuple(options) if name in TECHNIQUES}
     if not shares:
         return Simplex(**options)
-    if wrong := options.keys() - {"combiner", "sampler"}:
+    allowed = ("combiner", "sampler", "compensation")
+    if wrong := options.keys() - set(allowed):
         raise ValueError(
-            f"rule simplex with shares that are given has the options combiner, sampler; got {', '.join(sorted(wrong))}"
+            f"rule simplex with shares that are given has the options {', '.join(allowed)}; got "
+            f"{', '.join(sorted(wrong))}"
         )
     if len(shares) < 2:
         raise ValueError(f"rule simplex needs shares of at least two techniques; got {', '.join(shares)}")
@@ -174,14 +176,24 @@ def _arguments(name: str) -> Mapping[str, Parameter]:
 
 def _example(name: str, option: str) -> str:
     """Return the default value of a rule's option as text, an example of what it may be."""
-    default = _arguments(name)[option].default
+    argument = _arguments(name)[option]
+    default = argument.default
+    if default is None and _type_of(argument) is float:
+        return "0.5"
     return "no" if default in (None, False) else "yes" if default is True else str(default)
 
 
 def _option_types(name: str, readable: Container[type]) -> dict[str, type]:
-    """Return the types of a rule's options by name: those of the defaults, yes or no where these are None."""
-    types = {key: bool if p.default is None else type(p.default) for key, p in _arguments(name).items()}
+    """Return the types of a rule's options by name."""
+    types = {key: _type_of(p) for key, p in _arguments(name).items()}
     return {key: kind for key, kind in types.items() if kind in readable}
+
+
+def _type_of(argument: Parameter) -> type:
+    """Return the type of an option: that of its default; where this is None, float if annotated so, else bool."""
+    if argument.default is not None:
+        return type(argument.default)
+    return float if "float" in str(argument.annotation) else bool
 
 
 def _option_words(name: str) -> dict[str, list[str]]:

@@ -324,6 +324,7 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
             )
 
 
-def final_settings(sampler: str, reuse: bool | None = None) -> dict[str, Any]:
-    """Return the settings of a rule's options `sampler` and `reuse`; none of an option that is empty or None."""
-    return ({"sampler": sampler} if sampler else {}) | ({} if reuse is None else {"reuse_pilot": reuse})
+def final_settings(sampler: str, reuse: bool | None = None, compensation: float | None = None) -> dict[str, Any]:
+    """Return the settings of these options of a rule; none of an option that is empty or None."""
+    options = {"sampler": sampler or None, "reuse_pilot": reuse, "compensation": compensation}
+    return {name: value for name, value in options.items() if value is not None}

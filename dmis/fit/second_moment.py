@@ -67,7 +67,7 @@ class SecondMoment(PooledRule):
         Of the final samples. Curves are those of the combiner if it is a heuristic (second-moment); of balance if not,
         and with ``frozen``. Of several heuristics, joined by ``+``, the pilot chooses the one that is best for the
         image, see `dmis.fit.choose_heuristic`.
-    patch, filter, size, sigma, shrink, cost, guard, reuse, sampler
+    patch, filter, size, sigma, shrink, cost, guard, reuse, sampler, compensation
         See `dmis.fit.pooled_rule.PooledRule`; the baseline point is w = 1/2.
     """
 
@@ -111,7 +111,7 @@ class SecondMoment(PooledRule):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiners[0]} | final_settings(self.sampler, self.reuse)
+        return {"combiner": self.combiners[0]} | final_settings(self.sampler, self.reuse, self.compensation)
 
     @property
     def shares_only(self) -> bool:

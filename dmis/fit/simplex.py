@@ -65,7 +65,7 @@ class Simplex(PooledRule):
     spp
         Samples of the pilot, at equal shares: an even multiple of K of at least 2 K, which become camera samples with
         K times the shading samples, K times fewer.
-    patch, filter, size, sigma, shrink, cost, guard, reuse, combiner, sampler
+    patch, filter, size, sigma, shrink, cost, guard, reuse, combiner, sampler, compensation
         See `dmis.fit.pooled_rule.PooledRule`; the baseline point is `baseline_point`.
 
     Notes
@@ -102,7 +102,8 @@ class Simplex(PooledRule):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiner, "techniques": self.techniques} | final_settings(self.sampler, self.reuse)
+        settings = {"combiner": self.combiner, "techniques": self.techniques}
+        return settings | final_settings(self.sampler, self.reuse, self.compensation)
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -22,6 +23,15 @@ LINEAR_STEPS = 8
 """Texels that are tried one by one, from where a guide table points, before a binary search."""
 MIN_SIN = np.float32(1e-9)
 """Smallest sin(theta) that a density is divided by."""
+
+
+def check_compensation(share: Any) -> float | None:
+    """Return a compensation, see `EnvironmentLight`, as a float or None; a ValueError unless it is in [0, 1)."""
+    if share is None:
+        return None
+    if isinstance(share, bool) or not isinstance(share, int | float | np.number) or not 0 <= share < 1:
+        raise ValueError(f"compensation must be in [0, 1), so that light samples reach all of the sky; got {share!r}")
+    return float(share)
 
 
 class EnvironmentSample(LightSample):
@@ -53,9 +63,10 @@ class EnvironmentLight(InfiniteLight):
     scale
         RGB factor.
     compensation
-        Share of the samples, in [0, 1), that are drawn in proportion to what exceeds the sky's mean radiance (Karlik
-        et al. 2019): BRDF samples see the even part of a sky well enough, and light samples may look for the rest.
-        Below 1, so that light sampling alone still reaches every direction.
+        Share of the light samples, in [0, 1), that are drawn in proportion to what exceeds the sky's mean radiance
+        (Karlik et al. 2019); the others are drawn from the plain density below, so that light sampling alone reaches
+        every direction. BRDF samples cover the even part of a sky well enough. None: that of the estimator's settings,
+        see `dmis.estimator.settings.Settings`. The expected image does not depend on it.
 
     Notes
     -----
@@ -67,7 +78,7 @@ class EnvironmentLight(InfiniteLight):
     texels: Array
     to_world: Array | None = None
     scale: Rgb = (1.0, 1.0, 1.0)
-    compensation: float = 0.0
+    compensation: float | None = field(default=None, metadata={"fingerprint": 0.0})
 
     def __post_init__(self) -> None:
         texels = np.asarray(self.texels, np.float32)
@@ -75,10 +86,7 @@ class EnvironmentLight(InfiniteLight):
             raise ValueError(f"texels must have shape (H, W, 3); got {texels.shape}")
         if not np.isfinite(texels).all() or (texels < 0).any():
             raise ValueError("texels must be finite and not negative, because they are radiance")
-        if not 0 <= self.compensation < 1:
-            raise ValueError(
-                f"compensation must be in [0, 1), so that light samples reach all of the sky; got {self.compensation}"
-            )
+        check_compensation(self.compensation)
         _ = self._data, self._distribution, self._guide
 
     @cached_property
@@ -116,10 +124,29 @@ class EnvironmentLight(InfiniteLight):
         if not total > 0:
             weight, total = np.ones_like(weight), float(weight.size)
         elif self.compensation and excess.sum() > 0:
+            # (1 - c) L / sum L + c max(L - mean L, 0) / sum max(L - mean L, 0)   (Karlik et al. 2019, as a mixture)
             weight = (1 - self.compensation) * weight / total + self.compensation * excess / excess.sum()
             total = weight.sum()
         edges = np.concatenate([[0.0], np.cumsum(weight.reshape(-1) / total)])
         return edges, (weight / total * weight.size).astype(np.float32).reshape(-1)
+
+    def compensated(self, share: float) -> Self:
+        """Return the light with `share` as its compensation; the light itself if it has a compensation of its own.
+
+        There is one such light for each share. It is kept with this light, and pickled with it, so that tiles and
+        processes find it; the texels are those of this light.
+        """
+        if self.compensation is not None or share == 0:
+            return self
+        kept: dict[float, Any] = vars(self).setdefault("_compensated", {})
+        if share not in kept:
+            light = copy(self)
+            for name in ("_compensated", "_distribution", "_guide"):
+                del vars(light)[name]
+            vars(light)["compensation"] = check_compensation(share)
+            _ = light._guide
+            kept[share] = light
+        return kept[share]
 
     def sample(self, p: Array, u: Array) -> LightSample:
         """Sample directions towards bright texels, `u` ``(2, N)``; `p` only matters for its shape."""

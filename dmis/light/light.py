@@ -103,6 +103,13 @@ class InfiniteLight(SampledLight, Protocol):
         """Return the radiance ``(3, 1)`` or ``(3, N)`` from unit directions `wi` ``(3, N)``, that of `hit`."""
         return self.hit(np.zeros_like(wi), wi).radiance_at(None)
 
+    def compensated(self, share: float) -> Self:
+        """Return the light that draws this share of its samples from what exceeds its mean radiance.
+
+        See `dmis.light.environment.EnvironmentLight.compensated`. Default: the light as it is.
+        """
+        return self
+
 
 class AreaLight(SampledLight, Protocol):
     """A surface that emits on one side.

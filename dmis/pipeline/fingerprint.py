@@ -38,11 +38,17 @@ _GENERATED = {
 """Methods that `dataclasses` writes, or that do not enter an image."""
 
 
-def fingerprint(scene: Scene) -> str:
-    """Return a hash of what the expected image of `scene` depends on: 16 hexadecimal digits.
+def fingerprint(scene: Scene, expected_image: bool = False) -> str:
+    """Return a hash of what an image of `scene` depends on: 16 hexadecimal digits.
 
     All fields of the scene but its name and what is known of its file. An integrator or depth that the scene does not
     ask for is the default one, and the light of a part is its number among the scene's lights.
+
+    Parameters
+    ----------
+    expected_image
+        Leave out what only the noise depends on: a field of a dataclass with ``fingerprint`` in its metadata enters
+        with that value.
 
     Raises
     ------
@@ -57,10 +63,10 @@ def fingerprint(scene: Scene) -> str:
     ]
     content["integrator"] = scene.suggested.integrator or DEFAULT_INTEGRATOR
     content["max_depth"] = scene.suggested.max_depth or DEFAULT_DEPTH
-    return digest({"meaning": MEANING, **content}, "scene")
+    return digest({"meaning": MEANING, **content}, "scene", expected_image)
 
 
-def digest(value: Any, name: str = "value") -> str:
+def digest(value: Any, name: str = "value", expected_image: bool = False) -> str:
     """Return a hash of `value` by its structure: 16 hexadecimal digits.
 
     Parameters
@@ -70,6 +76,8 @@ def digest(value: Any, name: str = "value") -> str:
         attributes are made of these, such as dataclasses.
     name
         What messages call it.
+    expected_image
+        See `fingerprint`.
 
     Raises
     ------
@@ -77,7 +85,7 @@ def digest(value: Any, name: str = "value") -> str:
         If there is something else in it, or it contains itself; the message has the path of fields that leads there.
     """
     try:
-        return _Walk().value(value, name).hex()[:16]
+        return _Walk(expected_image).value(value, name).hex()[:16]
     except RecursionError:
         raise ValueError(f"{name} must not contain itself, because it is walked to the end") from None
 
@@ -93,7 +101,8 @@ def package_hash() -> str:
 class _Walk:
     """The hashes of one walk over a value. A function or class is walked once, even if it refers to itself."""
 
-    def __init__(self) -> None:
+    def __init__(self, expected_image: bool) -> None:
+        self._expected_image = expected_image
         self._code: dict[int, bytes] = {}
 
     def value(self, value: Any, path: str) -> bytes:
@@ -118,7 +127,11 @@ class _Walk:
         if hasattr(value, "__wrapped__"):  # functools.lru_cache
             return self.value(value.__wrapped__, path)
         if is_dataclass(value) or (hasattr(value, "__dict__") and _python(type(value))):
-            content = {name: self.value(v, f"{path}.{name}") for name, v in _fields(value).items()}
+            content = _fields(value)
+            if self._expected_image and is_dataclass(value):
+                stand_ins = {field.name: field.metadata.get("fingerprint") for field in fields(value)}
+                content |= {name: v for name, v in stand_ins.items() if v is not None}
+            content = {name: self.value(v, f"{path}.{name}") for name, v in content.items()}
             named = (_node("field", _leaf(name), content[name]) for name in sorted(content))
             return _node("object", self.value(type(value), path), *named)
         raise ValueError(

@@ -85,6 +85,7 @@ def render_job(
     Parameters and errors are those of `render`; `observer` gets the tiles of each pass, in row order, before they are
     rendered.
     """
+    _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
     with Passes(job, parallel, progress, checkpoint, observer) as passes:
         job.scene.prepare()
         times = [time.perf_counter()]

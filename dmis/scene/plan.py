@@ -99,6 +99,13 @@ class Plan:
         self.face_group = np.concatenate([*face_group, np.array([NO_GROUP], np.uint8)])
         self.face_row = np.concatenate(face_row)
 
+    def sampled_lights(self, compensation: float) -> tuple[SampledLight, ...]:
+        """Return `sampled`, with infinite lights whose samples are compensated, see `InfiniteLight.compensated`."""
+        if not self.environment or compensation == 0:
+            return self.sampled
+        lights = (light.compensated(compensation) if light.infinite else light for light in self.sampled)  # type: ignore[attr-defined]
+        return tuple(lights)
+
     @property
     def has_light(self) -> bool:
         """Whether there is any light: without, all images are black."""

@@ -193,6 +193,7 @@ def test_bench_prints_a_table(scene, capsys):
         (["compare", "SCENE", "-o", "a", "--threads", "9" * 20], "--threads: must be a whole number from 1 to 1024"),
         (["bench", "SCENE", "--threads", "0"], "--threads: must be a whole number from 1 to 1024"),
         (["render", "SCENE", "-o", "a.exr", "--shading-samples", "0"], "shading_samples"),
+        (["render", "SCENE", "-o", "a.exr", "--compensation", "1"], "compensation must be in"),
         (["render", "SCENE", "-o", "a.exr", "--max-depth", "0"], "max_depth"),
         (["render", "SCENE", "-o", "a.exr", "--seed", "-1"], "seed"),
         (["render", "SCENE", "-o", "a.exr", "--stats", "SCENE"], "must differ from each other and from the scene"),

@@ -1,0 +1,195 @@
+"""Compensation of skies: unbiased, chosen by field, rule, settings or preset, and no part of a reference's key."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT, box_scene, means, pickled, sphere_rule, tile_of, uniforms, z_score
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.experiment.oracle import _path
+from dmis.fit.fixed import Fixed
+from dmis.light.environment import EnvironmentLight
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.job import LEARNED_COMPENSATION
+
+FAINT = 0.3
+SKY = np.ones((8, 16, 3), np.float32)
+SKY[:, :8] = FAINT
+"""A sky with a faint half, below the mean: compensated samples alone do not reach it."""
+
+
+def sky_scene(compensation: float | None = None, **options: Any) -> dmis.Scene:
+    """A matte floor under the sky."""
+    light = EnvironmentLight(SKY, compensation=compensation)
+    return box_scene(dmis.matte(0.5), (light,), **{"resolution": (4, 4), "fov": 20, **options})
+
+
+def image(scene: dmis.Scene, rule: Any = "balance", **settings: Any) -> Array:
+    return dmis.render(scene, rule, 16, integrator="direct", **settings).image
+
+
+@pytest.mark.parametrize("compensation", [0.0, 0.5, 0.9])
+def test_light_samples_alone_reach_a_faint_half(compensation: float) -> None:
+    """At w = 1 the floor reflects ``albedo / pi int L cos``, a fifth of it from the faint half."""
+    scene = sky_scene()
+    wi, weights = sphere_rule(np.array([0.0, 0.0, 1.0]), 512, 512, 1.0)
+    (sky,) = scene.plan.sampled
+    irradiance = (sky.radiance(wi.astype(np.float32))[0] * np.maximum(wi[2], 0)) @ weights
+    values = means(scene, range(200), w=1.0, compensation=compensation)
+    assert abs(z_score(values, 0.5 / np.pi * irradiance)) < Z_LIMIT
+
+
+def test_compensated_samples_are_where_the_sky_is_bright() -> None:
+    """A share of ``(1 - c) FAINT / (1 + FAINT)`` meets the faint half, but for the texels at its border."""
+    light = EnvironmentLight(np.repeat(np.repeat(SKY, 8, axis=0), 8, axis=1)).compensated(0.9)
+    p = np.zeros((3, 2**16), np.float32)
+    faint = light.sample(p, uniforms(2**16)).wi[1] > 0
+    assert np.mean(faint) == pytest.approx(0.1 * FAINT / (1 + FAINT), rel=0.2)
+
+
+def test_a_light_of_a_setting_is_that_of_a_field() -> None:
+    """Samples, densities, and that a compensation of the light's own comes first."""
+    light, field = EnvironmentLight(SKY), EnvironmentLight(SKY, compensation=0.9)
+    u, p = uniforms(1000), np.zeros((3, 1000), np.float32)
+    a, b = light.compensated(0.9).sample(p, u), field.sample(p, u)
+    assert np.array_equal(a.wi, b.wi) and np.array_equal(a.pdf, b.pdf)
+    assert not np.array_equal(a.wi, light.sample(p, u).wi)
+    assert field.compensated(0.5) is field and light.compensated(0) is light
+
+
+def test_tables_are_made_once_and_texels_shared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also by a light that was pickled, as scenes are for processes."""
+    light = EnvironmentLight(SKY, scale=(2.0, 1.0, 1.0))
+    first = light.compensated(0.9)
+    copies = (light, pickled(light))
+    monkeypatch.setattr("dmis.light.environment.copy", None)
+    assert light.compensated(0.9) is first
+    for each in copies:
+        assert each.compensated(0.9).texels is each.texels
+        assert each.compensated(0.9)._data[0] is each._data[0]
+
+
+def test_processes_get_the_same_bits() -> None:
+    scene = sky_scene()
+    before = tile_of(scene, compensation=0.9)[0]
+    assert np.array_equal(tile_of(pickled(scene), compensation=0.9)[0], before)
+
+
+def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
+    assert box.plan.sampled_lights(0.9) is box.plan.sampled
+    assert np.array_equal(image(box, compensation=0.9), image(box))
+    plan = sky_scene().plan
+    assert plan.sampled_lights(0.0) is plan.sampled and plan.sampled_lights(0.9)[0] is not plan.sampled[0]
+
+
+@pytest.mark.parametrize(
+    ("rule", "settings", "expected"),
+    [
+        ("balance", {}, 0.0),
+        ("fixed:0.25", {}, 0.0),
+        ("pbrt", {}, 0.0),
+        ("thesis:patch=4", {}, 0.0),
+        ("second-moment", {}, LEARNED_COMPENSATION),
+        ("auto", {}, LEARNED_COMPENSATION),
+        ("simplex", {}, LEARNED_COMPENSATION),
+        ("neyman", {}, LEARNED_COMPENSATION),
+        ("auto", {"compensation": 0}, 0.0),
+        ("auto", {"compensation": 0.5}, 0.5),
+        ("auto:compensation=0", {}, 0.0),
+        ("simplex:compensation=0.5", {}, 0.5),
+        ("balance:compensation=0.9", {}, 0.9),
+        ("simplex:light=0.5,brdf=0.5,compensation=0.5", {}, 0.5),
+        ("thesis:patch=4", {"compensation": 0.5}, 0.5),
+        ("auto", {"preset": "thesis"}, 0.0),
+        ("balance", {"preset": "thesis"}, 0.0),
+    ],
+)
+def test_who_decides(rule: str, settings: dict[str, Any], expected: float) -> None:
+    """Rule options and settings come before the default, which learned rules have; the preset pins 0."""
+    result = dmis.render(sky_scene(), rule, 16, integrator="direct", **settings)
+    assert result.provenance["settings"]["compensation"] == expected
+
+
+@pytest.mark.parametrize(
+    ("rule", "settings", "message"),
+    [
+        ("auto:compensation=0.5", {"compensation": 0.3}, 'Write rule="auto:compensation=0.3"'),
+        ("auto:compensation=0.5", {"preset": "thesis"}, "preset thesis has compensation 0.0; got 0.5"),
+        ("balance", {"preset": "thesis", "compensation": 0.5}, "preset thesis has compensation 0.0; got 0.5"),
+        ("auto:compensation", {}, "needs a value: auto:compensation=0.5"),
+        ("auto:compensation=much", {}, "compensation of rule auto must be of type float; got 'much'"),
+        ("auto:compensation=1", {}, r"compensation must be in \[0, 1\).*; got 1.0"),
+        ("balance", {"compensation": "0.5"}, r"compensation must be in \[0, 1\).*; got '0.5'"),
+        ("balance", {"compensation": float("nan")}, r"compensation must be in \[0, 1\).*; got nan"),
+    ],
+)
+def test_conflicts_and_bad_values(rule: str, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dmis.render(sky_scene(), rule, 16, **settings)
+
+
+def test_the_field_comes_first() -> None:
+    """A light's own compensation overrides settings and rules; without one these decide."""
+    half = image(sky_scene(), compensation=0.5)
+    assert np.array_equal(image(sky_scene(0.5), compensation=0.9), half)
+    assert np.array_equal(image(sky_scene(0.5)), half)
+    assert np.array_equal(image(sky_scene(0.0), compensation=0.5), image(sky_scene()))
+    assert not np.array_equal(image(sky_scene()), half)
+
+
+def test_only_where_brdf_samples_cover_the_rest() -> None:
+    rule = Fixed(techniques=("light", "uniform"))
+    assert np.array_equal(image(sky_scene(), rule, compensation=0.9), image(sky_scene(), rule))
+
+
+def test_a_reference_is_the_same(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the settings or the light say, one file is made and read again."""
+    made = dmis.make_reference(sky_scene(), 4, folder=tmp_path)
+    monkeypatch.setattr("dmis.experiment.reference.render", None)
+    for scene, options in ((sky_scene(), {"compensation": 0.5}), (sky_scene(0.9), {}), (sky_scene(0.0), {})):
+        again = dmis.make_reference(scene, 4, folder=tmp_path, **options)
+        assert np.array_equal(again.first, made.first)
+
+
+def test_a_checkpoint_and_a_table_are_not(tmp_path: Any) -> None:
+    """A light's compensation is in the fingerprint of what is rendered, but not in that of the expected image."""
+    plain, half = sky_scene(), sky_scene(0.5)
+    assert fingerprint(plain) != fingerprint(half)
+    assert fingerprint(plain, expected_image=True) == fingerprint(half, expected_image=True)
+    brighter = plain.changed(lights=(EnvironmentLight(2 * SKY),))
+    assert fingerprint(plain, expected_image=True) != fingerprint(brighter, expected_image=True)
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        dmis.render(plain, "balance", 4, checkpoint=tmp_path / "c", progress=stop)
+    with pytest.raises(ValueError, match=r"settings.compensation is 0.0 in the checkpoint and 0.5 in this render"):
+        dmis.render(plain, "balance", 4, checkpoint=tmp_path / "c", compensation=0.5)
+    with pytest.raises(ValueError, match="scene_hash is"):
+        dmis.render(half, "balance", 4, checkpoint=tmp_path / "c")
+
+
+def test_oracles_differ_under_a_sky_only(box: dmis.Scene, tmp_path: Any) -> None:
+    """Their curves V(w) depend on the samples' density; that of None is that of rules that learn."""
+
+    def paths(scene: dmis.Scene) -> list[str]:
+        shares = (None, 0.0, LEARNED_COMPENSATION)
+        return [_path(scene, 64, 4, dmis.Settings(compensation=share), tmp_path).name for share in shares]
+
+    learned, off, same = paths(sky_scene())
+    assert learned == same != off
+    assert len(set(paths(box))) == 1 and _path(box, 64, 4, None, tmp_path).name in paths(box)
+
+
+def test_a_sky_in_other_units_is_compensated() -> None:
+    """A scene that is rescaled for float32 has other lights, and the same image."""
+    scene = sky_scene()
+    bright = scene.changed(lights=(replace(scene.lights[0], scale=(1e12,) * 3),))
+    expected = image(scene, compensation=0.9) * 1e12
+    np.testing.assert_allclose(image(bright, compensation=0.9), expected, rtol=1e-4)
