@@ -192,7 +192,8 @@ def make_oracle(
     combiner
         Heuristic of the curves; the random numbers are the same for all.
     settings, folder, parallel, progress, options
-        See `dmis.experiment.reference.make_reference`.
+        See `dmis.experiment.reference.make_reference`. The curves of skies depend on `compensation`, whose default is
+        that of rules that learn; give 0 to judge ``thesis``, or to predict the error of ``balance``.
     """
     spp, patch = whole("spp", spp, 1), whole("patch", patch, 1)
     settings = make_settings(settings, **options)

@@ -31,7 +31,8 @@ told = []
 for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
-    oracle = dmis.make_oracle(scene, opts.pick(64, 512), parallel=opts.threads, progress=show(f"oracle of {name}"))
+    known = {"parallel": opts.threads, "progress": show(f"oracle of {name}")}
+    oracle = dmis.make_oracle(scene, opts.pick(64, 512), compensation=0, **known)  # as balance samples skies
     budgets = [(rule, spp) for spp in BUDGETS for rule in RULES]
     runs = dmis.measure(scene, budgets, SEEDS, reference, parallel=opts.threads, progress=show(name))
     for axis, over in zip(column, ("seconds", "rays"), strict=True):
@@ -54,7 +55,8 @@ opts.save(
     f"""Root mean squared error over wall seconds (above; pilot and fit included) and over rays (below), at
     {", ".join(map(str, BUDGETS))} camera samples per pixel, {len(SEEDS)} seeds, images of half the usual size. Bands
     go from the lowest to the highest seed. Dotted: the slope of N^-1/2. Dashed: the best weights there are, in the time
-    and rays of the balance heuristic; auto can get below it, because it also spreads samples over the image. At
-    {BUDGETS[-1]} samples thesis and auto reach their errors this many times faster than the balance heuristic:
+    and rays of the balance heuristic; auto can get below it, because it also spreads samples over the image and
+    compensates skies. At {BUDGETS[-1]} samples thesis and auto reach their errors this many times faster than the
+    balance heuristic:
     {"; ".join(told)}.""",
 )

@@ -31,7 +31,8 @@ figure, axes = plot.canvas(4, 2 + len(RULES), 21, 14)
 told = []
 for line, (name, about) in zip(axes, SCENES.items(), strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
-    oracle = dmis.make_oracle(scene, opts.pick(64, 512), parallel=opts.threads, progress=show(f"oracle of {name}"))
+    same = {"parallel": opts.threads, "compensation": 0}  # of the sky, which shares are learned for
+    oracle = dmis.make_oracle(scene, opts.pick(64, 512), progress=show(f"oracle of {name}"), **same)
     result = dmis.render(scene, "auto", opts.pick(8, 32), seed=1, parallel=opts.threads)
     plot.picture(line[0], result.image, about.title)
     height, width = oracle.variance.shape[1:]
@@ -40,7 +41,7 @@ for line, (name, about) in zip(axes, SCENES.items(), strict=True):
     possible = oracle.variance.min(axis=0).sum() / oracle.variance[HALF].sum()
     parts = [f"{name}: best {possible:.2f} of w = ½"]
     for axis, (title, rule) in zip(line[2:], RULES.items(), strict=True):
-        weight = dmis.render(scene, rule, 8, seed=1, parallel=opts.threads).weight
+        weight = dmis.render(scene, rule, 8, seed=1, **same).weight
         regret = oracle.regret(weight)
         harm, error = oracle.harm(weight)
         saving = oracle.saving(weight)
