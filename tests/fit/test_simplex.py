@@ -323,7 +323,7 @@ def test_texts() -> None:
         ("simplex:light=0.5,brdf=0.3,resampled=0.3", "add up to 1, .* got 0.5 \\+ 0.3 \\+ 0.3 = 1.1"),
         ("simplex:light=1.5,brdf=-0.5", r"shares must be in \[0, 1\]"),
         ("simplex:light=x,brdf=0.5", "option light of rule simplex must be of type float"),
-        ("simplex:light=0.5,brdf=0.5,patch=8", "has the options combiner, sampler; got patch"),
+        ("simplex:light=0.5,brdf=0.5,patch=8", "has the options combiner, sampler, compensation; got patch"),
         ("simplex:dark=0.5", "rule simplex has the options .*; got 'dark'"),
     ],
 )
