@@ -23,6 +23,8 @@ LINEAR_STEPS = 8
 """Texels that are tried one by one, from where a guide table points, before a binary search."""
 MIN_SIN = np.float32(1e-9)
 """Smallest sin(theta) that a density is divided by."""
+MIN_EXCESS = 1e-5
+"""Least share of a sky's power above its mean for which samples are compensated; below, it is rounding of float32."""
 
 
 def check_compensation(share: Any) -> float | None:
@@ -123,7 +125,7 @@ class EnvironmentLight(InfiniteLight):
         excess = np.maximum(luminance - total / (sine.sum() * width), 0) * sine
         if not total > 0:
             weight, total = np.ones_like(weight), float(weight.size)
-        elif self.compensation and excess.sum() > 0:
+        elif self.compensation and excess.sum() > MIN_EXCESS * total:
             # (1 - c) L / sum L + c max(L - mean L, 0) / sum max(L - mean L, 0)   (Karlik et al. 2019, as a mixture)
             weight = (1 - self.compensation) * weight / total + self.compensation * excess / excess.sum()
             total = weight.sum()

@@ -52,6 +52,13 @@ def test_compensated_samples_are_where_the_sky_is_bright() -> None:
     assert np.mean(faint) == pytest.approx(0.1 * FAINT / (1 + FAINT), rel=0.2)
 
 
+def test_rounding_is_not_compensated() -> None:
+    """An even sky whose texels differ by roundings of float32 is sampled as without compensation."""
+    light = EnvironmentLight(1 + 1e-7 * np.random.default_rng(1).random((8, 16, 3)))
+    u, p = uniforms(100), np.zeros((3, 100), np.float32)
+    assert np.array_equal(light.compensated(0.9).sample(p, u).pdf, light.sample(p, u).pdf)
+
+
 def test_a_light_of_a_setting_is_that_of_a_field() -> None:
     """Samples, densities, and that a compensation of the light's own comes first."""
     light, field = EnvironmentLight(SKY), EnvironmentLight(SKY, compensation=0.9)
