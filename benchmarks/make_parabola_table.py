@@ -44,8 +44,8 @@ lines = [
 ]
 for name in SCENES:
     scene = opts.scene(name, opts.pick(32, 8))
-    known = {"progress": show(f"{name}: oracle"), "parallel": opts.threads}
-    oracle = make_oracle(scene, opts.pick(64, 512), compensation=0, **known)  # as the thesis's rule samples skies
+    more = {"preset": "thesis", "parallel": opts.threads}
+    oracle = make_oracle(scene, opts.pick(64, 512), progress=show(f"{name}: oracle"), **more)
     height, width = oracle.shape
     area = patch_sum(np.ones((height, width)), oracle.patch)
     half = (area * oracle.variance[HALF]).sum()
@@ -55,7 +55,7 @@ for name in SCENES:
         best, _ = parabola_minimum(GRID[ENDS], exact[ENDS])
         ratios, missed, lost = [], [], []
         for seed in range(given.seeds):
-            result = dmis.render(scene, f"thesis:patch={size}", 8, seed=seed, parallel=opts.threads)
+            result = dmis.render(scene, f"thesis:patch={size}", 8, seed=seed, **more)
             raw = patch_spread(result.maps["raw"], size, (height, width))
             ratios.append((area * oracle.at(result.weight)).sum() / half)
             wrong = (result.maps["variances"] < MISSED * exact[ENDS]).any(axis=0)

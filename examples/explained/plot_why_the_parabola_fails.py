@@ -33,21 +33,22 @@ STRATEGIES = np.array([0, 0.5, 1])
 # **Steps 1 to 5** of the thesis's rule on TT: pilot, variance, fit, filter, final pass, with three sizes of patches.
 # The pilot is the same: two samples per pixel for each share of light samples w = 0, 1/2, 1.
 scene = opts.scene("tt", opts.pick(16, 4, 1))
-pilots = [dmis.render(scene, f"fixed:{w:g}", 2, seed=k) for k, w in enumerate(STRATEGIES, 1)]
+pilots = [dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis") for k, w in enumerate(STRATEGIES, 1)]
 shape = pilots[0].image.shape[:2]
 variance = np.stack([luminance(pilot.variance) for pilot in pilots])  # y = Σ (x - mean)² / (n - 1) / n of pixels
 weights, images = {}, {}
 for patch in PATCHES:
     raw, status = parabola_minimum(STRATEGIES, patch_mean(variance, patch))  # w = -a₁ / (2 a₂)   (Eqs. 3.2-3.5)
     weights[patch] = patch_spread(gaussian(raw), patch, shape)  # Σ_q g(p - q) w_q over 5x5 patches   (Sec. 3.4)
-    images[patch] = dmis.render(scene, dmis.Given(weight=weights[patch]), opts.spp - 6, seed=4).image
+    images[patch] = dmis.render(scene, dmis.Given(weight=weights[patch]), opts.spp - 6, seed=4, preset="thesis").image
 
 # %%
 # The mean squared error over that of the balance heuristic.
 reference = opts.reference(scene, opts.pick(64, 128))
-balance = squared_error(dmis.render(scene, "balance", opts.spp, seed=4).image, reference.first, reference.second)
+balance = dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis").image
+errors = squared_error(balance, reference.first, reference.second)
 ratios = {
-    patch: ratio_over_blocks(squared_error(image, reference.first, reference.second), balance)
+    patch: ratio_over_blocks(squared_error(image, reference.first, reference.second), errors)
     for patch, image in images.items()
 }
 for patch, (value, half) in ratios.items():
@@ -59,10 +60,11 @@ for patch, (value, half) in ratios.items():
 # each of P pixels does with probability (1 - h)^(P n).
 room = opts.scene("killeroo-diffuse", opts.pick(16, 4, 1))
 wall = room.crop(*window(room, (0.02, 0.27), (0, 0.187)))
-truth = luminance(dmis.render(wall, "balance", opts.pick(32, 128), seed=1).image)
+truth = luminance(dmis.render(wall, "balance", opts.pick(32, 128), seed=1, preset="thesis").image)
 hit = {
     spp: [
-        luminance(dmis.render(wall, "fixed:0", spp, seed=100 * spp + k).image) > truth for k in range(opts.pick(4, 50))
+        luminance(dmis.render(wall, "fixed:0", spp, seed=100 * spp + k, preset="thesis").image) > truth
+        for k in range(opts.pick(4, 50))
     ]
     for spp in (1, 2, 4)
 }
@@ -100,7 +102,7 @@ axis.set_xlabel("pixels of a patch")
 axis.set_ylabel("patches without a hit (%)")
 axis.legend(loc="center left", bbox_to_anchor=(1, 0.5), title="camera samples")
 height, width = shape
-told = ", ".join(f"{value:.3g} ± {half:.1f}" for value, half in ratios.values())
+told = ", ".join(f"{value:.2f} ± {half:.2f}" for value, half in ratios.values())
 opts.save_for_print(
     figure,
     "Why the parabola fails",
