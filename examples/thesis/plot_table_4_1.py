@@ -77,7 +77,7 @@ for name, about in SCENES.items():
 # The table, with the thesis's numbers in parentheses; and the short one of the README.
 lines = [
     "| scene | balance: s (thesis) | MSE | ours / balance, equal samples (thesis) | more time (thesis) "
-    "| spp in equal time (thesis) | time / balance | ours / balance, equal time (thesis) |",
+    "| spp for equal time (thesis) | ours / balance at that spp (thesis) | time / balance |",
     "|---" * 8 + "|",
 ]
 short = [
@@ -90,7 +90,7 @@ for row in rows:
         f"| {row['scene']} | {row['seconds']:.1f} ({about.seconds}) | {row['mse']:.3e} "
         f"| {equal[0]:.3f} ± {equal[1]:.3f} ({about.equal_samples:.3f}) "
         f"| {row['overhead']:+.1%} ({about.overhead:+.1%}) "
-        f"| {row['spp']} (125) | {row['time']:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} ({about.equal_time:.3f}) |"
+        f"| {row['spp']} (125) | {fair[0]:.3f} ± {fair[1]:.3f} ({about.equal_time:.3f}) | {row['time']:.3f} |"
     )
     short.append(
         f"| {row['scene']} | {about.equal_samples:.3f} | {equal[0]:.3f} ± {equal[1]:.3f} "
@@ -131,8 +131,8 @@ opts.save_for_print(
     "Table 4.1: the thesis's rule against the balance heuristic",
     f"""Left: mean squared error of the thesis's rule (pilot of 2 + 2 + 2 samples, patches of
     {given.patch}x{given.patch} pixels, 5x5 Gaussian) over that of the balance heuristic (one light and one BRDF sample
-    each time, {opts.spp} camera samples per pixel, {sizes} pixels), {len(SEEDS)} seed(s) ({len(timed[base])} in equal
-    time); bars are 95 % confidence intervals from the spread over blocks of pixels. Diamonds: the thesis's numbers.
+    each time, {opts.spp} camera samples per pixel, {sizes} pixels), {len(SEEDS)} seed{"s" * (len(SEEDS) > 1)};
+    bars are 95 % confidence intervals from the spread over blocks of pixels. Diamonds: the thesis's numbers.
     Samples that fit in the balance heuristic's time: {", ".join(str(row["spp"]) for row in rows)} (thesis: 125). Right:
     CPU seconds of the balance heuristic at these sizes, and the thesis's seconds at its own,
     {", ".join("x".join(map(str, row["about"].size)) for row in rows)}.""",
