@@ -150,6 +150,29 @@ def print_canvas(rows: int, columns: int, height: float, width: float = 7, **opt
     return plot.canvas(rows, columns, width, height, **options)
 
 
+def draw_curve(axis, colour: str, label: str, curve: tuple, fit: tuple, pilots: tuple) -> None:
+    """Draw the error of a patch against the share w of light samples, with the parabola of the thesis's rule.
+
+    Parameters
+    ----------
+    curve
+        Shares, errors of the patch over its error at w = 1/2, and half-lengths of their bars.
+    fit
+        Coefficients of the parabola, that of w² first, and the weight of the patch, its minimum in [0, 1].
+    pilots
+        Weights of the patch by pilots with other random numbers, and the height at which they are marked.
+    """
+    colour, dense = f"tab:{colour}", np.linspace(0, 1, 201)
+    (coefficients, weight), (learned, level) = fit, pilots
+    axis.plot(*curve[:2], "o-", color=colour, label=label)
+    axis.errorbar(*curve, fmt="none", color=colour)
+    axis.plot(dense, np.polyval(coefficients, dense), "--", color=colour, label="parabola through V(0), V(½), V(1)")
+    marker = {"color": colour, "markersize": 8, "markeredgecolor": "black", "label": f"its minimum, w = {weight:.2f}"}
+    axis.plot(weight, np.polyval(coefficients, weight), "v", **marker)
+    ticks = {"color": colour, "markersize": 7, "label": f"minima of {len(learned)} pilots"}
+    axis.plot(learned, np.full(len(learned), level), "|", **ticks)
+
+
 def show(title: str):
     """Progress on one line, where someone is watching; None in a log."""
     if not sys.stderr.isatty():

@@ -2,8 +2,9 @@
 Figure 3.2: error against weight, TEAPOT AREA LIGHT
 ===================================================
 
-How does the error of a patch depend on the share w of light samples? Measure it, in two patches where the curves have
-different shapes. Then look at what the thesis makes of three points of each: a parabola, and its minimum.
+How does the error of a patch depend on the share w of light samples? Measure it, in two patches of the teapot where the
+curves have different shapes, and for comparison in one of KILLEROO GOLD where BRDF sampling is better: the teapot has
+no such patch. Then look at what the thesis makes of three points of each: a parabola, and its minimum.
 """
 
 import sys
@@ -13,11 +14,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import options, print_canvas
+from common import draw_curve, options, print_canvas, show
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
+from dmis.base.patches import patch_mean, patch_sum
 from dmis.fit.thesis import parabola_minimum
 
 opts, _ = options(__file__, __doc__)
@@ -26,16 +28,20 @@ WEIGHTS = np.array([0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# Red: the spout, next to the lamp, where BRDF sampling finds the lamp nearly as well as light sampling does. Blue: the
-# floor in front of it, where it seldom does.
-scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
-height, width = scene.camera.resolution[::-1]
-corners = {"red": (0.28, 0.88), "blue": (0.6, 0.8)}  # top left, in shares of the image
-patches = {
-    colour: ((round(y * height), round(y * height) + PATCH), (round(x * width), round(x * width) + PATCH))
-    for colour, (y, x) in corners.items()
+# Red: the spout, next to the lamp, where the curve is flat beyond w = 1/2. Blue: the floor in front of it, where it
+# falls steeply to the end. Green: a horn of gold, with the reflection of the light.
+scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in ("teapot-area-light", "killeroo-gold")}
+corners = {  # top left, in shares of the image
+    "red": ("teapot-area-light", 0.28, 0.88),
+    "blue": ("teapot-area-light", 0.6, 0.8),
+    "green": ("killeroo-gold", 0.125, 0.374),
 }
-crops = {colour: scene.crop(*patch) for colour, patch in patches.items()}
+patches = {}
+for colour, (name, y, x) in corners.items():
+    columns, rows = scenes[name].camera.resolution
+    top, left = round(y * rows), round(x * columns)
+    patches[colour] = (top, top + PATCH), (left, left + PATCH)
+crops = {colour: scenes[name].crop(*patches[colour]) for colour, (name, _, _) in corners.items()}
 
 # %%
 # **Step 1, the curve.** Render the patch alone with a fixed weight w and 122 samples per pixel, again and again. The
@@ -46,22 +52,25 @@ for colour, crop in crops.items():
     reference = opts.reference(crop, opts.pick(1024, 8192))
     runs = dmis.measure(crop, [(f"fixed:{w:g}", SPP) for w in WEIGHTS], range(SEEDS), reference, preset="thesis")
     mse[colour] = np.array([[run.mse for run in runs[f"fixed:{w:g}", SPP]] for w in WEIGHTS])  # (weights, seeds)
+at_half = {colour: errors[WEIGHTS == 0.5].mean() for colour, errors in mse.items()}
+curves = {colour: errors.mean(axis=1) / at_half[colour] for colour, errors in mse.items()}
+bars = {colour: 2 * errors.std(axis=1, ddof=1) / SEEDS**0.5 / at_half[colour] for colour, errors in mse.items()}
 
 # %%
 # **Step 2, three points of it.** An unbiased estimator's error is its variance, MSE = Var (Eq. 3.1), and a variance
-# needs no reference. So the thesis takes V(w) at three weights, BRDF sampling w = 0, balance heuristic w = 1/2, and
-# light sampling w = 1. First the exact ones, as multiples of V(1/2):
-curves = {colour: e.mean(axis=1) / e[WEIGHTS == 0.5].mean() for colour, e in mse.items()}
+# needs no reference. So the thesis takes V(w) at three weights: BRDF sampling w = 0, balance heuristic w = 1/2, and
+# light sampling w = 1. First the exact ones, as multiples of V(1/2).
 exact = {colour: curve[np.isin(WEIGHTS, STRATEGIES)] for colour, curve in curves.items()}
 
 # %%
 # **Step 3, the fit.** One parabola a₂ w² + a₁ w + a₀ goes through three points (Eqs. 3.2-3.4). Its minimum is the
 # weight of the patch, w = -a₁ / (2 a₂) (Eq. 3.5), clipped to [0, 1].
+parabolas = {colour: np.polyfit(STRATEGIES, points, 2) for colour, points in exact.items()}
 fitted = {colour: float(parabola_minimum(STRATEGIES, points)[0]) for colour, points in exact.items()}
 
 # %%
 # **What a pilot sees.** The rule does not know the exact points. It has the sample variances of two samples per pixel,
-# y = Σ (x - mean)², averaged over the patch. Here is what other random numbers would have made of it.
+# y = Σ (x - mean)², averaged over the patch. Pilots with other random numbers give other weights.
 pilots = {
     colour: [
         [
@@ -75,54 +84,56 @@ pilots = {
 learned = {colour: parabola_minimum(STRATEGIES, np.transpose(y))[0] for colour, y in pilots.items()}
 for colour, curve in curves.items():
     print(
-        f"{colour:4} V(w) / V(1/2): {', '.join(f'{v:.2f} at {w:g}' for w, v in zip(WEIGHTS, curve, strict=True))}; "
+        f"{colour:5} V(w) / V(1/2): {', '.join(f'{v:.2f} at {w:g}' for w, v in zip(WEIGHTS, curve, strict=True))}; "
         f"minimum of the exact parabola {fitted[colour]:.2f}, "
         f"of pilots {np.median(learned[colour]):.2f} ({learned[colour].min():.2f} to {learned[colour].max():.2f})"
     )
 
 # %%
-# Left: the picture with the two patches. Right: measured curves, exact parabolas, their minima, and those of pilots.
-figure, axes = print_canvas(1, 2, 3.4, width_ratios=[1, 1.9])
-plot.picture(axes[0, 0], dmis.render(scene, "balance", opts.pick(4, 32), seed=1, preset="thesis").image)
-axes[0, 0].set_axis_off()
-axis, dense = axes[0, 1], np.linspace(0, 1, 201)
-low, high = -5, 6
-for k, (colour, curve) in enumerate(curves.items()):
-    plot.mark(axes[0, 0], patches[colour], f"tab:{colour}")
-    error = 2 * mse[colour].std(axis=1, ddof=1) / SEEDS**0.5 / mse[colour][WEIGHTS == 0.5].mean()
-    parabola = np.polyval(np.polyfit(STRATEGIES, exact[colour], 2), dense)
-    axis.plot(WEIGHTS, curve, "o-", color=f"tab:{colour}", label=f"{colour}: measured")
-    axis.errorbar(WEIGHTS, curve, error, fmt="none", color=f"tab:{colour}")
-    axis.plot(dense, parabola, "--", color=f"tab:{colour}", label="parabola through V(0), V(½), V(1)")
-    axis.plot(
-        fitted[colour],
-        np.interp(fitted[colour], dense, parabola),
-        "v",
-        color=f"tab:{colour}",
-        markersize=8,
-        markeredgecolor="black",
-        label=f"its minimum, w = {fitted[colour]:.2f}",
+# **Has the teapot no patch where BRDF sampling is better?** The variances y₀ and y₁ of all patches of its picture, from
+# as many samples as the thesis has. The edge of the lamp is left out, where they are equal but for noise (the lamp has
+# the radiance 8, all else less than 4), and so is what neither technique finds noisy.
+whole = {
+    w: dmis.render(
+        scenes["teapot-area-light"], f"fixed:{w}", opts.spp, seed=7, progress=show(f"w = {w}"), preset="thesis"
     )
-    axis.plot(
-        learned[colour],
-        np.full(len(learned[colour]), low + (0.04 + 0.07 * k) * (high - low)),
-        "|",
-        color=f"tab:{colour}",
-        markersize=7,
-        label=f"minima of {len(learned[colour])} pilots",
-    )
-axis.set_ylim(low, high)
+    for w in (0, 1)
+}
+y0, y1 = (patch_mean(opts.spp * luminance(result.variance), PATCH) for result in whole.values())
+lamp = patch_sum(luminance(whole[1].image) > 4, PATCH) > 0
+noisy = (np.maximum(y0, y1) > 1e-3) & ~lamp
+least = (y0[noisy] / y1[noisy]).min()
+print(f"least V(0) / V(1) of {noisy.sum()} patches of the teapot: {least:.1f}")
+
+# %%
+# Left: the pictures with the patches. Right: measured curves, exact parabolas, their minima, and those of pilots.
+figure = print_canvas(1, 1, 3.7)[0]
+figure.clear()
+axes = figure.subplot_mosaic([["teapot-area-light", "curves"], ["killeroo-gold", "curves"]], width_ratios=[1, 2])
+axis = axes.pop("curves")
+for name, left in axes.items():
+    plot.picture(left, dmis.render(scenes[name], "balance", opts.pick(4, 32), seed=1, preset="thesis").image)
+    left.set_axis_off()
+labels = {"red": "red (spout): measured", "blue": "blue (floor): measured", "green": "green (gold): measured"}
+for (colour, label), level in zip(labels.items(), (-4.7, -3.7, -4.2), strict=True):
+    plot.mark(axes[corners[colour][0]], patches[colour], f"tab:{colour}")
+    fit, ticks = (parabolas[colour], fitted[colour]), (learned[colour], level)
+    draw_curve(axis, colour, label, (WEIGHTS, curves[colour], bars[colour]), fit, ticks)
+axis.set_ylim(-5, 6)
 axis.set_xlabel("share of light samples w  (0: BRDF only, 1: light only)")
 axis.set_ylabel("MSE / MSE at w = ½")
-figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-red, blue = (curves[colour] for colour in ("red", "blue"))
+figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+red, blue, green = (curves[colour] for colour in labels)
+width, height = scenes["teapot-area-light"].camera.resolution
 opts.save_for_print(
     figure,
     "Figure 3.2: error against weight, TEAPOT AREA LIGHT",
-    f"""Mean squared error of two patches of {PATCH}x{PATCH} pixels (frames in the picture, {width}x{height} pixels)
-    against the share of light samples, as a multiple of that at w = 1/2; {SPP} camera samples per pixel, {SEEDS} seeds,
-    bars are ± 2 standard errors. Light sampling is better in both, a little at the spout (red: {red[0]:.1f} at w = 0,
-    {red[-1]:.2f} at w = 1) and much on the floor (blue: {blue[0]:.0f} and {blue[-1]:.2f}; the curve leaves the frame).
-    Dashed: the parabola through three exact points of each, and its minimum. Ticks at the bottom: where pilots of two
-    samples per pixel put it.""",
+    f"""Mean squared error of patches of {PATCH}x{PATCH} pixels (frames in the pictures) against the share of light
+    samples, as a multiple of that at w = 1/2; {SPP} camera samples per pixel, {SEEDS} seeds, bars are ± 2 standard
+    errors. On the teapot ({width}x{height} pixels) light sampling is better in both, a little at the spout (red:
+    {red[0]:.1f} at w = 0, {red[-1]:.2f} at w = 1) and much on the floor (blue: {blue[0]:.0f} and {blue[-1]:.2f}; the
+    curve leaves the frame). BRDF sampling is better nowhere on the teapot: in all {noisy.sum()} patches whose samples
+    have a variance above 10⁻³ (luminance²), the edge of the lamp left out, V(0) is at least {least:.1f} V(1). So the
+    third shape is from KILLEROO GOLD (green: {green[0]:.2f} and {green[-1]:.2f}). Dashed: the parabola through three
+    exact points of each, and its minimum. Ticks at the bottom: where pilots of two samples per pixel put it.""",
 )

@@ -2,9 +2,9 @@
 Figure 3.3: error against weight, KILLEROO GOLD
 ===============================================
 
-The measurement of Figure 3.2 in a scene of two opposites. On the gold a reflection of the light is found by BRDF
-sampling, and its error grows with the share of light samples; on the diffuse floor it falls. The axis is linear, so
-that a parabola looks like one.
+The measurement of Figure 3.2 in a scene of two opposites. On the gold, BRDF sampling finds the reflection of the light,
+and the error grows with the share of light samples; on the diffuse floor it falls. The axis is linear, so that a
+parabola looks like one.
 """
 
 import sys
@@ -14,7 +14,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common import options, print_canvas
+from common import draw_curve, options, print_canvas
 
 import dmis
 from dmis import plot
@@ -46,22 +46,25 @@ for colour, crop in crops.items():
     reference = opts.reference(crop, opts.pick(1024, 8192))
     runs = dmis.measure(crop, [(f"fixed:{w:g}", SPP) for w in WEIGHTS], range(SEEDS), reference, preset="thesis")
     mse[colour] = np.array([[run.mse for run in runs[f"fixed:{w:g}", SPP]] for w in WEIGHTS])  # (weights, seeds)
+at_half = {colour: errors[WEIGHTS == 0.5].mean() for colour, errors in mse.items()}
+curves = {colour: errors.mean(axis=1) / at_half[colour] for colour, errors in mse.items()}
+bars = {colour: 2 * errors.std(axis=1, ddof=1) / SEEDS**0.5 / at_half[colour] for colour, errors in mse.items()}
 
 # %%
 # **Step 2, three points of it.** An unbiased estimator's error is its variance, MSE = Var (Eq. 3.1), and a variance
-# needs no reference. So the thesis takes V(w) at three weights, BRDF sampling w = 0, balance heuristic w = 1/2, and
-# light sampling w = 1. First the exact ones, as multiples of V(1/2):
-curves = {colour: e.mean(axis=1) / e[WEIGHTS == 0.5].mean() for colour, e in mse.items()}
+# needs no reference. So the thesis takes V(w) at three weights: BRDF sampling w = 0, balance heuristic w = 1/2, and
+# light sampling w = 1. First the exact ones, as multiples of V(1/2).
 exact = {colour: curve[np.isin(WEIGHTS, STRATEGIES)] for colour, curve in curves.items()}
 
 # %%
 # **Step 3, the fit.** One parabola a₂ w² + a₁ w + a₀ goes through three points (Eqs. 3.2-3.4). Its minimum is the
 # weight of the patch, w = -a₁ / (2 a₂) (Eq. 3.5), clipped to [0, 1].
+parabolas = {colour: np.polyfit(STRATEGIES, points, 2) for colour, points in exact.items()}
 fitted = {colour: float(parabola_minimum(STRATEGIES, points)[0]) for colour, points in exact.items()}
 
 # %%
 # **What a pilot sees.** The rule does not know the exact points. It has the sample variances of two samples per pixel,
-# y = Σ (x - mean)², averaged over the patch. Here is what other random numbers would have made of it.
+# y = Σ (x - mean)², averaged over the patch. Pilots with other random numbers give other weights.
 pilots = {
     colour: [
         [
@@ -75,7 +78,7 @@ pilots = {
 learned = {colour: parabola_minimum(STRATEGIES, np.transpose(y))[0] for colour, y in pilots.items()}
 for colour, curve in curves.items():
     print(
-        f"{colour:4} V(w) / V(1/2): {', '.join(f'{v:.2f} at {w:g}' for w, v in zip(WEIGHTS, curve, strict=True))}; "
+        f"{colour:5} V(w) / V(1/2): {', '.join(f'{v:.2f} at {w:g}' for w, v in zip(WEIGHTS, curve, strict=True))}; "
         f"minimum of the exact parabola {fitted[colour]:.2f}, "
         f"of pilots {np.median(learned[colour]):.2f} ({learned[colour].min():.2f} to {learned[colour].max():.2f})"
     )
@@ -85,33 +88,12 @@ for colour, curve in curves.items():
 figure, axes = print_canvas(1, 2, 3.4, width_ratios=[1, 1.6])
 plot.picture(axes[0, 0], dmis.render(scene, "balance", opts.pick(4, 32), seed=1, preset="thesis").image)
 axes[0, 0].set_axis_off()
-axis, dense = axes[0, 1], np.linspace(0, 1, 201)
-low, high = -4, 6
-for k, (colour, curve) in enumerate(curves.items()):
+axis = axes[0, 1]
+for colour, level in (("red", -3.6), ("blue", -2.9)):
     plot.mark(axes[0, 0], patches[colour], f"tab:{colour}")
-    error = 2 * mse[colour].std(axis=1, ddof=1) / SEEDS**0.5 / mse[colour][WEIGHTS == 0.5].mean()
-    parabola = np.polyval(np.polyfit(STRATEGIES, exact[colour], 2), dense)
-    axis.plot(WEIGHTS, curve, "o-", color=f"tab:{colour}", label=f"{colour}: measured")
-    axis.errorbar(WEIGHTS, curve, error, fmt="none", color=f"tab:{colour}")
-    axis.plot(dense, parabola, "--", color=f"tab:{colour}", label="parabola through V(0), V(½), V(1)")
-    axis.plot(
-        fitted[colour],
-        np.interp(fitted[colour], dense, parabola),
-        "v",
-        color=f"tab:{colour}",
-        markersize=8,
-        markeredgecolor="black",
-        label=f"its minimum, w = {fitted[colour]:.2f}",
-    )
-    axis.plot(
-        learned[colour],
-        np.full(len(learned[colour]), low + (0.04 + 0.07 * k) * (high - low)),
-        "|",
-        color=f"tab:{colour}",
-        markersize=7,
-        label=f"minima of {len(learned[colour])} pilots",
-    )
-axis.set_ylim(low, high)
+    fit, ticks = (parabolas[colour], fitted[colour]), (learned[colour], level)
+    draw_curve(axis, colour, f"{colour}: measured", (WEIGHTS, curves[colour], bars[colour]), fit, ticks)
+axis.set_ylim(-4, 6)
 axis.set_xlabel("share of light samples w  (0: BRDF only, 1: light only)")
 axis.set_ylabel("MSE / MSE at w = ½")
 figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=2)
