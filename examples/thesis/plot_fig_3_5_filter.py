@@ -87,18 +87,20 @@ for name, scene in scenes.items():
         print(f"{name:18} {title:18} MSE / MSE of the balance heuristic {value:.3f} ± {half:.3f}")
 
 # %%
-# Left: the maps. Right: the part in the frame, its weights and the noise of the image.
+# The thesis's four panels: (a, b) the maps without and with the filter, (c, d) the framed part of them. Then the noise
+# of that part of the image.
 figure, axes = print_canvas(3, 6, 4.1, width_ratios=[1.3, 1.3, 1, 1, 1, 1])
 for line, name in zip(axes, scenes, strict=True):
     part = window(scenes[name], *CROPS[name])
     for k, title in enumerate(("without the filter", "with the filter")):
-        shown = plot.weights(line[k], maps[name, title], title if name == "teapot-area-light" else "")
+        shown = plot.weights(line[k], maps[name, title])
         plot.mark(line[k], part, "black")
         inside = maps[name, title][slice(*part[0]), slice(*part[1])]
         plot.weights(line[2 + k], inside, "", part)
         plot.picture(line[4 + k], final[name, title].image, "", part)
     line[0].text(-0.04, 0.5, SCENES[name].title, rotation=90, transform=line[0].transAxes, ha="right", va="center")
-for axis, title in zip(axes[0, 2:], ("weights, without", "with", "image, without", "with"), strict=True):
+titles = "(a) without filter", "(b) with filter", "(c) part of (a)", "(d) part of (b)", "image by (a)", "image by (b)"
+for axis, title in zip(axes[0], titles, strict=True):
     axis.set_title(title)
 for axis in axes.flat:
     axis.set_axis_off()
@@ -111,8 +113,8 @@ told = "; ".join(
 opts.save_for_print(
     figure,
     "Figure 3.5: weights without and with the filter",
-    f"""Share of light samples in patches of {PATCH}x{PATCH} pixels as it comes out of the fit and after the 5x5
-    Gaussian, whole and in the framed part, and that part of the final image of {opts.spp - 6} camera samples per pixel.
+    f"""Share of light samples in patches of {PATCH}x{PATCH} pixels (a) as it comes out of the fit and (b) after the 5x5
+    Gaussian; (c, d) the framed part, and that part of the final images of {opts.spp - 6} camera samples per pixel.
     Mean squared error over that of the balance heuristic with {opts.spp} samples, one seed, 95 % intervals over blocks
     of pixels: {told}.""",
 )
