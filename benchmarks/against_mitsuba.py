@@ -10,22 +10,28 @@ wall and CPU. Loading, compiling (Mitsuba's kernels, by a first render) and buil
 sample, balance heuristic in dmis, power heuristic in Mitsuba. ``LLVM`` has the lobes of dmis (`mitsuba_lobes`), ``own``
 has the nearest of Mitsuba's BSDFs, which makes another image; ``scalar`` has these too.
 
-*Error*: dmis's default rule, pilot and fit included, against Mitsuba ``LLVM``, which gets as many samples as take it
-the same CPU time. Both are unbiased and converge to the same image (`agreement.py` tests that), so the mean squared
-error is the variance over seeds, and no reference is needed. With all lights of a scene, Mitsuba picks one for each
-sample.
+*Error*: mean squared error times CPU seconds of rules of dmis, pilot and fit included, over that of the best set-up of
+Mitsuba ``LLVM``: a sampler, lights picked evenly or by power, an environment map with `mis_compensation` or without.
+All lights of the scene shine; Mitsuba picks one for each sample, dmis samples all. First every set-up of Mitsuba
+renders with two seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's independent
+sampler gets as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others the nearest
+number that they allow. Renders are kept in the cache folder of dmis: an interrupted run is resumed, and the turns are
+taken again when dmis, the rules or the samplers have changed.
 
 Needs ``pip install mitsuba``; the LLVM columns also an LLVM library that it can find (Debian: libllvm19).
 """
 
 import argparse
+import itertools
 import platform
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from datetime import date
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -37,26 +43,65 @@ mi.set_variant("scalar_rgb")
 dr.set_thread_count(1)
 
 import mitsuba_scene
-from common import SCENES, TABLES, replace_table
+from common import SCENES, TABLES, machine, replace_table
 
 import dmis
-from dmis.experiment.metrics import ratio
+from dmis.base.atomic_files import replacing
+from dmis.experiment.metrics import ratio_over_blocks, squared_error
+from dmis.experiment.reference import cache_folder
+from dmis.light.environment import EnvironmentLight
+from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 
 PAGE = ROOT / "docs" / "performance.md"
+SEEDS = {"killeroo-gold": 8}
+"""Seeds of scenes whose errors scatter more; five of others."""
+SCREENING_SEED = 1000
+"""First seed of the renders that Mitsuba's best set-up is chosen by."""
 Render = Callable[[int, int], np.ndarray]
 """``render(spp, seed)`` gives an image ``(H, W, 3)``."""
+Contestant = tuple[Callable[[], Render], int]
+"""Function that gives the `Render`, and samples per pixel."""
 
 
-def ours(scene: dmis.Scene, rule: str) -> Render:
-    """dmis on one thread."""
-    return lambda spp, seed: dmis.render(scene, rule, spp, seed=seed, parallel=1).image
+class Setup(NamedTuple):
+    """Set-up of Mitsuba."""
+
+    sampler: str = "independent"
+    by_power: bool = False
+    compensated: bool = False
+
+    def __str__(self) -> str:
+        """Return the words of a table."""
+        return self.sampler + ", by power" * self.by_power + ", compensated" * self.compensated
 
 
-def theirs(scene: dmis.Scene, variant: str, exact: bool) -> Render:
-    """Mitsuba on one thread."""
+DEFAULT = Setup()
+"""Mitsuba's own default."""
+
+
+def setups(scene: dmis.Scene) -> list[Setup]:
+    """Return the set-ups of Mitsuba that differ in `scene`."""
+    skies = any(isinstance(light, EnvironmentLight) for light in scene.lights)
+    choices = itertools.product(mitsuba_scene.SAMPLERS, (False, True)[: len(scene.lights)], (False, True)[: 1 + skies])
+    return [Setup(*choice) for choice in choices]
+
+
+def ours(scene: dmis.Scene, rule: str, sampler: str = "independent") -> Render:
+    """Return dmis on one thread."""
+    return lambda spp, seed: dmis.render(scene, rule, spp, seed=seed, sampler=sampler, parallel=1).image
+
+
+@lru_cache(maxsize=4)
+def translated(scene: dmis.Scene, variant: str, exact: bool, by_power: bool, compensated: bool) -> Any:
+    """Return the Mitsuba scene of the selected variant; the last four are kept."""
+    return mitsuba_scene.translate(scene, exact=exact, by_power=by_power, compensated=compensated)
+
+
+def theirs(scene: dmis.Scene, variant: str = "llvm_ad_rgb", exact: bool = True, setup: Setup = DEFAULT) -> Render:
+    """Return Mitsuba on one thread."""
     mi.set_variant(variant)
-    world, camera = mitsuba_scene.translate(scene, exact=exact), mitsuba_scene.sensor(scene.camera)
-    integrator = mitsuba_scene.direct()
+    world = translated(scene, variant, exact, *setup[1:])
+    camera, integrator = mitsuba_scene.sensor(scene.camera, setup.sampler), mitsuba_scene.direct()
 
     def render(spp: int, seed: int) -> np.ndarray:
         mi.set_variant(variant)
@@ -76,10 +121,19 @@ def llvm() -> bool:
 
 
 def timed(render: Render, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """An image; its wall and CPU seconds ``(2,)``."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    image = render(spp, seed)
-    return image, np.array([time.perf_counter() - wall, time.process_time() - cpu])
+    """Return an image, and its wall and CPU seconds ``(2,)``.
+
+    A render that compiles a kernel is done again: Mitsuba has one for each number of samples of most samplers.
+    """
+    dr.set_flag(dr.JitFlag.KernelHistory, True)
+    for _ in range(2):
+        dr.kernel_history_clear()
+        wall, cpu = time.perf_counter(), time.process_time()
+        image = render(spp, seed)
+        seconds = np.array([time.perf_counter() - wall, time.process_time() - cpu])
+        if all(kernel.get("cache_hit", True) for kernel in dr.kernel_history()):
+            break
+    return image, seconds
 
 
 def speed(scene: dmis.Scene, contestants: dict[str, Render], spp: dict[str, int], repeats: int) -> str:
@@ -102,83 +156,214 @@ def speed(scene: dmis.Scene, contestants: dict[str, Render], spp: dict[str, int]
     return f"| {scene.name} | {' | '.join(cells)} |"
 
 
-def error(scene: dmis.Scene, lights: str, mine: Render, other: Render, spp: int, repeats: int) -> str:
-    """A line of the second table: mean squared errors in the same time."""
-    mine(16, 0), other(16, 0)
-    (_, budget), (_, same) = timed(mine, spp, 0), timed(other, spp, 0)
-    other_spp = max(1, round(spp * budget[1] / same[1]))
-    images: list[tuple[np.ndarray, np.ndarray]] = []
-    seconds = []
-    for seed in range(1, repeats + 1):
-        (a, time_a), (b, time_b) = timed(mine, spp, seed), timed(other, other_spp, seed)
-        images.append((a, b))
-        seconds.append((time_a, time_b))
-    errors = [variances(np.array(side, np.float64)) for side in zip(*images)]
-    wall, cpu = np.median(seconds, axis=0).T
-    value, half = (x * cpu[0] / cpu[1] for x in ratio(errors[0], errors[1]))  # error is inversely as time
-    return (
-        f"| {scene.name} | {lights} | {spp} | {other_spp} | {wall[0]:.2f} ({cpu[0]:.2f}) | {wall[1]:.2f} ({cpu[1]:.2f})"
-        f" | {errors[0].mean():.2e} | {errors[1].mean():.2e} | {value:.3f} ± {half:.3f} |"
-    )
+@dataclass(frozen=True)
+class Turns:
+    """Renders of several contestants, seed by seed.
+
+    Attributes
+    ----------
+    images
+        By contestant ``(K, H, W, 3)``, one image per seed.
+    seconds
+        By contestant ``(K,)``, CPU seconds.
+    """
+
+    images: dict[str, np.ndarray]
+    seconds: dict[str, np.ndarray]
+
+    def errors(self, name: str, reference: dmis.Reference) -> np.ndarray:
+        """Return the squared errors of each pixel ``(H, W)``, mean over seeds."""
+        return np.mean([squared_error(x, reference.first, reference.second) for x in self.images[name]], axis=0)
+
+    def cost(self, name: str, reference: dmis.Reference) -> float:
+        """Return the mean squared error times the median of the CPU seconds."""
+        return float(self.errors(name, reference).mean() * np.median(self.seconds[name]))
+
+    def ratio(self, name: str, anchor: str, reference: dmis.Reference) -> tuple[float, float]:
+        """Return MSE times CPU seconds over that of `anchor`, and half of its 95 % confidence interval.
+
+        That of the errors is over blocks of pixels, all seeds together; that of the seconds over seeds.
+        """
+        from scipy.stats import t  # imported where used: scipy.stats takes half a second
+
+        value, half = ratio_over_blocks(self.errors(name, reference), self.errors(anchor, reference))
+        logs = np.log(self.seconds[name] / self.seconds[anchor])
+        error = t.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs)) if len(logs) > 1 else np.nan
+        value, relative = value * np.exp(logs.mean()), half / value
+        return float(value), float(abs(value) * np.hypot(relative, error))
+
+    def common(self, name: str, reference: dmis.Reference) -> float:
+        """Return the share of the mean squared error that all seeds have in common, 0 without bias; it needs two."""
+        images = np.asarray(self.images[name], float)
+        one, k = self.errors(name, reference).mean(), len(images)
+        mean = squared_error(images.mean(axis=0), reference.first, reference.second).mean()
+        return float((mean - one / k) / (1 - 1 / k) / one)
 
 
-def variances(images: np.ndarray) -> np.ndarray:
-    """Mean squared error of each of K independent images ``(K, H, W, 3)``, from their spread, ``(K,)``."""
-    return ((images - images.mean(axis=0)) ** 2).mean(axis=(1, 2, 3)) * len(images) / (len(images) - 1)
+def take_turns(about: Any, contestants: Mapping[str, Contestant], seeds: Iterable[int]) -> Turns:
+    """Return renders of all contestants with each seed, those of finished seeds from the cache.
+
+    Parameters
+    ----------
+    about
+        What the renders depend on, beside names and samples.
+    contestants
+        By name.
+    """
+    folder = cache_folder() / "mitsuba" / digest([about, [(name, spp) for name, (_, spp) in contestants.items()]])
+    folder.mkdir(parents=True, exist_ok=True)
+    turns = []
+    for seed in seeds:
+        path = folder / f"{seed}.npz"
+        if not path.exists():
+            results = [timed(make(), spp, seed) for make, spp in contestants.values()]
+            images, seconds = zip(*results)
+            with replacing(path) as temporary, open(temporary, "wb") as file:
+                np.savez(file, images=np.array(images, np.float32), seconds=np.array(seconds)[:, 1])
+        with np.load(path) as stored:
+            turns.append((stored["images"], stored["seconds"]))
+    images, seconds = (np.stack(x, axis=1) for x in zip(*turns))
+    return Turns(dict(zip(contestants, images)), dict(zip(contestants, seconds)))
+
+
+def mitsuba_key(scene: dmis.Scene) -> list[Any]:
+    """Return what Mitsuba's renders depend on."""
+    sources = [(ROOT / "benchmarks" / name).read_text("utf-8") for name in ("mitsuba_scene.py", "mitsuba_lobes.py")]
+    return [mi.__version__, fingerprint(scene), list(scene.camera.resolution), sources]
+
+
+def screen(scene: dmis.Scene, spp: int, reference: dmis.Reference) -> tuple[dict[str, Contestant], list[str]]:
+    """Return Mitsuba's default and best set-ups as contestants, and the names of the best.
+
+    There is one best set-up, or two where there is a sky: without `mis_compensation`, and among all.
+    """
+    about = mitsuba_key(scene)
+    first = range(SCREENING_SEED, SCREENING_SEED + 2)
+    pair: dict[str, Contestant] = {
+        "dmis": (lambda: ours(scene, "balance", "sobol"), spp),
+        str(DEFAULT): (lambda: theirs(scene), spp),
+    }
+    seconds = {name: np.median(x) for name, x in take_turns(about, pair, first).seconds.items()}
+    equal_time = max(1, round(spp * seconds["dmis"] / seconds[str(DEFAULT)]))
+    contestants: dict[Setup, Contestant] = {
+        setup: (partial(theirs, scene, setup=setup), mitsuba_scene.nearest_spp(setup.sampler, equal_time))
+        for setup in setups(scene)
+    }
+    turns = take_turns(about, {str(setup): x for setup, x in contestants.items()}, first)
+    costs = {setup: turns.cost(str(setup), reference) for setup in contestants}
+    for setup in sorted(costs, key=costs.__getitem__):
+        print(f"    {setup}, {contestants[setup][1]} spp: {costs[setup] / costs[DEFAULT]:.3f}", flush=True)
+    best = [
+        min((setup for setup in costs if setup.compensated <= allowed), key=costs.__getitem__)
+        for allowed in sorted({setup.compensated for setup in costs})
+    ]
+    return {str(setup): contestants[setup] for setup in (DEFAULT, *best)}, [str(setup) for setup in dict.fromkeys(best)]
+
+
+def compare_errors(
+    scene: dmis.Scene, rules: list[tuple[str, str]], spp: int, seeds: int, reference: dmis.Reference
+) -> tuple[list[str], float]:
+    """Return lines of the second table, one for each best set-up of Mitsuba, and the smallest mean squared error.
+
+    Parameters
+    ----------
+    rules
+        Rules of dmis with their samplers.
+    spp
+        Camera samples per pixel of dmis.
+    """
+    contestants, anchors = screen(scene, spp, reference)
+    for rule, sampler in rules:
+        contestants[f"{rule}, {sampler}"] = (partial(ours, scene, rule, sampler), spp)
+    turns = take_turns([mitsuba_key(scene), package_hash()], contestants, range(1, seeds + 1))
+    lines = []
+    for anchor in anchors:
+        ratios = [turns.ratio(anchor, str(DEFAULT), reference)]
+        ratios += [turns.ratio(f"{rule}, {sampler}", anchor, reference) for rule, sampler in rules]
+        cells = [f"{value:#.3g} ± {half:#.2g}" for value, half in ratios]
+        lines.append(f"| {scene.name} | {seeds} | {anchor} | {contestants[anchor][1]} | {' | '.join(cells)} |")
+        print(lines[-1], flush=True)
+        if seeds > 1:
+            print(f"    of Mitsuba's error, common to all seeds: {turns.common(anchor, reference):.1%}", flush=True)
+    return lines, min(float(turns.errors(name, reference).mean()) for name in contestants)
+
+
+def error_table(scenes: list[dmis.Scene], given: argparse.Namespace) -> list[str]:
+    """Return the lines of the second table."""
+    rules = list(itertools.product(given.rules, given.samplers))
+    titles = ["scene", "seeds", "Mitsuba's best", "its spp", "over its default"]
+    titles += [f"`{rule}`, {sampler}" for rule, sampler in rules]
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    noise = []
+    for scene in scenes:
+        reference = dmis.make_reference(scene, given.reference_spp, rule="auto")
+        seeds = given.repeats or SEEDS.get(scene.name, 5)
+        rows, smallest = compare_errors(scene, rules, given.spp, seeds, reference)
+        lines += rows
+        share = reference.mse / smallest
+        noise.append(f"{scene.name} {share:.1%}" + ", **more than 5 %**" * (share > 0.05))
+    return [
+        f"Made on {date.today()} with Mitsuba {mi.__version__} on {machine()}, {given.spp} spp of dmis.",
+        "",
+        *lines,
+        "",
+        f"Noise of the references ({given.reference_spp} spp of `auto` in each half) over the smallest error of the "
+        f"scene: {'; '.join(noise)}.",
+    ]
+
+
+def speed_table(scenes: list[dmis.Scene], given: argparse.Namespace, compiles: bool) -> list[str]:
+    """Return the lines of the first table; `compiles`: whether Mitsuba has its LLVM variant."""
+    names = ["dmis", *(["LLVM", "own"] if compiles else []), "scalar"]
+    more = ["dmis / LLVM", "dmis / own"] if compiles else []
+    lines = [f"| scene | {' | '.join(names + more)} |", "|---" * (1 + len(names + more)) + "|"]
+    repeats, spp = given.repeats or 5, given.spp // 2
+    for scene in scenes:
+        alone = replace(scene, lights=scene.plan.sampled)
+        contestants = {"dmis": ours(alone, "balance")}
+        if compiles:
+            contestants["LLVM"] = theirs(alone)
+            contestants["own"] = theirs(alone, exact=False)
+        contestants["scalar"] = theirs(alone, "scalar_rgb", exact=False)
+        counts = {key: max(1, spp // 4) if key == "scalar" else spp for key in contestants}
+        lines.append(speed(alone, contestants, counts, repeats))
+        print(lines[-1], flush=True)
+    return [
+        f"Made on {date.today()} with `benchmarks/against_mitsuba.py`: Mitsuba {mi.__version__}, {platform.machine()}, "
+        f"{repeats} seeds. Millions of camera samples per second of wall (CPU) time:",
+        "",
+        *lines,
+    ]
 
 
 def main() -> None:
     """Measure, print the tables, and put them into the page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[1])
     parser.add_argument("--quick", action="store_true", help="small images: no page is written")
-    parser.add_argument("--repeats", type=int, default=5, help="seeds of each contestant (default 5)")
-    parser.add_argument("--spp", type=int, default=64, help="of speeds; of errors twice as many (default 64)")
+    parser.add_argument("--tables", nargs="+", choices=["speed", "errors"], default=["speed", "errors"])
+    parser.add_argument("--repeats", type=int, help="seeds of each contestant (default 5; errors of killeroo-gold 8)")
+    parser.add_argument("--spp", type=int, default=128, help="of dmis; speeds take half of it (default 128)")
+    parser.add_argument("--rules", nargs="+", default=["balance", "auto"], help="of errors (default balance auto)")
+    parser.add_argument("--samplers", nargs="+", default=["sobol"], help="of dmis in errors (default sobol)")
+    parser.add_argument("--reference-spp", type=int, default=1024, help="of each half of a reference (default 1024)")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES), help="default: all four")
-    parser.add_argument("--page", type=Path, default=PAGE, help="the page whose tables are replaced")
+    parser.add_argument("--page", type=Path, help="the page whose tables are replaced (default: docs/performance.md)")
     given = parser.parse_args()
-    found = llvm()
-    names = ["dmis", *(["LLVM", "own"] if found else []), "scalar"]
-    more = ["dmis / LLVM", "dmis / own"] if found else []
-    speeds = [f"| scene | {' | '.join(names + more)} |", "|---" * (1 + len(names + more)) + "|"]
-    errors = [
-        "| scene | lights | spp | spp of Mitsuba | seconds | of Mitsuba | MSE | of Mitsuba | ratio |",
-        "|---" * 9 + "|",
-    ]
+    compiles = llvm()
+    scenes = []
     for name in given.scenes:
-        width, height = SCENES[name].size
         shrink = TABLES[name] * (4 if given.quick else 1)
-        whole = dmis.load_scene(name, (width // shrink, height // shrink))
-        alone = replace(whole, lights=whole.plan.sampled)
-        contestants = {"dmis": ours(alone, "balance")}
-        if found:
-            contestants["LLVM"] = theirs(alone, "llvm_ad_rgb", True)
-            contestants["own"] = theirs(alone, "llvm_ad_rgb", False)
-        contestants["scalar"] = theirs(alone, "scalar_rgb", False)
-        spp = {key: given.spp // 4 if key == "scalar" else given.spp for key in contestants}
-        speeds.append(speed(alone, contestants, spp, given.repeats))
-        print(speeds[-1], flush=True)
-        if found:
-            pairs = [("one", alone, contestants["LLVM"])]
-            if len(whole.lights) > len(alone.lights):
-                pairs.append(("all", whole, theirs(whole, "llvm_ad_rgb", True)))
-            for lights, scene, other in pairs:
-                errors.append(error(scene, lights, ours(scene, "auto"), other, 2 * given.spp, given.repeats))
-                print(errors[-1], flush=True)
-    lines = [
-        f"Made on {date.today()} with `benchmarks/against_mitsuba.py`: Mitsuba {mi.__version__}, {platform.machine()}, "
-        f"{given.repeats} seeds. Millions of camera samples per second of wall (CPU) time:",
-        *("", *speeds),
-    ]
-    if found:
-        lines += [
-            "",
-            "Mean squared error in equal CPU time; ratio times that of the seconds, with its 95 % confidence interval:",
-            "",
-            *errors,
-        ]
-    print("\n".join(lines))
-    if not given.quick:
-        replace_table(given.page, "mitsuba-speed", *lines)
+        scenes.append(dmis.load_scene(name, tuple(round(n / shrink) for n in SCENES[name].size)))
+    page = given.page or (None if given.quick else PAGE)
+    tables = {}
+    if "speed" in given.tables:
+        tables["mitsuba-speed"] = speed_table(scenes, given, compiles)
+    if "errors" in given.tables and compiles:
+        tables["mitsuba-errors"] = error_table(scenes, given)
+    for kind, lines in tables.items():
+        print("\n".join(lines))
+        if page is not None:
+            replace_table(page, kind, *lines)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from dmis.base.color import LUMINANCE
 from dmis.base.vectors import frame
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.diffuse import Lambert
@@ -26,29 +27,76 @@ from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 
+SAMPLERS = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
+"""Mitsuba's samplers."""
 
-def translate(scene: Scene, *, exact: bool) -> Any:
-    """The Mitsuba scene.
+
+def translate(scene: Scene, *, exact: bool, by_power: bool = False, compensated: bool = False) -> Any:
+    """Return the Mitsuba scene.
 
     Parameters
     ----------
     exact
         Every BRDF by `mitsuba_lobes.Lobes`, for images that must be the same; else by Mitsuba's own BSDFs.
+    by_power
+        Lights are picked in proportion to `power` (Mitsuba's `sampling_weight`); else all with the same probability.
+    compensated
+        The environment map's light samples leave out what is below its mean (Mitsuba's `mis_compensation`).
     """
-    found: dict[str, Any] = {"type": "scene"}
+    objects: dict[str, Any] = {"type": "scene"}
     bsdfs: dict[int, Any] = {}
     for k, part in enumerate(scene.parts):
         bsdf = bsdfs.setdefault(id(part.material), _bsdf(part.material, exact))
-        found[f"part{k}"] = _shape(part, bsdf)
+        weight = power(part.light, scene) if by_power and part.light is not None else 1.0
+        objects[f"part{k}"] = _shape(part, bsdf, weight)
     visible = [part.light for part in scene.parts if part.light is not None]
     for k, light in enumerate(scene.lights):
-        if not any(light is seen for seen in visible):
-            found[f"light{k}"] = _light(light)
-    return mi.load_dict(found)
+        if not any(light is area_light for area_light in visible):
+            objects[f"light{k}"] = _light(light, power(light, scene) if by_power else 1.0, compensated)
+    return mi.load_dict(objects)
 
 
-def sensor(camera: Camera) -> Any:
-    """The Mitsuba camera: x is left in its images, and a box filter of one pixel."""
+def power(light: Any, scene: Scene) -> float:
+    """Return the power of a light of `scene` in watts by luminance.
+
+    An area light emits ``pi A L``, a point ``4 pi I``. Of lights that are infinitely far away it is the power that
+    enters the disk of the scene's radius, ``pi R^2`` times irradiance, or times the integral of the sky's radiance.
+    """
+    low, high = scene.bounds
+    disk = np.pi * float(((high - low) ** 2).sum()) / 4
+    if isinstance(light, EnvironmentLight):
+        rgb = np.asarray(light.texels, float) * np.asarray(light.scale, float)
+        sine = np.sin((np.arange(len(rgb)) + 0.5) * np.pi / len(rgb))
+        return float(disk * 4 * np.pi * np.average((rgb @ LUMINANCE).mean(axis=1), weights=sine))
+    if isinstance(light, PointLight):
+        return float(4 * np.pi * np.dot(_rgb(light.intensity), LUMINANCE))
+    luminance = float(np.dot(_rgb(light.radiance), LUMINANCE))
+    if isinstance(light, DistantLight):
+        return disk * luminance
+    (mesh,) = [part.mesh for part in scene.parts if part.light is light]
+    a, b, c = np.asarray(mesh.vertices, float)[np.asarray(mesh.faces).T]
+    return float(np.pi * luminance * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def nearest_spp(sampler: str, spp: int) -> int:
+    """Return the number of samples per pixel nearest to `spp`, by ratio, that the Mitsuba sampler does not change.
+
+    Stratified takes squares, multijitter products of two numbers that differ by 0 or 1, orthogonal squares of primes,
+    and ldsampler powers of 4.
+    """
+    roots = np.arange(1, int(np.sqrt(spp)) * 2 + 3)
+    allowed = {
+        "independent": np.array([spp]),
+        "stratified": roots**2,
+        "multijitter": np.concatenate([roots**2, roots * (roots + 1)]),
+        "orthogonal": np.array([p * p for p in roots[1:] if (p % np.arange(2, p) > 0).all()]),
+        "ldsampler": 4 ** np.arange(16),
+    }[sampler]
+    return int(allowed[np.abs(np.log(allowed / spp)).argmin()])
+
+
+def sensor(camera: Camera, sampler: str = "independent") -> Any:
+    """Return the Mitsuba camera: x is left in its images, and a box filter of one pixel. `sampler`: see `SAMPLERS`."""
     if camera.filter is not None:
         raise ValueError(f"the pixel filter must be a box of one pixel, to be the same in both; got {camera.filter}")
     width, height = camera.resolution
@@ -68,7 +116,7 @@ def sensor(camera: Camera) -> Any:
                 "pixel_format": "rgb",
                 "component_format": "float32",
             },
-            "sampler": {"type": "independent"},
+            "sampler": {"type": sampler},
         }
     )
 
@@ -96,11 +144,12 @@ def path(max_depth: int | None) -> Any:
 # Shapes and lights ----------------------------------------------------------------------------------------------------
 
 
-def _shape(part: Part, bsdf: Any) -> Any:
+def _shape(part: Part, bsdf: Any, weight: float) -> Any:
     light = part.light
     if light is None:
         return _mesh(part.mesh, {"mesh_bsdf": bsdf}, part.mesh.normals)
-    emitter = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": _rgb(light.radiance)}})
+    radiance = {"type": "rgb", "value": _rgb(light.radiance)}
+    emitter = mi.load_dict({"type": "area", "radiance": radiance, "sampling_weight": weight})
     if isinstance(light, SphereLight):
         centre = [float(x) for x in light.centre]
         return mi.load_dict(
@@ -135,20 +184,23 @@ def _mesh(mesh: Mesh, properties: dict[str, Any], normals: np.ndarray | None) ->
     return out
 
 
-def _light(light: Any) -> Any:
+def _light(light: Any, weight: float = 1.0, compensated: bool = False) -> Any:
     if isinstance(light, EnvironmentLight):
-        return _sky(light)
+        return _sky(light, weight, compensated)
     if isinstance(light, PointLight):
         intensity = {"type": "rgb", "value": _rgb(light.intensity)}
-        return mi.load_dict({"type": "point", "position": [float(x) for x in light.position], "intensity": intensity})
+        position = [float(x) for x in light.position]
+        return mi.load_dict({"type": "point", "position": position, "intensity": intensity, "sampling_weight": weight})
     if isinstance(light, DistantLight):
         away = [-float(x) for x in light.direction]
         irradiance = {"type": "rgb", "value": _rgb(light.radiance)}
-        return mi.load_dict({"type": "directional", "direction": away, "irradiance": irradiance})
+        return mi.load_dict(
+            {"type": "directional", "direction": away, "irradiance": irradiance, "sampling_weight": weight}
+        )
     raise ValueError(f"a light must have a counterpart in Mitsuba, and a surface if it has an area; got {light}")
 
 
-def _sky(light: EnvironmentLight) -> Any:
+def _sky(light: EnvironmentLight, weight: float, compensated: bool) -> Any:
     """The same sky. Mitsuba's rows lie at the ends of their range, so the map has ``2 H + 1`` of them, which keeps the
     interpolant: it is linear between the rows of dmis's, every second one of these."""
     height, width, _ = light.texels.shape
@@ -159,7 +211,15 @@ def _sky(light: EnvironmentLight) -> Any:
     matrix = np.eye(4)
     matrix[:3, :3] = rotation @ [[0, 0, -1], [1, 0, 0], [0, 1, 0]]  # y up and x = -z in Mitsuba's maps
     bitmap = mi.Bitmap(np.ascontiguousarray(texels, np.float32))
-    return mi.load_dict({"type": "envmap", "bitmap": bitmap, "to_world": mi.ScalarTransform4f(matrix)})
+    return mi.load_dict(
+        {
+            "type": "envmap",
+            "bitmap": bitmap,
+            "to_world": mi.ScalarTransform4f(matrix),
+            "sampling_weight": weight,
+            "mis_compensation": compensated,
+        }
+    )
 
 
 # Materials ------------------------------------------------------------------------------------------------------------
@@ -220,4 +280,4 @@ def _spectrum(value: Any) -> Any:
 
 
 def _rgb(value: Any) -> list[float]:
-    return [float(x) for x in np.broadcast_to(np.asarray(value, float).reshape(-1), 3)]
+    return np.broadcast_to(np.asarray(value, float).reshape(-1), 3).tolist()
