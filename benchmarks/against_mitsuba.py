@@ -13,10 +13,10 @@ has the nearest of Mitsuba's BSDFs, which makes another image; ``scalar`` has th
 *Error*: mean squared error times CPU seconds of rules of dmis, pilot and fit included, over that of the best set-up of
 Mitsuba ``LLVM``: a sampler, lights picked evenly or by power, an environment map with `mis_compensation` or without.
 All lights of the scene shine; Mitsuba picks one for each sample, dmis samples all. First every set-up of Mitsuba
-renders with two seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's independent
-sampler gets as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others the nearest
-number that they allow. Renders are kept in the cache folder of dmis: an interrupted run is resumed, and the turns are
-taken again when dmis, the rules or the samplers have changed.
+renders with two seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's
+independent sampler gets as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others
+the nearest number that they allow. Renders are kept in the cache folder of dmis: an interrupted run is resumed, and the
+turns are taken again when dmis, the rules or the samplers have changed.
 
 Needs ``pip install mitsuba``; the LLVM columns also an LLVM library that it can find (Debian: libllvm19).
 """

@@ -82,7 +82,7 @@ def nearest_spp(sampler: str, spp: int) -> int:
     """Return the number of samples per pixel nearest to `spp`, by ratio, that the Mitsuba sampler does not change.
 
     Stratified takes squares, multijitter products of two numbers that differ by 0 or 1, orthogonal squares of primes,
-    and ldsampler powers of 4.
+    and ldsampler powers of 4 from 4 on.
     """
     roots = np.arange(1, int(np.sqrt(spp)) * 2 + 3)
     allowed = {
@@ -90,7 +90,7 @@ def nearest_spp(sampler: str, spp: int) -> int:
         "stratified": roots**2,
         "multijitter": np.concatenate([roots**2, roots * (roots + 1)]),
         "orthogonal": np.array([p * p for p in roots[1:] if (p % np.arange(2, p) > 0).all()]),
-        "ldsampler": 4 ** np.arange(16),
+        "ldsampler": 4 ** np.arange(1, 16),
     }[sampler]
     return int(allowed[np.abs(np.log(allowed / spp)).argmin()])
 
