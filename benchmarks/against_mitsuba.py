@@ -235,7 +235,8 @@ def mitsuba_key(scene: dmis.Scene) -> list[Any]:
 def screen(scene: dmis.Scene, spp: int, reference: dmis.Reference) -> tuple[dict[str, Contestant], list[str]]:
     """Return Mitsuba's default and best set-ups as contestants, and the names of the best.
 
-    There is one best set-up, or two where there is a sky: without `mis_compensation`, and among all.
+    These are the best with lights picked evenly, the best with lights picked by power or evenly, and the best of all,
+    which may have `mis_compensation`; often two of them are the same.
     """
     about = mitsuba_key(scene)
     first = range(SCREENING_SEED, SCREENING_SEED + 2)
@@ -254,8 +255,8 @@ def screen(scene: dmis.Scene, spp: int, reference: dmis.Reference) -> tuple[dict
     for setup in sorted(costs, key=costs.__getitem__):
         print(f"    {setup}, {contestants[setup][1]} spp: {costs[setup] / costs[DEFAULT]:.3f}", flush=True)
     best = [
-        min((setup for setup in costs if setup.compensated <= allowed), key=costs.__getitem__)
-        for allowed in sorted({setup.compensated for setup in costs})
+        min((x for x in costs if x.by_power <= power and x.compensated <= sky), key=costs.__getitem__)
+        for power, sky in ((False, False), (True, False), (True, True))
     ]
     return {str(setup): contestants[setup] for setup in (DEFAULT, *best)}, [str(setup) for setup in dict.fromkeys(best)]
 
