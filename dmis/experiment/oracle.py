@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +26,8 @@ from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
-from dmis.fit.curve_minimum import cost_weighted
+from dmis.fit.curve_minimum import PatchCurves, cost_weighted
+from dmis.fit.rule import Fit, Pilot
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
@@ -35,8 +37,10 @@ from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID, GRID_SHARES, HALF
 
-LAYOUT = 2
+LAYOUT = 3
 """Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
+_PARTS = ("curve", "pattern", "position")
+"""Parts of the variance curves that an oracle's file has, see `dmis.variance.curves.Curves.sums`."""
 HARM_LIMIT = 1.02
 """Ratio of the variance of a weight to that of w = 1/2 above which the weight counts as harmful."""
 
@@ -58,6 +62,13 @@ class Oracle:
         Samples per pixel of the pilot.
     shape
         ``(H, W)`` of the image: patches at its border may be smaller, and count for less; None: all are whole.
+    halves
+        Curves of two independent halves of the pilot, without their standard errors, for
+        `dmis.experiment.ladder`; None: not kept.
+    shading_samples
+        Shading samples S of a camera sample.
+    base_cost
+        Cost of a camera sample without its shading samples.
     """
 
     variance: Array
@@ -65,9 +76,12 @@ class Oracle:
     patch: int
     spp: int
     shape: tuple[int, int] | None = None
+    halves: tuple[PatchCurves, PatchCurves] | None = None
+    shading_samples: int = 2
+    base_cost: float = 0.0
 
     @cached_property
-    def _share(self) -> Array:
+    def pixel_share(self) -> Array:
         """Share of the image's pixels in each patch, ``(rows, columns)``."""
         rows, columns = self.variance.shape[1:]
         area = patch_sum(np.ones(self.shape or (rows * self.patch, columns * self.patch)), self.patch)
@@ -75,7 +89,7 @@ class Oracle:
 
     def _mean(self, values: Array) -> float:
         """Return the mean over the image of values per patch."""
-        return float((values * self._share).sum())
+        return float((values * self.pixel_share).sum())
 
     def best(self, costly: bool = False) -> Array:
         """Return the weight of least variance per patch, ``(rows, columns)``.
@@ -83,9 +97,9 @@ class Oracle:
         If `costly`, return the map of least variance of the image times its cost, with the same number of samples in
         all patches.
         """
-        return GRID[self._best(costly)]
+        return GRID[self.best_index(costly)]
 
-    def _best(self, costly: bool) -> np.ndarray:
+    def best_index(self, costly: bool = False) -> np.ndarray:
         """Return the indices in the grid of `best`."""
         best = self.variance.argmin(axis=0)
         for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
@@ -126,7 +140,7 @@ class Oracle:
         if not half > 0:
             return 1.0
         if costly:
-            best = self._best(costly)
+            best = self.best_index(costly)
             variance = self._mean(np.take_along_axis(self.variance, best[None], axis=0)[0])
             return float(variance / half * self._mean(self.cost[best]) / self.cost[HALF])
         return self._mean(self.variance.min(axis=0)) / half
@@ -186,7 +200,7 @@ def make_oracle(
     Parameters
     ----------
     spp
-        Samples per pixel, an even number.
+        Samples per pixel, a multiple of 4 of at least 8: half of them in each of two independent halves.
     patch
         Side of a patch in pixels, a multiple of 4.
     combiner
@@ -196,6 +210,8 @@ def make_oracle(
         that of rules that learn; give 0 to judge ``thesis``, or to predict the error of ``balance``.
     """
     spp, patch = whole("spp", spp, 1), whole("patch", patch, 1)
+    if spp < 8 or spp % 4:
+        raise ValueError(f"spp of an oracle must be a multiple of 4 of at least 8, for two halves of pairs; got {spp}")
     settings = make_settings(settings, **options)
     path = _path(scene, spp, patch, settings, folder, combiner)
     if not scene.plan.mixable:
@@ -204,27 +220,61 @@ def make_oracle(
             f"same variance at every share. Compare its rules without an oracle"
         )
     if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        check_writable(path)
-        rule = SecondMoment(patch=patch, spp=spp, filter="none", shrink=False, combiner=combiner)
-        checkpoint = path.with_suffix(".checkpoint")
-        result = render(
-            scene, rule, spp + 1, seed=REFERENCE_SEED + 2, settings=settings,
-            parallel=parallel, progress=progress, checkpoint=checkpoint,
-        )  # fmt: skip
-        rays = json.dumps(result.provenance["pilot_rays"])
-        with replacing(path) as partial, open(partial, "wb") as archive:
-            np.savez(archive, variance=result.maps["variances"].astype(np.float32), rays=np.array(rays))
+        _render_halves(path, scene, spp, patch, combiner, settings, parallel, progress)
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
-            rays_by_kind: Mapping[str, int] = json.loads(str(arrays["rays"]))
-            variance = arrays["variance"].astype(np.float64)
+            rays: Mapping[str, int] = json.loads(str(arrays["rays"]))
+            parts = {name: arrays[name].astype(np.float64) for name in _PARTS}
     except Exception as error:  # a damaged archive may raise anything
         raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
     settings = resolve_auto(settings, scene)
     s, shape = settings.shading_samples, scene.camera.resolution[::-1]
-    cost = camera_sample_cost(rays_by_kind, GRID_SHARES, 2 * s, s, settings.techniques)
-    return Oracle(variance, cost, patch, spp, shape)
+    zero, pixels = np.broadcast_to(0.0, parts["curve"].shape[1:]), patch_sum(np.ones(shape), patch)
+    halves = [
+        PatchCurves(square=zero, cross=zero, pixels=pixels, **{name: a[k] for name, a in parts.items()})
+        for k in range(2)
+    ]
+    # V(w) = curve + Var_y(I)
+    variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)
+    costs = [camera_sample_cost(rays, GRID_SHARES, 2 * s, n, settings.techniques) for n in (s, 0)]
+    return Oracle(variance, costs[0], patch, spp, shape, (halves[0], halves[1]), s, float(costs[1][0]))
+
+
+def _render_halves(
+    path: Path,
+    scene: Scene,
+    spp: int,
+    patch: int,
+    combiner: str,
+    settings: Settings,
+    parallel: Parallel,
+    progress: Progress | None,
+) -> None:
+    """Render the two halves of an oracle's pilot and write their curves to `path`. An interrupted half is resumed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    check_writable(path)
+    rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none", shrink=False, combiner=combiner)
+    results = [
+        render(
+            scene, rule, spp // 2 + 1, seed=REFERENCE_SEED + 2 + k, settings=settings,
+            parallel=parallel, progress=progress, checkpoint=path.with_suffix(f".{k}.checkpoint"),
+        )
+        for k in range(2)
+    ]  # fmt: skip
+    rays: Counter[str] = sum((Counter(result.provenance["pilot_rays"]) for result in results), Counter())
+    maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _PARTS}
+    with replacing(path) as partial, open(partial, "wb") as archive:
+        np.savez(archive, rays=np.array(json.dumps(rays)), **maps)
+
+
+@dataclass(frozen=True)
+class _CurveMaps(SecondMoment):
+    """Rule whose maps are the parts of the variance curves; it mixes both techniques equally."""
+
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        """Return equal shares, and the means over patches of the parts of the curves."""
+        means, _ = self._pool(pilot[0.5])
+        return Fit(0.5, {name: means[name] for name in _PARTS})
 
 
 def cached_oracle(
