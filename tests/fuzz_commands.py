@@ -43,6 +43,7 @@ OPTIONS = {
     "--compensation --max-depth --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
     "compare": "--rules --spp --seeds --seed --reference --reference-spp --oracle-spp --resolution --threads -o "
     "--quiet",
+    "oracle": "--ladder --spp --resolution --integrator --max-depth --threads -o --quiet",
     "info": "--resolution --dialect --allow-outside",
     "bench": "--rules --resolution --spp --threads --seed",
 }
@@ -72,7 +73,9 @@ def arguments(rng: random.Random) -> list[str]:
         out[1:1] = ["--spp", "1", "--resolution", "4x4"]
     elif command in ("render", "compare"):
         out += ["--spp", "2", "--resolution", "6x4"]
-    if command in ("render", "compare") and rng.random() < 0.9:
+    elif command == "oracle":
+        out += ["--spp", "8", "--resolution", "6x4"]
+    if command in ("render", "compare", "oracle") and rng.random() < 0.9:
         out += ["-o", "out.exr" if command == "render" else "out"]
     for _ in range(rng.randint(0, 4)):
         option = rng.choice(OPTIONS[command].split())
@@ -86,7 +89,7 @@ def arguments(rng: random.Random) -> list[str]:
 
 def value(rng: random.Random, option: str) -> list[str]:
     """The value of an option, or none, mostly where it wants none."""
-    if option in ("--quiet", "--allow-outside") or rng.random() < 0.02:
+    if option in ("--quiet", "--allow-outside", "--ladder") or rng.random() < 0.02:
         return []
     if option in ("--rule", "--rules"):
         return [",".join(rule_text(rng) for _ in range(1 + (option == "--rules")))]

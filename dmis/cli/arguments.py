@@ -25,6 +25,7 @@ def make_parser() -> argparse.ArgumentParser:
     add_options_by_command: dict[str, tuple[Callable[[argparse.ArgumentParser], None], str]] = {
         "render": (_render, "render a scene to an EXR file with layers"),
         "compare": (_compare, "compare rules on a scene: error, time, rays"),
+        "oracle": (_oracle, "compute what the best weights and numbers of samples of a scene would save"),
         "info": (_info, "print versions, and the plan of a scene: what it needs, what is left out"),
         "bench": (_bench, "measure the time of renders against that of their Embree calls alone"),
     }
@@ -149,6 +150,28 @@ def _compare(command: argparse.ArgumentParser) -> None:
         help="output directory; an existing comparison in it is resumed",
     )
     _add_verbosity(command, "a line for each finished render")
+
+
+def _oracle(command: argparse.ArgumentParser) -> None:
+    """Add the options of ``oracle``."""
+    _add_scene_options(command)
+    _add_integrator(command)
+    command.add_argument("scene", help="a pbrt or mesh file, or the name of a scene that comes with dmis")
+    command.add_argument(
+        "--ladder",
+        action="store_true",
+        help="also measure how much evenly spread samples help; print and plot the bounds of the error in equal time "
+        "with one freedom after another: weights, numbers of samples, shading samples, perfect shading, even points",
+    )
+    command.add_argument(
+        "--spp", type=int, default=2048, help="camera samples per pixel, a multiple of 4 (default 2048)"
+    )
+    command.add_argument("--resolution", type=_resolution, metavar="WxH", help="pixels (default: as the scene says)")
+    command.add_argument("--threads", type=_workers, help="number of threads (default: one per processor)")
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="output directory of table and plots"
+    )
+    command.add_argument("--quiet", action="store_true", help="print warnings and errors only")
 
 
 def _info(command: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Commands of the command line: ``python -m dmis render | compare | info | bench``.
+"""Commands of the command line: ``python -m dmis render | compare | oracle | info | bench``.
 
 Bad input ends with exit code 2 and one message. An interrupted command ends with 130, and its message has the command
 that resumes it.
@@ -26,11 +26,12 @@ from typing import Any
 
 from dmis import __version__
 from dmis.base import malloc
-from dmis.base.atomic_files import check_writable, replacing
+from dmis.base.atomic_files import check_folder, check_package, check_writable, replacing
 from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import make_parser
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
+from dmis.experiment.ladder import make_ladder, measure_evenness
 from dmis.experiment.oracle import make_oracle
 from dmis.experiment.reference import make_reference
 from dmis.experiment.speed.bench import HEADER, bench
@@ -286,6 +287,34 @@ def _stats(result: Result, embree_floor: float, peak_bytes: int, threads: int) -
     }
 
 
+def _oracle(options: argparse.Namespace) -> int:
+    """Run ``oracle`` and return its exit code."""
+    check_package("matplotlib", "the plot of an oracle", "pip install 'dmis[plot]'")
+    check_folder(options.output)
+    scene, settings = _load(options), make_settings(**_given_settings(options))
+    with _ProgressBar(options.quiet) as progress:
+        rendered: dict[str, Any] = {"settings": settings, "parallel": options.threads, "progress": progress}
+        oracle = make_oracle(scene, options.spp, **rendered)
+        ladder = make_ladder(oracle)
+        if ladder is None:
+            raise ValueError(f"an oracle needs noise; every sample of scene {scene.name!r} is the same")
+        if options.ladder:
+            ladder = make_ladder(oracle, measure_evenness(scene, oracle, **rendered))
+    from dmis.experiment.report.plots import write_best_shares, write_ladder
+
+    options.output.mkdir(parents=True, exist_ok=True)
+    text, paths = oracle.text(), [options.output / name for name in ("oracle.md", "best_shares.png", "ladder.png")]
+    write_best_shares(oracle, paths[1], scene.name)
+    if options.ladder and ladder is not None:
+        text += f"\n{ladder.text()}"
+        write_ladder(ladder, paths[2], scene.name)
+    with replacing(paths[0]) as partial:
+        partial.write_text(f"{text}\n", "utf-8")
+    if not options.quiet:
+        print(text, *(paths if options.ladder else paths[:2]), sep="\n")
+    return 0
+
+
 def _info(options: argparse.Namespace) -> int:
     """Run ``info`` and return its exit code."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "trimesh", "embreex", "OpenEXR"))
@@ -344,6 +373,6 @@ class _ProgressBar:
             self._bar.close()
 
 
-_COMMANDS = {"render": _render, "compare": _compare, "info": _info, "bench": _bench}
+_COMMANDS = {"render": _render, "compare": _compare, "oracle": _oracle, "info": _info, "bench": _bench}
 if __name__ == "__main__":
     sys.exit(main())

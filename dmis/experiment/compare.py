@@ -17,6 +17,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
+from dmis.experiment.ladder import cached_ladder
 from dmis.experiment.oracle import Oracle, cached_oracle
 from dmis.experiment.reference import Reference
 from dmis.experiment.runs import Budget, Run, measure
@@ -144,7 +145,7 @@ def compare(
     folder
         Output directory; an existing comparison in it is resumed.
     oracle
-        Oracle of the maps of regret. Default: that of the cache, if it has one.
+        Oracle of the maps of regret and of the ladder of bounds. Default: that of the cache, if it has one.
     progress, options
         See `dmis.experiment.runs.measure`; the reference has the same integrator and depth.
 
@@ -172,8 +173,10 @@ def compare(
     )  # fmt: skip
     rows = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in budgets}
-    oracle = oracle or _oracle_from_cache(scene, settings)
-    comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
+    curves = replace(settings, preset=None, sampler=Settings().sampler)  # they do not depend on the sampler
+    oracle = oracle or cached_oracle(scene, settings=curves)
+    ladder = None if oracle is None else cached_ladder(scene, oracle, settings=curves)
+    comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle, ladder)
     _draw(comparison, folder)
     return comparison
 
@@ -224,12 +227,6 @@ def _check_rules_and_output(rules: Sequence[str], settings: Settings, folder: Pa
     check_output(folder)
     for rule in rules:
         merge_settings(make_rule(rule), rule, settings)
-
-
-def _oracle_from_cache(scene: Scene, settings: Settings) -> Oracle | None:
-    """Return the cached oracle of a scene; it does not depend on the sampler."""
-    default_sampler = Settings().sampler
-    return cached_oracle(scene, settings=replace(settings, preset=None, sampler=default_sampler))
 
 
 def _image_writer(results: Results) -> Callable[[Budget, Result], None]:

@@ -87,7 +87,7 @@ class Oracle:
         area = patch_sum(np.ones(self.shape or (rows * self.patch, columns * self.patch)), self.patch)
         return area / area.sum()
 
-    def _mean(self, values: Array) -> float:
+    def mean(self, values: Array) -> float:
         """Return the mean over the image of values per patch."""
         return float((values * self.pixel_share).sum())
 
@@ -104,7 +104,7 @@ class Oracle:
         best = self.variance.argmin(axis=0)
         for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
             variance = np.take_along_axis(self.variance, best[None], axis=0)[0]
-            price = self._mean(variance) / self._mean(self.cost[best])
+            price = self.mean(variance) / self.mean(self.cost[best])
             best = cost_weighted(self.variance, self.cost, price).argmin(axis=0)
         return best
 
@@ -128,22 +128,22 @@ class Oracle:
         `combined` is the oracle of the combiner that the weights are used with; None: this one. With another one the
         share may be more than 1.
         """
-        half = self._mean(self.variance[HALF])
-        best_saving = half - self._mean(self.variance.min(axis=0))
-        return (half - self._mean((combined or self).at(weight))) / best_saving if best_saving > 0 else float("nan")
+        half = self.mean(self.variance[HALF])
+        best_saving = half - self.mean(self.variance.min(axis=0))
+        return (half - self.mean((combined or self).at(weight))) / best_saving if best_saving > 0 else float("nan")
 
     def limit(self, costly: bool = False) -> float:
         """Return the variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in
         equal time by the cost model, without a pilot. 1 where there is no variance.
         """
-        half = self._mean(self.variance[HALF])
+        half = self.mean(self.variance[HALF])
         if not half > 0:
             return 1.0
         if costly:
             best = self.best_index(costly)
-            variance = self._mean(np.take_along_axis(self.variance, best[None], axis=0)[0])
-            return float(variance / half * self._mean(self.cost[best]) / self.cost[HALF])
-        return self._mean(self.variance.min(axis=0)) / half
+            variance = self.mean(np.take_along_axis(self.variance, best[None], axis=0)[0])
+            return float(variance / half * self.mean(self.cost[best]) / self.cost[HALF])
+        return self.mean(self.variance.min(axis=0)) / half
 
     def spread_evenly(self) -> float:
         """Return the variance with samples per patch in proportion to its root, over that with even samples.
@@ -152,7 +152,7 @@ class Oracle:
         """
         # n ~ sqrt(V)   (docs/theory.md, Eq. 20)
         half = np.maximum(self.variance[HALF], 0)
-        return self._mean(np.sqrt(half)) ** 2 / self._mean(half) if half.any() else 1.0
+        return self.mean(np.sqrt(half)) ** 2 / self.mean(half) if half.any() else 1.0
 
     def limit_with_counts(self) -> float:
         """Return variance times cost with the best weights and allocation, over that with w = 1/2 and even samples.
@@ -160,11 +160,19 @@ class Oracle:
         That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot, see `dmis.fit.curve_minimum.cost_weighted`. It is
         1 if there is no variance.
         """
-        half = self._mean(self.variance[HALF])
+        half = self.mean(self.variance[HALF])
         if not half > 0:
             return 1.0
         least = cost_weighted(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
-        return float(self._mean(np.sqrt(least)) ** 2 / (half * self.cost[HALF]))
+        return float(self.mean(np.sqrt(least)) ** 2 / (half * self.cost[HALF]))
+
+    def text(self) -> str:
+        """Return a sentence with what the best weights and numbers of samples leave of the error of w = 1/2."""
+        return (
+            f"The best weights leave {self.limit():.3f} of the error of w = 1/2 at equal samples, "
+            f"{self.limit(costly=True):.3f} in equal time; the best numbers of samples {self.spread_evenly():.3f}, "
+            f"both {self.limit_with_counts():.3f}."
+        )
 
     def regret(self, weight: Array) -> Array:
         """Return the variance beyond that of the best weight, over that of w = 1/2, per patch; 0 in black patches."""
@@ -264,7 +272,7 @@ def _render_halves(
     rays: Counter[str] = sum((Counter(result.provenance["pilot_rays"]) for result in results), Counter())
     maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _PARTS}
     with replacing(path) as partial, open(partial, "wb") as archive:
-        np.savez(archive, rays=np.array(json.dumps(rays)), **maps)
+        np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
 
 
 @dataclass(frozen=True)

@@ -293,6 +293,9 @@ def test_what_cannot_be_written_is_refused_first(scene, tmp_path, monkeypatch, c
         (["compare", "SCENE", "-o", "scene.pbrt/out"], "", "scene.pbrt is not a directory"),
         (["compare", "SCENE", "-o", "/proc/out"], "", "cannot write into /proc/out: "),
         (["compare", "SCENE", "-o", "taken"], "", "report.html: it is a directory"),
+        (["oracle", "SCENE", "-o", "out"], "matplotlib", "the plot of an oracle needs matplotlib"),
+        (["oracle", "SCENE", "-o", "scene.pbrt"], "", "scene.pbrt is not a directory"),
+        (["oracle", "SCENE", "-o", "out", "--spp", "6"], "", "must be a multiple of 4 of at least 8, for two halves"),
         (["bench", "SCENE", "--rules", "balance,thesis", "--spp", "6"], "", "pilot's 6 camera samples of rule thesis"),
     ],
 )
@@ -334,6 +337,24 @@ def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatc
     if importlib.util.find_spec("matplotlib"):
         monkeypatch.setattr("dmis.experiment.runs.render", lambda *_, **__: pytest.fail("rendered again"))
         assert main(command) == 0 and (tmp_path / "out" / "report.html").exists()
+
+
+def test_oracle_and_ladder(tmp_path, monkeypatch, capsys):
+    """``oracle`` prints what the best weights leave and plots them; with --ladder also the rungs, from the cache."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    command = ["oracle", "teapot-area-light", "--resolution", "24x24", "--spp", "64", "-o", str(tmp_path / "out")]
+    assert main(command) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith("The best weights leave 0.") and "B0" not in captured.out and captured.err == ""
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["best_shares.png", "oracle.md"]
+    monkeypatch.setattr("dmis.experiment.oracle.render", lambda *_, **__: pytest.fail("rendered again"))
+    assert main([*command, "--ladder"]) == 0
+    out = capsys.readouterr().out
+    rungs = dict(re.findall(r"^\| (B\S+) \| [^|]+ \| (\S+) \|", out, re.M))
+    assert list(rungs) == ["B0", "B1", "B2", "B2'", "B2''", "B3", "B6", "B7"] and rungs["B0"] == "1"
+    assert "With Sobol points the error of the balance heuristic at 128 samples per pixel is" in out
+    assert (tmp_path / "out" / "oracle.md").read_text("utf-8") in out and (tmp_path / "out" / "ladder.png").exists()
 
 
 def test_interrupt_without_a_checkpoint_says_how_to_keep_work(scene, tmp_path, monkeypatch, capsys):

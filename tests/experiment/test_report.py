@@ -169,6 +169,27 @@ def test_efficiency_follows_from_the_file(made, page):
             assert (cells["speed-up at equal error"], cells["error ratio in equal time"]) == ("1.00×", "1.000")
 
 
+def test_rules_stand_on_rungs(made, page):
+    """Each rule is on the lowest rung that its error times CPU seconds does not exceed; rules of Sobol points on none.
+
+    Without a measured evenness, how good Sobol points are is not known.
+    """
+    comparison, _ = made
+    ladder = comparison.ladder
+    head, *shown = Tables(page).tables["efficiency"]
+    for line, gain in zip(shown, gains(comparison.runs), strict=True):
+        assert dict(zip(head, line, strict=True))["rung"] == (ladder.reached(gain.error_time.value) or "–")
+    head, *rungs = Tables(page).tables["ladder"]
+    values = {row[0]: float(row[2]) for row in rungs}
+    assert values == {name: float(f"{value:.3g}") for name, value in ladder.rungs.items()} and values["B0"] == 1
+    standing = [rule for row in rungs for rule in row[3].split(", ") if rule]
+    assert "balance" in standing and len(standing) == len(set(standing))
+    sobol = dataclasses.replace(comparison, about={**comparison.about, "sampler": "sobol"})
+    write_report([sobol], made[1] / "sobol.html")
+    tables = Tables((made[1] / "sobol.html").read_text("utf-8")).tables
+    assert {row[-1] for row in tables["efficiency"][1:]} == {"–"} and not any(row[3] for row in tables["ladder"][1:])
+
+
 def test_several_scenes(made, tmp_path):
     """An overview, a section and a comparer for each, and still no name twice."""
     comparison, _ = made
@@ -204,7 +225,7 @@ def test_errors_that_have_no_logarithm(made, tmp_path):
         convergence(report, tmp_path / "convergence.png")
         tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
         assert all(row[1:] == ["–"] * 3 for row in tables["slopes"][1:])
-        assert all(row[-2:] == ["–", "–"] for row in tables["efficiency"][1:])
+        assert all(row[-3:] == ["–", "–", "B0" if row[1] == "balance" else "–"] for row in tables["efficiency"][1:])
 
 
 def test_linear_png_keeps_all_half_floats():
@@ -381,7 +402,7 @@ def test_names_that_are_code(made, tmp_path):
         write_report([odd], tmp_path / "report.html")
         convergence(odd, tmp_path / "convergence.png")
         page = (tmp_path / "report.html").read_text("utf-8")
-        assert "<img src=x" not in page and page.count("<svg") == 2 and page.count("<script>") == 1
+        assert "<img src=x" not in page and page.count("<svg") == 3 and page.count("<script>") == 1
         assert f"<h2>{html.escape(name)}</h2>" in page
         assert html.escape(f"Root mean squared error over seconds, {name}") in page
 

@@ -9,7 +9,7 @@ import html
 import json
 import os
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -20,16 +20,17 @@ from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
 from dmis.experiment import alarm
 from dmis.experiment.convergence import Axis, Gain, Interval, gains, line, slope
+from dmis.experiment.ladder import RUNGS
 from dmis.experiment.report.plots import (
     RULE_MARKS,
     error_svg,
+    ladder_svg,
     line_style,
     linear_png,
     map_png,
     palette_colours,
     variance_ratio,
 )
-from dmis.experiment.runs import Budget
 from dmis.experiment.table import COLUMNS, Comparison, cells
 from dmis.variance.curves import HALF
 
@@ -44,6 +45,10 @@ samples the intervals are wider (Holm). Bold: the lowest value, if its interval 
 error: seconds in which the balance heuristic reaches this MSE, over the rule's. Error ratio in equal time: MSE over
 that of the balance heuristic in the rule's seconds. Both are interpolated on the line of the balance heuristic; †
 where it is extrapolated as MSE ∝ 1 / seconds."""
+LADDER_NOTE = """Least MSE × time that is possible with one freedom after another, without a pilot, over that of the
+balance heuristic with independent samples. Rules, at the largest number of samples: in the lowest rung that their MSE ×
+CPU seconds do not exceed. With Sobol points the error over the balance heuristic's is multiplied by what these points
+make of it; rules stand nowhere if that was not measured (python -m dmis oracle SCENE --ladder)."""
 MAPS_NOTE = """Each render estimates its variance from its own samples, in patches of 4×4 pixels. The estimate is noisy
 and assumes independent samples. The samples are more even than that, most of all at uneven weights, so that ratios are
 too large by up to a factor of two. With optimal weights they are the ratios of the balance heuristic. The errors
@@ -105,7 +110,8 @@ def _section(number: int, c: Comparison) -> str:
         f'<div class="plots">{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
         _slopes(c),
         "<h3>Efficiency</h3>",
-        _efficiency(rows, {budget for budget, by_seed in c.runs.items() if any(map(alarm.raises_alarm, by_seed))}),
+        _efficiency(c, rows),
+        *_ladder(c, rows),
         "<h3>Images and errors</h3>",
         f'<div class="viewer" data-scene="{number}" tabindex="0"></div>',
         "<h3>Share maps, variance and regret</h3>",
@@ -173,11 +179,13 @@ def _slopes(c: Comparison) -> str:
     return f'{_table(head, rows, "slopes")}<p class="note">{note}</p>'
 
 
-def _efficiency(gains_of_budgets: Sequence[Gain], alarmed: Collection[Budget]) -> str:
-    """Return the table of errors, times and efficiencies of all rules and budgets."""
+def _efficiency(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
+    """Return the table of errors, times and efficiencies of all rules and budgets, with rungs if there is a ladder."""
+    alarmed = {budget for budget, by_seed in c.runs.items() if any(map(alarm.raises_alarm, by_seed))}
     head = [
         "spp", "rule", "MSE", "MSE / balance", "relMSE", "seconds", "CPU s", "MSE·CPU s / balance",
         "pilot + fit", "Mrays", "1 / (MSE·s)", "speed-up at equal error", "error ratio in equal time",
+        *(["rung"] if c.ladder else []),
     ]  # fmt: skip
     budgets = {g.spp for g in gains_of_budgets}
     best = {spp: _best([g for g in gains_of_budgets if g.spp == spp]) for spp in budgets}
@@ -193,10 +201,37 @@ def _efficiency(gains_of_budgets: Sequence[Gain], alarmed: Collection[Budget]) -
                 f"{g.relmse:.4g}", f"{g.seconds:.2f}", f"{g.cpu_seconds:.2f}", _interval(g.error_time),
                 f"{g.overhead:.0%}", f"{g.rays / 1e6:.2f}", f"{g.efficiency:.4g}",
                 f"{_times(g.equal_error)}{dagger}", f"{_ratio(g.equal_time)}{dagger}",
+                *([c.ladder.reached(_over_independent(c, g)) or "–"] if c.ladder else []),
             ]
         )  # fmt: skip
         marks.append(" ".join((["group"] if first else []) + (["best"] if g is best[g.spp] else [])))
     return f'{_table(head, rows, "efficiency", marks)}<p class="note">{GAINS_NOTE}</p>'
+
+
+def _over_independent(c: Comparison, g: Gain) -> float:
+    """Return a rule's error times CPU seconds over that of independent samples of the balance heuristic; NaN if
+    unknown.
+    """
+    return c.ladder.over_independent(g.error_time.value, c.about["sampler"], g.spp) if c.ladder else float("nan")
+
+
+def _ladder(c: Comparison, rows: Sequence[Gain]) -> list[str]:
+    """Return the plot of the scene's ladder with the rules at the largest budget, and its table; empty if none."""
+    if c.ladder is None:
+        return []
+    largest = max(g.spp for g in rows)
+    errors = {g.rule: _over_independent(c, g) for g in rows if g.spp == largest}
+    head = ["rung", "what may be chosen", "error in equal time", "rules"]
+    reached = {rule: c.ladder.reached(error) for rule, error in errors.items()}
+    lines = [
+        [name, _text(RUNGS[name]), f"{value:.3g}", _text(", ".join(r for r, rung in reached.items() if rung == name))]
+        for name, value in c.ladder.rungs.items()
+    ]
+    return [
+        "<h3>Ladder of bounds</h3>",
+        f'<div class="plots">{ladder_svg(c.ladder, errors, c.scene)}</div>',
+        f'{_table(head, lines, "ladder")}<p class="note">{LADDER_NOTE}</p>',
+    ]
 
 
 def _overview(comparisons: Sequence[Comparison]) -> str:

@@ -6,7 +6,7 @@ import base64
 import html
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,11 @@ from dmis import plot
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.experiment.convergence import Axis, line
+from dmis.experiment.ladder import RUNGS, Ladder
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.runs import Budget, Run
 from dmis.image import encode_png
+from dmis.variance.curves import HALF
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,6 +44,8 @@ RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆"}
 """Markers of rules, in plots and as characters; the marker changes each time that all colours are used."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
+MIN_RUNG = 1e-4
+"""Least end of a bar in a plot of a ladder; rungs may be smaller, and estimates of them below 0."""
 AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "seconds"}
 
 
@@ -83,10 +87,11 @@ def error_lines(
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.grid(alpha=0.25, which="both", linewidth=0.5)
-    _few_ticks(axis)
+    _few_ticks(axis.xaxis, axis.get_xlim())
+    _few_ticks(axis.yaxis, axis.get_ylim())
 
 
-def _few_ticks(axis: Axes) -> None:
+def _few_ticks(side: Any, limits: tuple[float, float]) -> None:
     """Label an axis at 1, 2 and 5 times powers of ten, more densely if its range is within one power."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -94,11 +99,11 @@ def _few_ticks(axis: Axes) -> None:
         """Return a tick label."""
         return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
 
-    for side, (low, high) in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
-        times = (1, 2, 5) if high > 10 * low else (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-        side.set_major_locator(LogLocator(subs=times, numticks=12))
-        side.set_major_formatter(FuncFormatter(number))
-        side.set_minor_formatter(NullFormatter())
+    low, high = limits
+    times = (1, 2, 5) if high > 10 * low else (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    side.set_major_locator(LogLocator(subs=times, numticks=12))
+    side.set_major_formatter(FuncFormatter(number))
+    side.set_minor_formatter(NullFormatter())
 
 
 def convergence(comparison: Comparison, path: Path) -> None:
@@ -118,17 +123,53 @@ def convergence(comparison: Comparison, path: Path) -> None:
     )
 
 
-def error_svg(comparison: Comparison, over: Axis) -> str:
-    """Return `error_lines` as an SVG element with the page's colour and fonts."""
+def ladder_bars(axis: Axes, ladder: Ladder, errors: Mapping[str, float] | None = None, ink: str = "0.35") -> None:
+    """Draw the rungs of a ladder as bars on a log scale, and the `errors` of rules, by name, as vertical lines."""
+    names, values = list(ladder.rungs), np.maximum(list(ladder.rungs.values()), MIN_RUNG)
+    axis.barh(names, 1 - values, left=values, color="#2b8cd6", alpha=0.35, height=0.7)
+    for row, value in enumerate(ladder.rungs.values()):
+        axis.text(1.03, row, f"{value:.2g}", va="center", color=ink, fontsize=8)
+    for k, (rule, error) in enumerate((errors or {}).items()):
+        if error > 0:
+            axis.axvline(error, color=line_style(k)[0], linewidth=1.6, label=rule)
+    axis.set_xscale("log")
+    axis.set_xlim(right=2)
+    axis.invert_yaxis()
+    axis.grid(alpha=0.25, axis="x", linewidth=0.5)
+    axis.set_xlabel("error in equal time, over independent samples of the balance heuristic")
+    _few_ticks(axis.xaxis, axis.get_xlim())
+
+
+def write_ladder(ladder: Ladder, path: Path, scene: str) -> None:
+    """Write the plot of a ladder, with its caption, as a PNG file."""
+    figure, axes = plot.canvas(1, 1, 8, 3.6)
+    ladder_bars(axes[0, 0], ladder)
+    meanings = "; ".join(f"{name}: {RUNGS[name]}" for name in ladder.rungs)
+    plot.save(figure, path, f"{scene}: ladder of bounds", f"{meanings}. Bars end at the least error that is possible.")
+
+
+def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
+    """Write the plot of the best weights, with its caption, as a PNG file."""
+    rows, columns = oracle.variance.shape[1:]
+    figure, axes = plot.canvas(1, 1, 7, 1 + 6 * rows / columns)
+    covered = (0, rows * oracle.patch), (0, columns * oracle.patch)
+    best = np.where(oracle.variance[HALF] > 0, oracle.best(), np.nan)
+    plot.weight_bar(figure, plot.weights(axes[0, 0], best, "", covered), axes[0, 0])
+    caption = f"Weight of least variance of each patch, from {oracle.spp} samples per pixel. {oracle.text()}"
+    plot.save(figure, path, f"{scene}: best weights", caption)
+
+
+def _svg(draw: Callable[[Axes], None], label: str, size: tuple[float, float]) -> str:
+    """Return what `draw` draws on axes of `size` inches as an SVG element with the page's colour and fonts."""
     import matplotlib
 
     sides = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
     style: dict[str, Any] = dict.fromkeys(sides, INK)
-    style |= {"svg.fonttype": "none", "svg.hashsalt": f"{comparison.scene} {over}", "font.size": 9.5}
+    style |= {"svg.fonttype": "none", "svg.hashsalt": label, "font.size": 9.5}
     style |= {"axes.spines.top": False, "axes.spines.right": False}
     with matplotlib.rc_context(style):  # type: ignore[arg-type]
-        figure, axes = plot.canvas(1, 1, 5.4, 3.9)
-        error_lines(axes[0, 0], comparison.runs, over, comparison.oracle, INK)
+        figure, axes = plot.canvas(1, 1, *size)
+        draw(axes[0, 0])
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
     drawing = file.getvalue()
@@ -136,13 +177,26 @@ def error_svg(comparison: Comparison, over: Axis) -> str:
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, flags=re.S)
     drawing = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", drawing)  # HTML needs none, and the report must not have addresses
     drawing = re.sub(r'<g id="[^"]*"', "<g", drawing)
-    label = html.escape(f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}")
     drawing = re.sub(
         r'<svg[^>]*?viewBox="([^"]*)"[^>]*>',
-        lambda match: f'<svg viewBox="{match[1]}" role="img" aria-label="{label}">',
+        lambda match: f'<svg viewBox="{match[1]}" role="img" aria-label="{html.escape(label)}">',
         drawing,
     )
     return drawing.replace(INK, "currentColor")
+
+
+def error_svg(comparison: Comparison, over: Axis) -> str:
+    """Return `error_lines` as an SVG element with the page's colour and fonts."""
+
+    def draw(axis: Axes) -> None:
+        error_lines(axis, comparison.runs, over, comparison.oracle, INK)
+
+    return _svg(draw, f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}", (5.4, 3.9))
+
+
+def ladder_svg(ladder: Ladder, errors: Mapping[str, float], scene: str) -> str:
+    """Return `ladder_bars` as an SVG element with the page's colour and fonts."""
+    return _svg(lambda axis: ladder_bars(axis, ladder, errors, INK), f"Ladder of bounds, {scene}", (7.0, 2.8))
 
 
 def png(pixels: Array) -> str:

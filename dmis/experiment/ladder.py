@@ -1,0 +1,368 @@
+"""Ladder of bounds: how small an image's error could be in equal time, with one freedom of the estimator after another.
+
+A camera sample with S shading samples has the variance ``V = P + A(w) / S``. P = Var_y(I) comes from where the camera
+sample meets the scene (edges, textures), A(w) from the shading samples there (`dmis.variance.curves`). It costs
+``C = c0 + S c1(w)`` (`dmis.estimator.cost`). If patch i takes n_i camera samples per pixel, the image's error times its
+time is
+
+    mean(V_i / n_i) mean(n_i C_i).
+
+Each *rung* is the least of that over some of w, n and S, without a pilot, over its value for the balance heuristic with
+one light and one BRDF sample. What attains it is chosen on one half of an oracle's samples and evaluated on the other,
+both ways round: noise can raise a rung, not lower it. The same samples for both would flatter it; the two values
+bracket the truth.
+
+Camera samples are independent up to the last rung, which assumes that they are spread evenly, see `Evenness`. What
+control variates and product sampling without visibility could bring is left out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dmis import __version__
+from dmis.base.atomic_files import check_writable, replacing
+from dmis.base.vectors import Array
+from dmis.estimator.settings import Settings, make_settings
+from dmis.experiment.oracle import Oracle
+from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
+from dmis.fit.curve_minimum import PatchCurves, allowed_weights
+from dmis.pipeline.executor import Parallel
+from dmis.pipeline.fingerprint import fingerprint
+from dmis.pipeline.passes import Progress
+from dmis.pipeline.render import render
+from dmis.scene.scene import Scene
+from dmis.variance.curves import HALF, share_variance
+
+RUNGS = {
+    "B0": "balance heuristic, 1 + 1 shading samples",
+    "B1": "best w per patch",
+    "B2": "numbers of camera samples per patch, w = 1/2",
+    "B2'": "w and numbers per patch",
+    "B2''": "w and numbers per patch, one S for the image",
+    "B3": "w, numbers and S per patch",
+    "B6": "numbers per patch, perfect shading samples (A = 0)",
+    "B7": "the same with evenly spread camera samples",
+}
+"""Names of the rungs and what may be chosen on each; B4 (control variates) and B5 (product sampling) are left out."""
+SHADING_SAMPLES = (1, 2, 4, 8, 16)
+"""Numbers S of shading samples that the image may have on rung B2''."""
+MIN_COUNTS = 0.01, 0.03, 0.1
+"""Least numbers of camera samples of a patch, over the mean, so that a patch without signal in one half gets some; each
+rung has the best of these.
+"""
+S_LIMITS = 1 / 4, 16.0
+"""Least and largest S of a patch on rung B3, against division by an estimate of P or A that is 0."""
+EDGE_EXPONENT = 1.5
+"""Exponent a of the error n^-a of evenly spread points in a pixel with an edge, which rung B7 does not exceed: its
+samples go where edges are, and a larger exponent would be that of smooth pixels.
+"""
+EVEN_SPP, EVEN_RATIO, EVEN_SEEDS = 128, 4, 8
+"""Camera samples per pixel at which `Evenness` is measured, what these are divided by for its slope, and renders of
+each.
+"""
+
+
+@dataclass(frozen=True)
+class Evenness:
+    """Error of the balance heuristic with Sobol points over that with independent ones, as a power of the samples.
+
+    Attributes
+    ----------
+    spp
+        Camera samples per pixel at which `ratio` was measured.
+    ratio
+        Mean squared error with Sobol points over that with independent points.
+    exponent
+        a, where the error with Sobol points falls as n^-a: 1 for independent points, 3/2 for edges in the pixel.
+    """
+
+    spp: int
+    ratio: float
+    exponent: float
+
+    def at(self, spp: float) -> float:
+        """Return the ratio of the errors at another number of samples."""
+        # e(n) = e(N) (n / N)^(1 - a)
+        return float(self.ratio * (spp / self.spp) ** (1 - self.exponent))
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Rungs of a scene, each an error in equal time over that of independent samples of the balance heuristic.
+
+    Attributes
+    ----------
+    rungs
+        Values by name (`RUNGS`), chosen on one half of the samples and evaluated on the other.
+    flattered
+        The same, chosen and evaluated on the same samples.
+    position
+        Share of the variance at w = 1/2 that does not depend on the shading samples, ``P / V``.
+    evenness
+        What rung B7 assumes; None: not measured, and there is no such rung.
+    """
+
+    rungs: Mapping[str, float]
+    flattered: Mapping[str, float]
+    position: float
+    evenness: Evenness | None = None
+
+    def reached(self, ratio: float) -> str:
+        """Return the rung that an error in equal time has reached, the lowest that it does not exceed.
+
+        Parameters
+        ----------
+        ratio
+            Mean squared error times seconds over that of independent samples of the balance heuristic.
+
+        Returns
+        -------
+        The name of the rung; empty if the ratio is above them all, or NaN.
+        """
+        above = {name: value for name, value in self.rungs.items() if ratio <= value}
+        return min(above, key=lambda name: above[name], default="")
+
+    def over_independent(self, ratio: float, sampler: str, spp: int) -> float:
+        """Return `ratio`, an error over that of the balance heuristic with the same `sampler`, over independent points.
+
+        NaN for a sampler other than ``independent`` and ``sobol``, and for the latter without `evenness`.
+        """
+        if sampler == "independent":
+            return ratio
+        return ratio * self.evenness.at(spp) if sampler == "sobol" and self.evenness else float("nan")
+
+    def text(self) -> str:
+        """Return the position's share, the evenness and a table of the rungs, in Markdown."""
+        lines = [f"Of the variance at w = 1/2, {self.position:.0%} does not depend on the shading samples."]
+        if even := self.evenness:
+            lines.append(
+                f"With Sobol points the error of the balance heuristic at {even.spp} samples per pixel is "
+                f"{even.ratio:.2g} of that with independent ones, and falls as n^-{even.exponent:.2f}."
+            )
+        lines += ["", "| rung | what may be chosen | error in equal time | chosen and evaluated on the same samples |"]
+        lines.append("|---|---|---|---|")
+        lines += [
+            f"| {name} | {RUNGS[name]} | {value:.3g} | {self.flattered[name]:.3g} |"
+            for name, value in self.rungs.items()
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """What a rung takes in each patch: the index of w in the grid, and shading samples S of a camera sample.
+
+    A number S for the image is whole, and so are the numbers of light samples. Where S differs from patch to patch it
+    is any positive number.
+    """
+
+    best: np.ndarray
+    shading_samples: Array | float
+
+
+def make_ladder(oracle: Oracle, evenness: Evenness | None = None) -> Ladder | None:
+    """Return the ladder by the halves of an oracle, which takes a tenth of a second.
+
+    It is None if the oracle does not have its halves, or no variance.
+    """
+    if oracle.halves is None:
+        return None
+    variance = [oracle.mean(half.curve[HALF] + half.position) for half in oracle.halves]
+    if not sum(variance) > 0:
+        return None
+    base = float(np.mean(variance) * oracle.cost[HALF])
+    first, second = oracle.halves
+    crossed = [
+        [_rungs(oracle, *halves, evenness, least) for halves in ((first, second), (second, first))]
+        for least in MIN_COUNTS
+    ]
+    rungs = {name: min(a[name] + b[name] for a, b in crossed) / 2 / base for name in crossed[0][0]}
+    known = [replace(half, position=np.maximum(half.position, 0)) for half in oracle.halves]
+    same = [_rungs(oracle, half, half, evenness, MIN_COUNTS[0]) for half in known]
+    flattered = {name: sum(of_half[name] / of_half["B0"] for of_half in same) / 2 for name in rungs}
+    position = float(np.mean([oracle.mean(half.position) for half in oracle.halves]) / np.mean(variance))
+    return Ladder(rungs, flattered, position, evenness)
+
+
+def _rungs(
+    oracle: Oracle, chosen_on: PatchCurves, evaluated_on: PatchCurves, evenness: Evenness | None, least: float
+) -> dict[str, float]:
+    """Return error times cost of all rungs, chosen on one half of an oracle's samples and evaluated on another."""
+    rungs = {}
+    for name, choice in _choices(oracle, chosen_on).items():
+        counts = np.ones(choice.best.shape)
+        if name not in ("B0", "B1"):
+            # n ~ sqrt(V / C)
+            ratio = np.maximum(_variance(oracle, chosen_on, choice), 0) / _cost(oracle, choice)
+            counts = _at_least(oracle, np.sqrt(ratio), least)
+        # mean(V / n) mean(n C)
+        error = oracle.mean(_variance(oracle, evaluated_on, choice) / counts)
+        rungs[name] = error * oracle.mean(counts * _cost(oracle, choice))
+    levels = {"B6": (1.0, 1.0)} | ({"B7": (evenness.ratio, min(evenness.exponent, EDGE_EXPONENT))} if evenness else {})
+    for name, (ratio_of_errors, a) in levels.items():
+        # V = P, C = c0: n ~ P^(1 / (1 + a)) minimises mean(P n^-a) at a given mean(n)
+        counts = _at_least(oracle, np.maximum(chosen_on.position, 0) ** (1 / (1 + a)), least)
+        # for the cost of N samples of the balance heuristic mean(n) is N C(1/2) / c0, and the error of a patch is
+        # e(n) P / n = e(N) (n / N)^(1 - a) P / n
+        position = oracle.mean(evaluated_on.position / (counts / oracle.mean(counts)) ** a)
+        share = (oracle.base_cost / oracle.cost[HALF]) ** a
+        rungs[name] = float(ratio_of_errors * share * position * oracle.cost[HALF])
+    return rungs
+
+
+def _choices(oracle: Oracle, curves: PatchCurves) -> dict[str, _Choice]:
+    """Return what is best on each rung with shading samples, by the curves of one half."""
+    s = oracle.shading_samples
+    # w = 0 and w = 1 only where they are as good for the image as their neighbours: patches seldom have rare samples
+    allowed = allowed_weights(np.array([oracle.mean(curve) for curve in curves.curve]))[:, None, None]
+    half = _Choice(np.full(curves.position.shape, HALF), s)
+    at_any_share = replace(oracle, variance=np.where(allowed, curves.variance, np.inf))
+    by_samples = {}
+    for number in dict.fromkeys((s, *SHADING_SAMPLES)):
+        # min over w of V C
+        variance = np.maximum(curves.with_shading_samples(number / s, s).variance, 0)
+        product = np.where(allowed, variance * _costs(oracle, number)[:, None, None], np.inf)
+        by_samples[number] = oracle.mean(np.sqrt(product.min(axis=0))), _Choice(product.argmin(axis=0), number)
+    return {
+        "B0": half,
+        "B1": _Choice(at_any_share.best_index(costly=True), s),
+        "B2": half,
+        "B2'": by_samples[s][1],
+        "B2''": min(by_samples.values(), key=lambda error_and_choice: error_and_choice[0])[1],
+        "B3": _best_shading_samples(oracle, curves, allowed),
+    }
+
+
+def _best_shading_samples(oracle: Oracle, curves: PatchCurves, allowed: np.ndarray) -> _Choice:
+    """Return the `allowed` shares and any numbers S > 0 of shading samples of least V C, by the curves of one half."""
+    # min over S of (P + A / S) (c0 + S c1) = (sqrt(P c0) + sqrt(A c1))^2  at  S = sqrt(A c0 / (P c1))
+    position, shading = np.maximum(curves.position, 0), np.maximum(_shading_variance(oracle, curves), 0)
+    per_sample = (oracle.cost - oracle.base_cost) / oracle.shading_samples
+    best = np.where(allowed, shading * per_sample[:, None, None], np.inf).argmin(axis=0)
+    falling, rising = _at_index(shading, best) * oracle.base_cost, position * per_sample[best]
+    low, high = S_LIMITS
+    shading_samples = np.sqrt(np.clip(falling, low**2 * rising, high**2 * rising) / np.where(rising > 0, rising, 1))
+    return _Choice(best, np.where(rising > 0, shading_samples, high))
+
+
+def _at_least(oracle: Oracle, counts: Array, least: float) -> Array:
+    """Return numbers of camera samples that are not below `least` times their mean; 1 if all are 0."""
+    mean = oracle.mean(counts)
+    return np.maximum(counts, least * mean) if mean > 0 else np.ones_like(counts)
+
+
+def _variance(oracle: Oracle, curves: PatchCurves, choice: _Choice) -> Array:
+    """Return the variance of a camera sample per patch; an unbiased estimate, which may be negative."""
+    if np.ndim(choice.shading_samples):
+        shading = _at_index(_shading_variance(oracle, curves), choice.best) / choice.shading_samples
+    else:
+        factor = choice.shading_samples / oracle.shading_samples
+        shading = _at_index(curves.with_shading_samples(float(factor), oracle.shading_samples).curve, choice.best)
+    return np.asarray(curves.position + shading)
+
+
+def _shading_variance(oracle: Oracle, curves: PatchCurves) -> Array:
+    """Return A(w), the variance of a shading sample with fixed shares, at the shares of the grid, ``(G, ...)``."""
+    # curve = A / S + var(n / S) Var_y(D)
+    rounding = share_variance(oracle.shading_samples)[:, None, None] * curves.pattern
+    return np.asarray((curves.curve - rounding) * oracle.shading_samples)
+
+
+def _costs(oracle: Oracle, shading_samples: float) -> Array:
+    """Return the cost of a camera sample with other numbers of shading samples, at the shares of the grid, ``(G,)``."""
+    # C = c0 + S c1
+    return oracle.base_cost + (oracle.cost - oracle.base_cost) * (shading_samples / oracle.shading_samples)
+
+
+def _cost(oracle: Oracle, choice: _Choice) -> Array:
+    """Return the cost of a camera sample per patch."""
+    varying = (oracle.cost - oracle.base_cost)[choice.best] / oracle.shading_samples
+    return oracle.base_cost + varying * choice.shading_samples
+
+
+def _at_index(values: Array, index: np.ndarray) -> Array:
+    """Return the values ``(G, ...)`` at an index ``(...)`` into the grid."""
+    return np.take_along_axis(values, index[None], axis=0)[0]
+
+
+def measure_evenness(
+    scene: Scene,
+    oracle: Oracle,
+    spp: int = EVEN_SPP,
+    seeds: int = EVEN_SEEDS,
+    *,
+    settings: Settings | None = None,
+    folder: str | os.PathLike[str] | None = None,
+    parallel: Parallel = None,
+    progress: Progress | None = None,
+) -> Evenness:
+    """Return the evenness of a scene's Sobol points: measured at the first call, read from the cache afterwards.
+
+    The error at `spp` and at a quarter of it is the variance over renders with different random numbers, of the mean of
+    the channels, over all pixels. That with independent points is the oracle's.
+
+    Parameters
+    ----------
+    spp, seeds
+        Camera samples per pixel, a multiple of 4, and the number of renders at each of both numbers.
+    settings, folder, parallel, progress
+        See `dmis.experiment.oracle.make_oracle`.
+    """
+    path = _evenness_path(scene, spp, seeds, settings, folder)
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_writable(path)
+        settings = replace(make_settings(settings), preset=None, sampler="sobol")
+        errors = []
+        for n in (spp // EVEN_RATIO, spp):
+            images = [
+                render(
+                    scene, "balance", n, seed=REFERENCE_SEED + 4 + k, settings=settings, parallel=parallel,
+                    progress=progress,
+                ).image.mean(axis=2, dtype=np.float64)
+                for k in range(seeds)
+            ]  # fmt: skip
+            errors.append(float(np.var(images, axis=0, ddof=1).mean()))
+        with replacing(path) as partial:
+            partial.write_text(json.dumps(errors))
+    fewer, error = json.loads(path.read_text())
+    independent = oracle.mean(oracle.variance[HALF]) / spp
+    if not (error > 0 and independent > 0):
+        raise ValueError("evenness needs an image with noise; got one whose error is 0")
+    return Evenness(spp, error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
+
+
+def cached_ladder(
+    scene: Scene,
+    oracle: Oracle,
+    *,
+    settings: Settings | None = None,
+    folder: str | os.PathLike[str] | None = None,
+) -> Ladder | None:
+    """Return the ladder by an oracle of `scene`, with rung B7 if its evenness is in the cache.
+
+    It is None where `make_ladder` has none.
+    """
+    ladder = make_ladder(oracle)
+    if ladder is None or not _evenness_path(scene, EVEN_SPP, EVEN_SEEDS, settings, folder).exists():
+        return ladder
+    return make_ladder(oracle, measure_evenness(scene, oracle, settings=settings, folder=folder))
+
+
+def _evenness_path(
+    scene: Scene, spp: int, seeds: int, settings: Settings | None, folder: str | os.PathLike[str] | None
+) -> Path:
+    """Return the path of the errors that an evenness comes from in the cache."""
+    width, height = scene.camera.resolution
+    settings = replace(settings or Settings(), sampler=Settings().sampler)  # which does not change what is measured
+    key = json.dumps([__version__, fingerprint(scene), spp, seeds, *settings_key(settings)])
+    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
+    return cache_folder(folder) / f"{scene.name}-{width}x{height}-evenness-{digest}.json"

@@ -1,0 +1,199 @@
+"""Ladder of bounds: closed forms on planted curves, order, scale, noise that does not flatter, and its measurement."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.experiment.ladder import RUNGS, Evenness, Ladder, cached_ladder, make_ladder, measure_evenness
+from dmis.experiment.oracle import Oracle, make_oracle
+from dmis.fit.curve_minimum import PatchCurves
+from dmis.variance.curves import GRID, HALF, share_variance
+
+S, BASE_COST = 2, 1.3
+COST_PER_SAMPLE = np.linspace(0.4, 0.7, len(GRID))
+
+
+def planted(position: Array, shading: Array, pattern: Array | float = 0.0) -> PatchCurves:
+    """Return the curves of patches ``(r, c)`` with known P, A(w) ``(G, r, c)`` and Var_y(D)."""
+    zero, pattern = np.zeros_like(shading), np.broadcast_to(pattern, shading.shape)
+    curve = shading / S + share_variance(S)[:, None, None] * pattern
+    return PatchCurves(curve, zero, zero, pattern, position, np.full(position.shape, 16.0))
+
+
+def oracle_of(first: PatchCurves, second: PatchCurves | None = None, unit: float = 1.0) -> Oracle:
+    """Return an oracle with these halves; costs are in units of `unit`."""
+    second = second or first
+    cost = (BASE_COST + S * COST_PER_SAMPLE) * unit
+    variance = (first.variance + second.variance) / 2
+    return Oracle(variance, cost, 4, 64, None, (first, second), S, BASE_COST * unit)
+
+
+def ladder_of(oracle: Oracle, evenness: Evenness | None = None) -> Ladder:
+    """Return the ladder of an oracle that has one."""
+    ladder = make_ladder(oracle, evenness)
+    assert ladder is not None
+    return ladder
+
+
+def random_curves(seed: int) -> PatchCurves:
+    """Return curves of 3 by 4 patches, with minima between the ends of the grid."""
+    rng = np.random.default_rng(seed)
+    position, level = rng.uniform(0.3, 3, (2, 3, 4))
+    best, steep = rng.uniform(0.2, 0.8, (3, 4)), rng.uniform(0, 30, (3, 4))
+    shading = level * (1 + steep * (GRID[:, None, None] - best) ** 2)
+    return planted(position, shading, rng.uniform(0, 1, (3, 4)) * level)
+
+
+def test_closed_forms() -> None:
+    """Two patches, of which one has no use for weights: every rung by its formula."""
+    position, half, best = np.array([[0.5, 2.0]]), np.array([[1.5, 0.4]]), np.array([[0.6, 0.4]])
+    shading = np.broadcast_to(half, (len(GRID), 1, 2)).copy()
+    shading[8, 0, 0] = best[0, 0]
+    oracle = oracle_of(planted(position, shading))
+    # c1 of the best shares: the second patch takes the cheapest
+    c1 = COST_PER_SAMPLE[[8, 0]]
+    c_half, c_best = BASE_COST + S * COST_PER_SAMPLE[HALF], BASE_COST + S * c1
+    v_half, v_best = position + half / S, position + best / S
+    base = v_half.mean() * c_half
+    expected = {
+        "B0": 1.0,
+        "B1": v_best.mean() * c_best.mean() / base,
+        "B2": np.sqrt(v_half).mean() ** 2 * c_half / base,
+        "B2'": np.sqrt(v_best * c_best).mean() ** 2 / base,
+        "B2''": np.sqrt((position + best) * (BASE_COST + c1)).mean() ** 2
+        / base,  # S = 1, less rounding: w = 0 needs none
+        "B3": (np.sqrt(position * BASE_COST) + np.sqrt(best * c1)).mean() ** 2 / base,
+        "B6": (np.sqrt(position * BASE_COST)).mean() ** 2 / base,
+    }
+    ladder = ladder_of(oracle)
+    assert list(ladder.rungs) == list(expected)
+    for name, value in expected.items():
+        assert ladder.rungs[name] == pytest.approx(value, rel=1e-9), name
+        assert ladder.flattered[name] == pytest.approx(value, rel=1e-9), name
+    assert ladder.position == pytest.approx(position.mean() / v_half.mean())
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_order(seed: int) -> None:
+    """More freedom never raises the error, on random curves."""
+    rungs = ladder_of(oracle_of(random_curves(seed)), Evenness(128, 0.3, 1.3)).rungs
+    for higher, lower in (("B0", "B1"), ("B1", "B2'"), ("B0", "B2"), ("B2", "B2'"), ("B2'", "B2''"), ("B2''", "B3")):
+        assert rungs[lower] <= rungs[higher] * (1 + 1e-12), (higher, lower)
+    assert rungs["B7"] < rungs["B6"] < rungs["B3"]
+
+
+def test_order_is_strict_where_there_is_something_to_gain() -> None:
+    rungs = ladder_of(oracle_of(random_curves(0)), Evenness(128, 0.3, 1.3)).rungs
+    assert rungs["B0"] > rungs["B1"] > rungs["B2'"] > rungs["B3"] > rungs["B6"] > rungs["B7"]
+
+
+def test_scale() -> None:
+    """Neither the unit of radiance nor that of cost changes a rung."""
+    curves, evenness = random_curves(1), Evenness(128, 0.3, 1.3)
+    brighter = planted(
+        1e6 * curves.position,
+        1e6 * S * (curves.curve - share_variance(S)[:, None, None] * curves.pattern),
+        1e6 * curves.pattern,
+    )
+    rungs = ladder_of(oracle_of(curves), evenness).rungs
+    assert ladder_of(oracle_of(brighter, unit=7.0), evenness).rungs == pytest.approx(rungs, rel=1e-9)
+
+
+def test_rounding_of_numbers_counts_where_they_are_whole() -> None:
+    """Var_y(D) raises rungs with a whole number of light samples, and not where S is any number."""
+    position, shading = np.ones((1, 2)), np.linspace(2, 1, len(GRID) - 1)
+    shading = np.broadcast_to(np.append(shading, 3)[:, None, None], (len(GRID), 1, 2))
+    without, rounded = (ladder_of(oracle_of(planted(position, shading, d))).rungs for d in (0.0, 2.0))
+    assert rounded["B3"] == pytest.approx(without["B3"]) and rounded["B0"] == 1
+    assert rounded["B1"] > 1.01 * without["B1"]
+
+
+def test_noise_does_not_flatter() -> None:
+    """Weights and numbers that save nothing: noise lowers a choice judged by its own samples only."""
+    rng = np.random.default_rng(5)
+
+    def noisy() -> PatchCurves:
+        shape = len(GRID), 30, 30
+        return planted(1 + 0.3 * rng.standard_normal(shape[1:]), 2 + 0.6 * rng.standard_normal(shape))
+
+    oracle = oracle_of(noisy(), noisy())
+    flat = Oracle(
+        oracle.variance, np.full(len(GRID), 2.0), 4, 64, None, oracle.halves, S, 1.0
+    )  # with costs of its own the cheapest share would save something
+    ladder = ladder_of(flat)
+    for name in ("B1", "B2", "B2'"):
+        assert ladder.rungs[name] > 0.99, name
+    assert ladder.flattered["B1"] < 0.8 and ladder.flattered["B2'"] < 0.8
+
+
+def test_ends_that_miss_light_are_not_chosen() -> None:
+    """A patch without the rare samples that make an end of the grid fail in the image does not choose it."""
+    position, shading = np.ones((2, 2)), np.ones((len(GRID), 2, 2))
+    shading[0] = 0.1
+    shading[0, 1, 1] = 1e6
+    assert ladder_of(oracle_of(planted(position, shading))).rungs["B2'"] > 0.8
+
+
+def test_even_points() -> None:
+    """B7 is B6 for independent points, and the best allocation by brute force for others."""
+    position = np.array([[0.2, 3.0]])
+    oracle = oracle_of(planted(position, np.ones((len(GRID), 1, 2))))
+    rungs = ladder_of(oracle, Evenness(128, 1.0, 1.0)).rungs
+    assert rungs["B7"] == pytest.approx(rungs["B6"])
+    even = Evenness(128, 0.25, 1.4)
+    assert even.at(128) == 0.25 and even.at(512) == pytest.approx(0.25 * 4**-0.4)
+    c_half = float(oracle.cost[HALF])
+    mean_count = 128 * c_half / BASE_COST
+
+    def error(share: float) -> float:
+        """Mean over both patches of e(n) P / n, where the first has this share of the samples."""
+        counts = 2 * mean_count * np.array([share, 1 - share])
+        return float(np.mean([even.at(n) * p / n for n, p in zip(counts, position[0], strict=True)]))
+
+    least = minimize_scalar(error, bounds=(0.001, 0.999), method="bounded").fun
+    baseline = oracle.variance[HALF].mean() / 128
+    assert ladder_of(oracle, even).rungs["B7"] == pytest.approx(least / baseline, rel=1e-4)
+
+
+def test_rung_of_a_rule() -> None:
+    """A rule is on the lowest rung that it does not exceed; rungs need not be in order of their values."""
+    rungs = {"B0": 1.0, "B1": 0.66, "B2": 0.75, "B2'": 0.5}
+    ladder = Ladder(rungs, rungs, 0.1, Evenness(128, 0.1, 1.5))
+    reached = {ratio: ladder.reached(ratio) for ratio in (1.2, 1.0, 0.7, 0.66, 0.3)}
+    assert reached == {1.2: "", 1.0: "B0", 0.7: "B2", 0.66: "B1", 0.3: "B2'"}
+    assert ladder.reached(float("nan")) == ""
+    assert ladder.over_independent(0.5, "independent", 32) == 0.5
+    assert ladder.over_independent(0.5, "sobol", 32) == pytest.approx(0.5 * 0.1 * 2)
+    assert np.isnan(ladder.over_independent(0.5, "stratified", 32))
+    assert np.isnan(Ladder(rungs, rungs, 0.1).over_independent(0.5, "sobol", 32))
+
+
+def test_no_ladder() -> None:
+    """An oracle without halves, or without variance, has no ladder."""
+    assert make_ladder(Oracle(np.ones((len(GRID), 1, 1)), np.ones(len(GRID)), 4, 64)) is None
+    assert make_ladder(oracle_of(planted(np.zeros((1, 1)), np.zeros((len(GRID), 1, 1))))) is None
+
+
+def test_ladder_of_a_scene(box: dmis.Scene, tmp_path, monkeypatch) -> None:
+    """Rungs of rendered curves are in order; their evenness is rendered once, and Sobol points are more even."""
+    oracle = make_oracle(box, 512, folder=tmp_path)
+    assert oracle.halves is not None
+    curve, position = (
+        np.mean([getattr(half, name) for half in oracle.halves], axis=0) for name in ("curve", "position")
+    )
+    np.testing.assert_allclose(oracle.variance, curve + np.maximum(position, 0), rtol=1e-9, atol=0)
+    before = cached_ladder(box, oracle, folder=tmp_path)
+    assert before is not None and "B7" not in before.rungs
+    evenness = measure_evenness(box, oracle, folder=tmp_path)
+    assert evenness.ratio < 0.8 and 1 < evenness.exponent < 2.5
+    monkeypatch.setattr("dmis.experiment.ladder.render", None)
+    assert measure_evenness(box, oracle, folder=tmp_path) == evenness
+    ladder = cached_ladder(box, oracle, folder=tmp_path)
+    assert ladder is not None and set(ladder.rungs) == set(RUNGS)
+    rungs = ladder.rungs
+    assert rungs["B0"] > rungs["B1"] > rungs["B2'"] > rungs["B3"] > rungs["B6"] > rungs["B7"] > 0
+    # by the curves of all samples
+    assert rungs["B1"] == pytest.approx(oracle.limit(costly=True), rel=0.02)
+    assert rungs["B2'"] == pytest.approx(oracle.limit_with_counts(), rel=0.05)
