@@ -42,7 +42,7 @@ for name, shrink in TABLES.items():
 # Rungs by scenes, and below what they follow from.
 lines = ["| rung | what may be chosen | " + " | ".join(ladders) + " |", "|---|---|" + "---|" * len(ladders)]
 for name, meaning in RUNGS.items():
-    values = [f"{ladder.rungs[name]:.2g}" for ladder in ladders.values()]
+    values = [f"{ladder.rungs[name]:.3g}" for ladder in ladders.values()]
     lines.append(f"| {name} | {meaning} | {' | '.join(values)} |")
 for title, values in {
     "P / V at w = 1/2": [f"{ladder.position:.2f}" for ladder in ladders.values()],
@@ -58,7 +58,7 @@ difference = max(
 )
 about = (
     f"Made on {date.today()} with {SPP} samples per pixel and, for even points, {EVEN_SEEDS} renders each of "
-    f"{EVEN_SPP // 4} and {EVEN_SPP}, on {machine()}. Chosen and evaluated on the same samples B0 to B3 are within "
-    f"{difference:.0%} of these."
+    f"{EVEN_SPP // 4} and {EVEN_SPP}, on {machine()}.",
+    f"Chosen and evaluated on the same samples, B0 to B3 are within {difference:.0%} of these.",
 )
-replace_table(given.page, "ladder", about, "", *lines)
+replace_table(given.page, "ladder", *about, "", *lines)

@@ -77,6 +77,8 @@ def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None)
     """Return what an interrupted command has saved, and the command that resumes it."""
     if options.command == "compare":
         return f"; finished renders are kept in {options.output}. Run the same command to resume."
+    if options.command == "oracle":
+        return "; finished tiles are kept in the cache. Run the same command to resume."
     if options.command != "render":
         return ""
     path, words = options.checkpoint, ["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)]

@@ -8,12 +8,12 @@ time is
     mean(V_i / n_i) mean(n_i C_i).
 
 Each *rung* is the least of that over some of w, n and S, without a pilot, over its value for the balance heuristic with
-one light and one BRDF sample. What attains it is chosen on one half of an oracle's samples and evaluated on the other,
-both ways round: noise can raise a rung, not lower it. The same samples for both would flatter it; the two values
-bracket the truth.
+one light and one BRDF sample. The choice is made on one half of an oracle's samples and evaluated on the other, both
+ways round: noise can raise a rung, not lower it. Evaluated on the samples that it was made on, a choice looks better
+than it is; the difference says whether the samples are enough.
 
 Camera samples are independent up to the last rung, which assumes that they are spread evenly, see `Evenness`. What
-control variates and product sampling without visibility could bring is left out.
+control variates (B4) and product sampling without visibility (B5) could bring is left out.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class Ladder:
     rungs
         Values by name (`RUNGS`), chosen on one half of the samples and evaluated on the other.
     flattered
-        The same, chosen and evaluated on the same samples.
+        The same, chosen and evaluated on the same samples, where a P below 0 counts as 0.
     position
         Share of the variance at w = 1/2 that does not depend on the shading samples, ``P / V``.
     evenness
