@@ -128,12 +128,12 @@ def ladder_bars(axis: Axes, ladder: Ladder, errors: Mapping[str, float] | None =
     names, values = list(ladder.rungs), np.maximum(list(ladder.rungs.values()), MIN_RUNG)
     axis.barh(names, 1 - values, left=values, color="#2b8cd6", alpha=0.35, height=0.7)
     for row, value in enumerate(ladder.rungs.values()):
-        axis.text(1.03, row, f"{value:.2g}", va="center", color=ink, fontsize=8)
+        axis.text(values[row] / 1.05, row, f"{value:.2g}", va="center", ha="right", color=ink, fontsize=8)
     for k, (rule, error) in enumerate((errors or {}).items()):
         if error > 0:
             axis.axvline(error, color=line_style(k)[0], linewidth=1.6, label=rule)
     axis.set_xscale("log")
-    axis.set_xlim(right=2)
+    axis.set_xlim(values.min() / 2.5, 2)
     axis.invert_yaxis()
     axis.grid(alpha=0.25, axis="x", linewidth=0.5)
     axis.set_xlabel("error in equal time, over independent samples of the balance heuristic")
