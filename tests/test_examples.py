@@ -130,6 +130,7 @@ def test_reproduction_grid_is_resumed(cache, tmp_path):
         ("make_filter_table", ("--seeds", "1"), {"%, harm ": 20, "| joint, shrunk |": 1}),
         ("make_full_table", (), {" ± ": 12, " × ": 12}),
         ("make_parabola_table", ("--seeds", "1"), {"| 4 | ": 4, "<!-- parabola: begin -->": 1, "nan": 0}),
+        pytest.param("make_ladder_table", (), {"| B": 8, "| | ": 3, "nan": 0, "inf": 0}, marks=pytest.mark.slow),
         pytest.param(
             "make_simplex_table", ("--seeds", "2"), {"| `simplex:": 5, " ± ": 24, "nan": 0}, marks=pytest.mark.slow
         ),
