@@ -36,6 +36,7 @@ from dmis.fit.registry import make_rule as make_rule
 from dmis.fit.registry import register_rule as register_rule
 from dmis.fit.rule import Fit as Fit
 from dmis.fit.rule import Rule as Rule
+from dmis.formats.load_scene import HELD_OUT as HELD_OUT
 from dmis.formats.load_scene import SHIPPED as SHIPPED
 from dmis.formats.load_scene import light_part as light_part
 from dmis.formats.load_scene import load_scene as load_scene

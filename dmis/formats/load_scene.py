@@ -32,6 +32,8 @@ _HERE = Path(__file__).resolve().parent.parent
 _FOLDER = _HERE / "_scenes" if (_HERE / "_scenes").is_dir() else _HERE.parent / "scenes"  # of a wheel; of a checkout
 SHIPPED = tuple(sorted(path.stem for path in _FOLDER.glob("*.pbrt")))
 """Names of the scenes that come with the library."""
+HELD_OUT = ("ten-lights", "veach-mis")
+"""Names of those of them that are held out: no constant of the library is chosen on them, so that they can test it."""
 
 
 def load_scene(
