@@ -312,7 +312,7 @@ def _path(
     combiners = [] if combiner == "balance" else [combiner]
     settings = settings or Settings()
     share = LEARNED_COMPENSATION if settings.compensation is None else settings.compensation
-    settings = replace(settings, compensation=share if scene.plan.environment else None)
+    settings = replace(settings, preset=None, compensation=share if scene.plan.environment else None)
     key = json.dumps([__version__, LAYOUT, fingerprint(scene), spp, patch, *settings_key(settings), *combiners])
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"
