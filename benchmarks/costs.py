@@ -3,9 +3,9 @@ What a shading sample costs
 ===========================
 
 Rules that weigh variance against cost go by counted rays times the constants of `dmis.estimator.cost`. Here they are
-measured: CPU time of renders at several weights and numbers of shading samples on the scenes that come with dmis,
-without the held-out ones, in turns, and the constants that explain it best, each scene's camera sample being one. Takes ten minutes or so, and wants
-an idle machine.
+measured: CPU time of renders at several weights and numbers of shading samples on the scenes that come with dmis but
+the held-out ones, in turns, and the constants that explain it best, each scene's camera sample being one. Takes ten
+minutes or so, and wants an idle machine.
 """
 
 import argparse

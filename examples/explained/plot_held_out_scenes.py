@@ -1,0 +1,54 @@
+"""
+The two held-out scenes
+=======================
+
+Veach's plates and a room with ten lights, by BRDF samples alone, by light samples alone and by the balance heuristic,
+and the share of light samples that is learned. No constant of dmis is chosen on these two scenes.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common import machine, options, replace_table
+
+import dmis
+from dmis import plot
+
+opts, given = options(
+    __file__, __doc__, page={"type": Path, "help": "a page that gets the table between its marks 'held-out scenes'"}
+)
+SPP, SHRINK = opts.pick(8, 64), opts.pick(8, 2, 1)
+TITLES = {"fixed:0": "BRDF samples", "fixed:1": "light samples", "balance": "balance heuristic"}
+RULES = (*TITLES, "auto")
+
+# %%
+# The variance of one camera sample is that of the image times the number of camera samples.
+figure, axes = plot.canvas(len(dmis.HELD_OUT), 4, 19, 7)
+rows = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
+for line, name in zip(axes, dmis.HELD_OUT, strict=True):
+    width, height = dmis.load_scene(name).camera.resolution
+    scene = dmis.load_scene(name, resolution=(width // SHRINK, height // SHRINK))
+    results = {
+        rule: dmis.render(scene, rule, SPP, seed=1, sampler="independent", parallel=opts.threads) for rule in RULES
+    }
+    means = " | ".join(f"{SPP * result.variance.mean(dtype=float):#.3g}" for result in results.values())
+    rows.append(f"| {name} {width // SHRINK}×{height // SHRINK} | {means} |")
+
+    for axis, (rule, title) in zip(line, TITLES.items(), strict=False):
+        plot.picture(axis, results[rule].image, f"{name}: {title}")
+    share = plot.weights(line[-1], results["auto"].weight, "learned by auto")
+    plot.weight_bar(figure, share, line[-1])
+
+print(*rows, sep="\n")
+if given.page is not None:
+    replace_table(given.page, "held-out scenes", *rows, "", f"{SPP} samples per pixel, seed 1, on {machine()}.")
+opts.save(
+    figure,
+    "The two held-out scenes",
+    f"""The same {SPP} camera samples per pixel, each with two BRDF samples, two light samples, or one of each; and the
+    share of light samples that auto learns. Smooth surfaces that mirror large lamps favour BRDF samples, rough surfaces
+    and small lamps light samples. The small lamps hang out of view, because the noise of their edges, which is that of
+    the camera samples, would be nearly all of the variance.""",
+)
