@@ -71,6 +71,8 @@ GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 class Sobol:
     """Sampler of one (0, 2)-sequence in several orders, with a digit shift per pixel and pair."""
 
+    sequence = True
+
     def __init__(self, block: PixelBlock) -> None:
         seed = np.random.SeedSequence(block.seed).generate_state(1, np.uint64)
         self._pixel_words = mix(seed + np.asarray(block.pixels).astype(np.uint64) * GOLDEN)

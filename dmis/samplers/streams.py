@@ -174,6 +174,11 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     SAMPLERS[name] = factory
 
 
+def is_sequence(kind: str) -> bool:
+    """Return whether the sampler `kind` takes neighbours of a sequence, and says so by an attribute ``sequence``."""
+    return getattr(SAMPLERS[kind], "sequence", False)
+
+
 def make_sampler(kind: str, block: PixelBlock) -> Sampler:
     """Return the sampler `kind` of the pixels `block`.
 

@@ -80,8 +80,11 @@ class PixelMoments:
         self._pixels = pixels
         self._total: Moments | None = None
 
-    def add(self, samples: Array, pixels: np.ndarray) -> None:
-        """Add n samples of each of A `pixels` ``(A,)``, which differ and ascend; `samples` are ``(n, 3, A)``."""
+    def add(self, samples: Array, pixels: np.ndarray, first: int = 0) -> None:
+        """Add n samples of each of A `pixels` ``(A,)``, which differ and ascend; `samples` are ``(n, 3, A)``.
+
+        Their numbers, from `first` on, do not matter here.
+        """
         block = Moments.of(samples)
         total = self._total
         if len(pixels) == self._pixels:
@@ -134,3 +137,21 @@ class Film:
     def variance(self) -> Array:
         """Return the unbiased variance of one sample, see `Moments.variance`."""
         return Moments(self.n, self.mean, self.m2).variance()
+
+
+def join(first: Film, more: Film, taken: np.ndarray) -> Film:
+    """Return the moments of both, with the `first` only where `taken` ``(H, W)`` is not 0; overwrites `more`.
+
+    The variance of the mean is as if the two were independent, which is too large for points that go on.
+    """
+    image_mean, image_root = more.mean, more.root
+    n_more = np.broadcast_to(more.n, (*taken.shape, 1)).astype(np.float64)
+    n_first = np.where(taken[..., None] > 0, np.broadcast_to(first.n, n_more.shape), 0).astype(np.float64)
+    n = n_first + n_more
+    for row in range(len(image_mean)):  # some rows at a time, because images are large
+        parts = ((first, n_first[row]), (more, n_more[row]))
+        mean = sum(film.mean[row] * k for film, k in parts) / n[row]
+        # the variance of the mean of k samples is root^2 / (k - 1) / k
+        v = sum(np.square(film.root[row], dtype=np.float64) * k / np.maximum(k - 1, 1) for film, k in parts)
+        image_mean[row], image_root[row] = mean, np.sqrt(v / n[row] * (n[row] - 1))
+    return Film(n, image_mean, image_root)
