@@ -48,3 +48,14 @@ def patch_spread(values: Array, size: int, shape: tuple[int, int]) -> Array:
 
 PATCH = 4
 """Side of the patches over which a tile sums its statistics, in pixels."""
+
+COLOURS = tuple((slice(y, None, 2), slice(x, None, 2)) for y in (0, 1) for x in (0, 1))
+"""The pixels of each of four colours, 2x2 neighbours having all of them: rows and columns in an image."""
+
+
+def by_colour(image: Array) -> Array:
+    """Return an image ``(..., H, W)`` once for each colour, with 0 at the pixels of the others, ``(4, ..., H, W)``."""
+    apart = np.zeros((len(COLOURS), *image.shape), image.dtype)
+    for of_colour, (rows, columns) in zip(apart, COLOURS, strict=True):
+        of_colour[..., rows, columns] = image[..., rows, columns]
+    return apart

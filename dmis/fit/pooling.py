@@ -25,7 +25,7 @@ def pool(
     Parameters
     ----------
     sums
-        By name, ``(..., rows, columns)`` of base patches.
+        By name, ``(..., rows, columns)`` of base patches; ``pixels`` are the pixels in them, if not all.
     shape
         ``(H, W)`` of the image in pixels.
     patch
@@ -43,7 +43,7 @@ def pool(
     pixels
         Effective number of pixels in each mean, ``(rows, columns)``.
     """
-    all_sums = {**sums, "pixels": patch_sum(np.ones(shape), PATCH)}
+    all_sums = {"pixels": patch_sum(np.ones(shape), PATCH), **sums}
     coarse = {name: patch_sum(a, patch // PATCH) for name, a in all_sums.items()}
     patches: Array | float = 1.0  # effective number of patches in each mean
     if sigma is not None and features is not None:

@@ -12,6 +12,7 @@ from typing import Any
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.fixed import Fixed
+from dmis.fit.rounds import Rounds
 from dmis.fit.rule import Rule, complete_rule
 from dmis.fit.second_moment import SecondMoment
 from dmis.fit.simplex import Simplex
@@ -47,14 +48,16 @@ RULES: dict[str, Callable[..., Rule]] = {
     "second-moment": partial(SecondMoment, "second-moment", combiner="balance+power"),
     **{name: partial(SecondMoment, name, shrink=False) for name in _RELATIVES},
     "simplex": _simplex,
-    "auto": partial(SecondMoment, "second-moment", counts=True, split=True, reuse=False),
+    "counts": partial(Rounds, False),
+    "auto": Rounds,
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),
 ``resampled:W`` (`dmis.estimator.resampling` in the place of light sampling), ``thesis``; ``second-moment`` and its
 relatives in the literature, see `dmis.fit.second_moment`; ``simplex:light+brdf+resampled``, weights of several
 techniques, see `dmis.variance.simplex_curves`, and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``,
-the best of them all.
+the best of them all, which learns shares and numbers of samples per pixel in two rounds, and ``counts``, the same with
+equal shares (`dmis.fit.rounds`).
 """
 _SHIPPED = frozenset(RULES)
 _RESERVED = {"all": "compare has it for every rule"}

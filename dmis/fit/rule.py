@@ -20,6 +20,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, make_settings
+from dmis.fit.continuation import Continuation
 from dmis.variance.moments import Film
 
 _ROUNDING = 1e-6
@@ -46,6 +47,9 @@ class Fit:
         of shading samples.
     combiner
         Heuristic of the final samples; None: that of the rule's `settings`.
+    continuation
+        Patterns and numbers of samples that go on from the pilot, of a rule that `continues`; None: `weight` and
+        `samples` divide what the pilot left.
     """
 
     weight: Array | float
@@ -53,6 +57,7 @@ class Fit:
     samples: Array | None = None
     shading_factor: float = 1
     combiner: str | None = None
+    continuation: Continuation | None = None
 
     @property
     def shares(self) -> Array:
@@ -79,6 +84,8 @@ class Pilot:
         Feature buffers of these patches, if the rule has `needs_features`, see `dmis.scene.feature_buffers`.
     techniques
         Names of the techniques that took the samples.
+    budget
+        Camera samples per pixel of the whole render, the pilot's included.
     """
 
     moments: Film
@@ -87,6 +94,7 @@ class Pilot:
     shading_samples: int = 4
     features: Mapping[str, Array] = field(default_factory=dict)
     techniques: tuple[str, ...] = ("light", "brdf")
+    budget: int = 128
 
     def __repr__(self) -> str:
         height, width = self.moments.mean.shape[:2]
@@ -117,6 +125,9 @@ class Rule:
     shares_only
         Whether the fit decides shares alone, and no numbers of samples. Then the pilot is left out of scenes with
         nothing to mix, see `dmis.scene.plan.Plan.mixable`. Default: False.
+    continues
+        Whether the final samples go on from the pilot's, in the points of the same sampler: the fit has a
+        `dmis.fit.continuation.Continuation`. Default: False.
     """
 
     if TYPE_CHECKING:  # read-only, so that rules may have a field or a property of the name
@@ -133,11 +144,17 @@ class Rule:
         def multi_technique(self) -> bool: ...
         @property
         def shares_only(self) -> bool: ...
+        @property
+        def continues(self) -> bool: ...
 
     else:
         pilot = settings = MappingProxyType({})
         statistic = None
-        needs_features = multi_technique = shares_only = False
+        needs_features = multi_technique = shares_only = continues = False
+
+    def adapted(self, spp: int, sampler: str) -> Rule:
+        """Return the rule for a budget of `spp` camera samples and a sampler; here it is the same for all."""
+        return self
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Return the weights, from the `Pilot` at each weight of `pilot`."""
@@ -179,6 +196,10 @@ class _Completed(Rule):
     @property
     def shares_only(self) -> bool:
         return self._attribute("shares_only")
+
+    @property
+    def continues(self) -> bool:
+        return self._attribute("continues")
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         return self.rule.fit(pilot)

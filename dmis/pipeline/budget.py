@@ -6,11 +6,16 @@ import math
 
 import numpy as np
 
+from dmis.base.patches import COLOURS
 from dmis.base.vectors import Array
 from dmis.estimator.settings import MOST
+from dmis.fit.continuation import Continuation
 
 LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
+
+MOST_ADAPTIVE = 2**16
+"""Largest number of camera samples that the pixels of a rule which divides them may have."""
 
 
 def split_budget(samples: int, shading_samples: int, factor: float) -> tuple[int, int]:
@@ -58,3 +63,35 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
         row_samples[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
         offset = steps[-1]
     return samples
+
+
+def fill_budget(plan: Continuation, first: int, rng: np.random.Generator) -> np.ndarray:
+    """Return whole numbers of camera samples, the first round's included, ``(H, W)`` int32.
+
+    They are powers of two, in proportion to the density on average, and cost the budget or a little less, each colour
+    its part of it. A pixel that goes on has at least the samples of the `first` round.
+    """
+    samples = np.empty(plan.density.shape, np.int32)
+    chance = rng.random(samples.shape)
+    for colour in COLOURS:
+        cost, begin = plan.cost[colour], plan.patterns.begin[colour]
+        if not cost.size:
+            continue
+        least = np.where(begin > 0, first, 1)
+        budget = plan.budget * cost.size - plan.spent * np.count_nonzero(begin == 0)
+        # t is rounded up to 2^(k + 1) with probability t / 2^k - 1, if to a power of two up to 2 t / (1 + chance)
+        density = plan.density[colour]
+        x = 2 * density / (1 + chance[colour]) / max(density.max(), 1e-300)
+        low, high = 0.0, 60.0  # binary logarithm of the scale
+        for _ in range(50):
+            middle = (low + high) / 2
+            fits = (_power_of_two(x * 2.0**middle, least) * cost).sum() <= budget
+            low, high = (middle, high) if fits else (low, middle)
+        samples[colour] = _power_of_two(x * 2.0**low, least)
+    return samples
+
+
+def _power_of_two(x: Array, least: Array) -> np.ndarray:
+    """Return the largest powers of two up to `x`, from `least` to `MOST_ADAPTIVE`."""
+    powers = np.ldexp(1.0, np.frexp(np.minimum(x, MOST_ADAPTIVE))[1] - 1)
+    return np.maximum(powers, least)

@@ -146,14 +146,14 @@ def descending_order(counts: np.ndarray) -> np.ndarray:
     return np.concatenate([np.flatnonzero(counts == n) for n in range(counts.max(), counts.min() - 1, -1)])
 
 
-def sample_batches(spp: np.ndarray | int, pixels: int, size: int) -> Iterator[list[SampleBlock]]:
-    """Yield all camera samples of a tile in batches of nearly equal size, about `size`, as blocks.
+def sample_batches(spp: np.ndarray | int, pixels: np.ndarray, size: int) -> Iterator[list[SampleBlock]]:
+    """Yield all camera samples of `pixels` ``(A,)`` in batches of nearly equal size, about `size`, as blocks.
 
-    Each block has the same samples of all its pixels. With one number `spp` there is one block in a batch; otherwise
-    pixels drop out where their samples end, and blocks end there.
+    Each block has the same samples of all its pixels. With one number `spp` there is one block in a batch; otherwise,
+    where `spp` is ``(A,)``, pixels drop out where their samples end, and blocks end there.
     """
     stops = [0, *np.unique(spp).tolist()]
-    active = [np.flatnonzero(np.broadcast_to(spp, pixels) >= stop) for stop in stops[1:]]
+    active = [pixels[np.broadcast_to(spp, len(pixels)) >= stop] for stop in stops[1:]]
     begins = np.cumsum([0, *(np.diff(stops) * [len(a) for a in active])])
     edges = np.linspace(0, begins[-1], max(1, round(begins[-1] / size)) + 1)
     cuts = [

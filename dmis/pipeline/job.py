@@ -20,6 +20,7 @@ from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.patterns import PatternMap
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import MOST, Settings, resolve_auto
@@ -28,7 +29,7 @@ from dmis.fit import control_variate
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, merge_settings, rule_text
-from dmis.pipeline.budget import LEVELS, split_budget, whole_samples
+from dmis.pipeline.budget import LEVELS, fill_budget, split_budget, whole_samples
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.samplers.streams import stream
@@ -64,6 +65,8 @@ class FinalPass:
         Camera samples per pixel, one number or ``(H, W)``.
     control
         Coefficients of the control variate, ``(H, W, 3)``; None: there is none.
+    patterns
+        Patterns of the pixels, if the rule `continues`; then `samples` are those behind the first round.
     """
 
     fit: Fit
@@ -71,6 +74,7 @@ class FinalPass:
     settings: Settings
     samples: Array | int
     control: Array | None
+    patterns: PatternMap | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +124,7 @@ class Job:
         rule = default_rule(spp, settings) if rule is None else rule
         text = rule_text(rule)
         rule = make_rule(rule)
+        rule = rule.adapted(spp, settings.sampler)
         settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
         if settings.reuse_pilot is None:
             settings = replace(settings, reuse_pilot=settings.sampler == "independent")
@@ -139,6 +144,8 @@ class Job:
                 f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
             )
         learning = pilot_settings(settings, rule.pilot, statistic is not None, text)
+        if rule.continues:
+            learning = replace(learning, sampler=settings.sampler)
         return cls(float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix)
 
     @property
@@ -205,6 +212,10 @@ class Job:
         height_width = self.scene.camera.resolution[::-1]
         check_fit(fit, height_width, len(settings.techniques))
         shares = fit.shares
+        if fit.continuation is not None:
+            patterns, rng = fit.continuation.patterns, stream(self.seed, len(pilot), 2**31)
+            whole_numbers = fill_budget(fit.continuation, int(np.max(pilot[0.5].moments.n)), rng)
+            return FinalPass(fit, shares, settings, whole_numbers - patterns.begin, None, patterns)
         combiner = fit.combiner or settings.combiner
         share_range = combiner_by_name(combiner).share_range
         if share_range != (0, 1):

@@ -15,6 +15,7 @@ from dmis.base.atomic_files import check_writable
 from dmis.base.malloc import release
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
+from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings
 from dmis.fit.rule import Pilot
@@ -104,7 +105,9 @@ class Passes:
         """Render the final pass; its moments per pixel."""
         number = len(self._job.rule.pilot)
         shares, control = final.shares, final.control
-        return self.render(number, "final", final.samples, shares, final.settings, control=control).moments
+        return self.render(
+            number, "final", final.samples, shares, final.settings, control=control, patterns=final.patterns
+        ).moments
 
     def render(
         self,
@@ -115,6 +118,7 @@ class Passes:
         settings: Settings,
         statistic: Callable[[int, int], Statistic] | None = None,
         control: Array | None = None,
+        patterns: PatternMap | None = None,
     ) -> Pilot:
         """Render one pass and return its moments, rays and sums.
 
@@ -124,11 +128,11 @@ class Passes:
             Number of the pass, which its random streams are made from.
         stage
             Name of the pass for `Progress`.
-        spp, shares, settings, statistic, control
+        spp, shares, settings, statistic, control, patterns
             As in `dmis.pipeline.tile.make_tiles`.
         """
         resolution = self._job.scene.camera.resolution
-        tiles = make_tiles(resolution, self._job.seed, pass_, spp, shares, settings, statistic, control)
+        tiles = make_tiles(resolution, self._job.seed, pass_, spp, shares, settings, statistic, control, patterns)
         if self._observer:
             self._observer(tuple(tiles))
         film = PassFilm.empty(resolution, len(tiles))
@@ -152,7 +156,8 @@ class Passes:
         self.rays.update(film.rays)
         moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
         techniques = tuple(settings.techniques)
-        return Pilot(moments, dict(film.rays), film.sums, settings.shading_samples, techniques=techniques)
+        of_pass = moments, dict(film.rays), film.sums, settings.shading_samples
+        return Pilot(*of_pass, techniques=techniques, budget=self._job.spp)
 
     def finish(self) -> None:
         """Remove the checkpoint, once the image is made."""

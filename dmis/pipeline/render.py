@@ -24,8 +24,9 @@ from dmis.pipeline.executor import Parallel
 from dmis.pipeline.job import FinalPass, Job
 from dmis.pipeline.passes import Observer, Passes, Progress
 from dmis.pipeline.result import Result
+from dmis.samplers.streams import is_sequence
 from dmis.scene.scene import Scene
-from dmis.variance.moments import Film
+from dmis.variance.moments import Film, join
 
 
 def render(
@@ -93,11 +94,14 @@ def render_job(
         times.append(time.perf_counter())
         final_pass = job.final_pass(pilot)  # variance, fit, filter
         films = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if job.settings.reuse_pilot else []
+        first_round = pilot[0.5].moments if final_pass.patterns is not None else None
         pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
         del pilot  # its statistics are large, and nothing else of them is needed
         times.append(time.perf_counter())
         final = passes.final(final_pass)  # samples again
         times.append(time.perf_counter())
+    if first_round is not None and final_pass.patterns is not None:
+        final = join(first_round, final, final_pass.patterns.begin)
     # weights are the budgets: those of adaptive samples depend on the pilot, and would bias the mean
     image, deviation = _average([(final, job.final_spp), *films], job.gain)
     passes.finish()
@@ -114,15 +118,23 @@ def _result(
     """Return the result of a job; `counts` are all rays and those of the pilot, by kind."""
     rays = {kind: number for kind, number in counts[0].items() if kind != UNTRACED}
     shape = image[0].shape[:2]
-    samples = job.spp - job.final_spp + np.float32(final.fit.shading_factor) * np.asarray(final.samples, np.float32)
+    if final.patterns is not None:
+        samples, shading_samples = final.samples + final.patterns.begin, final.patterns.shading_samples
+    else:
+        samples = job.spp - job.final_spp + np.float32(final.fit.shading_factor) * np.asarray(final.samples, np.float32)
+        shading_samples = np.full(shape, job.settings.shading_samples)
     described = job.without_tables()
+    deviation_of = "sub-blocks" if is_sequence(final.settings.sampler) else "samples"
     of_image = {"combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
+    of_image["deviation_of"] = deviation_of
     stages = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
     return Result(
         image=image[0],
         deviation=image[1],
+        deviation_of=deviation_of,
         weight=np.full(shape, final.shares[0], np.float32),
         samples=np.full(shape, samples, np.float32),
+        shading_samples=np.asarray(shading_samples, np.float32),
         seconds={**stages, "total": times[-1] - times[0]},
         rays=rays,
         maps=final.fit.maps,

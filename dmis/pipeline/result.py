@@ -37,6 +37,7 @@ def write_image(path: str | os.PathLike[str], result: Result) -> None:
         return
     variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold
     layers = {"RGB": result.image, "weight": result.weight, "variance": variance, "samples": result.samples}
+    layers |= {"light_samples": result.light_samples, "brdf_samples": result.brdf_samples}
     write_exr(path, layers, {"dmis.provenance": json.dumps(dict(result.provenance))})
 
 
@@ -50,13 +51,19 @@ class Result:
         ``(H, W, 3)`` float32 linear RGB, row 0 on top.
     deviation
         ``(H, W, 3)`` float32: estimated standard deviation of `image` itself (of the mean, not of one sample); NaN at
-        one sample. It takes samples to be independent, so it is too large where systematic rounding or a structured
-        sampler spreads them. Its square is `variance`.
+        one sample. Its square is `variance`.
+    deviation_of
+        What `deviation` is estimated from. ``samples``: the variance of samples that are taken to be independent; it is
+        too large where systematic rounding or a structured sampler spreads them. ``sub-blocks``: the spread of four
+        parts of a sequence (`dmis.variance.sub_blocks`), too large by a factor of about 1.4.
     weight
         ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first.
     samples
         ``(H, W)`` float32: samples of the budget spent, pilot included, whether or not it is part of the image. Camera
-        samples, where they have as many shading samples as `settings` says; with more they count for as many.
+        samples, where they have as many shading samples as `settings` says; with more they count for as many. Of the
+        rules ``auto`` and ``counts``, the camera samples of the image.
+    shading_samples
+        ``(H, W)`` float32: shading samples of each of the `samples`.
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays
@@ -72,8 +79,10 @@ class Result:
 
     image: Array
     deviation: Array
+    deviation_of: str
     weight: Array
     samples: Array
+    shading_samples: Array
     seconds: Mapping[str, float]
     rays: Mapping[str, int]
     maps: Mapping[str, np.ndarray]
@@ -105,6 +114,16 @@ class Result:
     def variance(self) -> Array:
         """``(H, W, 3)`` float64: square of `deviation`, which may be beyond float32."""
         return np.square(self.deviation, dtype=np.float64)
+
+    @property
+    def light_samples(self) -> Array:
+        """``(H, W)`` float32: light samples of each pixel, or those of whichever technique is the first."""
+        return self.samples * self.shading_samples * self.weight
+
+    @property
+    def brdf_samples(self) -> Array:
+        """``(H, W)`` float32: BRDF samples of each pixel, or those of all techniques but the first."""
+        return self.samples * self.shading_samples * (1 - self.weight)
 
     @property
     def fireflies(self) -> np.ndarray:

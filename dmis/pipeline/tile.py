@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.patches import PATCH, patch_sum
+from dmis.base.patches import PATCH, by_colour, patch_sum
 from dmis.base.selection import indices, take
 from dmis.base.vectors import Array
 from dmis.estimator.batch import Batch
 from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.intersect import RayCaster
 from dmis.pipeline.camera_samples import SampleAllocation, SampleBlock, sample_batches
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import Sampler, make_sampler, stream
+from dmis.samplers.streams import Sampler, is_sequence, make_sampler, stream
 from dmis.scene.pinhole import ray_origins
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Moments, PixelMoments
+from dmis.variance.sub_blocks import SubBlocks
 
 # CHUNK, `batch_size`, MIN_SIDE, MAX_SIDE and `PATCH` decide which tiles an image is cut into, and which batches a tile.
 # A tile's number seeds its random stream (`dmis.samplers.streams.stream`), and its batches draw from that in turn. So
@@ -52,6 +54,9 @@ class Tile:
         Makes the `Statistic` that gathers the shading samples; None: there is none.
     control
         Coefficient of the control variate, ``(3, P)``, see `dmis.fit.control_variate`; None: there is none.
+    patterns
+        Patterns of the pixels, and where in their sequences they go on, so that `spp` are the samples from there on;
+        None: `shares` divide the samples, and all pixels begin their sequences.
     """
 
     seed: int
@@ -64,6 +69,7 @@ class Tile:
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
     control: Array | None = None
+    patterns: PatternMap | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -79,6 +85,18 @@ class Tile:
     def camera_samples(self) -> int:
         """Number of camera samples of all pixels."""
         return self.pixels * self.spp if isinstance(self.spp, int) else int(self.spp.sum())
+
+    def groups(self) -> Iterator[tuple[np.ndarray, Array, Settings]]:
+        """Yield the pixels ``(A,)`` that are rendered together, with their shares and their settings."""
+        every = np.arange(self.pixels)
+        if self.patterns is None:
+            yield every, self.shares, self.settings
+            return
+        for number, (n_l, n_b) in enumerate(self.patterns.patterns):
+            pixels = every[(self.patterns.pattern == number) & (self.spp > 0)]
+            if len(pixels):
+                shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
+                yield pixels, shares, replace(self.settings, shading_samples=n_l + n_b)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +145,7 @@ def make_tiles(
     settings: Settings,
     statistic: Callable[[int, int], Statistic] | None = None,
     control: Array | None = None,
+    patterns: PatternMap | None = None,
 ) -> list[Tile]:
     """Return the tiles of one pass over an image, in row order.
 
@@ -142,6 +161,8 @@ def make_tiles(
         Shares of samples of the K techniques, ``(K,)`` or ``(K, H, W)`` float32, see `dmis.fit.rule.Fit.shares`.
     control
         Coefficient of the control variate, ``(H, W, 3)``; None: there is none.
+    patterns
+        Patterns of the pixels, ``(H, W)``, see `Tile`.
     """
     tiles = []
     areas = _tile_areas(resolution, int(np.mean(spp)), not isinstance(spp, int), batch_size(settings))
@@ -150,7 +171,9 @@ def make_tiles(
         tile_spp = spp if isinstance(spp, int) else spp[area].reshape(-1)
         tile_control = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
         tile_shares = _shares_of_area(shares, area)
-        tiles.append(Tile(seed, pass_, number, rows, columns, tile_spp, tile_shares, settings, statistic, tile_control))
+        ours = None if patterns is None else patterns.of_area(area)
+        tile = Tile(seed, pass_, number, rows, columns, tile_spp, tile_shares, settings, statistic, tile_control, ours)
+        tiles.append(tile)
     return tiles
 
 
@@ -198,43 +221,49 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     settings, pixels, shading_samples = tile.settings, tile.pixels, tile.settings.shading_samples
     rng = stream(tile.seed, tile.pass_, tile.number)
     pixel_numbers = _pixel_numbers(tile, scene.camera.resolution[0])
-    block = PixelBlock(rng, tile.seed, pixel_numbers, np.unique(tile.spp).tolist(), shading_samples)
-    sampler = make_sampler(settings.sampler, block)
     collector = combiner_by_name(settings.combiner).collector(tile.shares, tile.spp * np.full(pixels, shading_samples))
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
     stages = 1 if collector is None else collector.stages
-    allocation = SampleAllocation(tile.shares, tile.spp, pixels, settings, stages, rng, sampler)
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
+    begin = np.zeros(1, np.int64) if tile.patterns is None else tile.patterns.begin
     rays: Counter[str] = Counter()
-    moments = PixelMoments(pixels)
-    for blocks in sample_batches(tile.spp, pixels, batch_size(settings)):
-        # n_1 of the S shading samples of a camera sample to the first technique, w S on average
-        samples = allocation.camera_samples(blocks)
-        sampler.start(samples.pixel, samples.number)
-        origin, direction = _camera_rays(scene, sampler, corners, samples.pixel)
-        # L_i, the radiance of camera sample i
-        batch = Batch(
-            scene,
-            caster or scene.intersector,
-            settings,
-            sampler,
-            rng,
-            take(tile.shares, samples.pixel),
-            samples.counts,
-            rays,
-            None if statistic is None and collector is None else [],
-            None if tile.control is None else tile.control.take(samples.pixel, axis=1),
-        )
-        values = radiance(batch, origin, direction, None if covered is None else indices(covered.take(samples.pixel)))
-        if collector is not None:
-            first = np.broadcast_to(samples.counts.first, len(samples.pixel))
-            collector.add(batch.records or [], samples.slot, first, shading_samples)
-        values, records = samples.restore_order(values, batch.records)
-        if statistic is not None:
-            statistic.add(records, values, blocks[0].count)
-        # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2
-        _add_blocks(moments, blocks, values)
-    total = moments.total()
+    moments = SubBlocks(tile.spp, pixels) if is_sequence(settings.sampler) else PixelMoments(pixels)
+    for group, shares, settings in tile.groups():
+        stops = np.unique(tile.spp + begin).tolist()
+        block = PixelBlock(rng, tile.seed, pixel_numbers, stops, settings.shading_samples)
+        sampler = make_sampler(settings.sampler, block)
+        allocation = SampleAllocation(shares, tile.spp, pixels, settings, stages, rng, sampler)
+        spp = tile.spp if isinstance(tile.spp, int) else tile.spp.take(group)
+        for blocks in sample_batches(spp, group, batch_size(settings)):
+            # n_1 of the S shading samples of a camera sample to the first technique, w S on average
+            samples = allocation.camera_samples(blocks)
+            sampler.start(samples.pixel, samples.number + take(begin, samples.pixel))
+            origin, direction = _camera_rays(scene, sampler, corners, samples.pixel)
+            # L_i, the radiance of camera sample i
+            batch = Batch(
+                scene,
+                caster or scene.intersector,
+                settings,
+                sampler,
+                rng,
+                take(shares, samples.pixel),
+                samples.counts,
+                rays,
+                None if statistic is None and collector is None else [],
+                None if tile.control is None else tile.control.take(samples.pixel, axis=1),
+            )
+            values = radiance(
+                batch, origin, direction, None if covered is None else indices(covered.take(samples.pixel))
+            )
+            if collector is not None:
+                first = np.broadcast_to(samples.counts.first, len(samples.pixel))
+                collector.add(batch.records or [], samples.slot, first, shading_samples)
+            values, records = samples.restore_order(values, batch.records)
+            if statistic is not None:
+                statistic.add(records, values, blocks[0].count)
+            # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2
+            _add_blocks(moments, blocks, values)
+    total = moments.total() if tile.camera_samples else Moments(0, *np.zeros((2, 3, pixels)))
     if collector is not None:
         total = replace(total, mean=total.mean + collector.correction())
     _check_finite(total, tile)
@@ -273,12 +302,12 @@ def _camera_rays(
     return ray_origins(scene.camera.origin, scene.plan.pinhole_offsets, direction), direction
 
 
-def _add_blocks(moments: PixelMoments, blocks: Sequence[SampleBlock], values: Array) -> None:
+def _add_blocks(moments: PixelMoments | SubBlocks, blocks: Sequence[SampleBlock], values: Array) -> None:
     """Add the radiance ``(3, N)`` of the camera samples of `blocks` to the moments of their pixels."""
     begin = 0
     for block in blocks:
         end = begin + block.count * len(block.pixels)
-        moments.add(values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1), block.pixels)
+        moments.add(values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1), block.pixels, block.first)
         begin = end
 
 
@@ -304,4 +333,7 @@ def _image_moments(total: Moments, tile: Tile) -> Moments:
 def _patch_sums(statistic: Statistic | None, tile: Tile) -> dict[str, Array]:
     """Return the sums of a statistic over patches of `PATCH` pixels, by name; none if there is no statistic."""
     sums = {} if statistic is None else statistic.sums()
-    return {name: patch_sum(a.reshape(*a.shape[:-1], *tile.shape), PATCH) for name, a in sums.items()}
+    images = {name: a.reshape(*a.shape[:-1], *tile.shape) for name, a in sums.items()}
+    if getattr(statistic, "by_colour", False):
+        images = {name: by_colour(image) for name, image in images.items()}
+    return {name: patch_sum(image, PATCH) for name, image in images.items()}

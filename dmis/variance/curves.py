@@ -48,8 +48,6 @@ GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0
 """Shares w of light samples at which V(w) is estimated: dense at the ends, where the curves are steep."""
 GRID_SHARES = np.stack([GRID, 1 - GRID])
 """Shares of both techniques at `GRID`, shape (2, G)."""
-W_TIMES_REST = (GRID * (1 - GRID))[:, None].astype(np.float64)
-"""Products w (1 - w) of the shares of `GRID`, shape (G, 1)."""
 HALF = int(np.flatnonzero(GRID == 0.5)[0])
 """Index of w = 1/2 in `GRID`."""
 MIN_DENSITY_RATIO = np.float32(1e-9)
@@ -66,7 +64,7 @@ averaging over pixels does not remove it.
 
 
 class Curves:
-    """Sums over camera samples, per pixel, of the curves V(w) at the shares of `GRID`, from pilot samples at w = 1/2.
+    """Sums over camera samples, per pixel, of the curves V(w) at shares of a grid, from pilot samples at w = 1/2.
 
     Parameters
     ----------
@@ -76,13 +74,19 @@ class Curves:
         Shading samples of each camera sample of the pilot, a multiple of 4; a final camera sample has S, half as many.
     combiners
         Heuristics of the final samples whose curves are estimated, by name; the pilot uses the balance heuristic.
+    grid
+        Shares w from 0 to 1, both included, and 1/2 among them, ``(G,)`` ascending.
     """
 
-    def __init__(self, pixels: int, shading_samples: int, combiners: Sequence[str] = ("balance",)) -> None:
+    def __init__(
+        self, pixels: int, shading_samples: int, combiners: Sequence[str] = ("balance",), grid: Array = GRID
+    ) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._combiners = tuple(combiners)
-        self._curve, self._pattern, self._second = np.zeros((3, len(combiners), len(GRID), pixels), np.float64)
+        self._combiners, self._grid = tuple(combiners), grid
+        self._half = int(np.flatnonzero(grid == 0.5)[0])
+        self._w_times_rest = (grid * (1 - grid))[:, None].astype(np.float64)
+        self._curve, self._pattern, self._second = np.zeros((3, len(combiners), len(grid), pixels), np.float64)
         self._total, self._pilot = np.zeros((2, pixels), np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -115,13 +119,13 @@ class Curves:
         scale, lights = count * unit_2, [_SamplesTowardsLight(x, d, count) for x, d in samples]
         # I^2 of each light, summed
         radiance_2 = sum(light.radiance_2 for light in lights)
-        second, squared, pattern = np.zeros((3, len(GRID), size(pixels, len(self._total))))
+        second, squared, pattern = np.zeros((3, len(self._grid), size(pixels, len(self._total))))
         # M2(0) and M2(1): of one technique alone, all heuristics are the same
         for end in (0, -1):
-            second[end] = sum(light.single_technique(GRID[end]) for light in lights)
+            second[end] = sum(light.single_technique(self._grid[end]) for light in lights)
         for h, combiner in enumerate(self._combiners):
             moments = [light.moments(combiner) for light in lights]
-            for g, w in enumerate(GRID[1:-1].astype(float), 1):
+            for g, w in enumerate(self._grid[1:-1].astype(float), 1):
                 # M2(w) and E_y[D^2], summed over the lights
                 second_moments, differences = zip(*(at(w) for at in moments), strict=True)
                 second[g] = sum(second_moments)
@@ -132,7 +136,7 @@ class Curves:
                 pattern[g] -= _squared_mean(total, count)
             # E_y[M2 - I^2 - w (1 - w) D^2] / S
             self._second[h][:, pixels] += scale / self._s * second
-            self._curve[h][:, pixels] += scale / self._s * (second - radiance_2 - W_TIMES_REST * squared)
+            self._curve[h][:, pixels] += scale / self._s * (second - radiance_2 - self._w_times_rest * squared)
             self._pattern[h][:, pixels] += scale * pattern
         # the same of the pilot: the balance heuristic at w = 1/2
         self._pilot[pixels] += scale / self._s * sum(light.pilot_variance() for light in lights)
@@ -147,16 +151,20 @@ class Curves:
         n = max(self._n, 1)
         pattern, sample_variance = self._pattern / n, self._total / n
         # E_y[M2 - I^2 - w (1 - w) D^2] / S + var(n / S) Var_y(D)
-        curve = self._curve / n + share_variance(self._s)[:, None] * pattern
-        half = curve[..., HALF : HALF + 1, :]
+        curve = self._curve / n + self._rounding_variance()[:, None] * pattern
+        half = curve[..., self._half : self._half + 1, :]
         # where all samples are alike, a curve is rounding error, which must not be taken for a gain
         rounding = CURVE_ROUNDING * self._second / n
         square, cross = curve * curve + rounding * rounding, curve * half
-        cross[..., HALF, :] = square[..., HALF, :]
+        cross[..., self._half, :] = square[..., self._half, :]
         curves = {"curve": curve, "square": square, "cross": cross, "pattern": pattern}
         sums = curves if len(self._combiners) > 1 else {name: a[0] for name, a in curves.items()}
         # Var_y(I) = the pilot's variance less its curve: V(1/2) of balance with 2 S shading samples in place of S
         return {**sums, "position": sample_variance - self._pilot / n / 2}
+
+    def _rounding_variance(self) -> Array:
+        """Return var(n / S) at each share, ``(G,)``."""
+        return share_variance(self._s, self._grid)
 
 
 def samples_by_light(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:
@@ -203,10 +211,10 @@ def select_pixels(a: Array, pixels: Selection, count: int) -> Array:
     return take(a.reshape(*a.shape[:-1], count, -1), pixels).reshape(*a.shape[:-1], -1)
 
 
-def share_variance(s: float) -> Array:
-    """Return var(n / S) at the shares of `GRID`, ``(G,)``, where n is w S, rounded down or up."""
+def share_variance(s: float, grid: Array = GRID) -> Array:
+    """Return var(n / S) at the shares of a grid, ``(G,)``, where n is w S, rounded down or up."""
     # n is floor(w S) + 1 with probability r, the fractional part of w S, so that var(n) = r (1 - r)
-    fraction = GRID.astype(np.float64) * s % 1
+    fraction = grid.astype(np.float64) * s % 1
     return fraction * (1 - fraction) / s**2
 
 

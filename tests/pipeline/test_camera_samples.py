@@ -19,7 +19,7 @@ UNEVEN = np.random.default_rng(3).integers(1, 40, PIXELS)
 def test_batches_have_every_camera_sample_once(spp, size):
     """Each pixel has its numbers 0, 1, .. in ascending order, and no batch is larger than twice the size asked for."""
     numbers = [[] for _ in range(PIXELS)]
-    for blocks in sample_batches(spp, PIXELS, size):
+    for blocks in sample_batches(spp, np.arange(PIXELS), size):
         pixel, number = (np.concatenate(a) for a in zip(*(block.camera_samples() for block in blocks), strict=True))
         assert len(pixel) <= max(2 * size, 2 * PIXELS)
         for p, n in zip(pixel, number, strict=True):
@@ -42,7 +42,7 @@ def test_order_of_counts_and_back(allocation, sampler):
     shares = pixel_shares(np.random.default_rng(1).random(PIXELS))
     settings = Settings(allocation=allocation, shading_samples=4, sampler=sampler)
     allocation = allocation_of(shares, UNEVEN, settings)
-    for blocks in sample_batches(UNEVEN, PIXELS, 64):
+    for blocks in sample_batches(UNEVEN, np.arange(PIXELS), 64):
         samples = allocation.camera_samples(blocks)
         assert (np.diff(samples.counts.first.astype(int)) <= 0).all() and np.ptp(samples.counts.first) > 0
         np.testing.assert_array_equal(samples.slot, samples.pixel)
@@ -57,7 +57,7 @@ def test_order_of_counts_and_back(allocation, sampler):
 def test_equal_counts_keep_the_order():
     """At w = 1/2 and two shading samples nothing is sorted."""
     allocation = allocation_of(pixel_shares(0.5), 4, Settings())
-    (blocks,) = sample_batches(4, PIXELS, 64)
+    (blocks,) = sample_batches(4, np.arange(PIXELS), 64)
     samples = allocation.camera_samples(blocks)
     values = np.ones((3, 4 * PIXELS), np.float32)
     assert samples.order is None and samples.restore_order(values, None) == (values, [])

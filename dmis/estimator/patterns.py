@@ -1,0 +1,57 @@
+"""Patterns: whole numbers of light and BRDF samples, the same for all camera samples of a pixel.
+
+Low-discrepancy points are even only if every camera sample takes the same number of points, and most even if that is a
+power of two. So where they are used, a share w of light samples is one of few: that of a pattern ``n_l : n_b``, with
+``w = n_l / (n_l + n_b)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ENDS = ((1, 0), (2, 0), (4, 0), (0, 1), (0, 2), (0, 4))
+"""Patterns of one technique alone."""
+MIXED = ((1, 1), (2, 1), (1, 2), (4, 1), (1, 4), (2, 2), (4, 2), (2, 4), (4, 4))
+"""Patterns of both."""
+PATTERNS = (*ENDS, *MIXED)
+"""Light and BRDF samples ``(n_l, n_b)`` of a camera sample that has two shading samples by its settings."""
+FIRST = PATTERNS.index((2, 2))
+"""Index of the pattern of a first round: two pairs, which tell the variance at a point from that over the pixel."""
+EQUAL = PATTERNS.index((1, 1))
+"""Index of the pattern in which budgets count."""
+SHARES = np.array(sorted({n_l / (n_l + n_b) for n_l, n_b in PATTERNS}))
+"""Shares w of the patterns, ascending, ``(G,)``."""
+SHARE_OF = np.array([int(np.argmin(np.abs(SHARES - n_l / (n_l + n_b)))) for n_l, n_b in PATTERNS])
+"""Index in `SHARES` of the share of each pattern."""
+SAMPLES_OF = np.array([n_l + n_b for n_l, n_b in PATTERNS])
+"""Shading samples of each pattern."""
+
+
+@dataclass(frozen=True, eq=False)
+class PatternMap:
+    """Pattern of each pixel, and where in its sequence it goes on.
+
+    Attributes
+    ----------
+    patterns
+        Light and BRDF samples ``(n_l, n_b)`` of each pattern.
+    pattern
+        Index of the pattern of each pixel, ``(H, W)``, or ``(P,)`` in a tile.
+    begin
+        Number of the first camera sample, the same shape: 0 where a sequence begins.
+    """
+
+    patterns: tuple[tuple[int, int], ...]
+    pattern: np.ndarray
+    begin: np.ndarray
+
+    def of_area(self, area: tuple[slice, slice]) -> PatternMap:
+        """Return the map of an area of the image, in row order."""
+        return PatternMap(self.patterns, self.pattern[area].reshape(-1), self.begin[area].reshape(-1))
+
+    @property
+    def shading_samples(self) -> np.ndarray:
+        """Shading samples of a camera sample of each pixel, the shape of `pattern`."""
+        return np.array([n_l + n_b for n_l, n_b in self.patterns], np.int32)[self.pattern]

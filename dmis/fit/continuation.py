@@ -1,0 +1,35 @@
+"""Continuation: how pixels go on after a first round of samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dmis.base.vectors import Array
+from dmis.estimator.patterns import PatternMap
+
+
+@dataclass(frozen=True, eq=False)
+class Continuation:
+    """Pattern and samples of each pixel after the first round.
+
+    Where the pattern is that of the first round a pixel goes on in its sequence, and all its samples are in the image.
+    Where it is another the sequence begins anew, and the first round was a pilot only: in a mean of samples of two
+    patterns the error of the worse one stays.
+
+    Attributes
+    ----------
+    patterns
+        Patterns, and the number of the sample from which each pixel goes on, ``(H, W)``.
+    density
+        Camera samples in proportion, not negative, ``(H, W)``.
+    cost
+        Cost of a camera sample with the pattern of each pixel, ``(H, W)``.
+    spent, budget
+        In the same units, the cost of the first round of a pixel, and what a pixel costs on average, all in all.
+    """
+
+    patterns: PatternMap
+    density: Array
+    cost: Array
+    spent: float
+    budget: float

@@ -1,0 +1,207 @@
+"""Rule of two rounds: the first, equal for all pixels, decides patterns and numbers of samples of the second.
+
+Samples that are in the image must not decide how many there are: where they happen to be bright their pixel would get
+more, and the mean of all would be too dark. So pixels have four colours, 2x2 neighbours having all of them, and the
+pattern and the number of samples of a pixel come from the samples of the other colours alone. Then the mean of all its
+samples, those of the first round included, is unbiased.
+
+The squared error of n low-discrepancy points falls as ``V n^-a``, with a = 1.4 or so, and a camera sample costs C. At a
+given cost of the image its error is least with
+
+    n ~ (V / C)^(1 / (1 + a)),
+
+and of several patterns the one with the least ``V C^a`` is best. V of the first round's pattern is measured at each
+pixel: the spread of four sub-blocks of its samples (`dmis.variance.sub_blocks`), averaged over its neighbours. That of
+another pattern is as many times V as the variances of independent points differ,
+
+    V = P + A(w) / S,
+
+of which P comes from the place in the pixel, and A from S shading samples (`dmis.variance.pattern_curves`). A pixel
+whose pattern changes begins its sequence anew. The first round is then lost, and the new pattern must make up for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum
+from dmis.base.vectors import Array
+from dmis.estimator.cost import camera_sample_cost
+from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES, PatternMap
+from dmis.estimator.records import Statistic
+from dmis.filter import gaussian
+from dmis.fit.continuation import Continuation
+from dmis.fit.curve_minimum import PatchCurves, allowed_weights
+from dmis.fit.fixed import Fixed
+from dmis.fit.pooling import pool
+from dmis.fit.rule import Fit, Pilot, Rule, final_settings
+from dmis.variance.pattern_curves import PatternCurves
+
+HALF = int(np.flatnonzero(SHARES == 0.5)[0])
+"""Index of w = 1/2 in `dmis.estimator.patterns.SHARES`."""
+EXPONENT = 1.4
+"""a of low-discrepancy points; of independent ones it is 1."""
+SPIKES = 0.1
+"""Share of the variance of independent points that is added to that of a pixel, against spikes not seen yet."""
+LEAST_SPP = 16
+"""Budget from which on there is a first round."""
+FIRST_ROUNDS = ((32, 4), (64, 8), (256, 16), (1024, 32))
+"""Budgets below which a first round is so large: twice the number of its camera samples, which have two pairs."""
+LONGEST = 64
+"""Size of the first round of all larger budgets."""
+
+
+@dataclass(frozen=True)
+class Rounds(Rule):
+    """Patterns of light and BRDF samples, and numbers of camera samples per pixel, from a first round.
+
+    Parameters
+    ----------
+    weights
+        Whether patterns may have any share of light samples; otherwise w = 1/2, and numbers of samples are learned.
+    spp
+        Twice the number of camera samples of the first round, a multiple of 4; 0: by the budget.
+    exponent
+        a; 0: by the sampler.
+    filter
+        Of the statistics that tell patterns: ``gaussian`` or ``none``; or ``joint``, among neighbours that look alike.
+    guard
+        Leave w = 1/2 only where the gain in variance is more than this many standard errors.
+    sampler, compensation
+        See `dmis.fit.pooled_rule.PooledRule`.
+    """
+
+    weights: bool = True
+    _: KW_ONLY
+    spp: int = 0
+    exponent: float = 0.0
+    filter: str = "joint"
+    guard: float = 1.5
+    sampler: str = ""
+    compensation: float | None = None
+
+    continues = True
+
+    def __post_init__(self) -> None:
+        if self.spp < 0 or self.spp % 4:
+            raise ValueError(f"spp of the first round must be a multiple of 4, or 0 to choose it; got {self.spp}")
+        if not (self.exponent == 0 or 1 <= self.exponent <= 3):
+            raise ValueError(f"exponent must be in [1, 3], or 0 to choose it; got {self.exponent}")
+        if not self.guard >= 0:
+            raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
+        if self.filter not in ("gaussian", "none", "joint"):
+            raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
+
+    @property
+    def pilot(self) -> Mapping[float, int]:
+        return {0.5: self.spp or FIRST_ROUNDS[0][1]}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        compensation = {} if self.compensation is None else {"compensation": self.compensation}
+        return {"reuse_pilot": False} | final_settings(self.sampler) | compensation
+
+    @property
+    def statistic(self) -> Callable[[int, int], Statistic]:
+        return PatternCurves
+
+    @property
+    def needs_features(self) -> bool:
+        return self.filter == "joint"
+
+    def adapted(self, spp: int, sampler: str) -> Rule:
+        """Return the rule for a budget and a sampler; with few samples, that of equal shares."""
+        if spp < LEAST_SPP:
+            return Fixed(0.5, sampler=self.sampler, compensation=self.compensation)
+        first = self.spp or next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST)
+        exponent = self.exponent or (1.0 if (self.sampler or sampler) == "independent" else EXPONENT)
+        return replace(self, spp=first, exponent=exponent)
+
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        """Return patterns and numbers of samples from the first round."""
+        first = pilot[0.5]
+        n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
+        scale = first.shading_samples // int(SAMPLES_OF[FIRST])
+        cost = _costs(first, scale)
+        # variance of each pixel's mean of n samples
+        variance = (first.moments.m2.mean(axis=2) / (n * max(n - 1, 1))).astype(np.float32)
+        pattern, density, patches = np.empty(shape, np.uint8), np.empty(shape), []
+        for colour, at in enumerate(COLOURS):
+            if pattern[at].size:
+                curves = self._curves(first, colour, shape)
+                v = self._variance(variance, curves, n, at)
+                best, ratio = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
+                best_of, ratio_of = (patch_spread(a, PATCH, shape)[at] for a in (best, ratio))
+                pattern[at], density[at] = best_of, self._density(v[at] * ratio_of, cost[best_of])
+                patches.append(best)
+        begin = np.where(pattern == FIRST, n, 0).astype(np.int32)
+        patterns = PatternMap(tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS), pattern, begin)
+        plan = Continuation(patterns, density, cost[pattern], cost[FIRST] * n, cost[EQUAL] * first.budget)
+        maps = {"pattern": np.stack(patches), "variance": variance}
+        return Fit(SHARES[SHARE_OF][pattern], maps, continuation=plan)
+
+    def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
+        """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
+        sums = {name: a.sum(axis=0) - a[colour] for name, a in first.sums.items()}
+        pixels = np.ones(shape)
+        pixels[COLOURS[colour]] = 0
+        sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)
+        features = first.features if self.needs_features else None
+        means, number = pool(sums, shape, PATCH, None if self.filter == "none" else 1.0, 2, features)
+        return PatchCurves(**means, pixels=number, baseline=HALF)
+
+    def _variance(self, variance: Array, curves: PatchCurves, n: int, colour: tuple[slice, slice]) -> Array:
+        """Return V n^-a of the first round around each pixel, from the pixels of other colours, ``(H, W)``."""
+        others = np.ones(variance.shape)
+        others[colour] = 0
+        if not others.any():
+            return np.ones(variance.shape)
+        independent = (np.maximum(curves.curve[HALF] / 2, 0) + np.maximum(curves.position, 0)) / n
+        near = np.where(others > 0, variance, np.nan)
+        return np.maximum(gaussian(near, 1.0, 2), 0) + SPIKES * patch_spread(independent, PATCH, variance.shape)
+
+    def _density(self, variance: Array, cost: Array | float) -> Array:
+        """Return numbers of samples in proportion, ``(V / C)^(1 / (1 + a))``."""
+        return np.asarray((variance / cost) ** (1 / (1 + self.exponent)))
+
+    def _spent(self, variance: Array, cost: Array, budget: int, n: int) -> Array:
+        """Return which share the first round is of the samples of each patch, if all pixels keep its pattern."""
+        density = self._density(variance, cost[FIRST])
+        mean = density.mean()
+        samples = density * (budget * cost[EQUAL] / cost[FIRST] / mean) if mean > 0 else np.zeros_like(density)
+        return n / patch_mean(np.maximum(samples, n), PATCH)
+
+    def _best_patterns(self, curves: PatchCurves, cost: Array, spent: Array) -> tuple[np.ndarray, Array]:
+        """Return the index of the best pattern of each patch, and its variance over that of the first round's.
+
+        `spent` is the share of a patch's samples that the first round is, and that another pattern throws away.
+        """
+        # V = P + A(w) / S,  A(w) / 2 being the curve
+        curve = curves.curve[SHARE_OF] * (2 / SAMPLES_OF[:, None, None])
+        variance = np.maximum(np.maximum(curves.position, 0) + curve, 0)
+        worth = variance * cost[:, None, None] ** self.exponent
+        worth[np.arange(len(PATTERNS)) != FIRST] *= np.maximum(1 - spent, 1e-3) ** -self.exponent
+        # another share than 1/2 only where the gain is certain
+        error = curves.gain_error(np.ones(len(SHARES)))
+        certain = curves.curve - curves.curve[HALF] < -self.guard * error
+        certain &= allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
+        certain[HALF] = True
+        worth = np.where(certain[SHARE_OF], worth, np.inf)
+        best = np.where(worth[FIRST] <= worth.min(axis=0), FIRST, worth.argmin(axis=0))
+        chosen = np.take_along_axis(variance, best[None], axis=0)[0]
+        ratio = np.divide(chosen, variance[FIRST], out=np.ones_like(chosen), where=variance[FIRST] > 0)
+        return best.astype(np.uint8), ratio
+
+
+def _costs(first: Pilot, scale: int) -> Array:
+    """Return the cost of a camera sample with each pattern, of `scale` times the samples."""
+    shares = np.array([SHARES[SHARE_OF], 1 - SHARES[SHARE_OF]])
+    costs = (
+        camera_sample_cost(first.rays, shares[:, k, None], first.shading_samples, scale * samples, first.techniques)
+        for k, samples in enumerate(SAMPLES_OF)
+    )
+    return np.concatenate([*costs])

@@ -1,0 +1,31 @@
+"""Variance of a camera sample with each pattern of light and BRDF samples, from a first round of two pairs.
+
+Pixels have one of four colours, by whether row and column are even or odd, and sums are kept apart by colour: what is
+decided for the pixels of a colour comes from the others' samples, so that a pixel's own may be part of its image.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.patterns import SHARES
+from dmis.variance.curves import Curves
+
+
+class PatternCurves(Curves):
+    """Sums of the curves at the shares of `dmis.estimator.patterns.PATTERNS`, whose counts need no rounding.
+
+    Parameters
+    ----------
+    pixels, shading_samples
+        See `dmis.variance.curves.Curves`.
+    """
+
+    by_colour = True
+
+    def __init__(self, pixels: int, shading_samples: int) -> None:
+        super().__init__(pixels, shading_samples, grid=SHARES)
+
+    def _rounding_variance(self) -> Array:
+        return np.zeros(len(SHARES))
