@@ -1,0 +1,126 @@
+"""
+Even points, numbers of samples, weights: what each saves
+==========================================================
+
+The error in equal time of three steps over one light and one BRDF sample with independent points and the balance
+heuristic: Sobol points, numbers of samples per pixel (`counts`), and shares of light samples (`auto`). At several
+budgets, pilot included, on the thesis's four scenes and on the two that are held out: no constant was chosen on those.
+
+Each render is one line of ``docs/tables/points.csv``, written as soon as it is made; a run that was interrupted goes on
+after the last. Remove the file to measure again. The first budget takes the most seeds: it is that of the thesis.
+"""
+
+import csv
+import sys
+from dataclasses import asdict, fields
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
+from common import ROOT, TABLES, bold, machine, options, replace_table, show
+
+import dmis
+from dmis.experiment.metrics import ratio
+from dmis.experiment.runs import Run, measure
+
+RESULTS = ROOT / "docs" / "tables" / "points.csv"
+HELD_OUT = {"veach-mis": 2, "ten-lights": 2}
+"""Held-out scenes, and how much smaller than by default they are rendered."""
+PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
+RULES = {PINNED: "balance, independent", SOBOL: "balance", "counts:sampler=sobol": "counts", "auto:sampler=sobol": "auto"}
+"""Rules, and what the table calls them."""
+MORE_SEEDS = {"killeroo-gold": 3}
+"""Seeds more than for other scenes, where few pixels have most of the error."""
+
+opts, given = options(
+    __file__,
+    "even points, numbers of samples and weights, in equal time",
+    seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
+    most={"type": int, "default": 5, "help": "number of seeds at 128 samples (default 5)"},
+    budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 128 16 32 64)"},
+    scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes"},
+    csv={"type": Path, "default": RESULTS, "help": "results; those in it are not measured again"},
+    page={"type": Path, "help": "a page that gets the tables between its marks 'points'"},
+)
+BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64))
+COLUMNS = ("scene", *(field.name for field in fields(Run)))
+
+# %%
+# What is there already.
+kinds = {field.name: {"int": int, "float": float, "str": str}[str(field.type)] for field in fields(Run)}
+kept: dict[str, list[Run]] = {}
+given.csv.parent.mkdir(parents=True, exist_ok=True)
+if given.csv.exists():
+    with given.csv.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            kept.setdefault(row.pop("scene"), []).append(Run(**{key: kinds[key](text) for key, text in row.items()}))
+else:
+    given.csv.write_text(",".join(COLUMNS) + "\n", "utf-8")
+
+
+def write(name: str, run: Run) -> None:
+    """Add a run to the results."""
+    with given.csv.open("a", newline="", encoding="utf-8") as file:
+        csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow({"scene": name, **asdict(run)})
+
+
+# %%
+# One thread, CPU seconds, all rules in turns.
+efficiency: dict[tuple[str, str, int], np.ndarray] = {}
+sizes = {}
+for name in given.scenes:
+    if name in TABLES:
+        scene = opts.scene(name, TABLES[name] * opts.pick(4, 1))
+    else:
+        width, height = dmis.load_scene(name).camera.resolution
+        shrink = HELD_OUT.get(name, 2) * opts.pick(4, 1)
+        scene = dmis.load_scene(name, resolution=(width // shrink, height // shrink))
+    sizes[name] = "×".join(map(str, scene.camera.resolution))
+    reference = dmis.make_reference(
+        scene, opts.pick(64, 1024), rule="auto", settings=dmis.Settings(sampler="sobol"), progress=show(name)
+    )
+    key = f"{name} {sizes[name]}"
+    for spp in BUDGETS:
+        seeds = range((given.most if spp == 128 else given.seeds) + MORE_SEEDS.get(name, 0) * (spp == 128))
+        runs = measure(
+            scene,
+            [(rule, spp) for rule in RULES],
+            seeds,
+            reference,
+            done=kept.get(key, ()),
+            record=lambda run, key=key: None if run in kept.get(key, ()) else write(key, run),
+            parallel=1,
+            progress=show(f"{name} {spp} spp"),
+        )
+        for rule in RULES:
+            efficiency[name, rule, spp] = np.array([run.mse * run.cpu_seconds for run in runs[rule, spp]])
+            print(name, spp, RULES[rule], *ratio(efficiency[name, rule, spp], efficiency[name, PINNED, spp]), flush=True)
+
+
+# %%
+# Ratios of error times CPU seconds, with 95 % intervals over seeds; bold where the interval is below 1.
+def table(baseline: str, rules: list[str]) -> list[str]:
+    """Return the lines of a table of `rules` over a baseline."""
+    budgets = sorted(BUDGETS)
+    lines = [
+        "| scene | rule | " + " | ".join(f"{spp} spp" for spp in budgets) + " |",
+        "|---|---|" + "---|" * len(budgets),
+    ]
+    for name in given.scenes:
+        for rule in rules:
+            cells = [bold(*ratio(efficiency[name, rule, spp], efficiency[name, baseline, spp])) for spp in budgets]
+            held_out = ", held out" if name in HELD_OUT else ""
+            lines.append(f"| {name} {sizes[name]}{held_out} | {RULES[rule]} | " + " | ".join(cells) + " |")
+    return lines
+
+
+about = f"Made on {date.today()} with {given.seeds} seeds ({given.most} at 128 spp), one thread, on {machine()}."
+others = list(RULES)[1:]
+for mark, baseline, rules in (("points", PINNED, others), ("points strong", SOBOL, others[1:])):
+    lines = table(baseline, rules)
+    print("", about, "", *lines, sep="\n")
+    if given.page is not None:
+        replace_table(given.page, mark, about, "", *lines)
