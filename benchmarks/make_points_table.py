@@ -30,7 +30,8 @@ RESULTS = ROOT / "docs" / "tables" / "points.csv"
 HELD_OUT = {"veach-mis": 2, "ten-lights": 2}
 """Held-out scenes, and how much smaller than by default they are rendered."""
 PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
-RULES = {PINNED: "balance, independent", SOBOL: "balance", "counts:sampler=sobol": "counts", "auto:sampler=sobol": "auto"}
+COUNTS, AUTO = "counts:sampler=sobol", "auto:sampler=sobol"
+RULES = {PINNED: "balance, independent", SOBOL: "balance, Sobol", COUNTS: "counts", AUTO: "auto"}
 """Rules, and what the table calls them."""
 MORE_SEEDS = {"killeroo-gold": 3}
 """Seeds more than for other scenes, where few pixels have most of the error."""
@@ -43,7 +44,7 @@ opts, given = options(
     budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 128 16 32 64)"},
     scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes"},
     csv={"type": Path, "default": RESULTS, "help": "results; those in it are not measured again"},
-    page={"type": Path, "help": "a page that gets the tables between its marks 'points'"},
+    page={"type": Path, "help": "docs/rules.md gets the tables between its marks 'points', and README its own"},
 )
 BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64))
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
@@ -96,8 +97,8 @@ for name in given.scenes:
             progress=show(f"{name} {spp} spp"),
         )
         for rule in RULES:
-            efficiency[name, rule, spp] = np.array([run.mse * run.cpu_seconds for run in runs[rule, spp]])
-            print(name, spp, RULES[rule], *ratio(efficiency[name, rule, spp], efficiency[name, PINNED, spp]), flush=True)
+            own = efficiency[name, rule, spp] = np.array([run.mse * run.cpu_seconds for run in runs[rule, spp]])
+            print(name, spp, RULES[rule], *ratio(own, efficiency[name, PINNED, spp]), flush=True)
 
 
 # %%
@@ -117,10 +118,20 @@ def table(baseline: str, rules: list[str]) -> list[str]:
     return lines
 
 
-about = f"Made on {date.today()} with {given.seeds} seeds ({given.most} at 128 spp), one thread, on {machine()}."
+seeds = f"{given.seeds} seeds ({given.most} or more at 128 spp)"
+about = f"Made on {date.today()} with {seeds}, one thread, on {machine()}."
 others = list(RULES)[1:]
 for mark, baseline, rules in (("points", PINNED, others), ("points strong", SOBOL, others[1:])):
     lines = table(baseline, rules)
     print("", about, "", *lines, sep="\n")
     if given.page is not None:
         replace_table(given.page, mark, about, "", *lines)
+
+# %%
+# For README, the first table at 128 samples alone, a column for each rule.
+if given.page is not None and 128 in BUDGETS:
+    short = ["| scene | " + " | ".join(RULES[rule] for rule in others) + " |", "|---|" + "---|" * len(others)]
+    for name in given.scenes:
+        cells = [bold(*ratio(efficiency[name, rule, 128], efficiency[name, PINNED, 128])) for rule in others]
+        short.append(f"| {name} {sizes[name]}{', held out' if name in HELD_OUT else ''} | " + " | ".join(cells) + " |")
+    replace_table(ROOT / "README.md", "equal time", *short, "", about)

@@ -44,7 +44,6 @@ lines = [
     "| harm | second-moment, equal time | auto, equal shading samples | auto, equal time |",
     "|---|---|---|---|---|---|---|---|---|",
 ]
-short = ["| scene | second-moment | auto |", "|---|---|---|"]
 for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     seeds = range(given.seeds * NOISY.get(scene.name, 1))
@@ -79,7 +78,6 @@ for name, shrink in TABLES.items():
     harm = " / ".join(f"{each:.1%}" for each in np.reshape(harmed, (2, -1)).mean(axis=1))
     width, height = scene.camera.resolution
     times = f", {len(seeds)} seeds" if scene.name in NOISY else ""
-    short.append(f"| {scene.name} {width}×{height}{times} | {' | '.join(texts)} |")
     lines.append(
         f"| {scene.name} {width}×{height}{times} | {oracle.limit():.3f} | {oracle.limit(costly=True):.3f} "
         f"| {cell(runs[weights, opts.spp], base)} | {saving:.0%} | {harm} "
@@ -88,10 +86,8 @@ for name, shrink in TABLES.items():
     print(lines[-1], flush=True)
 
 # %%
-# The table goes between two marks in the page; what is reached in equal time into the README, too.
+# The table goes between two marks in the page.
 kind = f"{'original' if opts.scene_dir else 'shipped'} {given.sampler}"
 about = f"Made on {date.today()} with {given.seeds} seeds, {given.sampler} camera samples, on {machine()}; one thread."
 about += f" {IN_TIME}"
 replace_table(given.page, kind, about, "", *lines)
-if given.page == PAGE and kind == "shipped independent":
-    replace_table(ROOT / "README.md", "equal time", *short, "", about)
