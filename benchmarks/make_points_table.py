@@ -26,6 +26,7 @@ import dmis
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import Run, measure
 
+PAGE = ROOT / "docs" / "rules.md"
 RESULTS = ROOT / "docs" / "tables" / "points.csv"
 HELD_OUT = {"veach-mis": 2, "ten-lights": 2}
 """Held-out scenes, and how much smaller than by default they are rendered."""
@@ -129,7 +130,7 @@ for mark, baseline, rules in (("points", PINNED, others), ("points strong", SOBO
 
 # %%
 # For README, the first table at 128 samples alone, a column for each rule.
-if given.page is not None and 128 in BUDGETS:
+if given.page is not None and given.page.resolve() == PAGE and 128 in BUDGETS:
     short = ["| scene | " + " | ".join(RULES[rule] for rule in others) + " |", "|---|" + "---|" * len(others)]
     for name in given.scenes:
         cells = [bold(*ratio(efficiency[name, rule, 128], efficiency[name, PINNED, 128])) for rule in others]

@@ -122,11 +122,6 @@ def test_reproduction_grid_is_resumed(cache, tmp_path):
 @pytest.mark.parametrize(
     "script, arguments, counts",
     [
-        (
-            "make_budget_table",
-            ("--seeds", "2", "--sampler", "sobol"),
-            {"| auto |": 4, "| second-moment |": 4, "<!-- budgets sobol: begin -->": 1, "| 16 spp | 32 spp |": 1},
-        ),
         ("make_filter_table", ("--seeds", "1"), {"%, harm ": 20, "| joint, shrunk |": 1}),
         ("make_full_table", (), {" ± ": 12, " × ": 12}),
         ("make_parabola_table", ("--seeds", "1"), {"| 4 | ": 4, "<!-- parabola: begin -->": 1, "nan": 0}),
@@ -142,6 +137,20 @@ def test_tables_of_rules(cache, tmp_path, script, arguments, counts):
     run(ROOT / "benchmarks" / f"{script}.py", cache, *arguments, "--page", page)
     text = page.read_text("utf-8")
     assert {part: text.count(part) for part in counts} == counts
+
+
+def test_points_table_is_resumed(cache, tmp_path):
+    """A line for each render; a second run makes none again, and its tables are the same."""
+    page, results = tmp_path / "page.md", tmp_path / "runs.csv"
+    script = ROOT / "benchmarks" / "make_points_table.py"
+    arguments = ("--seeds", "2", "--scenes", "killeroo-gold", "ten-lights", "--csv", results, "--page", page)
+    printed = run(script, cache, *arguments)
+    rows = results.read_bytes()
+    assert rows.count(b"\n") == 1 + 2 * 2 * 4 * 2  # header; scenes, budgets, rules, seeds
+    text = page.read_text("utf-8")
+    assert text.count("| auto |") == 4 and text.count("| balance, Sobol |") == 2 and text.count(", held out |") == 5
+    assert "| 16 spp | 32 spp |" in text and "nan" not in text
+    assert run(script, cache, *arguments) == printed and results.read_bytes() == rows
 
 
 def test_cluster_tables(cache, tmp_path):
