@@ -27,5 +27,11 @@ class PatternCurves(Curves):
     def __init__(self, pixels: int, shading_samples: int) -> None:
         super().__init__(pixels, shading_samples, grid=SHARES)
 
+    def sums(self) -> dict[str, Array]:
+        """Return the sums per pixel, see `dmis.variance.curves.Curves.sums`, but for those of rounding."""
+        sums = super().sums()
+        del sums["pattern"]
+        return sums
+
     def _rounding_variance(self) -> Array:
         return np.zeros(len(SHARES))
