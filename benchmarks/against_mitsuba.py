@@ -297,7 +297,7 @@ def error_table(scenes: list[dmis.Scene], given: argparse.Namespace) -> list[str
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     noise = []
     for scene in scenes:
-        reference = dmis.make_reference(scene, given.reference_spp, rule="auto")
+        reference = dmis.make_reference(scene, given.reference_spp)
         seeds = given.repeats or SEEDS.get(scene.name, 5)
         rows, smallest = compare_errors(scene, rules, given.spp, seeds, reference)
         lines += rows

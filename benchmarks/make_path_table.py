@@ -43,9 +43,7 @@ for name in ("cornell", *TABLES):
     else:
         scene = opts.scene(name, TABLES[name] * opts.pick(8, 1))
     about = {"settings": PATHS, "parallel": 1}
-    reference = dmis.make_reference(
-        scene, opts.pick(32, 256), rule=opts.pick("balance", "auto"), progress=show("reference"), **about
-    )
+    reference = dmis.make_reference(scene, opts.pick(32, 256), progress=show("reference"), **about)
     oracle = make_oracle(scene, opts.pick(16, 256), progress=show("oracle"), **about)
     runs = measure(
         scene, [(rule, SPP) for rule in ("balance", *RULES.values())], SEEDS, reference, progress=show(name), **about

@@ -30,4 +30,4 @@ reference = dmis.make_reference(scene, options.spp)
 # Half floats are fine enough: their rounding is independent in the two halves, and far below the error of the demo.
 layers = {"first": reference.first.astype(np.float16), "second": reference.second.astype(np.float16)}
 dmis.write_exr(options.output, layers, {"spp": f"2 x {options.spp}", "mse": f"{reference.mse:.3g}"})
-print(f"{options.output}: 2 x {options.spp} spp, mean squared error of the average {reference.mse:.3g}")
+print(options.output, reference.text(), sep="\n")

@@ -25,7 +25,7 @@ from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
-from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
+from dmis.experiment.reference import REFERENCE_SEED, cache_folder, render_half, settings_key
 from dmis.fit.curve_minimum import PatchCurves, cost_weighted
 from dmis.fit.rule import Fit, Pilot
 from dmis.fit.second_moment import SecondMoment
@@ -33,7 +33,6 @@ from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.pipeline.passes import Progress
-from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID, GRID_SHARES, HALF
 
@@ -263,9 +262,9 @@ def _render_halves(
     check_writable(path)
     rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none", shrink=False, combiner=combiner)
     results = [
-        render(
-            scene, rule, spp // 2 + 1, seed=REFERENCE_SEED + 2 + k, settings=settings,
-            parallel=parallel, progress=progress, checkpoint=path.with_suffix(f".{k}.checkpoint"),
+        render_half(
+            path, k, scene, rule, spp // 2 + 1, seed=REFERENCE_SEED + 2 + k, settings=settings, parallel=parallel,
+            progress=progress,
         )
         for k in range(2)
     ]  # fmt: skip

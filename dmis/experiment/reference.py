@@ -1,5 +1,7 @@
 """References: converged images as two independent halves, cached on disk.
 
+They are rendered with the rule ``auto`` and Sobol points, whose error per second is the least.
+
 ``mean[(x - r1)(x - r2)]`` has the expectation of the squared error against the exact image, free of the reference's own
 noise (`dmis.experiment.metrics.mse`), because the errors of the halves are independent of each other and of x.
 """
@@ -17,12 +19,15 @@ import numpy as np
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, make_settings
+from dmis.fit.rule import Rule
 from dmis.image import check_image, read_exr, write_exr
+from dmis.pipeline.checkpoint import UnusableCheckpoint
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import MAX_SPP
 from dmis.pipeline.passes import Progress
 from dmis.pipeline.render import render
+from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
 
 REFERENCE_SEED = 2**31
@@ -52,15 +57,33 @@ class Reference:
 
     @property
     def mse(self) -> float:
-        """Mean squared error of `mean`: a quarter of the mean squared difference of the halves."""
+        """Mean squared error of `mean`, which it adds to that of an image measured against it.
+
+        That is a quarter of the mean squared difference of the halves; 0 for one image given as both.
+        """
         return float(((self.first.astype(np.float64) - self.second) ** 2).mean() / 4)
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of `mean`: root of `mse`, in the unit of the image."""
+        return float(np.sqrt(self.mse))
+
+    def text(self) -> str:
+        """Return a line with the samples and the standard error of the reference."""
+        if self.mse == 0:
+            return "Reference: one image, or two equal ones, whose standard error is not known."
+        samples = f" of 2 x {self.spp} samples per pixel" if self.spp else ""
+        return (
+            f"Reference{samples}: standard error {self.standard_error:.2g}, mean squared error {self.mse:.2g} "
+            f"(by its two halves)."
+        )
 
 
 def make_reference(
     scene: Scene,
     spp: int = 2048,
     *,
-    rule: str = "balance",
+    rule: str = "auto",
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
@@ -76,13 +99,12 @@ def make_reference(
     rule
         Rule that renders it; every rule converges to the same image.
     settings, options
-        Settings such as ``integrator="path"``, see `dmis.pipeline.render.render`. A preset does not hold for the
-        points, which are those of a reference, and `compensation` is the rule's: the expected image does not depend
-        on them.
+        See `dmis.pipeline.render.render`. Of these only ``integrator`` and ``max_depth`` count, because the expected
+        image does not depend on the others: a reference of any preset, techniques or combiner is the same.
     folder
         Folder of the cache. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
     parallel, progress
-        See `dmis.pipeline.render.render`. An interrupted half is resumed.
+        See `dmis.pipeline.render.render`. An interrupted half is resumed, see `render_half`.
 
     Raises
     ------
@@ -92,7 +114,8 @@ def make_reference(
         If it cannot be written.
     """
     spp = whole("spp", spp, 1, MAX_SPP)
-    settings = replace(make_settings(settings, **options), preset=None, compensation=None)
+    given = make_settings(settings, **options)
+    settings = Settings(integrator=given.integrator, max_depth=given.max_depth)
     width, height = scene.camera.resolution
     key = json.dumps([fingerprint(scene, expected_image=True), width, height, spp, rule, *settings_key(settings)])
     import hashlib  # imported where used: it brings OpenSSL
@@ -103,15 +126,41 @@ def make_reference(
         path.parent.mkdir(parents=True, exist_ok=True)
         check_image(path)
         halves = [
-            render(
-                scene, rule, spp, seed=REFERENCE_SEED + k, settings=settings, sampler="sobol",
-                parallel=parallel, progress=progress, checkpoint=path.with_suffix(f".{k}.checkpoint"),
+            render_half(
+                path, k, scene, rule, spp, seed=REFERENCE_SEED + k, settings=settings, sampler="sobol",
+                parallel=parallel, progress=progress,
             ).image
             for k in range(2)
         ]  # fmt: skip
         write_exr(path, {"first": halves[0], "second": halves[1]}, {"spp": str(spp)})
     layers, _ = read_exr(path)
     return Reference(layers["first"], layers["second"], spp)
+
+
+def render_half(path: Path, half: int, scene: Scene, rule: Rule | str, spp: int, **options: Any) -> Result:
+    """Render one of two halves that a file of the cache is made of; an interrupted one is resumed.
+
+    Its checkpoint lies beside the file. One that another version of dmis has left there, or a damaged one, is
+    discarded: nothing else writes into the cache.
+
+    Parameters
+    ----------
+    path, half
+        File of the cache; 0 or 1.
+    scene, rule, spp, options
+        See `dmis.pipeline.render.render`.
+
+    Raises
+    ------
+    ValueError
+        If another process is rendering the same half.
+    """
+    checkpoint = path.with_suffix(f".{half}.checkpoint")
+    try:
+        return render(scene, rule, spp, checkpoint=checkpoint, **options)
+    except UnusableCheckpoint:
+        checkpoint.unlink(missing_ok=True)
+        return render(scene, rule, spp, checkpoint=checkpoint, **options)
 
 
 def settings_key(settings: Settings | None) -> list[dict[str, Any]]:

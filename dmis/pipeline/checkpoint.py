@@ -26,6 +26,10 @@ _NUMBER = 8  # bytes of a length or checksum, little-endian
 _START = len(MAGIC) + _NUMBER
 
 
+class UnusableCheckpoint(ValueError):
+    """A checkpoint from which a render cannot be resumed: damaged, of another version, or of a different image."""
+
+
 class Store:
     """Appends the finished tiles of all passes to a file, and reads them back.
 
@@ -38,8 +42,10 @@ class Store:
 
     Raises
     ------
+    UnusableCheckpoint
+        If the file is not a checkpoint, is damaged, or belongs to another image.
     ValueError
-        If the file is not a checkpoint, is damaged, belongs to another image, or is in use.
+        If another process is using it.
     """
 
     def __init__(self, path: str | os.PathLike[str], provenance: Mapping[str, Any]) -> None:
@@ -94,19 +100,21 @@ class Store:
         head, size = self._file.read(_START), os.fstat(self._file.fileno()).st_size
         name = MAGIC.rpartition(b" ")[0]
         if not head.startswith(name):
-            raise ValueError(f"checkpoint {self._path} is not readable as one: it does not begin with {name.decode()}")
+            raise UnusableCheckpoint(
+                f"checkpoint {self._path} is not readable as one: it does not begin with {name.decode()}"
+            )
         if not head.startswith(MAGIC):
-            raise ValueError(
+            raise UnusableCheckpoint(
                 f"checkpoint {self._path} is of another version: {head.splitlines()[0]!r}, and not {MAGIC[:-1]!r}"
             )
         whole = int.from_bytes(head[len(MAGIC) :], "little")
         if size < whole or len(head) < _START:
-            raise ValueError(
+            raise UnusableCheckpoint(
                 f"checkpoint {self._path} is truncated: it has {size} bytes of {whole}; remove it to begin again"
             )
         about, _, place = self._unpack(_START)
         if differences := _differences(about.get("key", {}), provenance):
-            raise ValueError(
+            raise UnusableCheckpoint(
                 f"checkpoint {self._path} belongs to a different image; remove it, or use the same arguments: "
                 + "; ".join(differences)
             )
@@ -115,7 +123,9 @@ class Store:
             about, _, place = self._unpack(place)
             self._places.setdefault(about["pass"], []).append(begin)
         if place != whole:
-            raise ValueError(f"checkpoint {self._path} is damaged: a record ends at byte {place}, not at {whole}")
+            raise UnusableCheckpoint(
+                f"checkpoint {self._path} is damaged: a record ends at byte {place}, not at {whole}"
+            )
         return whole
 
     def _unpack(self, place: int) -> tuple[dict[str, Any], dict[str, np.ndarray], int]:
@@ -132,7 +142,7 @@ class Store:
                 arrays = dict(archive)
             return json.loads(str(arrays.pop("about"))), arrays, self._file.tell()
         except Exception as error:
-            raise ValueError(
+            raise UnusableCheckpoint(
                 f"checkpoint {self._path} is damaged at byte {place}: {error}; remove it to begin again"
             ) from error
 

@@ -348,7 +348,7 @@ def test_oracle_and_ladder(tmp_path, monkeypatch, capsys):
     captured = capsys.readouterr()
     assert captured.out.startswith("The best weights leave 0.") and "B0" not in captured.out and captured.err == ""
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["best_shares.png", "oracle.md"]
-    monkeypatch.setattr("dmis.experiment.oracle.render", lambda *_, **__: pytest.fail("rendered again"))
+    monkeypatch.setattr("dmis.experiment.oracle.render_half", lambda *_, **__: pytest.fail("rendered again"))
     assert main([*command, "--ladder"]) == 0
     out = capsys.readouterr().out
     rungs = dict(re.findall(r"^\| (B\S+) \| [^|]+ \| (\S+) \|", out, re.M))

@@ -71,7 +71,7 @@ def test_cached(box: dmis.Scene, tmp_path) -> None:
 def test_rendered_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:
     """The second call reads the oracle from disk; its best weights reach their predicted saving."""
     first = make_oracle(box, 64, folder=tmp_path)
-    monkeypatch.setattr("dmis.experiment.oracle.render", None)
+    monkeypatch.setattr("dmis.experiment.oracle.render_half", None)
     again = make_oracle(box, 64, folder=tmp_path)
     np.testing.assert_allclose(first.variance, again.variance, rtol=1e-6)
     assert first.variance.shape == (len(GRID), 6, 8) and (np.diff(first.cost) > 0).all()

@@ -1,9 +1,24 @@
 """References: two independent halves, rendered once."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
+from helpers import box_scene
 
 import dmis
 from dmis.experiment import reference
+from dmis.experiment.oracle import make_oracle
+from dmis.pipeline.checkpoint import Store
+
+
+class Interrupted(BaseException):
+    """Stands for Ctrl-C."""
+
+
+def interrupt(*_: object) -> None:
+    """Progress that stops a render after its first tile."""
+    raise Interrupted
 
 
 def test_reference_is_made_once_and_kept(box, tmp_path, monkeypatch):
@@ -34,3 +49,116 @@ def test_cache_folder_comes_from_the_environment(box, tmp_path, monkeypatch):
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     dmis.make_reference(box, 4)
     assert len(list((tmp_path / "cache").glob("box-32x24-4spp-*.exr"))) == 1
+
+
+def block_means(image: np.ndarray) -> np.ndarray:
+    """Means of blocks of 8x8 pixels, of each channel."""
+    height, width, _ = image.shape
+    return image.astype(np.float64).reshape(height // 8, 8, width // 8, 8, 3).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize(
+    "name, options",
+    [
+        ("teapot-area-light", {}),
+        ("killeroo-gold", {}),
+        ("cornell", {"integrator": "path", "max_depth": 4}),
+        ("point", {}),
+        ("point", {"integrator": "path", "max_depth": 3}),
+    ],
+)
+def test_rule_auto_agrees_with_the_pinned_balance_heuristic(name, options, tmp_path, monkeypatch):
+    """Blocks of the mean of 16 halves and of the pinned estimator differ by less than 4.5 standard errors.
+
+    The point light is a delta light, so that there is nothing to mix. The standard error of a block is that of the pinned estimator's samples, which are independent, and of the scatter
+    of the halves.
+    """
+    if name == "point":
+        scene = box_scene(lights=(dmis.PointLight((0.5, -1.0, 1.5), (1.0, 1.0, 1.0)),), resolution=(40, 32))
+    else:
+        scene = dmis.load_scene(name, resolution=(40, 32))
+    halves = []
+    for seed in range(8):
+        monkeypatch.setattr(reference, "REFERENCE_SEED", 2 * seed)
+        made = dmis.make_reference(scene, 64, folder=tmp_path / str(seed), **options)
+        halves += [block_means(made.first), block_means(made.second)]
+    pinned = dmis.render(scene, "balance", 1024, seed=99, preset="thesis", **options)
+    noise = block_means(pinned.deviation.astype(np.float64) ** 2) / 64 + np.var(halves, axis=0, ddof=1) / len(halves)
+    difference = np.mean(halves, axis=0) - block_means(pinned.image)
+    z = np.divide(difference, np.sqrt(noise), out=np.zeros_like(noise), where=noise > 0)
+    assert (noise > 0).mean() > 0.5 and np.abs(z).max() < 4.5
+
+
+def test_settings_of_the_estimator_do_not_count(box, tmp_path):
+    """Settings that do not change the expected image give the file of the default ones, even where auto lacks them."""
+    made = dmis.make_reference(box, 16, folder=tmp_path)
+    for options in (
+        {"preset": "thesis"}, {"shading_samples": 1}, {"combiner": "optimal"}, {"techniques": ("resampled", "brdf")},
+    ):  # fmt: skip
+        np.testing.assert_array_equal(dmis.make_reference(box, 16, folder=tmp_path, **options).first, made.first)
+    assert len(list(tmp_path.iterdir())) == 1
+    dmis.make_reference(box, 16, folder=tmp_path, max_depth=1)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("stale", ["other package", "damaged", "resumed"])
+def test_an_interrupted_reference(box, tmp_path, monkeypatch, stale):
+    """A half is resumed, and made anew from a checkpoint of another package or a damaged one; the bits are the same."""
+    large = replace(box, camera=replace(box.camera, resolution=(96, 64)))
+    whole = dmis.make_reference(large, 32, folder=tmp_path / "whole")
+    with monkeypatch.context() as patch:
+        if stale == "other package":
+            patch.setattr("dmis.pipeline.job.package_hash", lambda: "another")
+        with pytest.raises(Interrupted):
+            dmis.make_reference(large, 32, folder=tmp_path, parallel=1, progress=interrupt)
+    checkpoint = next(tmp_path.glob("*.0.checkpoint"))
+    if stale == "damaged":
+        checkpoint.write_bytes(checkpoint.read_bytes()[:-7])
+    tiles = []
+    monkeypatch.setattr(Store, "append", lambda self, tile, append=Store.append: tiles.append(append(self, tile)))
+    again = dmis.make_reference(large, 32, folder=tmp_path)
+    of_one = len(tiles)
+    np.testing.assert_array_equal(again.first, whole.first)
+    np.testing.assert_array_equal(again.second, whole.second)
+    assert not list(tmp_path.glob("*.checkpoint"))
+    tiles.clear()
+    dmis.make_reference(large, 32, folder=tmp_path / "third")
+    assert (of_one < len(tiles)) == (stale == "resumed")
+
+
+def test_a_half_in_use_by_another_process(box, tmp_path, monkeypatch):
+    """An error, and the file of the other process stays."""
+    with pytest.raises(Interrupted):
+        dmis.make_reference(box, 32, folder=tmp_path, parallel=1, progress=interrupt)
+    checkpoint = next(tmp_path.glob("*.0.checkpoint"))
+    before = checkpoint.read_bytes()
+
+    def locked(*_: object) -> None:
+        raise OSError("locked")
+
+    monkeypatch.setattr("dmis.pipeline.checkpoint.fcntl.lockf", locked)
+    with pytest.raises(ValueError, match="is in use by another process"):
+        dmis.make_reference(box, 32, folder=tmp_path)
+    assert checkpoint.read_bytes() == before
+
+
+def test_a_stale_checkpoint_of_an_oracle_is_discarded(box, tmp_path, monkeypatch):
+    """As with a reference."""
+    with monkeypatch.context() as patch:
+        patch.setattr("dmis.pipeline.job.package_hash", lambda: "another")
+        with pytest.raises(Interrupted):
+            make_oracle(box, 16, folder=tmp_path, parallel=1, progress=interrupt)
+    assert list(tmp_path.glob("*.0.checkpoint"))
+    assert make_oracle(box, 16, folder=tmp_path).spp == 16
+    assert not list(tmp_path.glob("*.checkpoint"))
+
+
+def test_standard_error_is_said():
+    """Half of the root mean squared difference of the halves; not known for one image given as both."""
+    first, second = np.full((4, 5, 3), 1.0), np.full((4, 5, 3), 1.04)
+    made = dmis.Reference(first, second, 64)
+    assert made.standard_error == pytest.approx(0.02) and made.mse == pytest.approx(0.0004)
+    assert made.text() == (
+        "Reference of 2 x 64 samples per pixel: standard error 0.02, mean squared error 0.0004 (by its two halves)."
+    )
+    assert "not known" in dmis.Reference(first, first, 0).text()
