@@ -55,7 +55,8 @@ for name, shrink in SIZES.items():
     )
     comparisons.append(comparison)
     limits.append(oracle)
-    print(f"{SCENES[name].title}, {time.perf_counter() - begun:.0f} s\n{summary(comparison.runs)}\n", flush=True)
+    table = summary(comparison.runs, comparison.reference)
+    print(f"{SCENES[name].title}, {time.perf_counter() - begun:.0f} s\n{table}\n", flush=True)
 
 # %%
 # One page for all.

@@ -153,7 +153,7 @@ def _compare(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     if not options.quiet:
-        print(summary(comparison.runs))
+        print(summary(comparison.runs, comparison.reference))
         for name in ("results.csv", "report.html"):
             if (options.output / name).exists():
                 print(options.output / name)

@@ -16,6 +16,8 @@ from dmis.experiment.reference import Reference
 
 ALARM_LIMIT = 6.0
 """Difference between the means of image and reference that raises an alarm, in standard errors."""
+NOISE_LIMIT = 0.05
+"""Largest mean squared error of a reference, over the smallest error that is measured against it."""
 CAUSES = (
     "Possible causes: a stale reference, made before a lobe, light, camera or reader changed (delete its file, and "
     "raise dmis.pipeline.fingerprint.MEANING if shipped code changed); a biased combiner (optimal), or "
@@ -94,3 +96,21 @@ def summary(runs: Iterable[Measured]) -> str:
     if not alarms:
         return ""
     return f"Alarm in {len(alarms)} of {len(runs)} renders: {message(max(alarms, key=lambda run: abs(run.mean_z)))}"
+
+
+def reference_noise(reference: Reference, errors: Iterable[float]) -> str:
+    """Return a line if the reference's own error is more than `NOISE_LIMIT` of the smallest of `errors`, else "".
+
+    Parameters
+    ----------
+    errors
+        Mean squared errors of a table, means over seeds.
+    """
+    smallest = min(errors, default=float("inf"))
+    if not reference.mse > NOISE_LIMIT * smallest:
+        return ""
+    return (
+        f"The reference is too noisy for this table: its own mean squared error is {reference.mse:.2g}, more than "
+        f"{NOISE_LIMIT:.0%} of the smallest error here, {smallest:.2g}. Render it with more samples per pixel "
+        f"(--reference-spp)."
+    )

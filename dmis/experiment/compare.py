@@ -20,8 +20,8 @@ from dmis.experiment.convergence import gains
 from dmis.experiment.ladder import cached_ladder
 from dmis.experiment.oracle import Oracle, cached_oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import Budget, Run, measure
-from dmis.experiment.table import Comparison, Results, conditions
+from dmis.experiment.runs import PINNED, Budget, Run, measure
+from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
 from dmis.image import read_exr
@@ -133,8 +133,9 @@ def compare(
     """Render a scene with several rules, numbers of samples and seeds, and write table, plot and report into `folder`.
 
     ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` (with matplotlib only) follow
-    at the end. The balance heuristic is always measured, as the baseline. A rule whose pilot does not fit into a number
-    of samples is left out there. Rows that are in ``results.csv`` are not rendered again.
+    at the end. Two baselines are always measured: the balance heuristic with these settings, and the pinned one
+    (`dmis.experiment.runs.PINNED`). A rule whose pilot does not fit into a number of samples is left out there. Rows
+    that are in ``results.csv`` are not rendered again.
 
     Parameters
     ----------
@@ -165,14 +166,16 @@ def compare(
     _check_sizes(scene, reference, oracle)
     _check_rules_and_output(rules, settings, folder)
     results = Results(folder, conditions(scene, reference, parallel, settings), rules)
+    pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).pilot.values()) < n]
     measure(
-        scene, budgets, seeds, reference,
+        scene, [*pinned, *budgets], seeds, reference,
         done=tuple(results.runs), keep=_image_writer(results), record=results.append, progress=progress,
         parallel=parallel, settings=settings,
     )  # fmt: skip
-    rows = {(run.rule, run.spp, run.seed): run for run in Results(folder, results.about).runs}
-    runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in budgets}
+    rows = run_by_key(Results(folder, results.about).runs)
+    in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
+    runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
     curves = replace(settings, preset=None, sampler=Settings().sampler)  # they do not depend on the sampler
     oracle = oracle or cached_oracle(scene, settings=curves)
     ladder = None if oracle is None else cached_ladder(scene, oracle, settings=curves)
@@ -254,21 +257,29 @@ def _draw(comparison: Comparison, folder: Path) -> None:
     write_report([comparison], folder / "report.html")
 
 
-def summary(runs: Mapping[Budget, Sequence[Run]]) -> str:
-    """Return a table in Markdown with the error and time of each budget and rule, over those of the balance heuristic.
+def summary(runs: Mapping[Budget, Sequence[Run]], reference: Reference | None = None) -> str:
+    """Return a table in Markdown with the error and time of each budget and rule, over those of both baselines.
 
-    Ratios of the mean squared error have 95 % confidence intervals over the seeds. A line follows if the mean of an
-    image is not that of the reference, see `dmis.experiment.alarm`.
+    Ratios of the mean squared error have 95 % confidence intervals over the seeds; the last column is the ratio of mean
+    squared error times CPU seconds. A line follows if the mean of an image is not that of the reference, see
+    `dmis.experiment.alarm`; with `reference` also one with its standard error, and one if that is too large.
     """
-    lines = ["| spp | rule | MSE | MSE / balance | seconds | time / balance |", "|---|---|---|---|---|---|"]
+    titles = "spp", "rule", "MSE", "MSE / balance", "seconds", "time / balance", "MSE / pinned", "MSE·CPU s / pinned"
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     rows = gains(runs)
     base = {gain.spp: gain.seconds for gain in rows if gain.rule == "balance"}
     for g in rows:
         interval = "" if np.isnan(g.interval) else f" ± {g.interval:.3f}"
+        pinned = "– | –"
+        if not np.isnan(g.over_pinned):
+            pinned = f"{g.over_pinned:#.3g} | {g.error_time_over_pinned.value:#.3g}"
         lines.append(
             f"| {g.spp} | {g.rule} | {g.mse:.3e} | {g.over_balance:.3f}{interval} | {g.seconds:.2f} "
-            f"| {g.seconds / base[g.spp]:.2f} |"
+            f"| {g.seconds / base[g.spp]:.2f} | {pinned} |"
         )
-    if warning := alarm.summary(run for by_seed in runs.values() for run in by_seed):
-        lines += ["", warning]
+    notes = [alarm.summary(run for by_seed in runs.values() for run in by_seed)]
+    if reference is not None:
+        notes = [reference.text(), alarm.reference_noise(reference, (g.mse for g in rows)), *notes]
+    for note in filter(None, notes):
+        lines += ["", note]
     return "\n".join(lines)

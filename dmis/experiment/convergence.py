@@ -10,7 +10,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.experiment.metrics import holm_levels, log_ratio, mean_and_error, ratio
-from dmis.experiment.runs import Budget, Run, median_seconds
+from dmis.experiment.runs import PINNED, Budget, Run, median_seconds
 
 Axis = Literal["spp", "rays", "seconds"]
 """Axis that errors are plotted over: camera samples per pixel, rays, or wall seconds."""
@@ -33,12 +33,16 @@ class Gain:
     mse, over_balance, interval
         Mean over seeds; its ratio to that of the balance heuristic at the same budget, and half the width of the 95 %
         confidence interval (`nan` for one seed). Both are `nan` if the balance heuristic has no error above 0.
+    over_pinned
+        The same ratio to the pinned baseline (`dmis.experiment.runs.PINNED`); `nan` if it was not measured.
     seconds, cpu_seconds, overhead
         Medians over seeds, and the share of the seconds that pilot and fit take.
     rays
         Mean over seeds.
     error_time
         Mean over seeds of mean squared error times CPU seconds, over that of the balance heuristic, see `error_times`.
+    error_time_over_pinned
+        The same over that of the pinned baseline.
     equal_error
         Seconds that the balance heuristic needs for the same error, over those of the rule.
     equal_time
@@ -52,20 +56,22 @@ class Gain:
     mse: float
     over_balance: float
     interval: float
+    over_pinned: float
     relmse: float
     seconds: float
     cpu_seconds: float
     overhead: float
     rays: float
     error_time: Interval
+    error_time_over_pinned: Interval
     equal_error: float
     equal_time: float
     extrapolated: bool
 
     @property
     def wins(self) -> bool:
-        """Whether the whole interval of error times CPU seconds is below that of the balance heuristic."""
-        return self.error_time.high < 1
+        """Whether this is a rule whose whole interval of error times CPU seconds is below the balance heuristic's."""
+        return self.rule != PINNED and self.error_time.high < 1
 
     @property
     def efficiency(self) -> float:
@@ -180,16 +186,15 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
     """Return the `Gain` of every rule and budget in their order; the balance heuristic must be among them."""
     seconds, errors = line(runs, "balance", "seconds")
     baseline = errors.mean(axis=0)
-    products = _error_times_by_budget(runs)
+    products, products_over_pinned = (_error_times_by_budget(runs, name) for name in ("balance", PINNED))
     gains_of_budgets = []
     for (rule, spp), by_seed in runs.items():
         mse, _ = mean_and_error(np.array([run.mse for run in by_seed]))
         time = median_seconds(by_seed)
         equal_error_seconds, between = interpolate_log_log(baseline, seconds, mse)
         equal_time_mse, within = interpolate_log_log(seconds, baseline, time)
-        base, over_balance, interval = np.array([run.mse for run in runs["balance", spp]]), np.nan, np.nan
-        if base.mean() > 0:  # the error of a black image is 0, and its estimate may be below 0 for a noisy reference
-            over_balance, interval = ratio(np.array([run.mse for run in by_seed]), base)
+        over_balance, interval = _error_ratio(by_seed, runs["balance", spp])
+        over_pinned, _ = _error_ratio(by_seed, runs.get((PINNED, spp), ()))
         gains_of_budgets.append(
             Gain(
                 rule=rule,
@@ -197,12 +202,14 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
                 mse=mse,
                 over_balance=over_balance,
                 interval=interval,
+                over_pinned=over_pinned,
                 relmse=float(np.mean([run.relmse for run in by_seed])),
                 seconds=time,
                 cpu_seconds=float(np.median([run.cpu_seconds for run in by_seed])),
                 overhead=float(np.median([run.overhead / run.seconds for run in by_seed])),
                 rays=float(np.mean([run.rays for run in by_seed])),
                 error_time=products[rule, spp],
+                error_time_over_pinned=products_over_pinned[rule, spp],
                 equal_error=equal_error_seconds / time,
                 equal_time=mse / equal_time_mse if mse > 0 else float("nan"),
                 extrapolated=not (between and within),
@@ -211,12 +218,27 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
     return gains_of_budgets
 
 
-def _error_times_by_budget(runs: Mapping[Budget, Sequence[Run]]) -> dict[Budget, Interval]:
-    """Return `error_times` of all budgets; rules with the same number of samples are one family of tests."""
-    by_budget = {}
-    for spp in dict.fromkeys(spp for _, spp in runs):
-        rules = [rule for rule, n in runs if n == spp and rule != "balance"]
-        intervals = error_times([runs[rule, spp] for rule in rules], runs["balance", spp])
-        by_budget[("balance", spp)] = Interval(1.0, np.nan, np.nan)
-        by_budget |= {(rule, spp): interval for rule, interval in zip(rules, intervals, strict=True)}
+def _error_ratio(runs: Sequence[Run], baseline: Sequence[Run]) -> tuple[float, float]:
+    """Return the ratio of errors and half of its interval; NaN without a baseline, or if it has no error above 0.
+
+    The error of a black image is 0, and its estimate may be below 0 for a noisy reference.
+    """
+    base = np.array([run.mse for run in baseline])
+    if not base.sum() > 0:
+        return float("nan"), float("nan")
+    return ratio(np.array([run.mse for run in runs]), base)
+
+
+def _error_times_by_budget(runs: Mapping[Budget, Sequence[Run]], baseline: str) -> dict[Budget, Interval]:
+    """Return `error_times` of all budgets over `baseline`; NaN where this was not measured.
+
+    Rules with the same number of samples are one family of tests. The pinned baseline is not a rule among them.
+    """
+    by_budget = dict.fromkeys(runs, Interval(np.nan, np.nan, np.nan))
+    for spp in (spp for rule, spp in runs if rule == baseline):
+        by_budget[baseline, spp] = Interval(1.0, np.nan, np.nan)
+        others = [rule for rule, n in runs if n == spp and rule != baseline]
+        for family in ([rule for rule in others if rule != PINNED], [rule for rule in others if rule == PINNED]):
+            intervals = error_times([runs[rule, spp] for rule in family], runs[baseline, spp])
+            by_budget |= {(rule, spp): interval for rule, interval in zip(family, intervals, strict=True)}
     return by_budget

@@ -88,11 +88,6 @@ class Evenness:
     ratio: float
     exponent: float
 
-    def at(self, spp: float) -> float:
-        """Return the ratio of the errors at another number of samples."""
-        # e(n) = e(N) (n / N)^(1 - a)
-        return float(self.ratio * (spp / self.spp) ** (1 - self.exponent))
-
 
 @dataclass(frozen=True)
 class Ladder:
@@ -129,15 +124,6 @@ class Ladder:
         """
         above = {name: value for name, value in self.rungs.items() if ratio <= value}
         return min(above, key=lambda name: above[name], default="")
-
-    def over_independent(self, ratio: float, sampler: str, spp: int) -> float:
-        """Return `ratio`, an error over that of the balance heuristic with the same `sampler`, over independent points.
-
-        NaN for a sampler other than ``independent`` and ``sobol``, and for the latter without `evenness`.
-        """
-        if sampler == "independent":
-            return ratio
-        return ratio * self.evenness.at(spp) if sampler == "sobol" and self.evenness else float("nan")
 
     def text(self) -> str:
         """Return the position's share, the evenness and a table of the rungs, in Markdown."""

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.estimator.settings import make_settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
 from dmis.experiment.reference import Reference
@@ -23,7 +24,13 @@ from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
 
 Budget = tuple[str, int]
-"""Rule as text, and camera samples per pixel, its pilot included."""
+"""Rule as text, or `PINNED`, and camera samples per pixel, its pilot included."""
+PINNED = "pinned"
+"""Name of the pinned baseline in budgets and tables: rule ``balance`` with the preset ``thesis``.
+
+That is one light and one BRDF sample, independent points and the balance heuristic, whatever the settings of the other
+rules; their integrator and depth are its own, too.
+"""
 
 
 @dataclass(frozen=True)
@@ -85,6 +92,8 @@ def measure(
 
     Parameters
     ----------
+    budgets
+        Rules, or `PINNED`, with their numbers of samples.
     done
         Runs of an earlier call, which are not rendered again.
     keep
@@ -118,7 +127,7 @@ def measure(
             if run is None:
                 scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
                 begin = time.process_time()
-                result = render(scene, rule, spp, seed=seed, **options)
+                result = _render_budget(scene, rule, spp, seed, **options)
                 run = _run_of(result, rule, spp, seed, time.process_time() - begin, reference)
                 if keep:
                     keep((rule, spp), result)
@@ -131,6 +140,18 @@ def measure(
             if progress:
                 progress(rule, k * len(runs) + n + 1, total)
     return runs
+
+
+def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any) -> Result:
+    """Render a budget with the `options` of `measure`, of which `PINNED` takes the executor, integrator and depth."""
+    if rule != PINNED:
+        return render(scene, rule, spp, seed=seed, **options)
+    parallel = options.pop("parallel", None)
+    settings = make_settings(**options)
+    return render(
+        scene, "balance", spp, seed=seed, parallel=parallel, preset="thesis", integrator=settings.integrator,
+        max_depth=settings.max_depth,
+    )  # fmt: skip
 
 
 def _run_of(result: Result, rule: str, spp: int, seed: int, cpu_seconds: float, reference: Reference) -> Run:

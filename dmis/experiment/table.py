@@ -26,7 +26,7 @@ from dmis.estimator.settings import Settings, resolve_auto
 from dmis.experiment.ladder import Ladder
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import Budget, Run
+from dmis.experiment.runs import PINNED, Budget, Run
 from dmis.fit.registry import make_rule
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
@@ -36,7 +36,7 @@ from dmis.scene.scene import Scene
 COLUMNS = (
     "scene", "rule", "spp", "seed", "rays", "pilot_seconds", "fit_seconds", "render_seconds", "seconds",
     "mse", "relmse", "mse_over_balance", "mse_error", "cpu_seconds",
-    "mean_z",
+    "mean_z", "mse_over_pinned",
 )  # fmt: skip
 
 
@@ -63,15 +63,25 @@ def definition(rule: str) -> str:
     return digest(make_rule(rule), f"rule {rule}")
 
 
-def cells(scene: str, run: Run, balance: Run) -> list[str]:
-    """Return the cells of a row: `run`, over that of the balance heuristic with the same samples and seed."""
+def run_by_key(runs: Iterable[Run]) -> dict[tuple[str, int, int], Run]:
+    """Return `runs` by rule, samples per pixel and seed."""
+    return {(run.rule, run.spp, run.seed): run for run in runs}
+
+
+def cells(scene: str, run: Run, runs: Mapping[tuple[str, int, int], Run]) -> list[str]:
+    """Return the cells of a row: `run`, over the baselines with the same samples and seed, which are among `runs`.
+
+    The pinned baseline is a balance heuristic with points of its own, so that it is compared with itself.
+    """
+    pinned = runs[PINNED, run.spp, run.seed]
+    balance = pinned if run.rule == PINNED else runs["balance", run.spp, run.seed]
     seconds = (run.pilot_seconds, run.fit_seconds, run.render_seconds, run.seconds)
     with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
-        over_balance = np.divide(run.mse, balance.mse)
+        over_balance, over_pinned = np.divide(run.mse, [balance.mse, pinned.mse])
     return [
         scene, run.rule, str(run.spp), str(run.seed), str(run.rays), *(f"{t:.4f}" for t in seconds),
         f"{run.mse:.6g}", f"{run.relmse:.6g}", f"{over_balance:.5f}", f"{run.mse_error:.3g}",
-        f"{run.cpu_seconds:.4f}", f"{run.mean_z:.3f}",
+        f"{run.cpu_seconds:.4f}", f"{run.mean_z:.3f}", f"{over_pinned:#.5g}",
     ]  # fmt: skip
 
 
@@ -103,7 +113,7 @@ class Results:
         self._beside("results.csv", text.getvalue() + "".join(self._row(run) for run in self.runs))
 
     def append(self, run: Run) -> None:
-        """Add and write a row; the balance heuristic with the same samples and seed must have one."""
+        """Add and write a row; both baselines with the same samples and seed must have one, the pinned one first."""
         self.runs.append(run)
         with open(self._path, "a", newline="", encoding="utf-8") as file:
             file.write(self._row(run))
@@ -122,9 +132,8 @@ class Results:
 
     def _row(self, run: Run) -> str:
         """Return the line of ``results.csv`` of a run."""
-        base = next(r for r in self.runs if (r.rule, r.spp, r.seed) == ("balance", run.spp, run.seed))
         text = io.StringIO()
-        csv.writer(text).writerow(cells(self.about["scene"], run, base))
+        csv.writer(text).writerow(cells(self.about["scene"], run, run_by_key(self.runs)))
         return text.getvalue()
 
     def _read(self) -> list[Run]:
@@ -145,8 +154,8 @@ class Results:
                 runs.append(_run(row))
             except ValueError as error:
                 raise self._refuse(f"cannot be read in line {line} ({error})") from error
-        balanced = {(run.spp, run.seed) for run in runs if run.rule == "balance"}
-        return [run for run in runs if (run.spp, run.seed) in balanced]
+        pinned, balance = ({(r.spp, r.seed) for r in runs if r.rule == rule} for rule in (PINNED, "balance"))
+        return [r for r in runs if r.rule == PINNED or (r.spp, r.seed) in pinned & balance]
 
     def _compare_conditions(self) -> None:
         """Check that the rows were measured under the same conditions and with the same rules."""
@@ -226,7 +235,7 @@ class Comparison:
 
     @property
     def rules(self) -> list[str]:
-        """Rules in their order, the balance heuristic first."""
+        """Rules in their order, the balance heuristic first and the pinned baseline last."""
         return list(dict.fromkeys(rule for rule, _ in self.runs))
 
     @property

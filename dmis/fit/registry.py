@@ -60,7 +60,7 @@ the best of them all, which learns shares and numbers of samples per pixel in tw
 equal shares (`dmis.fit.rounds`).
 """
 _SHIPPED = frozenset(RULES)
-_RESERVED = {"all": "compare has it for every rule"}
+_RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
 _REST = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
 
 

@@ -110,8 +110,8 @@ def test_verbose_says_more(scene, tmp_path, capsys):
     options = ["--rules", "pbrt", "--spp", "2", "--seeds", "2", "--reference-spp", "2", "--resolution", "16x12"]
     assert main(["compare", scene, *options, "-o", str(tmp_path / "c"), "--verbose"]) == 0
     captured = capsys.readouterr()
-    assert re.findall(r":\d\d (\[\d/4\] \w+)$", captured.out, re.M) == [
-        "[1/4] balance", "[2/4] pbrt", "[3/4] balance", "[4/4] pbrt"
+    assert re.findall(r":\d\d (\[\d/6\] \w+)$", captured.out, re.M) == [
+        "[1/6] pinned", "[2/6] balance", "[3/6] pbrt", "[4/6] pinned", "[5/6] balance", "[6/6] pbrt"
     ]  # fmt: skip
     assert captured.err == ""
     with pytest.raises(SystemExit):

@@ -60,11 +60,12 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
         with pytest.warns(alarm.ReferenceWarning):
             comparison = compare(scene, ["pbrt"], [16], [0], reference, tmp_path, parallel=1)
         lines = summary(comparison.runs).splitlines()
-        assert lines[-1].startswith("Alarm in 2 of 2 renders: the mean of the image is") and lines[-2] == ""
+        assert lines[-1].startswith("Alarm in 3 of 3 renders: the mean of the image is") and lines[-2] == ""
         page = (tmp_path / "report.html").read_text("utf-8")
         assert page.count('<p class="alarm">') == 1 and "pbrt ⚠" in page and "balance ⚠" in page
     head, *rows = (tmp_path / "results.csv").read_text().splitlines()
-    assert head.endswith(",cpu_seconds,mean_z") and all(float(row.split(",")[-1]) < -alarm.ALARM_LIMIT for row in rows)
+    assert head.endswith(",cpu_seconds,mean_z,mse_over_pinned")
+    assert all(float(row.split(",")[-2]) < -alarm.ALARM_LIMIT for row in rows)
 
 
 def test_no_alarm_where_there_is_nothing_wrong(tmp_path, monkeypatch):
@@ -76,6 +77,31 @@ def test_no_alarm_where_there_is_nothing_wrong(tmp_path, monkeypatch):
     assert "Alarm" not in summary(comparison.runs)
     page = (tmp_path / "report.html").read_text("utf-8")
     assert '<p class="alarm">' not in page and "⚠" not in page
+
+
+def test_a_noisy_reference_is_said(tmp_path, monkeypatch):
+    """A line of the table and a paragraph of the page, if its own error is more than 5 % of the smallest one."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    scene = box_scene()
+    for spp, noisy in ((2, True), (256, False)):
+        reference = dmis.make_reference(scene, spp)
+        comparison = compare(scene, [], [64], [0], reference, tmp_path / str(spp), parallel=1, sampler="sobol")
+        smallest = min(r.mse for of in comparison.runs.values() for r in of)
+        assert (reference.mse > 0.05 * smallest) == noisy
+        text = summary(comparison.runs, reference)
+        assert reference.text() in text and ("The reference is too noisy for this table" in text) == noisy
+        page = (tmp_path / str(spp) / "report.html").read_text("utf-8")
+        assert ("⚠ The reference is too noisy for this table" in page) == noisy
+    assert "The reference" not in summary(comparison.runs)
+
+
+@pytest.mark.parametrize("errors, noisy", [([0.9, 0.21], False), ([0.9, 0.19], True), ([-1e-9], True), ([], False)])
+def test_noise_of_a_reference(errors, noisy):
+    """Its own error of 0.01 is 5 % of 0.2; one image given as both halves has none that is known."""
+    first, second = np.full((4, 4, 3), 1.0), np.full((4, 4, 3), 1.2)
+    assert bool(alarm.reference_noise(dmis.Reference(first, second, 8), errors)) == noisy
+    assert alarm.reference_noise(dmis.Reference(first, first, 0), [0.2]) == ""
 
 
 @pytest.mark.parametrize("most, expected", [(np.inf, False), (0.05, True)])

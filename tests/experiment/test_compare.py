@@ -88,17 +88,20 @@ def test_compare(tmp_path, capsys, monkeypatch):
     assert tuple(rows[0]) == COLUMNS
     done = [(row["rule"], int(row["spp"]), int(row["seed"])) for row in rows]
     assert sorted(done) == sorted(
-        [(rule, n, seed) for seed in (0, 1) for n in (4, 8) for rule in ("balance", "fixed:1")]
+        [(rule, n, seed) for seed in (0, 1) for n in (4, 8) for rule in ("pinned", "balance", "fixed:1")]
         + [("thesis", 8, seed) for seed in (0, 1)]
     )
     for row in rows:
-        base = next(r for r in rows if (r["rule"], r["spp"], r["seed"]) == ("balance", row["spp"], row["seed"]))
-        assert float(row["mse_over_balance"]) == pytest.approx(float(row["mse"]) / float(base["mse"]), rel=1e-4)
+        for name in ("balance", "pinned"):
+            base = next(r for r in rows if (r["rule"], r["spp"], r["seed"]) == (name, row["spp"], row["seed"]))
+            ratio = float(row["mse"]) / float(base["mse"])
+            assert float(row[f"mse_over_{name}"]) == pytest.approx(ratio, rel=1e-4, abs=1e-5)
         parts = sum(float(row[f"{stage}_seconds"]) for stage in ("pilot", "fit", "render"))
         assert float(row["seconds"]) == pytest.approx(parts, abs=2e-4)
     assert (out / "convergence.png").stat().st_size > 10_000
     printed = capsys.readouterr().out
-    assert "| 8 | thesis |" in printed and "| 4 | thesis |" not in printed
+    assert "| 8 | thesis |" in printed and "| 4 | thesis |" not in printed and "| 8 | pinned |" in printed
+    assert "Reference of 2 x 16 samples per pixel: standard error" in printed
 
 
 def test_compare_paths(tmp_path, capsys, monkeypatch):
@@ -125,7 +128,7 @@ def test_given_reference(tmp_path, kind):
     arguments = ["compare", "teapot-area-light", "--rules", "balance", "--spp", "4", "--seeds", "1", "--quiet"]
     assert main([*arguments, "--resolution", "24x18", "--reference", str(path), "-o", str(tmp_path)]) == 0
     with open(tmp_path / "results.csv", encoding="utf-8") as file:
-        row = next(csv.DictReader(file))
+        row = next(row for row in csv.DictReader(file) if row["rule"] == "balance")
     expected = dmis.mse(dmis.render(scene, "balance", 4, seed=0).image, image)
     assert float(row["mse"]) == pytest.approx(expected, rel=1e-4)
 

@@ -8,7 +8,7 @@ import pytest
 
 import dmis
 from dmis.experiment.convergence import error_times, gains, interpolate_log_log, line, slope
-from dmis.experiment.runs import Run, measure
+from dmis.experiment.runs import PINNED, Run, measure
 
 
 def run(rule: str, spp: int, seed: int, seconds: float, mse: float, overhead: float = 0.0) -> Run:
@@ -91,6 +91,25 @@ def test_error_times_by_hand(runs):
         assert g.error_time.value == pytest.approx(expected)
         assert g.rule == "balance" or g.error_time == pytest.approx(3 * (expected,))
         assert g.wins == (g.rule == "rule" and expected < 1)
+
+
+def test_ratios_to_the_pinned_baseline(runs):
+    """Twice the error of the balance heuristic in its time; no winner and none of a family of rules."""
+    assert all(np.isnan(g.over_pinned) and np.isnan(g.error_time_over_pinned.value) for g in gains(runs))
+    pinned = {
+        (PINNED, n): [replace(r, rule=PINNED, mse=2 * r.mse) for r in of]
+        for (rule, n), of in runs.items()
+        if rule == "balance"
+    }
+    for g, alone in zip(gains({**runs, **pinned}), [*gains(runs), *[None] * len(pinned)], strict=True):
+        assert g.over_pinned == pytest.approx({"balance": 0.5, "rule": 0.25, PINNED: 1}[g.rule])
+        assert g.error_time_over_pinned.value == pytest.approx(g.error_time.value / 2)
+        if alone is not None:
+            assert g.error_time == alone.error_time and g.error_time_over_pinned.high == pytest.approx(
+                g.error_time_over_pinned.value
+            )
+    faster = {budget: [replace(r, mse=r.mse / 100) for r in of] for budget, of in pinned.items()}
+    assert [g.wins for g in gains({**runs, **faster}) if g.rule == PINNED] == [False] * len(pinned)
 
 
 def test_scatter_of_times_counts():

@@ -143,14 +143,18 @@ def test_even_points() -> None:
     rungs = ladder_of(oracle, Evenness(128, 1.0, 1.0)).rungs
     assert rungs["B7"] == pytest.approx(rungs["B6"])
     even = Evenness(128, 0.25, 1.4)
-    assert even.at(128) == 0.25 and even.at(512) == pytest.approx(0.25 * 4**-0.4)
     c_half = float(oracle.cost[HALF])
     mean_count = 128 * c_half / BASE_COST
 
     def error(share: float) -> float:
-        """Mean over both patches of e(n) P / n, where the first has this share of the samples."""
+        """Mean over both patches of e(n) P / n, where the first has this share of the samples.
+
+        e(n) = e(N) (n / N)^(1 - a) is the ratio to the error of independent points.
+        """
         counts = 2 * mean_count * np.array([share, 1 - share])
-        return float(np.mean([even.at(n) * p / n for n, p in zip(counts, position[0], strict=True)]))
+        return float(
+            np.mean([even.ratio * (n / 128) ** (1 - 1.4) * p / n for n, p in zip(counts, position[0], strict=True)])
+        )
 
     least = minimize_scalar(error, bounds=(0.001, 0.999), method="bounded").fun
     baseline = oracle.variance[HALF].mean() / 128
@@ -164,10 +168,6 @@ def test_rung_of_a_rule() -> None:
     reached = {ratio: ladder.reached(ratio) for ratio in (1.2, 1.0, 0.7, 0.66, 0.3)}
     assert reached == {1.2: "", 1.0: "B0", 0.7: "B2", 0.66: "B1", 0.3: "B2'"}
     assert ladder.reached(float("nan")) == ""
-    assert ladder.over_independent(0.5, "independent", 32) == 0.5
-    assert ladder.over_independent(0.5, "sobol", 32) == pytest.approx(0.5 * 0.1 * 2)
-    assert np.isnan(ladder.over_independent(0.5, "stratified", 32))
-    assert np.isnan(Ladder(rungs, rungs, 0.1).over_independent(0.5, "sobol", 32))
 
 
 def test_no_ladder() -> None:

@@ -70,8 +70,8 @@ def block_means(image: np.ndarray) -> np.ndarray:
 def test_rule_auto_agrees_with_the_pinned_balance_heuristic(name, options, tmp_path, monkeypatch):
     """Blocks of the mean of 16 halves and of the pinned estimator differ by less than 4.5 standard errors.
 
-    The point light is a delta light, so that there is nothing to mix. The standard error of a block is that of the pinned estimator's samples, which are independent, and of the scatter
-    of the halves.
+    The point light is a delta light, so that there is nothing to mix. The standard error of a block is that of the
+    pinned estimator's samples, which are independent, and of the scatter of the halves.
     """
     if name == "point":
         scene = box_scene(lights=(dmis.PointLight((0.5, -1.0, 1.5), (1.0, 1.0, 1.0)),), resolution=(40, 32))

@@ -34,9 +34,11 @@ from dmis.experiment.report.plots import (
     palette_colours,
     variance_ratio,
 )
+from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
 
 RULES, SPP, SEEDS = ["pbrt", "thesis:patch=4", "second-moment"], [8, 16], [0, 1]
+ALL = ["balance", *RULES, PINNED]
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +121,7 @@ def test_names_are_unique(page):
 def test_pictures_decode(page):
     """Every data URI is a PNG of some pixels."""
     found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
-    assert len(found) == 1 + 4 * 3 + 5  # oracle; weight, variance, regret of four rules; images with the reference
+    assert len(found) == 1 + 5 * 3 + 6  # oracle; weight, variance, regret of five rules; images with the reference
     for text in found:
         with Image.open(io.BytesIO(base64.b64decode(text, validate=True))) as image:
             image.load()
@@ -131,11 +133,11 @@ def test_images_are_the_renders(made, page):
     comparison, _ = made
     scene = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S).group(1))["scenes"][0]
     labels = [image["label"] for image in scene["images"]]
-    assert labels == ["reference", *(f"{rule}, 16 spp" for rule in ("balance", *RULES))]
+    assert labels == ["reference", *(f"{rule}, 16 spp" for rule in ALL)]
     assert (scene["width"], scene["height"]) == (32, 24) and scene["scale"] > 0
     images = [half_floats(image["png"]).astype(np.float32) for image in scene["images"]]
     np.testing.assert_allclose(images[0], comparison.reference.mean, rtol=1e-3, atol=1e-7)
-    for rule, image in zip(("balance", *RULES), images[1:], strict=True):
+    for rule, image in zip(ALL, images[1:], strict=True):
         np.testing.assert_allclose(image, comparison.pictures[rule, 16]["RGB"], rtol=1e-3, atol=1e-7)
 
 
@@ -145,7 +147,7 @@ def test_runs_are_those_of_the_file(made, page):
         rows = list(csv.reader(file))
     shown = Tables(page).tables["runs"]
     assert shown[0] == rows[0]
-    assert sorted(shown[1:]) == sorted(rows[1:]) and len(rows) == 1 + 4 * 2 * 2
+    assert sorted(shown[1:]) == sorted(rows[1:]) and len(rows) == 1 + 5 * 2 * 2
     assert "mean_z: mean of the image less that of the reference" in page
 
 
@@ -154,7 +156,10 @@ def test_efficiency_follows_from_the_file(made, page):
     with open(made[1] / "results.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     head, *shown = Tables(page).tables["efficiency"]
-    assert len(shown) == 8
+    assert len(shown) == 10
+    pinned = {
+        row["spp"]: [float(r["mse"]) for r in rows if (r["rule"], r["spp"]) == (PINNED, row["spp"])] for row in rows
+    }
     spp = ""
     for line in shown:
         cells = dict(zip(head, line, strict=True))
@@ -165,14 +170,16 @@ def test_efficiency_follows_from_the_file(made, page):
         assert len(mine) == 2 and float(cells["MSE"]) == pytest.approx(mse, rel=1e-3)
         assert float(cells["seconds"]) == pytest.approx(seconds, abs=0.0051)
         assert float(cells["1 / (MSE·s)"]) == pytest.approx(1 / (mse * seconds), rel=0.01)
+        assert float(cells["MSE / pinned"]) == pytest.approx(mse / np.mean(pinned[spp]), abs=6e-4)
         if cells["rule"] == "balance":
             assert (cells["speed-up at equal error"], cells["error ratio in equal time"]) == ("1.00×", "1.000")
 
 
 def test_rules_stand_on_rungs(made, page):
-    """Each rule is on the lowest rung that its error times CPU seconds does not exceed; rules of Sobol points on none.
+    """Each rule is on the lowest rung that its error times CPU seconds does not exceed.
 
-    Without a measured evenness, how good Sobol points are is not known.
+    That is over the balance heuristic, or with other points than independent ones over the pinned baseline, which has
+    two shading samples: with more of them rules stand on no rung.
     """
     comparison, _ = made
     ladder = comparison.ladder
@@ -184,10 +191,14 @@ def test_rules_stand_on_rungs(made, page):
     assert values == {name: float(f"{value:.3g}") for name, value in ladder.rungs.items()} and values["B0"] == 1
     standing = [rule for row in rungs for rule in row[3].split(", ") if rule]
     assert "balance" in standing and len(standing) == len(set(standing))
-    sobol = dataclasses.replace(comparison, about={**comparison.about, "sampler": "sobol"})
-    write_report([sobol], made[1] / "sobol.html")
-    tables = Tables((made[1] / "sobol.html").read_text("utf-8")).tables
-    assert {row[-1] for row in tables["efficiency"][1:]} == {"–"} and not any(row[3] for row in tables["ladder"][1:])
+    for shading_samples in (2, 4):
+        about = {**comparison.about, "sampler": "sobol", "shading_samples": shading_samples}
+        write_report([dataclasses.replace(comparison, about=about)], made[1] / "sobol.html")
+        tables = Tables((made[1] / "sobol.html").read_text("utf-8")).tables
+        for line, gain in zip(tables["efficiency"][1:], gains(comparison.runs), strict=True):
+            rung = ladder.reached(gain.error_time_over_pinned.value) if shading_samples == 2 else ""
+            assert line[-3] == (rung or "–")
+        assert any(row[3] for row in tables["ladder"][1:]) == (shading_samples == 2)
 
 
 def test_several_scenes(made, tmp_path):
@@ -200,9 +211,9 @@ def test_several_scenes(made, tmp_path):
     assert text.count("<section ") == 2 and text.count('class="viewer"') == 2 and "Two &amp; more" in text
     assert "a &lt;b&gt; &amp; c" in text and "a <b> & c</h2>" not in text
     overview = Tables(text).tables["overview"]
-    assert overview[0] == ["rule", "box", "a <b> & c"] and [row[0] for row in overview[1:]] == ["balance", *RULES]
+    assert overview[0] == ["rule", "box", "a <b> & c"] and [row[0] for row in overview[1:]] == ALL
     speed = {g.rule: g.equal_error for g in gains(comparison.runs) if g.spp == 16}
-    assert [row[1] for row in overview[1:]] == [f"{speed[rule]:.2f}×" for rule in ("balance", *RULES)]
+    assert [row[1] for row in overview[1:]] == [f"{speed[rule]:.2f}×" for rule in ALL]
     names = re.findall(r'\sid="([^"]*)"', text)
     assert len(names) == len(set(names))
     assert "Maps of regret need an oracle" in text
@@ -225,7 +236,7 @@ def test_errors_that_have_no_logarithm(made, tmp_path):
         convergence(report, tmp_path / "convergence.png")
         tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
         assert all(row[1:] == ["–"] * 3 for row in tables["slopes"][1:])
-        assert all(row[-3:] == ["–", "–", "B0" if row[1] == "balance" else "–"] for row in tables["efficiency"][1:])
+        assert all(row[-5:-2] == ["–", "–", "B0" if row[1] == "balance" else "–"] for row in tables["efficiency"][1:])
 
 
 def test_linear_png_keeps_all_half_floats():

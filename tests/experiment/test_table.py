@@ -10,6 +10,7 @@ import pytest
 import dmis
 import dmis.experiment.runs
 from dmis.experiment.compare import compare
+from dmis.experiment.runs import PINNED
 from dmis.experiment.table import COLUMNS, Results, conditions
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES as RULES_BY_NAME
@@ -30,7 +31,7 @@ def rendered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[tuple[str,
     original = dmis.render
 
     def counted(scene, rule, spp, *, seed, **options):
-        seen.append((rule, spp, seed))
+        seen.append((PINNED if "preset" in options else rule, spp, seed))
         return original(scene, rule, spp, seed=seed, **options)
 
     monkeypatch.setattr("dmis.experiment.runs.render", counted)
@@ -50,7 +51,7 @@ def test_interrupted_comparison_goes_on(box, reference, tmp_path, rendered):
     """After an interruption what is missing is rendered, and the table is that of an undisturbed run."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     first = compare(box, RULES, SPP, [0, 1], reference, whole, parallel=1)
-    assert len(rendered) == len(rows(whole)) == 6
+    assert len(rendered) == len(rows(whole)) == 10
 
     def stop(rule: str, done: int, total: int) -> None:
         if done == 3:
@@ -61,7 +62,7 @@ def test_interrupted_comparison_goes_on(box, reference, tmp_path, rendered):
         compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1, progress=stop)
     assert len(rows(broken)) == 3 and not (broken / "report.html").exists()
     again = compare(box, RULES, SPP, [0, 1], reference, broken, parallel=1)
-    assert len(rendered) == len(set(rendered)) == 6
+    assert len(rendered) == len(set(rendered)) == 10
     assert errors(broken) == errors(whole) and list(again.runs) == list(first.runs)
     assert set(again.pictures) == set(again.runs)
     rendered.clear()
@@ -74,9 +75,9 @@ def test_more_seeds_rules_and_budgets(box, reference, tmp_path, rendered):
     compare(box, RULES, [8], [0], reference, tmp_path, parallel=1)
     rendered.clear()
     more = compare(box, ["pbrt"], [8, 16], [0, 1], reference, tmp_path, parallel=1)
-    expected = {(rule, n, seed) for rule in ("balance", "pbrt") for n in (8, 16) for seed in (0, 1)}
-    assert set(rendered) == expected - {("balance", 8, 0)}
-    assert set(more.runs) == {(rule, n) for rule in ("balance", "pbrt") for n in (8, 16)}
+    expected = {(rule, n, seed) for rule in ("balance", "pbrt", PINNED) for n in (8, 16) for seed in (0, 1)}
+    assert set(rendered) == expected - {("balance", 8, 0), (PINNED, 8, 0)}
+    assert list(more.runs) == [(rule, n) for n in (8, 16) for rule in ("balance", "pbrt", PINNED)]
     assert len(rows(tmp_path)) == len(expected) + 1
     assert all(len(of) == 2 for of in more.runs.values())
 
@@ -95,18 +96,45 @@ def test_a_torn_row_is_rendered_again(box, reference, tmp_path, rendered):
 def test_written_is_what_is_read(box, reference, tmp_path):
     """Rows come back as they were written, to the digits that are written."""
     about = conditions(box, reference, 1)
-    run = dmis.experiment.runs.Run("balance", 8, 3, 1234, 0.0, 0.0, 1.25, 3.25e-4, 1e-6, 2e-3, 2.5, -1.25)
+    run = dmis.experiment.runs.Run(PINNED, 8, 3, 1234, 0.0, 0.0, 1.25, 3.25e-4, 1e-6, 2e-3, 2.5, -1.25)
     results = Results(tmp_path, about)
     results.append(run)
     assert Results(tmp_path, about).runs == [run]
     assert rows(tmp_path)[0]["mse_over_balance"] == "1.00000" and tuple(rows(tmp_path)[0]) == COLUMNS
 
 
+def test_rows_are_relative_to_both_baselines(box, tmp_path, rendered):
+    """`mse_over_balance` is over the balance heuristic with the sampler of the row, `mse_over_pinned` over the preset
+    thesis with two shading samples; an old table keeps its columns in front.
+    """
+    options = {"sampler": "sobol", "shading_samples": 4, "integrator": "path", "max_depth": 2}
+    reference = dmis.make_reference(box, 64, folder=tmp_path, integrator="path", max_depth=2)
+    compare(box, ["fixed:1"], [8], [3], reference, tmp_path, parallel=1, **options)
+    assert COLUMNS[-1] == "mse_over_pinned" and COLUMNS[11] == "mse_over_balance"
+    assert rendered[:2] == [(PINNED, 8, 3), ("balance", 8, 3)]
+    by_rule = {row["rule"]: row for row in rows(tmp_path)}
+    image = dmis.render(box, "balance", 8, seed=3, preset="thesis", integrator="path", max_depth=2).image
+    expected = dmis.mse(image, reference.first, reference.second)
+    assert float(by_rule[PINNED]["mse"]) == pytest.approx(expected, rel=1e-5)
+    assert (by_rule[PINNED]["mse_over_pinned"], by_rule[PINNED]["mse_over_balance"]) == ("1.0000", "1.00000")
+    for rule in ("balance", "fixed:1"):
+        row = {name: float(by_rule[rule][name]) for name in ("mse", "mse_over_balance", "mse_over_pinned")}
+        assert row["mse_over_balance"] == pytest.approx(row["mse"] / float(by_rule["balance"]["mse"]), abs=1e-5)
+        assert row["mse_over_pinned"] == pytest.approx(row["mse"] / expected, rel=1e-4)
+    assert float(by_rule["balance"]["mse_over_pinned"]) < 0.9
+
+
+def test_no_rule_of_ones_own_is_called_pinned():
+    """The name is that of the baseline."""
+    with pytest.raises(ValueError, match="name of a rule must not be pinned, because compare has it"):
+        dmis.register_rule("pinned", Fixed)
+
+
 @pytest.mark.parametrize("change", ["resolution", "reference", "parallel", "camera", "settings"])
 def test_other_conditions_are_refused(box, reference, tmp_path, change):
     """With the name of what differs; the table is left as it is."""
     about = conditions(box, reference, 1)
-    Results(tmp_path, about).append(dmis.experiment.runs.Run("balance", 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0))
+    Results(tmp_path, about).append(dmis.experiment.runs.Run(PINNED, 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0))
     before = (tmp_path / "results.csv").read_bytes()
     other = dmis.Reference(reference.first, reference.first, 16)
     found, told = {
@@ -147,8 +175,8 @@ def _moved(scene: dmis.Scene) -> dmis.Scene:
     "text, message",
     [
         ("scene,rule\nbox,balance\n", "has the columns scene,rule in place of"),
-        (",".join(COLUMNS) + "\nbox,balance,8\n", "line 2 (3 values for 15 columns)"),
-        (",".join(COLUMNS) + "\n" + ",".join("x" * 15) + "\n", "line 2 (invalid literal"),
+        (",".join(COLUMNS) + "\nbox,balance,8\n", "line 2 (3 values for 16 columns)"),
+        (",".join(COLUMNS) + "\n" + ",".join("x" * 16) + "\n", "line 2 (invalid literal"),
     ],
 )
 def test_tables_of_another_kind_are_refused(box, reference, tmp_path, text, message):

@@ -18,6 +18,7 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
+from dmis.estimator.presets import PRESETS
 from dmis.experiment import alarm
 from dmis.experiment.convergence import Axis, Gain, Interval, gains, line, slope
 from dmis.experiment.ladder import RUNGS
@@ -31,7 +32,8 @@ from dmis.experiment.report.plots import (
     palette_colours,
     variance_ratio,
 )
-from dmis.experiment.table import COLUMNS, Comparison, cells
+from dmis.experiment.runs import PINNED
+from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 from dmis.variance.curves import HALF
 
 LINES_NOTE = """Lines: root of the mean squared error over {seeds}; bands: lowest to highest seed. Dotted: the slope −½
@@ -44,11 +46,12 @@ the 95 % interval over paired seeds, which includes the scatter of the times; wi
 samples the intervals are wider (Holm). Bold: the lowest value, if its interval is below 1. Speed-up at equal
 error: seconds in which the balance heuristic reaches this MSE, over the rule's. Error ratio in equal time: MSE over
 that of the balance heuristic in the rule's seconds. Both are interpolated on the line of the balance heuristic; †
-where it is extrapolated as MSE ∝ 1 / seconds."""
+where it is extrapolated as MSE ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis, which is one light and
+one BRDF sample and independent points, whatever the settings of the others."""
 LADDER_NOTE = """Least MSE × time that is possible with one freedom after another, without a pilot, over that of the
 balance heuristic with independent samples. Rules, at the largest number of samples: in the lowest rung that their MSE ×
-CPU seconds do not exceed. With Sobol points the error over the balance heuristic's is multiplied by what these points
-make of it; rules stand nowhere if that was not measured (python -m dmis oracle SCENE --ladder)."""
+CPU seconds do not exceed. With other points than independent ones that is over the pinned baseline, which has two
+shading samples; with another number rules stand nowhere."""
 MAPS_NOTE = """Each render estimates its variance from its own samples, in patches of 4×4 pixels. The estimate is noisy
 and assumes independent samples. The samples are more even than that, most of all at uneven weights, so that ratios are
 too large by up to a factor of two. With optimal weights they are the ratios of the balance heuristic. The errors
@@ -105,7 +108,7 @@ def _section(number: int, c: Comparison) -> str:
         f'<section id="s{number}"><h2>{_text(c.scene)}</h2>',
         f'<p class="facts">{width}×{height} pixels · {_count(c.seeds, "seed")} · {_text(c.about["parallel"])} · '
         f"{_about_reference(c)}</p>",
-        _alarm(c),
+        *_alarms(c, rows),
         _verdict(rows),
         f'<div class="plots">{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
         _slopes(c),
@@ -125,19 +128,20 @@ def _section(number: int, c: Comparison) -> str:
 def _about_reference(c: Comparison) -> str:
     """Return a text with the samples and the error of the reference."""
     if c.reference.spp:
-        return f"reference of 2 × {c.reference.spp} samples per pixel, RMSE {np.sqrt(c.reference.mse):.2g}"
+        return f"reference of 2 × {c.reference.spp} samples per pixel, standard error {c.reference.standard_error:.2g}"
     return "reference given"
 
 
-def _alarm(c: Comparison) -> str:
-    """Return a paragraph if the mean of an image is not that of the reference, see `dmis.experiment.alarm`."""
-    text = alarm.summary(run for by_seed in c.runs.values() for run in by_seed)
-    return f'<p class="alarm">⚠ {_text(text)}</p>' if text else ""
+def _alarms(c: Comparison, rows: Sequence[Gain]) -> list[str]:
+    """Return a paragraph if the reference is too noisy, and one if the mean of an image is not that of it."""
+    noise = alarm.reference_noise(c.reference, (g.mse for g in rows))
+    mean = alarm.summary(run for by_seed in c.runs.values() for run in by_seed)
+    return [f'<p class="alarm">⚠ {_text(text)}</p>' for text in (noise, mean) if text]
 
 
 def _verdict(rows: Sequence[Gain]) -> str:
     """Return a sentence that names the most efficient rule at the largest budget, if its interval is below 1."""
-    last = [g for g in rows if g.spp == max(g.spp for g in rows)]
+    last = [g for g in rows if g.spp == max(g.spp for g in rows) and g.rule != PINNED]
     base = next(g for g in last if g.rule == "balance")
     at = f"At {base.spp} samples per pixel"
     if not base.mse > 0:
@@ -156,7 +160,8 @@ def _verdict(rows: Sequence[Gain]) -> str:
     corrected = "" if rules == 1 else f", corrected for {rules} rules"
     return (
         f"<p>{at} <b>{_text(best.rule)}</b> is more efficient than the balance heuristic: its error × CPU time is "
-        f"{value:.2f} times as large (95 % interval {low:.2f} to {high:.2f}{corrected}){among}.</p>"
+        f"{value:.2f} times as large (95 % interval {low:.2f} to {high:.2f}{corrected}){among}, and "
+        f"{_ratio(best.error_time_over_pinned.value)} times that of the pinned baseline.</p>"
     )
 
 
@@ -185,7 +190,7 @@ def _efficiency(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
     head = [
         "spp", "rule", "MSE", "MSE / balance", "relMSE", "seconds", "CPU s", "MSE·CPU s / balance",
         "pilot + fit", "Mrays", "1 / (MSE·s)", "speed-up at equal error", "error ratio in equal time",
-        *(["rung"] if c.ladder else []),
+        *(["rung"] if c.ladder else []), "MSE / pinned", "MSE·CPU s / pinned",
     ]  # fmt: skip
     budgets = {g.spp for g in gains_of_budgets}
     best = {spp: _best([g for g in gains_of_budgets if g.spp == spp]) for spp in budgets}
@@ -202,6 +207,7 @@ def _efficiency(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
                 f"{g.overhead:.0%}", f"{g.rays / 1e6:.2f}", f"{g.efficiency:.4g}",
                 f"{_times(g.equal_error)}{dagger}", f"{_ratio(g.equal_time)}{dagger}",
                 *([c.ladder.reached(_over_independent(c, g)) or "–"] if c.ladder else []),
+                _ratio(g.over_pinned), _interval(g.error_time_over_pinned),
             ]
         )  # fmt: skip
         marks.append(" ".join((["group"] if first else []) + (["best"] if g is best[g.spp] else [])))
@@ -209,10 +215,14 @@ def _efficiency(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
 
 
 def _over_independent(c: Comparison, g: Gain) -> float:
-    """Return a rule's error times CPU seconds over that of independent samples of the balance heuristic; NaN if
-    unknown.
+    """Return a rule's error times CPU seconds over that of the balance heuristic with independent samples, or NaN.
+
+    With another sampler that is the pinned baseline, if it has as many shading samples.
     """
-    return c.ladder.over_independent(g.error_time.value, c.about["sampler"], g.spp) if c.ladder else float("nan")
+    if c.about["sampler"] == "independent":
+        return g.error_time.value
+    same = c.about["shading_samples"] == PRESETS["thesis"].values["shading_samples"]
+    return g.error_time_over_pinned.value if same else float("nan")
 
 
 def _ladder(c: Comparison, rows: Sequence[Gain]) -> list[str]:
@@ -331,9 +341,8 @@ def _scale(label: str, palette: str, low: str, high: str) -> str:
 
 def _runs(c: Comparison) -> str:
     """Return the table of all runs, cell by cell as in ``results.csv``."""
-    runs = [run for by_seed in c.runs.values() for run in by_seed]
-    base = {(run.spp, run.seed): run for run in runs if run.rule == "balance"}
-    rows = [[_text(value) for value in cells(c.scene, run, base[run.spp, run.seed])] for run in runs]
+    runs = run_by_key(run for by_seed in c.runs.values() for run in by_seed)
+    rows = [[_text(value) for value in cells(c.scene, run, runs)] for run in runs.values()]
     return _table(COLUMNS, rows, "runs")
 
 
@@ -357,14 +366,14 @@ def _plus_minus(value: float, error: float) -> str:
 
 
 def _ratio(value: float) -> str:
-    """Return a ratio with three decimals, a dash for NaN."""
-    return "–" if np.isnan(value) else f"{value:.3f}"
+    """Return a ratio with three decimals, or three digits below 0.1; a dash for NaN."""
+    return "–" if np.isnan(value) else f"{value:.3f}" if value >= 0.1 else f"{value:#.3g}"
 
 
 def _interval(interval: Interval) -> str:
     """Return a ratio with the ends of its interval, if these are known."""
     value, low, high = interval
-    return _ratio(value) if np.isnan(high) else f"{value:.3f} ({low:.3f} – {high:.3f})"
+    return _ratio(value) if np.isnan(high) else f"{_ratio(value)} ({_ratio(low)} – {_ratio(high)})"
 
 
 def _share(value: float) -> str:
