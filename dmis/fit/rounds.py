@@ -24,12 +24,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum
 from dmis.base.vectors import Array
+from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES, PatternMap
 from dmis.estimator.records import Statistic
@@ -71,6 +73,8 @@ class Rounds(Rule):
         Of the statistics that tell patterns: ``gaussian`` or ``none``; or ``joint``, among neighbours that look alike.
     guard
         Leave w = 1/2 only where the gain in variance is more than this many standard errors.
+    combiner
+        Of the samples: a heuristic.
     sampler, compensation
         See `dmis.fit.pooled_rule.PooledRule`.
     """
@@ -81,6 +85,7 @@ class Rounds(Rule):
     exponent: float = 0.0
     filter: str = "joint"
     guard: float = 1.5
+    combiner: str = "balance"
     sampler: str = ""
     compensation: float | None = None
 
@@ -95,6 +100,12 @@ class Rounds(Rule):
             raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
         if self.filter not in ("gaussian", "none", "joint"):
             raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
+        combiner = combiner_by_name(self.combiner)
+        if not combiner.has_curves or combiner.control_variate:
+            raise ValueError(
+                f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
+                f"got {self.combiner!r}. Use second-moment:counts=yes,split=yes,combiner={self.combiner}"
+            )
 
     @property
     def pilot(self) -> Mapping[float, int]:
@@ -103,11 +114,11 @@ class Rounds(Rule):
     @property
     def settings(self) -> Mapping[str, Any]:
         compensation = {} if self.compensation is None else {"compensation": self.compensation}
-        return {"reuse_pilot": False} | final_settings(self.sampler) | compensation
+        return {"combiner": self.combiner, "reuse_pilot": False} | final_settings(self.sampler) | compensation
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:
-        return PatternCurves
+        return partial(PatternCurves, combiner=self.combiner)
 
     @property
     def needs_features(self) -> bool:
@@ -116,7 +127,7 @@ class Rounds(Rule):
     def adapted(self, spp: int, sampler: str) -> Rule:
         """Return the rule for a budget and a sampler; with few samples, that of equal shares."""
         if spp < LEAST_SPP:
-            return Fixed(0.5, sampler=self.sampler, compensation=self.compensation)
+            return Fixed(0.5, self.combiner, sampler=self.sampler, compensation=self.compensation)
         first = self.spp or next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST)
         exponent = self.exponent or (1.0 if (self.sampler or sampler) == "independent" else EXPONENT)
         return replace(self, spp=first, exponent=exponent)
@@ -146,7 +157,8 @@ class Rounds(Rule):
 
     def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
         """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
-        sums = {name: a.sum(axis=0) - a[colour] for name, a in first.sums.items()}
+        others = [k for k in range(len(COLOURS)) if k != colour]
+        sums = {name: sum(a[k] for k in others) for name, a in first.sums.items()}
         pixels = np.ones(shape)
         pixels[COLOURS[colour]] = 0
         sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)

@@ -18,14 +18,14 @@ class PatternCurves(Curves):
 
     Parameters
     ----------
-    pixels, shading_samples
-        See `dmis.variance.curves.Curves`.
+    pixels, shading_samples, combiner
+        See `dmis.variance.curves.Curves`; one combiner.
     """
 
     by_colour = True
 
-    def __init__(self, pixels: int, shading_samples: int) -> None:
-        super().__init__(pixels, shading_samples, grid=SHARES)
+    def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance") -> None:
+        super().__init__(pixels, shading_samples, (combiner,), SHARES)
 
     def sums(self) -> dict[str, Array]:
         """Return the sums per pixel, see `dmis.variance.curves.Curves.sums`, but for those of rounding."""

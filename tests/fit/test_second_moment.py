@@ -25,7 +25,7 @@ def test_memory_of_a_fit() -> None:
     size = sum(a.nbytes for a in found[0.5].sums.values())
     both = {name: a if name == "position" else np.stack([a, a]) for name, a in found[0.5].sums.items()}
     found = {0.5: replace(found[0.5], sums=both, features=guide)}
-    rule = make_rule("auto:split=no,combiner=balance+power")
+    rule = make_rule("second-moment:counts=yes,reuse=no,combiner=balance+power")
     rule.fit(found)
     tracemalloc.start()
     rule.fit(found)
@@ -193,7 +193,7 @@ def test_more_samples_than_levels() -> None:
         whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(2))
 
 
-@pytest.mark.parametrize("rule", ["auto", "second-moment:split=yes"])
+@pytest.mark.parametrize("rule", ["second-moment:counts=yes,split=yes,reuse=no", "second-moment:split=yes"])
 @pytest.mark.parametrize("spp", [7, 8, 9, 13, 20, 29, 45])
 def test_splits_stay_in_the_budget(rule: str, spp: int) -> None:
     """Of one sample that is left no two can be made, whatever the fit would like; and what is left is used."""

@@ -277,7 +277,7 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
     source = sampler(pixels)
     shares = pixel_shares(np.full(pixels, w))
     allocation = SampleAllocation(shares, spp, pixels, settings, 1, np.random.default_rng(1), source)
-    (blocks,) = sample_batches(spp, pixels, 10**6)
+    (blocks,) = sample_batches(spp, np.arange(pixels), 10**6)
     samples = allocation.camera_samples(blocks)
     first, before = np.asarray(samples.counts.first).astype(int), samples.counts.samples_before
     assert before is not None
