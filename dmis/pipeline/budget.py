@@ -87,8 +87,29 @@ def fill_budget(plan: Continuation, first: int, rng: np.random.Generator) -> np.
             middle = (low + high) / 2
             fits = (_power_of_two(x * 2.0**middle, least) * cost).sum() <= budget
             low, high = (middle, high) if fits else (low, middle)
-        samples[colour] = _power_of_two(x * 2.0**low, least)
+        samples[colour] = _spend_rest(_power_of_two(x * 2.0**low, least), x * 2.0**low, cost, budget)
     return samples
+
+
+def _spend_rest(samples: Array, target: Array, cost: Array, budget: float) -> Array:
+    """Return `samples` with some doubled, nearest to it first, so that what is left of the `budget` is used.
+
+    Where a few pixels have much of the power, one of them that cannot be doubled would keep all others from it. Pixels
+    with far more samples than their `target`, such as black ones, stay as they are.
+    """
+    n, step = samples.reshape(-1), (samples * cost).reshape(-1)
+    rest = budget - step.sum()
+    for least_nearness in (1, 1 / 2, 1 / 4):
+        nearness = target.reshape(-1) / n
+        order = np.flatnonzero((nearness >= least_nearness) & (2 * n <= MOST_ADAPTIVE))
+        order = order[np.argsort(-nearness[order], kind="stable")]
+        while len(order := order[step[order] <= rest]):
+            k = max(1, np.count_nonzero(np.cumsum(step[order]) <= rest))
+            doubled, order = order[:k], order[k:]
+            rest -= step[doubled].sum()
+            n[doubled] *= 2
+            step[doubled] *= 2
+    return n.reshape(samples.shape)
 
 
 def _power_of_two(x: Array, least: Array) -> np.ndarray:
