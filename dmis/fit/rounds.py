@@ -66,7 +66,8 @@ class Rounds(Rule):
     weights
         Whether patterns may have any share of light samples; otherwise w = 1/2, and numbers of samples are learned.
     spp
-        Twice the number of camera samples of the first round, a multiple of 4; 0: by the budget.
+        Twice the number of camera samples of the first round, a multiple of 4; 0: by the budget. With a budget of less
+        than twice as many all pixels have equal numbers.
     exponent
         a; 0: by the sampler.
     filter
@@ -125,8 +126,8 @@ class Rounds(Rule):
         return self.filter == "joint"
 
     def adapted(self, spp: int, sampler: str) -> Rule:
-        """Return the rule for a budget and a sampler; with few samples, that of equal shares."""
-        if spp < LEAST_SPP:
+        """Return the rule for a budget and a sampler; with few samples, that of equal numbers."""
+        if spp < max(LEAST_SPP, 2 * self.spp):
             return Fixed(0.5, self.combiner, sampler=self.sampler, compensation=self.compensation)
         first = self.spp or next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST)
         exponent = self.exponent or (1.0 if (self.sampler or sampler) == "independent" else EXPONENT)
