@@ -78,7 +78,7 @@ def test_patches_at_the_border_count_less() -> None:
     assert choose(variance, cost, area, False) == 1
 
 
-@pytest.mark.parametrize("rule", ["second-moment", "auto:combiner=balance+power"])
+@pytest.mark.parametrize("rule", ["second-moment", "second-moment:counts=yes,split=yes,reuse=no,combiner=balance+power"])
 def test_a_rule_takes_the_curves_of_its_choice(rule: str) -> None:
     """Planted: the second combiner's curves have their minimum elsewhere, and half the variance."""
     learned = make_rule(f"{rule},shrink=no" if ":" in rule else f"{rule}:shrink=no")
@@ -125,10 +125,10 @@ def test_the_chosen_one_is_used(k: int, name: str, monkeypatch: pytest.MonkeyPat
             "second-moment:combiner=balance+optimal",
             "must be heuristics: balance, power, maximum or cutoff; got 'optimal'",
         ),
-        ("auto:combiner=power+frozen", "must be heuristics"),
-        ("auto:combiner=power+power", "must differ; got power, power"),
-        ("auto:combiner=balance+", "combiner must be"),
-        ("auto:combiner=balance+best", "combiner must be"),
+        ("second-moment:combiner=power+frozen", "must be heuristics"),
+        ("second-moment:combiner=power+power", "must differ; got power, power"),
+        ("second-moment:combiner=balance+", "combiner must be"),
+        ("second-moment:combiner=balance+best", "combiner must be"),
         ("kl:combiner=balance+power", "needs variances"),
     ],
 )

@@ -9,7 +9,7 @@ from helpers import Z_LIMIT
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
-from dmis.variance.moments import Film, Moments, PixelMoments
+from dmis.variance.moments import Film, Moments, PixelMoments, join
 
 
 def samples(n: int, seed: int = 1, dtype: type = np.float64) -> Array:
@@ -141,3 +141,39 @@ def test_bad_patches(size: int) -> None:
     """A patch size below one pixel is refused."""
     with pytest.raises(ValueError, match="patch must be at least 1 pixel"):
         patch_mean(np.ones((2, 2)), size)
+
+
+@pytest.mark.parametrize("n_more", [0, 1, 2, 12])
+def test_join_has_the_mean_of_all_samples(n_more: int) -> None:
+    """Of pixels that go on; of those that begin anew the first samples are left out."""
+    rng = np.random.default_rng(n_more)
+    first, more = rng.normal(5, 2, (4, 3, 5, 3)), rng.normal(5, 2, (n_more, 3, 5, 3))
+    taken = np.full((3, 5), 4)
+    if n_more:
+        taken[1] = 0
+    films = [film_of(first, 4), film_of(more, np.full((3, 5, 1), n_more))]
+    joined = join(*films, taken)
+    expected = np.concatenate([first, more]).mean(axis=0)
+    if n_more:
+        expected[1] = more.mean(axis=0)[1]
+    np.testing.assert_allclose(joined.mean, expected, rtol=1e-5)
+    np.testing.assert_array_equal(joined.n[..., 0], np.where(taken, 4 + n_more, n_more))
+    assert np.isfinite(joined.root).all()
+
+
+def test_variance_of_joined_samples() -> None:
+    """That of the mean of independent samples is unbiased, whatever the two numbers."""
+    rng = np.random.default_rng(7)
+    first, more = rng.normal(5, 2, (4, 60, 60, 3)), rng.normal(5, 2, (12, 60, 60, 3))
+    joined = join(film_of(first, 4), film_of(more, np.full((60, 60, 1), 12)), np.full((60, 60), 4))
+    of_mean = joined.variance() / joined.n
+    assert of_mean.mean() == pytest.approx(4 / 16, rel=0.03)
+    assert joined.mean.var() == pytest.approx(4 / 16, rel=0.06)
+
+
+def film_of(samples: np.ndarray, n: int | np.ndarray) -> Film:
+    """Return the film of samples ``(n, H, W, 3)``."""
+    if not len(samples):
+        return Film(n, *np.zeros((2, *samples.shape[1:]), np.float32))
+    moments = Moments.of(samples)
+    return Film(n, moments.mean.astype(np.float32), np.sqrt(moments.m2).astype(np.float32))

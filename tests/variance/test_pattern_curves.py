@@ -1,0 +1,57 @@
+"""Curves at the shares of patterns: kept apart by colour, and the same in sum."""
+
+import numpy as np
+import pytest
+from helpers import pixel_shares
+
+import dmis
+from dmis.estimator.patterns import SHARES
+from dmis.estimator.settings import Settings
+from dmis.pipeline.tile import Tile, render_tile
+from dmis.variance.curves import Curves, share_variance
+from dmis.variance.pattern_curves import PatternCurves
+
+
+class Whole(PatternCurves):
+    """The same, not kept apart."""
+
+    by_colour = False
+
+
+def plain(pixels: int, shading_samples: int) -> Curves:
+    """Return curves at the same shares whose numbers of samples are rounded at random."""
+    return Curves(pixels, shading_samples, grid=SHARES)
+
+
+def test_colours_add_up_to_the_curves(box: dmis.Scene) -> None:
+    """In patches that the tile cuts, too."""
+    settings = Settings(shading_samples=4, integrator="direct", sampler="sobol")
+    by_colour, whole, rounded = (
+        render_tile(box, Tile(1, 0, 0, (0, 22), (0, 30), 8, pixel_shares(0.5), settings, statistic)).sums
+        for statistic in (PatternCurves, Whole, plain)
+    )
+    for name, a in by_colour.items():
+        assert a.shape == (4, *whole[name].shape) and a[:, ..., :4].any()
+        np.testing.assert_allclose(a.sum(axis=0), whole[name], rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(rounded["position"], whole["position"])
+    np.testing.assert_array_equal(rounded["pattern"], whole["pattern"])
+    extra = share_variance(2, SHARES)[:, None, None] * whole["pattern"]
+    np.testing.assert_allclose(rounded["curve"] - extra, whole["curve"], rtol=1e-6, atol=1e-6 * whole["curve"].max())
+
+
+@pytest.mark.parametrize("colour", range(4))
+def test_sums_of_a_colour_come_from_its_pixels(box: dmis.Scene, colour: int) -> None:
+    """Whose rows and columns are even or odd in the image."""
+    settings = Settings(shading_samples=4, integrator="direct", sampler="sobol")
+    tile = Tile(1, 0, 0, (0, 24), (0, 32), 4, pixel_shares(0.5), settings, PatternCurves)
+    sums = render_tile(box, tile).sums
+    statistic: list[PatternCurves] = []
+
+    def kept(pixels: int, shading_samples: int) -> Whole:
+        statistic.append(Whole(pixels, shading_samples))
+        return statistic[0]
+
+    render_tile(box, Tile(1, 0, 0, (0, 24), (0, 32), 4, pixel_shares(0.5), settings, kept))
+    image = statistic[0].sums()["curve"].reshape(len(SHARES), 6, 4, 8, 4)
+    of_colour = image[:, :, colour // 2 :: 2, :, colour % 2 :: 2].sum(axis=(2, 4))
+    np.testing.assert_allclose(sums["curve"][colour], of_colour, rtol=1e-9)
