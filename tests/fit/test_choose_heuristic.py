@@ -78,7 +78,9 @@ def test_patches_at_the_border_count_less() -> None:
     assert choose(variance, cost, area, False) == 1
 
 
-@pytest.mark.parametrize("rule", ["second-moment", "second-moment:counts=yes,split=yes,reuse=no,combiner=balance+power"])
+@pytest.mark.parametrize(
+    "rule", ["second-moment", "second-moment:counts=yes,split=yes,reuse=no,combiner=balance+power"]
+)
 def test_a_rule_takes_the_curves_of_its_choice(rule: str) -> None:
     """Planted: the second combiner's curves have their minimum elsewhere, and half the variance."""
     learned = make_rule(f"{rule},shrink=no" if ":" in rule else f"{rule}:shrink=no")

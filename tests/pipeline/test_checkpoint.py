@@ -101,6 +101,19 @@ def test_only_the_missing_tiles_are_traced(wide, tmp_path):
     assert not file.exists()
 
 
+@pytest.mark.parametrize("after", [1, 9])
+@pytest.mark.parametrize("rule", ["auto", "counts"])
+def test_rules_of_two_rounds_resume(wide, tmp_path, rule, after):
+    """After a kill in the first round and in the second: numbers of samples are those of one go."""
+    options = {"rule": rule, "sampler": "sobol"}
+    whole = dmis.render(wide, **{**OPTIONS, **options})
+    file = interrupt(wide, tmp_path / "c", after, **options)
+    resumed = dmis.render(wide, checkpoint=file, **{**OPTIONS, **options, "parallel": 2})
+    for name in ("image", "deviation", "samples", "weight", "shading_samples"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(resumed, name))
+    assert whole.rays == resumed.rays
+
+
 class Least:
     """A plain class as a rule, without a ``__repr__`` of its own."""
 

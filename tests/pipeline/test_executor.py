@@ -217,6 +217,14 @@ def test_any_executor_will_do(wide, threaded):
     check(dmis.render(wide, parallel=Inline(), **OPTIONS), threaded)
 
 
+@pytest.mark.parametrize("parallel", [2, 8, dmis.Processes(2), Inline()], ids=["2", "8", "processes", "any"])
+def test_rules_of_two_rounds_have_the_same_bits(wide, parallel):
+    """Patterns, numbers of samples and the image, for any number of threads or processes."""
+    one, other = (dmis.render(wide, "auto", 32, seed=5, sampler="sobol", parallel=n) for n in (1, parallel))
+    check(other, one)
+    assert len(np.unique(one.samples)) > 2 and len(np.unique(one.weight)) > 1
+
+
 def test_another_version_is_refused(box, monkeypatch):
     """A worker of another version than the one that asks says so."""
     monkeypatch.setattr(executor, "_render", partial(_older, executor._render))

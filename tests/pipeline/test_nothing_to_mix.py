@@ -67,7 +67,7 @@ def test_shares_of_three_techniques(delta_scene: dmis.Scene) -> None:
 
 def test_rules_that_divide_camera_samples_keep_their_pilot(delta_scene: dmis.Scene) -> None:
     """`auto` takes more samples where the image is noisy, whatever the lights."""
-    result = dmis.render(delta_scene, "auto", 32, seed=1)
+    result = dmis.render(delta_scene, "auto", 32, seed=1, sampler="sobol")
     assert np.ptp(result.samples) > 0 and (result.weight == 0.5).all()
     assert result.provenance["pilot_rays"]["camera"] > 0 and "nothing_to_mix" not in result.provenance
 
