@@ -1,6 +1,5 @@
 """Two rounds: planted best patterns, numbers from the neighbours alone, and no bias on spikes."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -216,14 +215,13 @@ def z_of(rule: str, spp: int, seeds: int) -> Array:
 
 
 @pytest.fixture
-def leak(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def leak(monkeypatch: pytest.MonkeyPatch) -> None:
     """Decide numbers from the variance of each pixel's own samples."""
 
     def own(rule: Rounds, variance: Array, curves: object, n: int, colour: object) -> Array:
         return variance + 1e-3 * variance.mean()
 
     monkeypatch.setattr(Rounds, "_variance", own)
-    yield
 
 
 def test_images_of_few_samples_are_unbiased() -> None:
