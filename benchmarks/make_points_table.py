@@ -81,19 +81,22 @@ for name in given.scenes:
         shrink = HELD_OUT.get(name, 2) * opts.pick(4, 1)
         scene = dmis.load_scene(name, resolution=(width // shrink, height // shrink))
     sizes[name] = "×".join(map(str, scene.camera.resolution))
-    reference = dmis.make_reference(
-        scene, opts.pick(64, 1024), rule="auto", settings=dmis.Settings(sampler="sobol"), progress=show(name)
-    )
-    key = f"{name} {sizes[name]}"
+    key, done = f"{name} {sizes[name]}", kept.get(f"{name} {sizes[name]}", [])
+    seeds = {
+        spp: (given.most if spp == 128 else given.seeds) + MORE_SEEDS.get(name, 0) * (spp == 128) for spp in BUDGETS
+    }
+    wanted = {(rule, spp, seed) for rule in RULES for spp in BUDGETS for seed in range(seeds[spp])}
+    reference = None
+    if wanted - {(run.rule, run.spp, run.seed) for run in done}:
+        reference = dmis.make_reference(scene, opts.pick(64, 1024), progress=show(name))
     for spp in BUDGETS:
-        seeds = range((given.most if spp == 128 else given.seeds) + MORE_SEEDS.get(name, 0) * (spp == 128))
         runs = measure(
             scene,
             [(rule, spp) for rule in RULES],
-            seeds,
+            range(seeds[spp]),
             reference,
-            done=kept.get(key, ()),
-            record=lambda run, key=key: None if run in kept.get(key, ()) else write(key, run),
+            done=done,
+            record=lambda run, key=key: write(key, run),
             parallel=1,
             progress=show(f"{name} {spp} spp"),
         )
@@ -119,8 +122,8 @@ def table(baseline: str, rules: list[str]) -> list[str]:
     return lines
 
 
-seeds = f"{given.seeds} seeds ({given.most} or more at 128 spp)"
-about = f"Made on {date.today()} with {seeds}, one thread, on {machine()}."
+number = f"{given.seeds} seeds ({given.most} or more at 128 spp)"
+about = f"Made on {date.today()} with {number}, one thread, on {machine()}."
 others = list(RULES)[1:]
 for mark, baseline, rules in (("points", PINNED, others), ("points strong", SOBOL, others[1:])):
     lines = table(baseline, rules)
