@@ -27,7 +27,7 @@ def pilot(curve: Array, position: Array | float = 0.0, size: int = 16, budget: i
     rows = size // 4
     curve = np.broadcast_to(curve if np.ndim(curve) == 3 else curve[:, None, None], (len(SHARES), rows, rows))
     cross = curve * curve[HALF]
-    sums = {"curve": curve, "square": curve**2, "cross": cross, "pattern": np.zeros(curve.shape)}
+    sums = {"curve": curve, "square": curve**2, "cross": cross}
     sums["position"] = np.broadcast_to(position, (rows, rows))
     # a quarter of the 16 pixels of a patch has each colour
     of_colour = {name: np.repeat(4 * a[None].astype(float), 4, axis=0) for name, a in sums.items()}
@@ -112,7 +112,7 @@ def random_pilot(shape: tuple[int, int], seed: int = 1) -> Pilot:
     rows, columns = (-(-n // 4) for n in shape)
     sums = {"curve": rng.lognormal(0, 1, (4, len(SHARES), rows, columns))}
     sums |= {"square": sums["curve"] ** 2, "cross": sums["curve"] * sums["curve"][:, HALF : HALF + 1]}
-    sums |= {"pattern": np.zeros_like(sums["curve"]), "position": rng.lognormal(0, 1, (4, rows, columns))}
+    sums |= {"position": rng.lognormal(0, 1, (4, rows, columns))}
     root = rng.lognormal(0, 2, (*shape, 3)).astype(np.float32)
     return Pilot(Film(8, np.ones((*shape, 3), np.float32), root), RAYS, sums, budget=64)
 
