@@ -61,7 +61,7 @@ def publish(picture: Path, seconds: float) -> None:
     made = f"{date.today()}, commit {commit}, {seconds:.0f} CPU seconds"
     table = to.with_name("captions.json")
     captions = json.loads(table.read_text("utf-8")) if table.exists() else {}
-    captions[picture.stem] = {"title": about["Title"], "caption": about["Description"], "made": made}
+    captions[picture.stem] = {"title": about["Title"], "caption": " ".join(about["Description"].split()), "made": made}
     table.write_text(json.dumps(captions, indent=1, ensure_ascii=False, sort_keys=True) + "\n", "utf-8")
 
 
