@@ -237,9 +237,9 @@ def test_images_that_say_too_much(tmp_path, monkeypatch):
         ("thesis:patch=99999999999999999999", "1 to 65535 pixels"),
         ("thesis:size=999999999", "1 to 1001"),
         ("thesis:sigma=inf", "positive and finite"),
-        ("auto:size=999999999", "1 to 1001"),
-        ("auto:patch=99999999999999999996", "at most 65536"),
-        ("auto:sigma=inf", "positive and finite"),
+        ("second-moment:size=999999999", "1 to 1001"),
+        ("second-moment:patch=99999999999999999996", "at most 65536"),
+        ("second-moment:sigma=inf", "positive and finite"),
         ("tsallis:gamma=1e400", "positive and finite"),
     ],
 )

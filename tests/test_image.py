@@ -39,7 +39,7 @@ def test_result_is_written_with_its_provenance(tmp_path, box):
     result = dmis.render(box, "thesis:patch=4", 8, seed=3)
     dmis.write_image(tmp_path / "a.exr", result)
     layers, attributes = read_exr(tmp_path / "a.exr")
-    assert set(layers) == {"RGB", "weight", "variance", "samples"}
+    assert set(layers) == {"RGB", "weight", "variance", "samples", "light_samples", "brdf_samples"}
     np.testing.assert_array_equal(layers["RGB"], result.image)
     np.testing.assert_array_equal(layers["weight"], result.weight)
     provenance = json.loads(attributes["dmis.provenance"])

@@ -92,7 +92,10 @@ def test_renders(box: dmis.Scene) -> None:
         means[combiner] = np.mean(images)
     assert errors["optimal"] < errors["balance"]
     assert means["optimal"] == pytest.approx(reference.mean(), rel=0.01)
-    one, two = (dmis.render(box, "auto:combiner=optimal", 64, seed=1, parallel=n).image for n in (1, 2))
+    one, two = (
+        dmis.render(box, "second-moment:counts=yes,split=yes,reuse=no,combiner=optimal", 64, seed=1, parallel=n).image
+        for n in (1, 2)
+    )
     assert np.array_equal(one, two)
 
 
@@ -154,7 +157,13 @@ def test_progressive_without_enough_samples() -> None:
     np.testing.assert_array_equal(combined, plain)
 
 
-@pytest.mark.parametrize("rule", ["fixed:w=0.3,combiner=optimal-progressive", "auto:combiner=optimal-progressive"])
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "fixed:w=0.3,combiner=optimal-progressive",
+        "second-moment:counts=yes,split=yes,reuse=no,combiner=optimal-progressive",
+    ],
+)
 def test_progressive_renders(box: dmis.Scene, rule: str) -> None:
     """The mean of balance, by a z-test over seeds; threads do not matter."""
     images = [dmis.render(box, rule, 64, seed=s, parallel=1).image for s in range(16)]

@@ -277,7 +277,7 @@ def test_rule_of_the_page_for_contributors(box: dmis.Scene, tmp_path: Path) -> N
 
     reference = dmis.make_reference(box, 16, folder=tmp_path)
     comparison = compare(box, ["quieter", "quieter:0.3"], [16], [0, 1], reference, tmp_path / "table", parallel=1)
-    assert comparison.runs.keys() == {("balance", 16), ("quieter", 16), ("quieter:0.3", 16)}
+    assert comparison.runs.keys() == {(rule, 16) for rule in ("pinned", "balance", "quieter", "quieter:0.3")}
     assert all(np.isfinite(run.mse) for runs in comparison.runs.values() for run in runs)
 
     options = ["--resolution", "16x16", "--spp", "8", "--threads", "1", "--rule", "quieter:least=0.3"]

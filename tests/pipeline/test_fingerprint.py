@@ -315,7 +315,7 @@ def test_maps_that_differ_in_the_middle_are_not_mixed(box, tmp_path, monkeypatch
     monkeypatch.setitem(RULES, "mine", lambda: first)
     before = definition("mine")
     about = conditions(box, dmis.Reference(np.zeros((24, 32, 3)), np.zeros((24, 32, 3)), 1), 1)
-    Results(tmp_path, about, ["mine"]).append(_run("balance"))
+    Results(tmp_path, about, ["mine"]).append(_run("pinned"))
     monkeypatch.setitem(RULES, "mine", lambda: second)
     assert definition("mine") != before
     with pytest.raises(ValueError, match="another rule mine"):
@@ -333,7 +333,7 @@ def test_another_tile_layout_or_another_dmis_is_refused(box, tmp_path, monkeypat
         with pytest.raises(ValueError, match=r": tiles\.batch is 65536 in the checkpoint and 1024 in this"):
             dmis.render(box, "balance", 4, checkpoint=file)
     about = conditions(box, dmis.Reference(np.zeros((24, 32, 3)), np.zeros((24, 32, 3)), 1), 1)
-    Results(tmp_path, about).append(_run("balance"))
+    Results(tmp_path, about).append(_run("pinned"))
     for name in ("dmis.pipeline.job", "dmis.experiment.table"):
         monkeypatch.setattr(sys.modules[name], "package_hash", lambda: "0123")
     with pytest.raises(ValueError, match=r": package_hash is \w+ in the checkpoint and 0123 in this render$"):
