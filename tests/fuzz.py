@@ -256,7 +256,9 @@ def command(rng: random.Random, folder: Path) -> None:
     """The command line in this process: 0, or 2 and a message."""
     words = arguments(rng)
     out, err = io.StringIO(), io.StringIO()
-    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    quiet = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
+    with contextlib.chdir(folder), quiet[0], quiet[1], warnings.catch_warnings():
+        warnings.simplefilter("ignore", reader.PbrtWarning)  # about a dialect that was asked for
         before = (folder / "scene.pbrt").read_bytes()
         try:
             code = main(words)
@@ -329,7 +331,6 @@ def batch(kind: str, seed: int, cases: range, folder: Path, report: int) -> None
     signal.signal(signal.SIGPROF, late)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     warnings.simplefilter("error")
-    warnings.simplefilter("ignore", reader.PbrtWarning)  # about a dialect that was asked for
     slowest = 0.0
     for k in cases:
         os.pwrite(report, f"{k:12d}\n".encode(), 0)
