@@ -17,7 +17,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
-from dmis.experiment.ladder import cached_ladder
+from dmis.experiment.ladder import Ladder, cached_ladder
 from dmis.experiment.oracle import Oracle, cached_oracle
 from dmis.experiment.reference import Reference
 from dmis.experiment.runs import PINNED, Budget, Run, measure
@@ -176,12 +176,17 @@ def compare(
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    curves = replace(settings, preset=None, sampler=Settings().sampler)  # they do not depend on the sampler
-    oracle = oracle or cached_oracle(scene, settings=curves)
-    ladder = None if oracle is None else cached_ladder(scene, oracle, settings=curves)
-    comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle, ladder)
+    bounds = _oracle_and_ladder(scene, settings, oracle)
+    comparison = Comparison(results.about, runs, results.layers(runs), reference, *bounds)
     _draw(comparison, folder)
     return comparison
+
+
+def _oracle_and_ladder(scene: Scene, settings: Settings, oracle: Oracle | None) -> tuple[Oracle | None, Ladder | None]:
+    """Return the oracle, by default that of the cache, and the cached ladder of the scene; neither has a sampler."""
+    curves = replace(settings, preset=None, sampler=Settings().sampler)
+    oracle = oracle or cached_oracle(scene, settings=curves)
+    return oracle, None if oracle is None else cached_ladder(scene, oracle, settings=curves)
 
 
 def _check_rule_texts(rules: Any) -> list[str]:

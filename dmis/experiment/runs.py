@@ -125,10 +125,7 @@ def measure(
         for n, (rule, spp) in enumerate(runs):
             run = finished.get((rule, spp, seed))
             if run is None:
-                scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
-                begin = time.process_time()
-                result = _render_budget(scene, rule, spp, seed, **options)
-                run = _run_of(result, rule, spp, seed, time.process_time() - begin, reference)
+                run, result = _timed_run(scene, rule, spp, seed, reference, **options)
                 if keep:
                     keep((rule, spp), result)
                 if record:
@@ -140,6 +137,16 @@ def measure(
             if progress:
                 progress(rule, k * len(runs) + n + 1, total)
     return runs
+
+
+def _timed_run(
+    scene: Scene, rule: str, spp: int, seed: int, reference: Reference, **options: Any
+) -> tuple[Run, Result]:
+    """Render a budget; return time and error, and the result."""
+    scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
+    begin = time.process_time()
+    result = _render_budget(scene, rule, spp, seed, **options)
+    return _run_of(result, rule, spp, seed, time.process_time() - begin, reference), result
 
 
 def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any) -> Result:

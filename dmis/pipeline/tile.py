@@ -86,6 +86,18 @@ class Tile:
         """Number of camera samples of all pixels."""
         return self.pixels * self.spp if isinstance(self.spp, int) else int(self.spp.sum())
 
+    @property
+    def begin(self) -> np.ndarray:
+        """Numbers of the first camera samples in the sequences of the pixels, ``(P,)``, or ``(1,)`` if all are 0."""
+        return np.zeros(1, np.int64) if self.patterns is None else self.patterns.begin
+
+    def sampler(self, settings: Settings, width: int, rng: np.random.Generator) -> Sampler:
+        """Return the sampler of the pixels, in an image of `width` pixels."""
+        rows, columns = np.arange(*self.rows), np.arange(*self.columns)
+        pixels = (rows[:, None] * width + columns).reshape(-1)
+        stops = np.unique(self.spp + self.begin).tolist()
+        return make_sampler(settings.sampler, PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples))
+
     def groups(self) -> Iterator[tuple[np.ndarray, Array, Settings]]:
         """Yield the pixels ``(A,)`` that are rendered together, with their shares and their settings."""
         every = np.arange(self.pixels)
@@ -220,24 +232,20 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     tile = replace(tile, settings=resolve_auto(tile.settings, scene))
     settings, pixels, shading_samples = tile.settings, tile.pixels, tile.settings.shading_samples
     rng = stream(tile.seed, tile.pass_, tile.number)
-    pixel_numbers = _pixel_numbers(tile, scene.camera.resolution[0])
     collector = combiner_by_name(settings.combiner).collector(tile.shares, tile.spp * np.full(pixels, shading_samples))
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
     stages = 1 if collector is None else collector.stages
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
-    begin = np.zeros(1, np.int64) if tile.patterns is None else tile.patterns.begin
     rays: Counter[str] = Counter()
     moments = SubBlocks(tile.spp, pixels) if is_sequence(settings.sampler) else PixelMoments(pixels)
     for group, shares, settings in tile.groups():
-        stops = np.unique(tile.spp + begin).tolist()
-        block = PixelBlock(rng, tile.seed, pixel_numbers, stops, settings.shading_samples)
-        sampler = make_sampler(settings.sampler, block)
+        sampler = tile.sampler(settings, scene.camera.resolution[0], rng)
         allocation = SampleAllocation(shares, tile.spp, pixels, settings, stages, rng, sampler)
         spp = tile.spp if isinstance(tile.spp, int) else tile.spp.take(group)
         for blocks in sample_batches(spp, group, batch_size(settings)):
             # n_1 of the S shading samples of a camera sample to the first technique, w S on average
             samples = allocation.camera_samples(blocks)
-            sampler.start(samples.pixel, samples.number + take(begin, samples.pixel))
+            sampler.start(samples.pixel, samples.number + take(tile.begin, samples.pixel))
             origin, direction = _camera_rays(scene, sampler, corners, samples.pixel)
             # L_i, the radiance of camera sample i
             batch = Batch(
@@ -276,12 +284,6 @@ def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
         return None
     covered: np.ndarray = scene.covered_pixels[slice(*tile.rows), slice(*tile.columns)].reshape(-1)
     return None if covered.all() else covered
-
-
-def _pixel_numbers(tile: Tile, width: int) -> np.ndarray:
-    """Return the numbers ``y width + x`` of the pixels of a tile in the image, ``(P,)``."""
-    rows, columns = np.arange(*tile.rows), np.arange(*tile.columns)
-    return (rows[:, None] * width + columns).reshape(-1)
 
 
 def _pixel_corners(tile: Tile) -> tuple[Array, Array]:
