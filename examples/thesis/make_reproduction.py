@@ -17,7 +17,9 @@ side length it takes about two hours on two cores.
 
 import csv
 import sys
+from collections.abc import Callable
 from datetime import date
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -90,20 +92,26 @@ else:
     given.csv.write_text(",".join(COLUMNS) + "\n", "utf-8")
 
 
-def compare(name: str, scene: dmis.Scene, setup: str, integrator: str, patches, reference) -> None:
-    """Render the rule with each size of patches beside the balance heuristic, and write a line for each and seed."""
+def compare(
+    name: str, scene: dmis.Scene, setup: str, integrator: str, patches, reference: Callable[[], dmis.Reference]
+) -> None:
+    """Render the rule with each size of patches beside the balance heuristic, and write a line for each and seed.
+
+    `reference` is only called if a line is missing.
+    """
     size = "x".join(map(str, scene.camera.resolution))
     fields = {"preset": "thesis", "integrator": integrator, **setups(name)[setup]}
     for seed in range(given.seeds):
         todo = [p for p in patches if (name, size, setup, integrator, str(p), str(seed)) not in rows]
         if not todo:
             continue
+        converged = reference()
         more = {"seed": seed, "progress": show(f"{name}, {setup}, {integrator}, seed {seed}"), **fields}
-        balance = error_maps(name, dmis.render(scene, "balance", opts.spp, **more).image, reference)
+        balance = error_maps(name, dmis.render(scene, "balance", opts.spp, **more).image, converged)
         for patch in todo:
             spp = opts.spp + (PILOT if setup == "as in the file" else 0)
             result = dmis.render(scene, f"thesis:patch={patch}", spp, **more)
-            ours = error_maps(name, result.image, reference)
+            ours = error_maps(name, result.image, converged)
             row = dict(zip(KEY, (name, size, setup, integrator, str(patch), str(seed)), strict=True))
             row["seconds"] = f"{result.seconds['total']:.1f}"
             for measure in MEASURES:
@@ -146,8 +154,14 @@ for name in given.scenes:
     best: dict[str, int] = {}
     for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
         settings = dmis.Settings(integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name])
-        reference = dmis.make_reference(
-            scene, opts.pick(64, 128), settings=settings, progress=show(f"reference of {name}, {integrator}")
+        reference = cache(
+            partial(
+                dmis.make_reference,
+                scene,
+                opts.pick(64, 128),
+                settings=settings,
+                progress=show(f"reference of {name}, {integrator}"),
+            )
         )
         for setup in setups(name):
             if setup == UNROUNDED:
