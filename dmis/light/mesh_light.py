@@ -10,11 +10,12 @@ import numpy as np
 
 from dmis.base.selection import Index
 from dmis.base.vectors import Array, dot
-from dmis.geometry.mesh import Mesh
+from dmis.geometry.mesh import Ints, Mesh
 from dmis.intersect import Intersector
 from dmis.light.coincident import Coincident, find_coincident
 from dmis.light.light import AreaLight, moved, scaled
 from dmis.light.light_sample import ANY_POINT, LightSample, Rgb, flat_light_hit, flat_light_sample
+from dmis.light.triangle_order import compact_order, shortest_edge_last
 from dmis.samplers.warp import square_to_triangle
 
 
@@ -54,8 +55,7 @@ class MeshLight(AreaLight):
     @cached_property
     def _data(self) -> tuple[Array, Array, float, Array]:
         """Corner, two edges and unit normal of each triangle ``(12, F)``; cumulative shares of area; area; radiance."""
-        mesh = Mesh(self.vertices, self.faces)
-        triangles = mesh.vertices[mesh.faces]
+        triangles = self._mesh.vertices[self._sampled_faces]
         corner, edge_u = triangles[:, 0], triangles[:, 1] - triangles[:, 0]
         edge_v = triangles[:, 2] - triangles[:, 0]
         cross = np.cross(edge_u, edge_v)
@@ -65,6 +65,25 @@ class MeshLight(AreaLight):
         cdf = np.cumsum(twice)
         area = float(cdf[-1] / 2)
         return rows, cdf / max(cdf[-1], 1e-300), area, self.emission(ANY_POINT)
+
+    @cached_property
+    def _mesh(self) -> Mesh:
+        return Mesh(self.vertices, self.faces)
+
+    @cached_property
+    def _order(self) -> Index:
+        """Triangles in the order in which the first number of a sample goes through them."""
+        return compact_order(self._mesh.vertices[self._mesh.faces])
+
+    @cached_property
+    def _sampled_faces(self) -> Ints:
+        """Triangles in `_order`, their shortest edge between vertices 2 and 0.
+
+        The first number of a sample picks the triangle, and what is left of it a place along this edge; the second
+        number the distance from it. What is left is the same for all samples of a pixel if triangles are equal and
+        points even, so it decides about the shortest way.
+        """
+        return shortest_edge_last(self._mesh.vertices, self._mesh.faces)[self._order]
 
     @cached_property
     def flat(self) -> bool:
@@ -77,20 +96,20 @@ class MeshLight(AreaLight):
     @cached_property
     def overlaps(self) -> Coincident | None:
         """Triangles that overlap others in one plane, see `dmis.light.coincident`; None: there are none."""
-        mesh = Mesh(self.vertices, self.faces)
-        return find_coincident(mesh.vertices[mesh.faces])
+        return find_coincident(self._mesh.vertices[self._sampled_faces])
 
     @property
     def doubled_triangles(self) -> tuple[int, int] | None:
         """The first two triangles that overlap in one plane and face the same side; None: there are none."""
-        same = np.flatnonzero([] if self.overlaps is None else self.overlaps.same)
-        if self.overlaps is None or not len(same):
+        if self.overlaps is None or not self.overlaps.same.any():
             return None
-        return int(self.overlaps.triangle[same[0]]), int(self.overlaps.other[same[0]])
+        pairs = np.sort(self._order[np.stack([self.overlaps.triangle, self.overlaps.other])], axis=0)
+        first, second = min(pairs.T[self.overlaps.same].tolist())
+        return first, second
 
     @cached_property
     def _intersector(self) -> Intersector:
-        return Intersector(self.vertices, self.faces)
+        return Intersector(self._mesh.vertices, self._sampled_faces)
 
     def __getstate__(self) -> dict[str, object]:
         return {k: v for k, v in self.__dict__.items() if k != "_intersector"}
@@ -101,7 +120,7 @@ class MeshLight(AreaLight):
         index = np.minimum(np.searchsorted(cdf, u[0], side="right"), len(cdf) - 1)
         low = np.where(index > 0, cdf.take(index - 1), 0)
         within = ((u[0] - low) / np.maximum(cdf.take(index) - low, 1e-30)).astype(np.float32)
-        a, b = square_to_triangle(np.stack([np.clip(within, 0, 1), u[1]]))
+        a, b = square_to_triangle(np.stack([u[1], np.clip(within, 0, 1)]))
         chosen = rows.take(index, axis=1)
         light_sample = flat_light_sample(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
         if self.overlaps is not None:
@@ -139,7 +158,7 @@ class MeshLight(AreaLight):
 
     def mesh(self) -> Mesh:
         """Return the visible surface."""
-        return Mesh(self.vertices, self.faces)
+        return self._mesh
 
     def hides_itself(self) -> bool:
         """Return whether the triangles are not in one plane."""
