@@ -12,7 +12,8 @@ KILLEROO GOLD and TT also by paths, with the patch size that is best by direct l
 
 Each comparison is one line of ``docs/tables/reproduction.csv``, written as soon as it is made; a run that was
 interrupted goes on after the last. Lines stay valid, because no later version changes the preset. At half the thesis's
-side length it takes about two hours on two cores.
+side length it takes about two hours on two cores. With ``--large 1`` the setting of each scene whose ratio and error
+are nearest to the thesis's is rendered at the thesis's own resolution, too, with one seed.
 """
 
 import csv
@@ -39,6 +40,7 @@ opts, given = options(
     "the thesis's Table 4.1 by set-up and patch size",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     scenes={"nargs": "+", "default": [*SCENES, "tt-overcast"], "help": "only these scenes"},
+    large={"type": int, "default": 0, "help": "seeds of the nearest setting at the thesis's resolution (default 0)"},
     csv={"type": Path, "default": RESULTS, "help": "results; those in it are not made again"},
     page={"type": Path, "help": "a page that gets the table between its marks 'grid'"},
 )
@@ -60,8 +62,8 @@ TOLD = {
     "tt-overcast": (8.252e-6, 1.061e-5),
 }
 """The thesis's mean squared errors with equal samples: balance heuristic, its rule."""
-MEASURES = ("all", "no_edge", "clipped")
-"""All pixels; without those at the lamp's edge; of images clipped to [0, 1]."""
+MEASURES = {"all": "all pixels", "no_edge": "without the lamp's edge", "clipped": "clipped to [0, 1]"}
+"""The pixels and values that a mean squared error is of."""
 KEY = ("scene", "size", "setup", "integrator", "patch", "seed")
 COLUMNS = (*KEY, "seconds", *(f"{m}_{what}" for m in MEASURES for what in ("balance", "rule", "half")))
 
@@ -82,7 +84,7 @@ def error_maps(name: str, image: np.ndarray, reference: dmis.Reference) -> dict[
 
 
 # %%
-# What is there already. The first line of the file has the names of the columns.
+# Results of earlier runs. The first line of the file has the names of the columns.
 rows: dict[tuple, dict] = {}
 given.csv.parent.mkdir(parents=True, exist_ok=True)
 if given.csv.exists():
@@ -92,8 +94,28 @@ else:
     given.csv.write_text(",".join(COLUMNS) + "\n", "utf-8")
 
 
+def scene_of(name: str, shrink: int) -> tuple[dmis.Scene, str]:
+    """Return a scene at the thesis's side length over `shrink`, and its size in words."""
+    if name in SCENES:
+        scene = opts.scene(name, shrink)
+    else:
+        width, height = SCENES["tt"].size
+        scene = dmis.load_scene(name, resolution=(round(width / shrink), round(height / shrink)))
+    return scene, "x".join(map(str, scene.camera.resolution))
+
+
+def reference_of(name: str, scene: dmis.Scene, integrator: str) -> Callable[[], dmis.Reference]:
+    """Return the function that renders the reference, once.
+
+    References have Sobol points and the shading samples of the file: their own noise is small beside the errors.
+    """
+    settings = dmis.Settings(integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name])
+    progress = show(f"reference of {name}, {integrator}")
+    return cache(partial(dmis.make_reference, scene, opts.pick(64, 128), settings=settings, progress=progress))
+
+
 def compare(
-    name: str, scene: dmis.Scene, setup: str, integrator: str, patches, reference: Callable[[], dmis.Reference]
+    name: str, scene: dmis.Scene, setup: str, integrator: str, patches, reference: Callable[[], dmis.Reference], seeds
 ) -> None:
     """Render the rule with each size of patches beside the balance heuristic, and write a line for each and seed.
 
@@ -101,7 +123,7 @@ def compare(
     """
     size = "x".join(map(str, scene.camera.resolution))
     fields = {"preset": "thesis", "integrator": integrator, **setups(name)[setup]}
-    for seed in range(given.seeds):
+    for seed in range(seeds):
         todo = [p for p in patches if (name, size, setup, integrator, str(p), str(seed)) not in rows]
         if not todo:
             continue
@@ -123,66 +145,95 @@ def compare(
                 csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
 
 
-def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measure: str) -> tuple[float, ...]:
+def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measure: str, seeds: int) -> tuple:
     """Return the errors of balance and rule, means over seeds, their ratio, and half of its 95 % interval.
 
     The intervals of the seeds, over blocks of pixels, are independent: half² = Σ (half_k balance_k)² / (Σ balance_k)².
     """
-    keys = [(name, size, setup, integrator, str(patch), str(seed)) for seed in range(given.seeds)]
+    keys = [(name, size, setup, integrator, str(patch), str(seed)) for seed in range(seeds)]
     base, ours, half = (
         np.array([float(rows[key][f"{measure}_{what}"]) for key in keys]) for what in ("balance", "rule", "half")
     )
     return base.mean(), ours.mean(), ours.sum() / base.sum(), np.sqrt(((half * base) ** 2).sum()) / base.sum()
 
 
+def nearest(name: str, settings: dict[tuple, list[tuple]]) -> tuple[tuple, str]:
+    """Return the setting and the measure that are nearest to the thesis's ratio and error.
+
+    Nearest in error (by its logarithm) among those whose interval covers the thesis's ratio; if there are none, nearest
+    in ratio. Points of the unrounded set-up are not the thesis's.
+    """
+    error, ratio = TOLD[name][0], TOLD[name][1] / TOLD[name][0]
+    candidates = [
+        (
+            abs(value - ratio) > half,
+            abs(np.log(base / error)) if abs(value - ratio) <= half else abs(value - ratio),
+            *at,
+        )
+        for setting, values in settings.items()
+        for at, (base, _, value, half) in zip(((setting, m) for m in MEASURES), values, strict=True)
+        if setting[0] != UNROUNDED
+    ]
+    return min(candidates)[2:]
+
+
+def verdict(name: str, size: str, setting: tuple, measure: str, seeds: int) -> str:
+    """Return the line of a setting beside the thesis."""
+    setup, integrator, patch = setting
+    base, _, ratio, half = pooled(name, size, setup, integrator, patch, measure, seeds)
+    error, thesis = TOLD[name][0], TOLD[name][1] / TOLD[name][0]
+    covers = "yes" if abs(ratio - thesis) <= half else f"no, by {abs(ratio - thesis) - half:.3f}"
+    how = f"{setup}, {integrator}, patch {patch}, {MEASURES[measure]}"
+    return (
+        f"| {name} {size} | {how} | {ratio:.3f} ± {half:.3f} | {thesis:.3f} | {covers} "
+        f"| {base:.3e} | {error:.3e} | {base / error:.2g} |"
+    )
+
+
 # %%
-# Each scene: the set-ups, four sizes of patches; then paths with the best of them. References have Sobol points and the
-# shading samples of the file, so that their own noise is small beside the errors.
+# Each scene: the set-ups, four sizes of patches; then paths with the best of them; then the nearest to the thesis.
 lines = [
     "| scene | set-up | patch | rule / balance | without the lamp's edge | clipped to [0, 1] | MSE of balance "
-    "| without the edge | of the rule | without the edge | thesis: ratio | thesis: MSE of balance | of its rule |",
-    "|---" * 13 + "|",
+    "| without the edge | of the rule | without the edge |",
+    "|---" * 10 + "|",
+]
+verdicts = [
+    "| scene | nearest setting | rule / balance | thesis | covered | MSE of balance | thesis | ours / thesis |",
+    "|---" * 8 + "|",
 ]
 for name in given.scenes:
-    about = SCENES.get(name, SCENES["tt"])
-    shrink = opts.pick(16, 2, 1)
-    if name in SCENES:
-        scene = opts.scene(name, shrink)
-    else:
-        scene = dmis.load_scene(name, resolution=(round(about.size[0] / shrink), round(about.size[1] / shrink)))
-    size = "x".join(map(str, scene.camera.resolution))
-    best: dict[str, int] = {}
+    scene, size = scene_of(name, opts.pick(16, 2, 1))
+    settings: dict[tuple, list[tuple]] = {}
     for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
-        settings = dmis.Settings(integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name])
-        reference = cache(
-            partial(
-                dmis.make_reference,
-                scene,
-                opts.pick(64, 128),
-                settings=settings,
-                progress=show(f"reference of {name}, {integrator}"),
-            )
-        )
+        reference = reference_of(name, scene, integrator)
         for setup in setups(name):
+            tried = {key[2]: values[0][2] for key, values in settings.items() if key[:2] == (setup, "direct")}
             if setup == UNROUNDED:
                 patches = (16,) if integrator == "direct" else ()
             else:
-                patches = PATCHES if integrator == "direct" else (best[setup],)
-            compare(name, scene, setup, integrator, patches, reference)
-            results = {patch: [pooled(name, size, setup, integrator, patch, m) for m in MEASURES] for patch in patches}
-            best |= {setup: min(results, key=lambda patch: results[patch][0][2])} if results else {}
-            for patch, values in results.items():
+                patches = PATCHES if integrator == "direct" else (min(tried, key=tried.__getitem__),)
+            compare(name, scene, setup, integrator, patches, reference, given.seeds)
+            for patch in patches:
+                values = [pooled(name, size, setup, integrator, patch, m, given.seeds) for m in MEASURES]
+                settings[setup, integrator, patch] = values
                 ratios = " | ".join(f"{value:.3f} ± {half:.3f}" for _, _, value, half in values)
                 errors = " | ".join(f"{values[k][which]:.3e}" for which in (0, 1) for k in (0, 1))
-                told = f"{TOLD[name][1] / TOLD[name][0]:.3f} | {TOLD[name][0]:.3e} | {TOLD[name][1]:.3e}"
-                how = f"{setup}, {integrator}"
-                lines.append(f"| {name} {size} | {how} | {patch} | {ratios} | {errors} | {told} |")
+                lines.append(f"| {name} {size} | {setup}, {integrator} | {patch} | {ratios} | {errors} |")
                 print(lines[-1], flush=True)
+    setting, measure = nearest(name, settings)
+    verdicts.append(verdict(name, size, setting, measure, given.seeds))
+    if given.large:
+        scene, size = scene_of(name, opts.pick(8, 1))
+        setup, integrator, patch = setting
+        compare(name, scene, setup, integrator, (patch,), reference_of(name, scene, integrator), given.large)
+        verdicts.append(verdict(name, size, setting, measure, given.large))
+    print(verdicts[-1], flush=True)
 
 # %%
-# The table; intervals are 95 %, over blocks of pixels.
+# The tables; intervals are 95 %, over blocks of pixels.
 seeds = f"{given.seeds} seed{'' if given.seeds == 1 else 's'}"
 about = f"Made on {date.today()} with {seeds} at {opts.spp} camera samples per pixel, on {machine()}."
-print("", about, "", *lines, sep="\n")
+print("", about, "", *verdicts, "", *lines, sep="\n")
 if given.page is not None:
+    replace_table(given.page, "nearest", about, "", *verdicts)
     replace_table(given.page, "grid", about, "", *lines)
