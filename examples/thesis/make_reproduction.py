@@ -40,6 +40,7 @@ opts, given = options(
     "the thesis's Table 4.1 by set-up and patch size",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     scenes={"nargs": "+", "default": [*SCENES, "tt-overcast"], "help": "only these scenes"},
+    integrators={"nargs": "+", "default": ["direct", "path"], "help": "direct, or direct and path (default)"},
     large={"type": int, "default": 0, "help": "seeds of the nearest setting at the thesis's resolution (default 0)"},
     csv={"type": Path, "default": RESULTS, "help": "results; those in it are not made again"},
     page={"type": Path, "help": "a page that gets the table between its marks 'grid'"},
@@ -52,6 +53,8 @@ UNROUNDED = "as in the file, 6 + 122"
 LIGHT_SAMPLES = {"teapot-area-light": 16, "killeroo-diffuse": 4, "killeroo-gold": 4, "tt": 8, "tt-overcast": 8}
 """``nsamples`` in the public pbrt-v2 files; there is none of KILLEROO DIFFUSE, which has that of the gold one."""
 BY_PATHS = ("killeroo-gold", "tt", "tt-overcast")
+SHRINK = {"tt-overcast": 4}
+"""Divisors of the thesis's side length other than 2: the sky without a sun is the project's own, beside that of TT."""
 LAMP = {"teapot-area-light": 8.0}
 """Radiance of a lamp in view."""
 TOLD = {
@@ -202,9 +205,9 @@ verdicts = [
     "|---" * 8 + "|",
 ]
 for name in given.scenes:
-    scene, size = scene_of(name, opts.pick(16, 2, 1))
+    scene, size = scene_of(name, opts.pick(16, SHRINK.get(name, 2), 1))
     settings: dict[tuple, list[tuple]] = {}
-    for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
+    for integrator in given.integrators if name in BY_PATHS else ("direct",):
         reference = reference_of(name, scene, integrator)
         for setup in setups(name):
             tried = {key[2]: values[0][2] for key, values in settings.items() if key[:2] == (setup, "direct")}
