@@ -28,11 +28,15 @@ SCENES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "corne
 
 
 def configurations() -> dict[str, dict[str, Any]]:
-    """Return the arguments of `dmis.render` by name; ``scene`` is a name of `SCENES`."""
+    """Return the arguments of `dmis.render` by name; ``scene`` is a name of `SCENES`.
+
+    Points are independent where the name says nothing else, so that files from before another default stay comparable.
+    """
     table: dict[str, dict[str, Any]] = {}
 
     def add(scene: str, rule: str, **settings: Any) -> None:
         options = ",".join(f"{key}={value}" for key, value in settings.items())
+        settings = {"sampler": "independent", **settings}
         table[f"{scene} {rule} {options}".strip()] = {"scene": scene, "rule": rule, "settings": settings}
 
     for scene in SCENES:

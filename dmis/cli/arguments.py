@@ -14,7 +14,10 @@ from dmis.pipeline.executor import MAX_WORKERS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene import camera
 
-_SAMPLERS = f"{', '.join(SAMPLERS)}, or one of a plugin (default independent)"
+_SAMPLERS = (
+    f"{', '.join(SAMPLERS)}, or one of a plugin; auto: sobol, or independent with a combiner that needs it "
+    "(default auto)"
+)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -47,8 +47,9 @@ class Settings:
         may scatter light on its way from a light to the camera, 1 being direct lighting; None: any number, ended by
         Russian roulette. ``auto``: what the scene says, or else `dmis.scene.defaults.DEFAULT_DEPTH`.
     sampler
-        ``independent``, ``stratified``, ``sobol`` or ``lowdiscrepancy`` (pbrt-v2's), for the final pass; see
-        `dmis.samplers`.
+        ``independent``, ``stratified``, ``sobol`` or ``lowdiscrepancy`` (pbrt-v2's), for the final pass, see
+        `dmis.samplers`. ``auto``: ``sobol``, or ``independent`` with a combiner that needs independent samples. See
+        `resolve_auto`.
     reuse_pilot
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
         if the final samples are independent, as the pilot's are; the others are more even, and a few independent ones
@@ -70,7 +71,7 @@ class Settings:
     lights: str = "all"
     integrator: str = "auto"
     max_depth: int | str | None = "auto"
-    sampler: str = "independent"
+    sampler: str = "auto"
     reuse_pilot: bool | None = None
     compensation: float | None = None
     preset: str | None = None
@@ -100,7 +101,7 @@ class Settings:
             ("integrator", self.integrator, ("auto", "direct", "path")),
             ("allocation", self.allocation, ("systematic", "random")),
             ("lights", self.lights, ("all", "one", "pbrt")),
-            ("sampler", self.sampler, tuple(SAMPLERS)),
+            ("sampler", self.sampler, ("auto", *SAMPLERS)),
         ):
             if value not in allowed:
                 raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")
@@ -108,7 +109,7 @@ class Settings:
             raise ValueError(
                 f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light"
             )
-        if combiner.independent and self.sampler != "independent":
+        if combiner.independent and self.sampler not in ("auto", "independent"):
             raise ValueError(
                 f"combiner {self.combiner} needs sampler independent, because structured samples depend on earlier "
                 f"ones, and so on the fit to these; got {self.sampler!r}"
@@ -173,7 +174,7 @@ class Settings:
         values = {
             "shading_samples": min(samples, MOST),
             "lights": (suggested.lights or "all") if direct else "one",
-            "sampler": suggested.sampler or "independent",
+            **({"sampler": suggested.sampler} if suggested.sampler else {}),
         }
         if preset is not None:  # what it pins stays as it is
             values = {name: value for name, value in values.items() if name in PRESETS[preset].choices}
@@ -220,17 +221,21 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
 
 
 def resolve_auto(settings: Settings, scene: Scene) -> Settings:
-    """Return `settings` with the scene's integrator and depth in place of ``auto``.
+    """Return `settings` with the scene's integrator and depth, and with a sampler, in place of ``auto``.
 
     A depth that the scene names belongs to the integrator that it names. With the other integrator, or where the scene
-    names no depth, the depth is `dmis.scene.defaults.DEFAULT_DEPTH`.
+    names no depth, the depth is `dmis.scene.defaults.DEFAULT_DEPTH`. The sampler is ``sobol``, or ``independent`` where
+    the combiner needs independent samples.
     """
-    if settings.integrator != "auto" and settings.max_depth != "auto":
+    integrator, max_depth, sampler = settings.integrator, settings.max_depth, settings.sampler
+    if "auto" not in (integrator, max_depth, sampler):
         return settings
-    integrator, max_depth, suggested = settings.integrator, settings.max_depth, scene.suggested
+    suggested = scene.suggested
     if integrator == "auto":
         integrator = suggested.integrator or DEFAULT_INTEGRATOR
     if max_depth == "auto":
         named = suggested.max_depth is not None and suggested.integrator in (None, integrator)
         max_depth = suggested.max_depth if named else DEFAULT_DEPTH
-    return replace(settings, integrator=integrator, max_depth=max_depth)
+    if sampler == "auto":
+        sampler = "independent" if combiner_by_name(settings.combiner).independent else "sobol"
+    return replace(settings, integrator=integrator, max_depth=max_depth, sampler=sampler)

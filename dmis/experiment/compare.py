@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -183,10 +182,9 @@ def compare(
 
 
 def _oracle_and_ladder(scene: Scene, settings: Settings, oracle: Oracle | None) -> tuple[Oracle | None, Ladder | None]:
-    """Return the oracle, by default that of the cache, and the cached ladder of the scene; neither has a sampler."""
-    curves = replace(settings, preset=None, sampler=Settings().sampler)
-    oracle = oracle or cached_oracle(scene, settings=curves)
-    return oracle, None if oracle is None else cached_ladder(scene, oracle, settings=curves)
+    """Return the oracle, by default that of the cache, and the cached ladder of the scene."""
+    oracle = oracle or cached_oracle(scene, settings=settings)
+    return oracle, None if oracle is None else cached_ladder(scene, oracle, settings=settings)
 
 
 def _check_rule_texts(rules: Any) -> list[str]:

@@ -348,7 +348,6 @@ def _evenness_path(
 ) -> Path:
     """Return the path of the errors that an evenness comes from in the cache."""
     width, height = scene.camera.resolution
-    settings = replace(settings or Settings(), sampler=Settings().sampler)  # which does not change what is measured
     key = json.dumps([__version__, fingerprint(scene), spp, seeds, *settings_key(settings)])
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     return cache_folder(folder) / f"{scene.name}-{width}x{height}-evenness-{digest}.json"

@@ -166,10 +166,11 @@ def render_half(path: Path, half: int, scene: Scene, rule: Rule | str, spp: int,
 def settings_key(settings: Settings | None) -> list[dict[str, Any]]:
     """Return settings as a part of the key of a cached file; empty for the default settings.
 
-    `reuse_pilot` and the name of a preset do not change what is cached; a compensation that is None is left out.
+    The sampler, `reuse_pilot` and the name of a preset do not change what is cached; a compensation that is None is
+    left out.
     """
-    relevant = replace(settings or Settings(), preset=None, reuse_pilot=None)
-    key = asdict(relevant)
+    relevant = replace(settings or Settings(), preset=None, reuse_pilot=None, sampler=Settings().sampler)
+    key = {**asdict(relevant), "sampler": "independent"}  # a constant, the one in the keys of files that exist
     del key["preset"]
     if relevant.compensation is None:
         del key["compensation"]

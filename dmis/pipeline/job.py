@@ -123,8 +123,7 @@ class Job:
         float32_scene, gain = _float32_scene(scene)
         rule = default_rule(spp, settings) if rule is None else rule
         text = rule_text(rule)
-        rule = make_rule(rule)
-        rule = rule.adapted(spp, settings.sampler)
+        rule = make_rule(rule).adapted(spp, resolve_auto(settings, float32_scene).sampler)
         settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
         if settings.reuse_pilot is None:
             settings = replace(settings, reuse_pilot=settings.sampler == "independent")

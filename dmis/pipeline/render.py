@@ -52,8 +52,8 @@ def render(
         Camera samples per pixel, the rule's pilot included; seed, not negative.
     settings, options
         Estimator settings; or fields of `dmis.Settings` by name, which take the place of those of `settings`:
-        ``sampler="sobol"``, ``preset="thesis"`` (`dmis.estimator.presets.PRESETS`). A rule has some of its own, such
-        as its combiner; it is an error to ask for others here.
+        ``sampler="stratified"``, ``preset="thesis"`` (`dmis.estimator.presets.PRESETS`). A rule has some of its own,
+        such as its combiner; it is an error to ask for others here.
     parallel
         Number of threads (None: one per processor); ``dmis.Processes(n)``; or any `concurrent.futures.Executor`,
         Dask's ``Client.get_executor(pure=False)`` among them, which is not shut down.

@@ -163,10 +163,12 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     Raises
     ------
     ValueError
-        If the name is not a word, or is that of another sampler, or `factory` cannot be called.
+        If the name is not a word, or is ``auto`` or that of another sampler, or `factory` cannot be called.
     """
     if not (isinstance(name, str) and name.isidentifier()):
         raise ValueError(f"a sampler's name must be a word of letters, digits and _; got {name!r}")
+    if name == "auto":
+        raise ValueError("a sampler cannot be named auto, which stands for the default one; give another name")
     if not callable(factory):
         raise ValueError(f"sampler {name} must be a class or function that makes it for a tile; got {factory!r}")
     if SAMPLERS.get(name, factory) is not factory:
