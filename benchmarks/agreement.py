@@ -95,10 +95,10 @@ def compare(case: Case, shrink: int, spp: int, seeds: int) -> str:
     """A line of the table."""
     width, height = SCENES[case.scene].size
     scene = case.change(dmis.load_scene(case.scene, (width // shrink // 8 * 8, height // shrink // 8 * 8)))
-    settings = dmis.Settings()
+    settings = dmis.Settings(sampler="independent")  # as Mitsuba's, so that the two variances are alike
     integrator = mitsuba_scene.direct()
     if case.depth is not None:
-        settings = dmis.Settings(integrator="path", max_depth=case.depth)
+        settings = replace(settings, integrator="path", max_depth=case.depth)
         integrator = mitsuba_scene.path(case.depth)
     other, camera = mitsuba_scene.translate(scene, exact=not case.own), mitsuba_scene.sensor(scene.camera)
     ours, theirs = [], []

@@ -4,8 +4,8 @@ The rules at the thesis's resolution
 
 The thesis's rule, the second-moment rule and auto against the balance heuristic with one light and one BRDF sample, at
 the size that the thesis rendered (``--full``): at equal camera samples (128, pilot included; auto: equal shading
-samples), with the time of that one render beside it. A quarter of an hour, and some minutes for the references, which
-are kept; the result is kept with the project.
+samples), with the time of that one render beside it. Samples are independent. A quarter of an hour, and some minutes
+for the references, which are kept; the result is kept with the project.
 """
 
 import sys
@@ -38,7 +38,7 @@ for name in SCENES:
     reference = opts.reference(scene, opts.pick(16, 128, 128))
     budgets = [(rule, opts.spp) for rule in (BASE, *RULES)]
     errors = Errors(reference)
-    more = {"parallel": 1, "progress": show(name), "keep": errors.keep}
+    more = {"sampler": "independent", "parallel": 1, "progress": show(name), "keep": errors.keep}
     runs = measure(scene, budgets, range(given.seeds), reference, **more)
     base = runs[BASE, opts.spp]
     width, height = scene.camera.resolution

@@ -30,7 +30,7 @@ opts, given = options(
 )
 SEEDS = range(given.seeds)
 SPP = opts.pick(16, 128)
-PATHS = dmis.Settings(integrator="path", max_depth=6)
+PATHS = dmis.Settings(integrator="path", max_depth=6, sampler="independent")
 RULES = {"power": "pbrt", "second-moment": "second-moment", "auto": "auto"}
 
 

@@ -4,8 +4,8 @@ Several techniques: the table of docs/rules.md
 
 Does a third technique pay? Light, BRDF and resampled light samples with shares that are learned, or given, against the
 balance heuristic and the second-moment rule, which mix the first two: at equal camera samples, and by efficiency, the
-ratio of mean squared error times seconds, which is what the error would be in equal time. Takes ten minutes; the result
-is kept with the project.
+ratio of mean squared error times seconds, which is what the error would be in equal time: samples are independent.
+Takes ten minutes; the result is kept with the project.
 """
 
 import sys
@@ -47,7 +47,9 @@ for name, shrink in SHRINK.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 1024))
     budgets = [(rule, SPP) for rule in ("balance", *RULES)]
-    runs = measure(scene, budgets, range(given.seeds), reference, parallel=1, progress=show(name))
+    runs = measure(
+        scene, budgets, range(given.seeds), reference, sampler="independent", parallel=1, progress=show(name)
+    )
     names.append("{} {}×{}".format(scene.name, *scene.camera.resolution))
     for rule, row in rows.items():
         own, base = runs[rule, SPP], runs["balance", SPP]

@@ -3,8 +3,9 @@ The demo: learn where the light samples should go
 =================================================
 
 Renders TEAPOT AREA LIGHT twice with 128 camera samples per pixel: with the balance heuristic (one light and one BRDF
-sample each time), and with the thesis's rule, which spends 6 of the 128 samples on a pilot and divides the rest as
-the pilot advises. Prints what each costs and how far each is from the reference, and draws the picture.
+sample each time), and with the thesis's rule, which spends 6 of the 128 samples on a pilot and divides the rest as the
+pilot advises. Samples are independent, as in the thesis. Prints what each costs and how far each is from the reference,
+and draws the picture.
 
 The reference, ``data/teapot-area-light-400x400.exr``, comes from `make_reference.py`.
 """
@@ -48,7 +49,9 @@ def progress(stage: str, done: int, total: int) -> None:
 
 
 results = {
-    rule: dmis.render(scene, rule, spp, seed=options.seed, parallel=options.threads, progress=progress)
+    rule: dmis.render(
+        scene, rule, spp, seed=options.seed, sampler="independent", parallel=options.threads, progress=progress
+    )
     for rule in ("balance", "thesis")
 }
 

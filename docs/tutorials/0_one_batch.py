@@ -136,11 +136,12 @@ for axis, values, title in zip(axes.flat, arrays, titles, strict=True):
 # %%
 # Is it right?
 # ------------
-# `dmis.render` computes the same integral with its own random numbers. The two images have to differ by their noise and
-# by nothing else: the difference over its standard error, z, is then about as often above 2 as for a normal
-# distribution, in one pixel of 22, and of the mean of the whole image it is seldom above 3.
+# `dmis.render` computes the same integral with its own random numbers, which are to be independent as well: its default
+# points are more even (tutorial 5), so that a variance of its pixels would not be that of its samples. The two images
+# have to differ by their noise and by nothing else: the difference over its standard error, z, is then about as often
+# above 2 as for a normal distribution, in one pixel of 22, and of the mean of the whole image it is seldom above 3.
 scene = dmis.Scene(camera, (dmis.Part(mesh, dmis.Material((lobe,), "metal")),), (light,))
-result = dmis.render(scene, "balance", spp, seed=2)
+result = dmis.render(scene, "balance", spp, seed=2, sampler="independent")
 difference = (image - result.image)[..., 0]  # the red channel; the others follow it
 error = np.sqrt(samples[0].var(axis=0, ddof=1) / spp + result.variance[..., 0])
 z = difference / np.maximum(error, 1e-12)

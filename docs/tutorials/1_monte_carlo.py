@@ -73,9 +73,10 @@ for n in (2, 16, 1024):
 # --------------------
 # `plates` (in ``plates.py`` beside this script) is a classic scene: four metal plates, smooth to rough from back to
 # front, and four lamps, small to large. The rule ``uniform`` is the naive method from above: even random directions
-# at every point. Each pixel is a guess of its own, and neighbours guess differently: that is the noise.
+# at every point. Each pixel is a guess of its own, and neighbours guess differently: that is the noise. The sampler
+# ``independent`` draws them independently of each other; the default one spreads them more evenly (tutorial 5).
 scene = plates()
-images = {n: dmis.render(scene, "uniform", n, seed=1) for n in (4, 16, 64)}
+images = {n: dmis.render(scene, "uniform", n, seed=1, sampler="independent") for n in (4, 16, 64)}
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.4), layout="constrained")
 for axis, (n, result) in zip(axes, images.items()):
     plot.picture(axis, result.image, f"{n} samples per pixel")
@@ -103,7 +104,7 @@ for n, result in images.items():
 # * What is the variance of one sample of the lamp's integral, by formula? (Its second moment is an integral that you
 #   can solve.) Compare with the line in the right plot.
 # * Make the lamp smaller. Variance relative to the squared integral grows; how? Why do small lamps hurt this method?
-# * Render with ``sampler="sobol"``, `dmis.render(scene, "uniform", 64, sampler="sobol")`. Is the error lower? Does
+# * Render with even points, the default: `dmis.render(scene, "uniform", 64, sampler="sobol")`. Is the error lower? Does
 #   `Result.variance` know?
 for path in plot.show("1_monte_carlo"):
     print(path)

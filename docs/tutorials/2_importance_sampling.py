@@ -47,10 +47,11 @@ for name, (z, density) in ways.items():
 # Two techniques in the renderer
 # ------------------------------
 # The rule ``fixed:1`` spends all shading samples on **light sampling**, ``fixed:0`` all on **BRDF sampling**. (The
-# number is w, the share of light samples. It is what everything turns on from here.)
+# number is w, the share of light samples. It is what everything turns on from here.) Samples are independent, as
+# before.
 scene = plates()
-brdf = dmis.render(scene, "fixed:0", 16, seed=1)
-light = dmis.render(scene, "fixed:1", 16, seed=1)
+brdf = dmis.render(scene, "fixed:0", 16, seed=1, sampler="independent")
+light = dmis.render(scene, "fixed:1", 16, seed=1, sampler="independent")
 figure, axes = plt.subplots(1, 2, figsize=(11, 4.3), layout="constrained")
 plot.picture(axes[0], brdf.image, "BRDF sampling, w = 0")
 plot.picture(axes[1], light.image, "light sampling, w = 1")

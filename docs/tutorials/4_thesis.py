@@ -24,6 +24,7 @@ from dmis.variance.moments import Moments
 
 scene = dmis.load_scene("teapot-area-light", resolution=(80, 80))
 PATCH = 4
+independent = dmis.Settings(sampler="independent")  # as the thesis's samples; the default ones are more even
 
 # %%
 # Step 1, the pilot
@@ -32,7 +33,9 @@ PATCH = 4
 # Here a pass is two images of one sample, so that we hold the samples themselves, (2, height, width, 3).
 shares = np.array([0, 0.5, 1])
 pilots = [
-    np.stack([dmis.render(scene, f"fixed:{w}", 1, seed=2 * k + sample).image for sample in range(2)])
+    np.stack(
+        [dmis.render(scene, f"fixed:{w}", 1, seed=2 * k + sample, settings=independent).image for sample in range(2)]
+    )
     for k, w in enumerate(shares)
 ]
 figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained")
@@ -94,7 +97,7 @@ plot.weight_bar(figure, shown, axes)
 # *rule* is anything that says which pilot it wants and makes weights of it. The rule `Given` takes the map that it is
 # given, without a pilot.
 weight = patch_spread(filtered, PATCH, (80, 80))
-final = dmis.render(scene, dmis.Given(weight=weight), 26, seed=6)  # 32, less the pilot's 6
+final = dmis.render(scene, dmis.Given(weight=weight), 26, seed=6, settings=independent)  # 32, less the pilot's 6
 print(f"light samples on average: {final.weight.mean():.0%}")
 
 # %%
@@ -104,7 +107,7 @@ print(f"light samples on average: {final.weight.mean():.0%}")
 rule = f"thesis:patch={PATCH}"
 fit = dmis.make_rule(rule).fit({w: Pilot(m) for w, m in zip(shares.tolist(), moments, strict=True)})
 print("same weights as the rule's:", np.array_equal(fit.weight, weight))
-result = dmis.render(scene, rule, 32, seed=7)
+result = dmis.render(scene, rule, 32, seed=7, settings=independent)
 error = np.sqrt((final.variance + result.variance)[..., 1].sum())
 print(f"z of the mean of the image: {(final.image - result.image)[..., 1].sum() / error:.2f}")
 
@@ -117,7 +120,7 @@ print(f"z of the mean of the image: {(final.image - result.image)[..., 1].sum() 
 # seed to seed that it hides the rest. So we leave the lamp out: a `crop` is a part of the image, here the rows below.
 below = scene.crop((32, 80), (0, 80))
 reference = dmis.make_reference(below, 64)
-runs = measure(below, [("balance", 64), (rule, 64)], range(8), reference)
+runs = measure(below, [("balance", 64), (rule, 64)], range(8), reference, settings=independent)
 balance, thesis = (np.array([run.mse for run in runs[name, 64]]) for name in ("balance", rule))
 value, half = ratio(thesis, balance)
 print(f"squared error: balance {balance.mean():.2e}, thesis {thesis.mean():.2e}, ratio {value:.2f} ± {half:.2f}")

@@ -111,11 +111,11 @@ print(f"{'oracle':44} variance over that of w = 1/2: median patch {np.median(bes
 # In numbers
 # ----------
 # On the diffuse killeroo, where light sampling is nearly always better, with several seeds. ``auto`` also puts more
-# samples where the noise is.
+# samples where the noise is. Samples are independent.
 scene = dmis.load_scene("killeroo-diffuse", resolution=(80, 60))
 reference = dmis.make_reference(scene, 512)
 rules = "balance", "thesis:patch=4", "second-moment", "auto"
-runs = dmis.measure(scene, [(rule, 32) for rule in rules], range(3), reference)
+runs = dmis.measure(scene, [(rule, 32) for rule in rules], range(3), reference, sampler="independent")
 baseline = np.array([run.mse for run in runs["balance", 32]])
 for rule in rules[1:]:
     value, half = ratio(np.array([run.mse for run in runs[rule, 32]]), baseline)

@@ -34,7 +34,9 @@ for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     known = {"parallel": opts.threads, "progress": show(f"oracle of {name}")}
     oracle = dmis.make_oracle(scene, opts.pick(64, 512), compensation=0, **known)  # as balance samples skies
     budgets = [(rule, spp) for spp in BUDGETS for rule in RULES]
-    runs = dmis.measure(scene, budgets, SEEDS, reference, parallel=opts.threads, progress=show(name))
+    runs = dmis.measure(
+        scene, budgets, SEEDS, reference, sampler="independent", parallel=opts.threads, progress=show(name)
+    )
     for axis, over in zip(column, ("seconds", "rays"), strict=True):
         error_lines(axis, runs, over, oracle)
     column[0].set_title(about.title, fontsize=11)

@@ -4,7 +4,8 @@ Patch size and pilot size
 
 The thesis tries patches from 4x4 to 32x32 pixels and pilots of 2 or 4 samples per strategy, and reports one choice.
 Here is the experiment: small patches follow the image, but know little; large ones know more, of places that differ.
-Larger pilots know more, and leave less to use it for. The budget is always the same, pilot included.
+Larger pilots know more, and leave less to use it for. The budget is always the same, pilot included, and samples are
+independent.
 """
 
 import sys
@@ -30,7 +31,13 @@ for name in SCENES:
     reference = opts.reference(scene)
     budgets = {(patch, pilot): (f"thesis:patch={patch},spp={pilot}", opts.spp) for patch in PATCHES for pilot in PILOTS}
     runs = dmis.measure(
-        scene, [("balance", opts.spp), *budgets.values()], [1], reference, parallel=opts.threads, progress=show(name)
+        scene,
+        [("balance", opts.spp), *budgets.values()],
+        [1],
+        reference,
+        sampler="independent",
+        parallel=opts.threads,
+        progress=show(name),
     )
     base = runs["balance", opts.spp][0]
     results[name] = {

@@ -4,7 +4,7 @@ Rules compared
 
 All rules on all scenes, with equal numbers of camera samples, pilot included, and by time: mean squared error over
 that of the balance heuristic. The one-sample model is what the thesis may have compared with; the balance heuristic
-with one light and one BRDF sample is the baseline that counts.
+with one light and one BRDF sample is the baseline that counts. Samples are independent.
 """
 
 import sys
@@ -35,7 +35,9 @@ for name in SCENES:
     scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
     budgets = [(rule, opts.spp) for rule in ("balance", *RULES)]
-    runs = dmis.measure(scene, budgets, SEEDS, reference, parallel=opts.threads, progress=show(name))
+    runs = dmis.measure(
+        scene, budgets, SEEDS, reference, sampler="independent", parallel=opts.threads, progress=show(name)
+    )
     base = runs["balance", opts.spp]
     for rule in RULES:
         mine = runs[rule, opts.spp]
