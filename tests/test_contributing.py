@@ -110,7 +110,10 @@ def test_sampler_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyP
     path.write_text(block("A sampler"), "utf-8")
     small = ["render", "teapot-area-light", "--resolution", "16x12", "--spp", "4", "--sampler", "r2", "-o", str(out)]
     assert main(small) == 2
-    assert "sampler must be independent or stratified or sobol or lowdiscrepancy; got 'r2'" in capsys.readouterr().err
+    assert (
+        "sampler must be auto or independent or stratified or sobol or lowdiscrepancy; got 'r2'"
+        in capsys.readouterr().err
+    )
     assert main([*small, "--plugin", str(path)]) == 0
 
 
@@ -118,6 +121,7 @@ def test_sampler_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ("name", "factory", "message"),
     [
         ("sobol", Independent, "there is a sampler 'sobol' already; samplers are independent, stratified, sobol, low"),
+        ("auto", Independent, "a sampler cannot be named auto, which stands for the default one"),
         ("my sampler", Independent, "a sampler's name must be a word of letters, digits and _; got 'my sampler'"),
         ("mine", 3, "sampler mine must be a class or function that makes it for a tile; got 3"),
     ],

@@ -176,5 +176,6 @@ def test_sampler_of_all_rules_and_rules_left_out(tmp_path, capsys, monkeypatch):
     assert "dmis: thesis is left out at 6 samples per pixel, because its pilot needs as many" in printed.err
     assert "| 8 | thesis |" in printed.out and "| 6 | thesis |" not in printed.out
     assert json.loads((tmp_path / "a" / "comparison.json").read_text())["sampler"] == "sobol"
-    assert main([*words, "-o", str(tmp_path / "a")]) == 2
-    assert "sampler was sobol, now is independent" in capsys.readouterr().err
+    assert main([*words, "-o", str(tmp_path / "a"), "--quiet"]) == 0, "the default is the same sampler"
+    assert main([*words, "--sampler", "stratified", "-o", str(tmp_path / "a")]) == 2
+    assert "sampler was sobol, now is stratified" in capsys.readouterr().err

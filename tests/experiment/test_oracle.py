@@ -66,6 +66,8 @@ def test_cached(box: dmis.Scene, tmp_path) -> None:
         make_oracle(box, spp, folder=tmp_path)
         found = cached_oracle(box, folder=tmp_path)
         assert found is not None and found.spp == spp
+    for sampler in ("independent", "sobol"):  # whose pilot is independent in any case
+        assert cached_oracle(box, settings=dmis.Settings(sampler=sampler), folder=tmp_path) is not None
 
 
 def test_rendered_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:

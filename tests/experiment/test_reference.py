@@ -94,11 +94,20 @@ def test_settings_of_the_estimator_do_not_count(box, tmp_path):
     made = dmis.make_reference(box, 16, folder=tmp_path)
     for options in (
         {"preset": "thesis"}, {"shading_samples": 1}, {"combiner": "optimal"}, {"techniques": ("resampled", "brdf")},
+        {"sampler": "independent"}, {"sampler": "sobol"},
     ):  # fmt: skip
         np.testing.assert_array_equal(dmis.make_reference(box, 16, folder=tmp_path, **options).first, made.first)
     assert len(list(tmp_path.iterdir())) == 1
     dmis.make_reference(box, 16, folder=tmp_path, max_depth=1)
     assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("sampler", ["auto", "independent", "sobol", "stratified"])
+def test_keys_have_no_sampler(sampler):
+    """What stands in its place is what stood there when it was the default, so that old files are found."""
+    assert reference.settings_key(dmis.Settings(sampler=sampler)) == []
+    (key,) = reference.settings_key(dmis.Settings(sampler=sampler, max_depth=1))
+    assert key == {**reference.settings_key(dmis.Settings(max_depth=1))[0], "sampler": "independent"}
 
 
 @pytest.mark.parametrize("stale", ["other package", "damaged", "resumed"])

@@ -10,6 +10,7 @@ from helpers import Z_LIMIT
 
 import dmis
 from dmis.estimator.allocation import shares_of
+from dmis.estimator.settings import make_settings
 from dmis.fit.fixed import Fixed
 from dmis.fit.rule import Fit
 from dmis.fit.thesis import Thesis
@@ -131,9 +132,34 @@ def test_pilot_is_in_the_image_if_the_rest_is_as_independent(box, sampler, reuse
 
 def test_a_rules_sampler_is_not_replaced_unasked(box):
     """However another one is asked for."""
-    for asked in ({"sampler": "stratified"}, {"settings": dmis.Settings(sampler="stratified")}):
-        with pytest.raises(ValueError, match=r"conflicting sampler: Settings has 'stratified', rule .* uses 'sobol'"):
-            dmis.render(box, "thesis:sampler=sobol", 8, **asked)
+    for name in ("stratified", "independent"):
+        for asked in ({"sampler": name}, {"settings": dmis.Settings(sampler=name)}):
+            with pytest.raises(ValueError, match=f"conflicting sampler: Settings has '{name}', rule .* uses 'sobol'"):
+                dmis.render(box, "thesis:sampler=sobol", 8, **asked)
+
+
+@pytest.mark.parametrize(
+    ("rule", "options", "sampler"),
+    [
+        ("balance", {}, "sobol"),
+        ("thesis", {}, "sobol"),
+        ("auto", {}, "sobol"),
+        ("fixed:0.3,combiner=optimal", {}, "sobol"),
+        ("fixed:0.3,combiner=optimal-progressive", {}, "independent"),
+        ("balance:sampler=stratified", {}, "stratified"),
+        ("thesis", {"preset": "thesis"}, "independent"),
+    ],
+)
+def test_default_sampler(box, rule, options, sampler):
+    """Sobol points, unless the rule, its combiner or a preset says otherwise. Provenance and checkpoints have the name,
+    and a render that asks for it is the same.
+    """
+    plain, named = ({**options, **more} for more in ({}, {"sampler": sampler}))
+    result = dmis.render(box, rule, 32, **plain)
+    assert result.provenance["settings"]["sampler"] == sampler
+    assert same(result, dmis.render(box, rule, 32, **named))
+    keys = [Job.of(box, rule, 32, 0, make_settings(**settings)).key for settings in (plain, named)]
+    assert keys[0] == keys[1]
 
 
 @dataclass(frozen=True)
@@ -289,7 +315,7 @@ def _stop(*_):
         ({"seed": -1}, "seed must be a whole number of at least 0; got -1"),
         ({"seed": 1.5}, "seed must be"),
         ({"seed": np.nan}, "seed must be a whole number of at least 0; got nan"),
-        ({"sampler": "halton"}, "sampler must be independent or"),
+        ({"sampler": "halton"}, "sampler must be auto or independent or"),
         ({"shading_sample": 4}, "options must be among shading_samples, techniques, .*; got shading_sample"),
         ({"threads": 4}, "options must be among .*; got threads. Write parallel="),
         ({"settings": "path"}, "settings must be a dmis.Settings or None; got 'path'"),

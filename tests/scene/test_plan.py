@@ -404,7 +404,7 @@ def test_resolve_auto(named: Any, given: Any, resolved: Any) -> None:
     scene = replace(box_scene(), suggested=Suggestions(*named))
     settings = resolve_auto(Settings(integrator=given[0], max_depth=given[1]), scene)
     assert (settings.integrator, settings.max_depth) == resolved
-    assert resolve_auto(settings, scene) is settings
+    assert resolve_auto(settings, scene) is settings and settings.sampler == "sobol"
 
 
 def test_bad_requests() -> None:

@@ -86,7 +86,7 @@ def test_rounding(read, options: str, sampler: str | None, spp: int | None, samp
     assert scene.suggested.light_samples == samples
     settings = dmis.Settings.as_in_file(scene)
     assert settings.shading_samples == 2 * max(samples)
-    assert settings.sampler == (sampler or "independent")
+    assert settings.sampler == (sampler or "auto")
     assert (
         f"light samples {samples[0]}, {samples[1]} (shading_samples {2 * samples[1]} of direct, the" in scene.describe()
     )
@@ -116,7 +116,7 @@ def test_what_is_not_there(read) -> None:
     assert "not available: sampler bestcandidate" in scene.describe()
     with pytest.warns(SceneWarning, match=r"does not have: sampler bestcandidate, 128 shading samples \(at most 100\)"):
         settings = dmis.Settings.as_in_file(scene)
-    assert (settings.sampler, settings.shading_samples) == ("independent", 100)
+    assert (settings.sampler, settings.shading_samples) == ("auto", 100)
 
 
 def test_wrong_types_are_not_used(read, tmp_path: Path) -> None:
