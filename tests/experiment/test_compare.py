@@ -93,7 +93,8 @@ def test_compare(tmp_path, capsys, monkeypatch):
     )
     for row in rows:
         for name in ("balance", "pinned"):
-            base = next(r for r in rows if (r["rule"], r["spp"], r["seed"]) == (name, row["spp"], row["seed"]))
+            baseline = "pinned" if row["rule"] == "pinned" else name  # which has points of its own
+            base = next(r for r in rows if (r["rule"], r["spp"], r["seed"]) == (baseline, row["spp"], row["seed"]))
             ratio = float(row["mse"]) / float(base["mse"])
             assert float(row[f"mse_over_{name}"]) == pytest.approx(ratio, rel=1e-4, abs=1e-5)
         parts = sum(float(row[f"{stage}_seconds"]) for stage in ("pilot", "fit", "render"))
