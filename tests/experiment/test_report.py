@@ -43,11 +43,12 @@ ALL = ["balance", *RULES, PINNED]
 
 @pytest.fixture(scope="module")
 def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path]:
-    """A comparison with an oracle, and its folder."""
+    """A comparison with an oracle, of independent samples, as the ladder's, and its folder."""
     folder = tmp_path_factory.mktemp("report")
     reference = dmis.make_reference(box, 64, folder=folder)
     oracle = make_oracle(box, 64, folder=folder)
-    return compare(box, RULES, SPP, SEEDS, reference, folder, oracle=oracle, parallel=1), folder
+    options = {"oracle": oracle, "parallel": 1, "sampler": "independent"}
+    return compare(box, RULES, SPP, SEEDS, reference, folder, **options), folder
 
 
 @pytest.fixture(scope="module")
@@ -319,7 +320,8 @@ def test_browser_flips(opened, made):
     """By arrow keys around the end, by digits, by buttons."""
     comparison, _ = made
     seen = []
-    for key, rule in (("ArrowRight", "pbrt"), ("3", "thesis:patch=4"), ("ArrowRight", "second-moment")):
+    keys = ("ArrowRight", "pbrt"), ("3", "thesis:patch=4"), ("ArrowRight", "second-moment"), ("ArrowRight", PINNED)
+    for key, rule in keys:
         opened.keyboard.press(key)
         seen.append(pixels(opened))
         assert shown(opened) == f"{rule}, 16 spp"

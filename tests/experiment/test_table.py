@@ -143,8 +143,8 @@ def test_other_conditions_are_refused(box, reference, tmp_path, change):
         "parallel": (conditions(box, reference, 2), "parallel was 1 thread, now is 2 threads"),
         "camera": (conditions(_moved(box), reference, 1), "scene_hash was"),
         "settings": (
-            conditions(box, reference, 1, dmis.Settings(sampler="sobol")),
-            "sampler was independent, now is sobol",
+            conditions(box, reference, 1, dmis.Settings(sampler="stratified")),
+            "sampler was sobol, now is stratified",
         ),
     }[change]
     with pytest.raises(ValueError, match="measured under other conditions") as error:

@@ -56,7 +56,7 @@ def test_order_of_counts_and_back(allocation, sampler):
 
 def test_equal_counts_keep_the_order():
     """At w = 1/2 and two shading samples nothing is sorted."""
-    allocation = allocation_of(pixel_shares(0.5), 4, Settings())
+    allocation = allocation_of(pixel_shares(0.5), 4, Settings(sampler="independent"))
     (blocks,) = sample_batches(4, np.arange(PIXELS), 64)
     samples = allocation.camera_samples(blocks)
     values = np.ones((3, 4 * PIXELS), np.float32)

@@ -82,7 +82,9 @@ def test_crop_is_a_part_of_the_image(box):
     """Pixels of a crop have the same means as those of the whole image: |z| of their average below 4."""
     crop = box.crop((4, 20), (8, 25))
     assert crop.camera.resolution == (17, 16) and crop.intersector is box.intersector
-    part, whole = dmis.render(crop, "balance", 256, seed=1), dmis.render(box, "balance", 256, seed=2)
+    part, whole = (
+        dmis.render(scene, "balance", 256, seed=seed, sampler="independent") for seed, scene in ((1, crop), (2, box))
+    )
     inside = slice(4, 20), slice(8, 25)
     z = (part.image - whole.image[inside]) / np.sqrt(part.variance + whole.variance[inside] + 1e-12)
     assert abs(z.mean()) * np.sqrt(z.size / 3) < 4 and z.std() < 1.2
@@ -187,14 +189,15 @@ def test_weight_of_a_reused_pilot_does_not_depend_on_what_it_found(box, split):
 
 
 def _one_pass(scene, number, w, spp, seed):
-    with Passes(Job.of(scene, "balance", spp, seed, dmis.Settings()), 1) as passes:
-        return passes.render(number, "pilot", spp, shares_of(w), dmis.Settings()).moments.mean
+    settings = dmis.Settings(sampler="independent")  # as those of a pilot
+    with Passes(Job.of(scene, "balance", spp, seed, settings), 1) as passes:
+        return passes.render(number, "pilot", spp, shares_of(w), settings).moments.mean
 
 
 @pytest.mark.parametrize("rule", RULES)
 def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
     """Over 24 seeds, the mean of the variance layer is the images' variance (systematic rounding can only lower it)."""
-    results = [dmis.render(box, rule, 16, seed=s) for s in range(24)]
+    results = [dmis.render(box, rule, 16, seed=s, sampler="independent") for s in range(24)]
     measured = np.var([r.image for r in results], axis=0, ddof=1).mean()
     predicted = np.mean([r.variance for r in results])
     assert measured < 1.25 * predicted  # the ratio itself scatters by some 5 % here
@@ -382,15 +385,16 @@ def test_provenance_is_plain_json(box):
 def test_numbers_of_numpy_become_pythons(box, tmp_path):
     """They can be written with the image and to a checkpoint, and are the same image."""
     camera = replace(box.camera, resolution=tuple(np.array(box.camera.resolution)))
-    settings = dmis.Settings(shading_samples=np.int64(2), max_depth=np.int64(5), reuse_pilot=np.bool_(True))
+    numbers = {"shading_samples": np.int64(2), "max_depth": np.int64(5), "reuse_pilot": np.bool_(True)}
+    settings = dmis.Settings(**numbers, sampler="independent")
     options = {"seed": np.int64(1), "parallel": np.int64(1), "settings": settings, "checkpoint": tmp_path / "c"}
     result = dmis.render(replace(box, camera=camera), "balance", np.int64(8), **options)
     dmis.write_image(tmp_path / "o.exr", result)
     held = json.loads(dmis.read_exr(tmp_path / "o.exr")[1]["dmis.provenance"])
-    plain = dmis.render(box, "balance", 8.0, seed=1.0, settings=dmis.Settings(max_depth=5))
+    plain = dmis.render(box, "balance", 8.0, seed=1.0, settings=dmis.Settings(max_depth=5, sampler="independent"))
     assert same(result, plain)
     assert held == json.loads(json.dumps(plain.provenance))
-    assert repr(settings) == repr(dmis.Settings(max_depth=5, reuse_pilot=True))
+    assert repr(settings) == repr(dmis.Settings(max_depth=5, reuse_pilot=True, sampler="independent"))
 
 
 @pytest.mark.parametrize(
@@ -408,9 +412,9 @@ def test_bad_settings(options, message):
 
 
 def test_a_rule_may_carry_its_sampler_and_combiner(box):
-    """`balance:sampler=sobol,combiner=power` is the same as asking for them in the settings."""
-    carried = dmis.render(box, "balance:sampler=sobol,combiner=power", 8, seed=1)
-    settings = dmis.Settings(sampler="sobol", combiner="power")
+    """`balance:sampler=stratified,combiner=power` is the same as asking for them in the settings."""
+    carried = dmis.render(box, "balance:sampler=stratified,combiner=power", 8, seed=1)
+    settings = dmis.Settings(sampler="stratified", combiner="power")
     assert same(carried, dmis.render(box, "pbrt", 8, seed=1, settings=settings))
     assert not same(carried, dmis.render(box, "pbrt", 8, seed=1))
 
