@@ -99,9 +99,9 @@ def test_too_far_to_be_there() -> None:
 
 def test_radiance_beyond_float32() -> None:
     """An image that would be infinite is an error."""
-    sky = dmis.EnvironmentLight(np.full((2, 2, 3), 3e38, np.float32))
+    skies = tuple(dmis.EnvironmentLight(np.full((2, 2, 3), 3e38, np.float32)) for _ in range(2))
     with pytest.raises(ValueError, match=r"below 3\.4e38"):
-        dmis.render(box_scene(dmis.matte(0.9), (sky,), resolution=(2, 2)), "fixed:1", 4)
+        dmis.render(box_scene(dmis.matte(0.9), skies, resolution=(2, 2)), "fixed:1", 4)
     with pytest.raises(ValueError, match=r"radiance must be .* got \(1.0, 1.0, 1e\+39\)"):
         dmis.SphereLight((0, 0, 0), 1.0, (1.0, 1.0, 1e39))
 
