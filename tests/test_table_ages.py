@@ -104,9 +104,9 @@ def test_marker_that_cannot_be_read(tmp_path):
 
 def test_new_marker_keeps_the_paths(monkeypatch):
     """Command and date are those of now, the paths those of the block that is replaced."""
-    monkeypatch.setattr(sys, "argv", [str(ROOT / "benchmarks" / "make_rules_table.py"), "--seeds", "2"])
+    monkeypatch.setattr(sys, "argv", [str(ROOT / "benchmarks" / "make_points_table.py"), "--seeds", "2"])
     old = "<!-- table: python x.py; 2020-01-01; commit 0123456; depends: dmis/fit dmis/light -->"
     match = table_ages.MARKER.fullmatch(table_ages.marker(f"\n| 1 |\n{old}\n"))
-    assert match is not None and match["command"] == "python benchmarks/make_rules_table.py --seeds 2"
+    assert match is not None and match["command"] == "python benchmarks/make_points_table.py --seeds 2"
     assert match["depends"] == "dmis/fit dmis/light" and match["date"] > "2020"
     assert table_ages.MARKER.fullmatch(table_ages.marker())["depends"] == "dmis"
