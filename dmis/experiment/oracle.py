@@ -156,13 +156,12 @@ class Oracle:
     def limit_with_counts(self) -> float:
         """Return variance times cost with the best weights and allocation, over that with w = 1/2 and even samples.
 
-        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot, see `dmis.fit.curve_minimum.cost_weighted`. It is
-        1 if there is no variance.
+        That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot; 1 if there is no variance.
         """
         half = self.mean(self.variance[HALF])
         if not half > 0:
             return 1.0
-        least = cost_weighted(np.maximum(self.variance, 0), self.cost, None).min(axis=0)
+        least = (np.maximum(self.variance, 0) * self.cost[:, None, None]).min(axis=0)
         return float(self.mean(np.sqrt(least)) ** 2 / (half * self.cost[HALF]))
 
     def text(self) -> str:

@@ -36,8 +36,8 @@ def check_choice(names: Sequence[str]) -> None:
         raise ValueError(f"combiners to choose from must differ; got {', '.join(names)}")
 
 
-def choose(variance: Array, cost: Array, area: Array, counts: bool) -> int:
-    """Return the index of the heuristic with the least error times time.
+def choose(variance: Array, cost: Array, area: Array) -> int:
+    """Return the index of the heuristic with the least error times time, ``sum V sum C`` over patches.
 
     The first is left only for a gain of more than `MIN_GAIN_ERRORS` standard errors. These are taken from the squares
     of the patches' gains, as if their mean were 0: too large, so that a gain in a few patches alone, which may be a few
@@ -49,12 +49,9 @@ def choose(variance: Array, cost: Array, area: Array, counts: bool) -> int:
         Of a camera sample at the best weights of each heuristic, ``(H, rows, columns)``.
     area
         Of patches, in pixels, ``(rows, columns)``.
-    counts
-        Whether patches have numbers of samples in proportion to ``sqrt(V / C)``: error times time is ``(sum sqrt(V
-        C))^2``. Else it is ``sum V sum C``.
     """
     v, c = variance * (area / area.sum()), cost * (area / area.sum())
-    of_patches = np.sqrt(v * c) if counts else v * c.sum(axis=(1, 2), keepdims=True)
+    of_patches = v * c.sum(axis=(1, 2), keepdims=True)
     gains = of_patches - of_patches[0]
     total, error = gains.sum(axis=(1, 2)), np.sqrt((gains * gains).sum(axis=(1, 2)))
     significant = total < -MIN_GAIN_ERRORS * error

@@ -63,30 +63,25 @@ class PatchCurves:
         cross = self.cross / factor**2 + more * (curve[HALF] + more[HALF]) + curve * more[HALF]
         return replace(self, curve=curve + more, square=square, cross=cross)
 
-    def gain_error(self, cost: Array) -> Array:
-        """Return the standard error of ``curve cost - curve(1/2) cost(1/2)``, ``(G, ...)``, for costs ``(G,)``."""
-        c = np.reshape(cost, (-1,) + (1,) * self.position.ndim)
-        half = c[self.baseline]
-        second = c * c * self.square - 2 * c * half * self.cross + half * half * self.square[self.baseline]
-        mean = c * self.curve - half * self.curve[self.baseline]
+    def gain_error(self) -> Array:
+        """Return the standard error of ``curve - curve(1/2)``, ``(G, ...)``."""
+        second = self.square - 2 * self.cross + self.square[self.baseline]
+        mean = self.curve - self.curve[self.baseline]
         return np.sqrt(np.maximum(second - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
 
 
-def cost_weighted(variance: Array, cost: Array, price: float | None) -> Array:
+def cost_weighted(variance: Array, cost: Array, price: float) -> Array:
     """Return the objective of each patch, from `variance` ``(G, ...)`` and `cost` ``(G,)`` of a camera sample.
 
     The error of an image times its time is ``sum(V / n) sum(n C)`` over patches. With the same number n of samples in
     all of them that is least where each minimises ``V + price C``, the price being ``sum V / sum C``: dark patches
-    had better be cheap. With numbers in proportion to ``sqrt(V / C)``, `price` None, it is ``(sum sqrt(V C))^2``, and
-    each minimises V C.
+    had better be cheap.
     """
     c = np.reshape(cost, (-1,) + (1,) * (variance.ndim - 1))
-    return variance * c if price is None else variance + np.asarray(price * c, variance.dtype)
+    return variance + np.asarray(price * c, variance.dtype)
 
 
-def guarded_argmin(
-    curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, price: float | None = None
-) -> np.ndarray:
+def guarded_argmin(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, price: float) -> np.ndarray:
     """Return the index into the grid at which `cost_weighted` variance is least, ``(...)``.
 
     The baseline point is left only for a gain of more than `guard` standard errors, in variance alone too: a lower
@@ -94,10 +89,10 @@ def guarded_argmin(
     `allowed` ``(G,)``.
     """
     objective = cost_weighted(curves.variance, cost, price)
-    error = curves.gain_error(np.ones_like(cost))
+    error = curves.gain_error()
     significant = curves.variance - curves.variance[curves.baseline] < -guard * error
     gain = objective - objective[curves.baseline]
-    significant &= gain < -guard * (curves.gain_error(cost) if price is None else error)
+    significant &= gain < -guard * error
     significant &= np.reshape(allowed, (-1,) + (1,) * curves.position.ndim)
     significant[curves.baseline] = True
     return np.where(significant, objective, np.inf).argmin(axis=0)

@@ -105,7 +105,7 @@ class Rounds(Rule):
         if not combiner.has_curves or combiner.control_variate:
             raise ValueError(
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
-                f"got {self.combiner!r}. Use second-moment:counts=yes,split=yes,combiner={self.combiner}"
+                f"got {self.combiner!r}. Use second-moment:combiner={self.combiner}"
             )
 
     @property
@@ -199,7 +199,7 @@ class Rounds(Rule):
         worth = variance * cost[:, None, None] ** self.exponent
         worth[np.arange(len(PATTERNS)) != FIRST] *= np.maximum(1 - spent, 1e-3) ** -self.exponent
         # another share than 1/2 only where the gain is certain
-        error = curves.gain_error(np.ones(len(SHARES)))
+        error = curves.gain_error()
         certain = curves.curve - curves.curve[HALF] < -self.guard * error
         certain &= allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
         certain[HALF] = True

@@ -42,9 +42,6 @@ class Fit:
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
         Diagnostics by name, in the last two axes one value per patch.
-    shading_factor
-        Final camera samples have this many times the shading samples, and are as many times fewer; a whole number
-        of shading samples.
     combiner
         Heuristic of the final samples; None: that of the rule's `settings`.
     continuation
@@ -55,7 +52,6 @@ class Fit:
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
-    shading_factor: float = 1
     combiner: str | None = None
     continuation: Continuation | None = None
 

@@ -1,4 +1,4 @@
-"""Rules that learn weights, and numbers of samples, from one pilot at w = 1/2.
+"""Rules that learn weights from one pilot at w = 1/2.
 
 Statistics are shared between neighbours, decisions are not: what was gathered is averaged over patches and filtered,
 then each patch takes its own minimum.
@@ -17,7 +17,6 @@ from dmis.base.patches import patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.records import Statistic
-from dmis.estimator.settings import MOST
 from dmis.fit.choose_heuristic import CHOICE_PATCH, check_choice, choose
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import objective
@@ -26,9 +25,6 @@ from dmis.fit.pooling import pool
 from dmis.fit.rule import Fit, Pilot, final_settings
 from dmis.fit.shrinkage import shrink_in_place
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
-
-SHADING_FACTORS = (1, 0.5, 2, 4, 8)
-"""Factors of the shading samples that final camera samples may have."""
 
 
 @dataclass(frozen=True)
@@ -47,20 +43,10 @@ class SecondMoment(PooledRule):
     Parameters
     ----------
     objective
-        Name of the objective. All others than ``second-moment`` have no variance, and so none of the options `shrink`,
-        `guard`, `split` and `counts`.
+        Name of the objective. All others than ``second-moment`` have no variance, and so none of the options `shrink`
+        and `guard`.
     spp
         Samples of the pilot, at w = 1/2: an even number of at least 4, see `dmis.pipeline.job.pilot_settings`.
-    split
-        Whether camera samples may have 2, 4 or 8 times the shading samples, and be fewer for it, or half of them, and
-        be more, if that is best for the image; only if cost counts.
-    counts
-        Whether patches get different numbers of samples, in proportion to ``sqrt(V / C)``.
-    floor
-        Least number of samples of a patch, as a share of the mean.
-    count_sigma
-        Of the Gaussian over the variances that set the numbers of samples, in patches. Less than `sigma`, because a
-        number of samples that is a little off costs little, and highlights are small.
     gamma
         Order of the divergence (tsallis); 1 is Kullback-Leibler, 2 the second moment.
     combiner
@@ -73,11 +59,9 @@ class SecondMoment(PooledRule):
 
     objective: str = "second-moment"
     _: KW_ONLY
-    split: bool = False
-    counts: bool = False
-    floor: float = 0.1
-    count_sigma: float = 0.4
     gamma: float = 2.0
+
+    shares_only = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -86,23 +70,15 @@ class SecondMoment(PooledRule):
                 f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
                 f"twice the shading samples; got {self.spp}"
             )
-        for name, value in (("count_sigma", self.count_sigma), ("gamma", self.gamma)):
-            if not 0 < value < np.inf:
-                raise ValueError(f"{name} must be positive and finite; got {value}")
-        if not 0 < self.floor <= 1:
-            raise ValueError(f"floor must be in (0, 1], a share of the mean number of samples; got {self.floor}")
+        if not 0 < self.gamma < np.inf:
+            raise ValueError(f"gamma must be positive and finite; got {self.gamma}")
         if self.objective != "second-moment":
-            for name, chosen in (
-                ("shrink", self.shrink),
-                ("split", self.split),
-                ("counts", self.counts),
-                (f"combiner {self.combiner}", "+" in self.combiner),
-            ):
+            for name, chosen in (("shrink", self.shrink), (f"combiner {self.combiner}", "+" in self.combiner)):
                 if chosen:
                     raise ValueError(f"{name} needs variances, which objective {self.objective} does not estimate")
         if "+" in self.combiner:
             check_choice(self.combiners)
-        if self.filter == "gaussian" or (self.counts and not self.needs_features):
+        if self.filter == "gaussian":
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
     @property
@@ -112,11 +88,6 @@ class SecondMoment(PooledRule):
     @property
     def settings(self) -> Mapping[str, Any]:
         return {"combiner": self.combiners[0]} | final_settings(self.sampler, self.reuse, self.compensation)
-
-    @property
-    def shares_only(self) -> bool:
-        """Whether numbers of camera samples and of shading samples stay as they are."""
-        return not (self.counts or self.split)
 
     @property
     def combiners(self) -> tuple[str, ...]:
@@ -131,7 +102,7 @@ class SecondMoment(PooledRule):
         return partial(Curves, combiners=self.combiners)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
-        """Return the shares, and numbers of samples if asked for, from the pilot at w = 1/2."""
+        """Return the shares from the pilot at w = 1/2."""
         samples = pilot[0.5]
         shape = samples.moments.mean.shape[:2]
         if self.objective != "second-moment":
@@ -144,17 +115,23 @@ class SecondMoment(PooledRule):
         means, pixels = self._pool(samples)
         curves = _patch_curves(means, pixels)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how certain means are
-        factor, cost = self._choose_shading_samples(curves, area, samples)
-        curves = self._shrunk(curves, factor, samples)
-        # min over w of V + price C, or of V C where the numbers of samples differ
+        cost = self._cost(samples)
+        if self.shrink:
+            curves = shrink_in_place(curves, self._kinds(samples))
+        # min over w of V + price C
         variance = curves.variance
         mean_half = (np.maximum(variance[HALF], 0) * area).sum() / area.sum()
-        best = self._best_shares(curves, area, cost, None if self.counts else mean_half / cost[HALF])
+        best = self._best_shares(curves, area, cost, mean_half / cost[HALF])
         weight = GRID[best]
-        del means, curves  # they are large
-        counts = self._sample_counts(samples, shape, factor, cost, best) if self.counts else None
         maps = {"patch": weight, "variance": np.maximum(_at_index(variance, best), 0), "variances": variance}
-        return Fit(patch_spread(weight, self.patch, shape), maps, counts, factor, combiner)
+        return Fit(patch_spread(weight, self.patch, shape), maps, combiner=combiner)
+
+    def _cost(self, pilot: Pilot) -> Array:
+        """Return the cost of a camera sample at the shares of the grid, ``(G,)``."""
+        s = pilot.shading_samples
+        if not self.cost:
+            return np.ones(len(GRID))
+        return camera_sample_cost(pilot.rays, GRID_SHARES, s, s // 2, pilot.techniques)
 
     def _solve_objective(self, pilot: Pilot) -> Array:
         """Return the shares of the patches by an objective of the literature."""
@@ -171,63 +148,19 @@ class SecondMoment(PooledRule):
             {name: a if name == "position" else a[k] for name, a in pilot.sums.items()}
             for k in range(len(self.combiners))
         ]
-        area, of_each = patch_sum(np.ones(shape), CHOICE_PATCH), []
+        area, cost_of_share, of_each = patch_sum(np.ones(shape), CHOICE_PATCH), self._cost(pilot), []
         for sums in sums_of_each:
             curves = _patch_curves(*pool(sums, shape, CHOICE_PATCH))
-            factor, cost = self._choose_shading_samples(curves, area, pilot)
-            of_each.append(_variance_and_cost(curves, cost, factor, pilot.shading_samples // 2))
+            of_each.append(_variance_and_cost(curves, cost_of_share))
         variance, cost = (np.stack(a) for a in zip(*of_each, strict=True))
-        k = choose(variance, cost, area, self.counts)
+        k = choose(variance, cost, area)
         return replace(pilot, sums=sums_of_each[k]), self.combiners[k]
 
-    def _shrunk(self, curves: PatchCurves, factor: float, pilot: Pilot) -> PatchCurves:
-        """Return the curves for `factor` times the shading samples, shrunk if the rule says so.
-
-        The arrays of `curves` may be overwritten.
-        """
-        s = pilot.shading_samples // 2
-        if not self.shrink:
-            return curves.with_shading_samples(factor, s)
-        return shrink_in_place(curves, self._kinds(pilot), lambda part: part.with_shading_samples(factor, s))
-
-    def _choose_shading_samples(self, curves: PatchCurves, area: Array, pilot: Pilot) -> tuple[float, Array]:
-        """Return the factor of the shading samples that is best for the image, and the cost of a camera sample with it.
-
-        The cost is at the shares of the grid, ``(G,)``.
-        """
-        candidates = []
-        s = pilot.shading_samples // 2
-        for factor in (f for f in SHADING_FACTORS if f == 1 or (self.split and self.cost and s * f <= MOST)):
-            cost = np.ones(len(GRID))
-            if self.cost:
-                cost = camera_sample_cost(pilot.rays, GRID_SHARES, pilot.shading_samples, s * factor, pilot.techniques)
-            v, c = _variance_and_cost(curves, cost, factor, s)
-            # error times time: (sum sqrt(V C))^2, or sum V sum C at equal numbers of samples
-            total = (np.sqrt(v * c) * area).sum() ** 2
-            if not self.counts:
-                total = (v * area).sum() * (c * area).sum()
-            candidates.append((total, factor, cost))
-        return min(candidates, key=lambda candidate: candidate[:2])[1:]
-
-    def _best_shares(self, curves: PatchCurves, area: Array, cost: Array, price: float | None) -> np.ndarray:
+    def _best_shares(self, curves: PatchCurves, area: Array, cost: Array, price: float) -> np.ndarray:
         """Return the index into the grid of the best share of each patch, ``(rows, columns)``."""
         allowed = allowed_weights(np.einsum("gyx,yx->g", curves.curve, area))
         blocks = (curves.rows(rows) for rows in row_blocks(len(area)))
         return np.concatenate([guarded_argmin(block, cost, self.guard, allowed, price) for block in blocks])
-
-    def _sample_counts(
-        self, pilot: Pilot, shape: tuple[int, int], factor: float, cost: Array, best: np.ndarray
-    ) -> Array:
-        """Return numbers of samples in proportion to ``sqrt(V / C)``, not below the floor, ``(H, W)``."""
-        errors = ("square", "cross")  # not needed here
-        sums = {name: a for name, a in pilot.sums.items() if name not in errors}
-        means, pixels = pool(sums, shape, self.patch, self.count_sigma, self.size // 2, self._features(pilot))
-        means |= dict.fromkeys(errors, np.broadcast_to(0.0, means["curve"].shape))
-        curves = _patch_curves(means, pixels)
-        v, c = _variance_and_cost(curves, cost, factor, pilot.shading_samples // 2, best)
-        counts = np.sqrt(v / c).astype(np.float32)
-        least = self.floor * counts.mean()
-        return patch_spread(np.maximum(counts, least) if least > 0 else np.ones_like(counts), self.patch, shape)
 
 
 def _patch_curves(means: Mapping[str, Any], pixels: Array) -> PatchCurves:
@@ -235,21 +168,11 @@ def _patch_curves(means: Mapping[str, Any], pixels: Array) -> PatchCurves:
     return PatchCurves(**means, pixels=pixels)
 
 
-def _variance_and_cost(
-    curves: PatchCurves, cost: Array, factor: float, shading_samples: int, best: np.ndarray | None = None
-) -> tuple[Array, Array]:
-    """Return variance and cost of camera samples with `factor` times the `shading_samples`, ``(rows, columns)`` each.
-
-    They are at the index `best` into the grid; None: where variance times cost is least.
-    """
-    blocks = []
-    for rows in row_blocks(len(curves.position)):  # some rows at a time, because curves are large
-        part = curves.rows(rows).with_shading_samples(factor, shading_samples)
-        variance = np.maximum(part.variance, 0)
-        index = (variance * cost[:, None, None]).argmin(axis=0) if best is None else best[rows]
-        blocks.append((_at_index(variance, index), cost[index]))
-    v, c = (np.concatenate(a) for a in zip(*blocks, strict=True))
-    return v, c
+def _variance_and_cost(curves: PatchCurves, cost: Array) -> tuple[Array, Array]:
+    """Return variance and cost of a camera sample where their product is least, ``(rows, columns)`` each."""
+    variance = np.maximum(curves.variance, 0)
+    index = (variance * cost[:, None, None]).argmin(axis=0)
+    return _at_index(variance, index), cost[index]
 
 
 def _at_index(values: Array, index: np.ndarray) -> Array:

@@ -24,7 +24,6 @@ stays as the scale, and is not taken for uncertain, because it has no bearing on
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,11 +33,7 @@ from dmis.base.vectors import Array
 from dmis.fit.curve_minimum import PatchCurves
 
 
-def shrink_in_place(
-    curves: PatchCurves,
-    kinds: Array | None = None,
-    change: Callable[[PatchCurves], PatchCurves] = lambda curves: curves,
-) -> PatchCurves:
+def shrink_in_place(curves: PatchCurves, kinds: Array | None = None) -> PatchCurves:
     """Overwrite the curves of patches ``(G, rows, columns)`` with those moved towards the shape of their kind.
 
     The scale of a patch is V(1/2), or its standard error if that is more: the estimate of a quiet patch may be
@@ -53,8 +48,6 @@ def shrink_in_place(
     kinds
         Share of each kind in each patch, ``(K, rows, columns)``, of sum 1; patches of several kinds have the mean of
         their shapes. None: all are of one kind.
-    change
-        Applied to the curves of each patch beforehand, such as `PatchCurves.with_shading_samples`.
 
     Returns
     -------
@@ -66,33 +59,30 @@ def shrink_in_place(
     # rho(w) = sum V(w) / sum V(1/2)
     sums = np.zeros((len(curves.curve), len(kinds)))
     for rows in row_parts:
-        part = change(curves.rows(rows))
+        part = curves.rows(rows)
         sums += _sum_over_patches(kinds[:, rows], part.pixels * part.curve)
     lit = sums[curves.baseline] > 0  # the other kinds are black
     if not lit.any():
-        return change(curves)
+        return curves
     kinds, sums = kinds[lit], sums[:, lit]
     rho = sums / sums[curves.baseline]
-    tau_2, rho_variance = _scatter_of_kinds(curves, rho, kinds, change)
+    tau_2, rho_variance = _scatter_of_kinds(curves, rho, kinds)
     rho_variance /= sums[curves.baseline] ** 2
     for rows in row_parts:
-        part = change(curves.rows(rows))
+        part = curves.rows(rows)
         mean, posterior = _Deviations.of(part, rho, kinds[:, rows]).shrunk(tau_2, rho_variance)
-        # such that `PatchCurves.gain_error` is the root of the posterior variance, times cost
-        out = curves.rows(rows)
-        out.curve[:] = mean
-        out.square[:] = mean * mean + np.maximum(part.pixels - 1, 1) * posterior
-        out.cross[:] = mean * mean[curves.baseline]
+        # such that `PatchCurves.gain_error` is the root of the posterior variance
+        part.curve[:] = mean
+        part.square[:] = mean * mean + np.maximum(part.pixels - 1, 1) * posterior
+        part.cross[:] = mean * mean[curves.baseline]
     return curves
 
 
-def _scatter_of_kinds(
-    curves: PatchCurves, rho: Array, kinds: Array, change: Callable[[PatchCurves], PatchCurves]
-) -> tuple[Array, Array]:
+def _scatter_of_kinds(curves: PatchCurves, rho: Array, kinds: Array) -> tuple[Array, Array]:
     """Return tau^2 of each kind, ``(G, K)``, and the variance of the sum of its curves, from which rho was made."""
     variance, scatter, weight = np.zeros((3, *rho.shape))
     for rows in row_blocks(len(curves.position)):
-        part, of_kind = change(curves.rows(rows)), kinds[:, rows]
+        part, of_kind = curves.rows(rows), kinds[:, rows]
         deviations = _Deviations.of(part, rho, of_kind)
         # tau^2 = sum u (e^2 - sigma^2) / sum u s^2,  u = 1 / (s^2 + sigma^2)
         u = _divide(1.0, deviations.scale * deviations.scale + deviations.error, 0.0)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from dmis.base.patches import COLOURS
 from dmis.base.vectors import Array
-from dmis.estimator.settings import MOST
 from dmis.fit.continuation import Continuation
 
 LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
@@ -16,19 +13,6 @@ LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 
 MOST_ADAPTIVE = 2**16
 """Largest number of camera samples that the pixels of a rule which divides them may have."""
-
-
-def split_budget(samples: int, shading_samples: int, factor: float) -> tuple[int, int]:
-    """Return the numbers of camera samples and of shading samples of each, for `factor` times the `shading_samples`.
-
-    The budget is `samples` camera samples with `shading_samples` each. Of the whole numbers nearest to
-    ``samples / factor`` and ``factor shading_samples`` those are taken that use the most of it, and no more.
-    """
-    candidates = []
-    for n in {max(1, math.floor(samples / factor)), max(1, math.ceil(samples / factor))}:
-        samples_each = max(1, min(samples * shading_samples // n, MOST))
-        candidates.append((-n * samples_each, abs(samples_each - shading_samples * factor), n, samples_each))
-    return min(candidates)[2:]
 
 
 def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:

@@ -29,7 +29,7 @@ from dmis.fit import control_variate
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, merge_settings, rule_text
-from dmis.pipeline.budget import LEVELS, fill_budget, split_budget, whole_samples
+from dmis.pipeline.budget import LEVELS, fill_budget, whole_samples
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.samplers.streams import stream
@@ -41,7 +41,7 @@ MIN_SPP_TO_LEARN = 16
 MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
 LEARNED_COMPENSATION = 0.9
-"""Compensation of skies, see `Settings`, with a rule that learns from the samples' densities, where nobody gives one.
+"""Compensation of skies, see `Settings`, with a rule that learns from the samples' densities, if none is given.
 
 Of 0, 0.5 and 0.9 the last has the least error on the scene tt: the weights are learned under it.
 """
@@ -56,11 +56,11 @@ class FinalPass:
     Attributes
     ----------
     fit
-        The fit, its factor of shading samples that of `settings`.
+        The fit of the rule.
     shares
         Shares of the techniques, within the range of the combiner, ``(K,)`` or ``(K, H, W)``.
     settings
-        Estimator settings, with the combiner and the shading samples of the fit.
+        Estimator settings, with the combiner of the fit.
     samples
         Camera samples per pixel, one number or ``(H, W)``.
     control
@@ -219,12 +219,10 @@ class Job:
         share_range = combiner_by_name(combiner).share_range
         if share_range != (0, 1):
             shares = shares_of(np.clip(shares[0], *share_range))
-        mean_spp, shading_samples = split_budget(self.final_spp, settings.shading_samples, fit.shading_factor)
-        fit = replace(fit, shading_factor=shading_samples / settings.shading_samples)
-        samples: Array | int = mean_spp
+        samples: Array | int = self.final_spp
         if fit.samples is not None:
-            samples = whole_samples(np.asarray(fit.samples), mean_spp, stream(self.seed, len(pilot), 2**31))
-        settings = replace(settings, combiner=combiner, shading_samples=shading_samples)
+            samples = whole_samples(np.asarray(fit.samples), self.final_spp, stream(self.seed, len(pilot), 2**31))
+        settings = replace(settings, combiner=combiner)
         control = control_variate.coefficients(pilot[0.5], shares) if controlled else None
         return FinalPass(fit, shares, settings, samples, control)
 
@@ -276,7 +274,7 @@ def default_rule(spp: int, settings: Settings) -> Rule | str:
 
     ``auto`` where its pilot pays and its statistic exists; else w = 1/2 with the techniques and the combiner of
     `settings`: for fewer than 16 samples per pixel or tens of thousands, for a number of shading samples that is odd or
-    very large, and with the technique ``resampled``. A preset has a rule of its own.
+    very large, and with the technique ``resampled``. A preset names its rule.
     """
     if settings.preset is not None:
         return PRESETS[settings.preset].rule

@@ -121,7 +121,7 @@ def _result(
     if final.patterns is not None:
         samples, shading_samples = final.samples + final.patterns.begin, final.patterns.shading_samples
     else:
-        samples = job.spp - job.final_spp + np.float32(final.fit.shading_factor) * np.asarray(final.samples, np.float32)
+        samples = job.spp - job.final_spp + np.asarray(final.samples, np.float32)
         shading_samples = np.full(shape, job.settings.shading_samples)
     described = job.without_tables()
     deviation_of = "sub-blocks" if is_sequence(final.settings.sampler) else "samples"

@@ -59,9 +59,8 @@ class Result:
     weight
         ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first.
     samples
-        ``(H, W)`` float32: samples of the budget spent, pilot included, whether or not it is part of the image. Camera
-        samples, where they have as many shading samples as `settings` says; with more they count for as many. Of the
-        rules ``auto`` and ``counts``, the camera samples of the image.
+        ``(H, W)`` float32: camera samples spent, pilot included, whether or not it is part of the image; a pilot's
+        with twice the shading samples count for two. Of the rules ``auto`` and ``counts``, those of the image.
     shading_samples
         ``(H, W)`` float32: shading samples of each of the `samples`.
     seconds

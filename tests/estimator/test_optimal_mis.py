@@ -93,8 +93,7 @@ def test_renders(box: dmis.Scene) -> None:
     assert errors["optimal"] < errors["balance"]
     assert means["optimal"] == pytest.approx(reference.mean(), rel=0.01)
     one, two = (
-        dmis.render(box, "second-moment:counts=yes,split=yes,reuse=no,combiner=optimal", 64, seed=1, parallel=n).image
-        for n in (1, 2)
+        dmis.render(box, "second-moment:reuse=no,combiner=optimal", 64, seed=1, parallel=n).image for n in (1, 2)
     )
     assert np.array_equal(one, two)
 
@@ -158,11 +157,7 @@ def test_progressive_without_enough_samples() -> None:
 
 
 @pytest.mark.parametrize(
-    "rule",
-    [
-        "fixed:w=0.3,combiner=optimal-progressive",
-        "second-moment:counts=yes,split=yes,reuse=no,combiner=optimal-progressive",
-    ],
+    "rule", ["fixed:w=0.3,combiner=optimal-progressive", "second-moment:reuse=no,combiner=optimal-progressive"]
 )
 def test_progressive_renders(box: dmis.Scene, rule: str) -> None:
     """The mean of balance, by a z-test over seeds; threads do not matter."""

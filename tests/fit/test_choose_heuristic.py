@@ -30,42 +30,39 @@ def planted(gain: Array | float, noise: float = 0.0) -> tuple[Array, Array]:
     return variance, np.full(variance.shape, 2.0)
 
 
-@pytest.mark.parametrize("counts", [False, True])
 @pytest.mark.parametrize("gain, chosen", [(0.1, 1), (0.0, 0), (-0.1, 0)])
-def test_planted_gain(gain: float, chosen: int, counts: bool) -> None:
+def test_planted_gain(gain: float, chosen: int) -> None:
     """The better one, under noise as large as the gain in each patch; the first if both are the same."""
-    assert choose(*planted(gain), AREA, counts) == chosen
+    assert choose(*planted(gain), AREA) == chosen
     if gain:
-        assert choose(*planted(gain, noise=0.1), AREA, counts) == chosen
+        assert choose(*planted(gain, noise=0.1), AREA) == chosen
 
 
-@pytest.mark.parametrize("counts", [False, True])
-def test_gain_of_few_patches_is_not_sure(counts: bool) -> None:
+def test_gain_of_few_patches_is_not_sure() -> None:
     """However large: it may be a few rare samples."""
     gain = np.zeros(AREA.shape)
     gain[0, :2] = 0.8
-    assert choose(*planted(gain), AREA, counts) == 0
+    assert choose(*planted(gain), AREA) == 0
     gain[:, :2] = 0.8
-    assert choose(*planted(gain), AREA, counts) == 1
+    assert choose(*planted(gain), AREA) == 1
 
 
-@pytest.mark.parametrize("counts", [False, True])
-def test_cost_counts_as_much_as_variance(counts: bool) -> None:
+def test_cost_counts_as_much_as_variance() -> None:
     """A tenth more variance for a fifth less cost is a gain, for a twentieth less is none; so in any units of cost."""
     variance, cost = planted(-0.1)
     for less, chosen in ((0.2, 1), (0.05, 0)):
         cheaper = cost * np.array([1, 1 - less])[:, None, None]
         for unit in (1e-3, 1.0, 1e3):
-            assert choose(variance, cheaper * unit, AREA, counts) == chosen
+            assert choose(variance, cheaper * unit, AREA) == chosen
 
 
 def test_camera_samples_need_not_be_alike() -> None:
     """Half the variance for twice the cost is the same."""
     variance, cost = planted(0.0)
     scale = np.array([1, 0.5])[:, None, None]
-    assert choose(variance * scale, cost / scale, AREA, False) == 0
+    assert choose(variance * scale, cost / scale, AREA) == 0
     variance[1] *= 0.95
-    assert choose(variance * scale, cost / scale, AREA, False) == 1
+    assert choose(variance * scale, cost / scale, AREA) == 1
 
 
 def test_patches_at_the_border_count_less() -> None:
@@ -73,17 +70,14 @@ def test_patches_at_the_border_count_less() -> None:
     variance, cost = planted(0.1)
     area = AREA.copy()
     variance[1, :, -1] = 4 * variance[0, :, -1]
-    assert choose(variance, cost, area, False) == 0
+    assert choose(variance, cost, area) == 0
     area[:, -1] /= 256
-    assert choose(variance, cost, area, False) == 1
+    assert choose(variance, cost, area) == 1
 
 
-@pytest.mark.parametrize(
-    "rule", ["second-moment", "second-moment:counts=yes,split=yes,reuse=no,combiner=balance+power"]
-)
-def test_a_rule_takes_the_curves_of_its_choice(rule: str) -> None:
+def test_a_rule_takes_the_curves_of_its_choice() -> None:
     """Planted: the second combiner's curves have their minimum elsewhere, and half the variance."""
-    learned = make_rule(f"{rule},shrink=no" if ":" in rule else f"{rule}:shrink=no")
+    learned = make_rule("second-moment:shrink=no")
     size, wide = 128, len(GRID)
     curve = np.stack([(GRID - 0.27) ** 2 + 0.2, 0.5 * (GRID - 0.73) ** 2 + 0.1])
     curve = curve[..., None, None] * np.ones((size // PATCH, size // PATCH))

@@ -166,9 +166,9 @@ def test_default_sampler(box, rule, options, sampler):
 
 @dataclass(frozen=True)
 class Divided:
-    """A rule whose final camera samples are fewer and have more shading samples, or the other way round."""
+    """A rule whose pixels have different numbers of samples."""
 
-    split: float
+    spread: float
     reuse: bool
     pilot: dict = field(default_factory=lambda: {0.5: 2})
 
@@ -177,13 +177,14 @@ class Divided:
         return {"reuse_pilot": self.reuse}
 
     def fit(self, pilot):
-        return Fit(0.5, shading_factor=self.split)
+        height, width, _ = pilot[0.5].moments.mean.shape
+        return Fit(0.5, samples=np.linspace(1, self.spread, height * width).reshape(height, width))
 
 
-@pytest.mark.parametrize("split", [0.5, 1, 4])
-def test_weight_of_a_reused_pilot_does_not_depend_on_what_it_found(box, split):
-    """The image is (2 pilot + 16 final) / 18 whatever the pilot makes of camera samples: else it would be biased."""
-    both, final = (dmis.render(box, Divided(split, reuse), 18, seed=4) for reuse in (True, False))
+@pytest.mark.parametrize("spread", [1, 4])
+def test_weight_of_a_reused_pilot_does_not_depend_on_numbers_of_samples(box, spread):
+    """The image is (2 pilot + 16 final) / 18 however many samples a pixel has: else it would be biased."""
+    both, final = (dmis.render(box, Divided(spread, reuse), 18, seed=4) for reuse in (True, False))
     pilot = (both.image.astype(float) * 18 - final.image.astype(float) * 16) / 2
     np.testing.assert_allclose(pilot, _one_pass(box, 0, 0.5, 2, seed=4), atol=2e-5)
 
