@@ -51,7 +51,7 @@ BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64))
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
 
 # %%
-# What is there already.
+# Results of earlier runs are read, and not measured again.
 kinds = {field.name: {"int": int, "float": float, "str": str}[str(field.type)] for field in fields(Run)}
 kept: dict[str, list[Run]] = {}
 given.csv.parent.mkdir(parents=True, exist_ok=True)

@@ -65,7 +65,7 @@ heuristic. The caller gives S, integrator and depth. The rule says whether its p
 not, the pilot is with independent points.
 
 What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; lobes
-of a surface picked uniformly; a path continued by a BRDF sample of its own, beside those of direct lighting; Russian
+of a surface picked uniformly; a path continued by one more BRDF sample, beside those of direct lighting; Russian
 roulette as in `dmis.estimator.path`. Whoever makes one of these a choice, or changes it, adds a field to `Settings`
 whose value in this preset is the old behaviour. Images of the preset are held by `tests/estimator/test_presets.py`.
 """

@@ -71,7 +71,7 @@ def run_by_key(runs: Iterable[Run]) -> dict[tuple[str, int, int], Run]:
 def cells(scene: str, run: Run, runs: Mapping[tuple[str, int, int], Run]) -> list[str]:
     """Return the cells of a row: `run`, over the baselines with the same samples and seed, which are among `runs`.
 
-    The pinned baseline is a balance heuristic with points of its own, so that it is compared with itself.
+    Both ratios of the pinned baseline's own rows are 1: it is a balance heuristic, with independent points.
     """
     pinned = runs[PINNED, run.spp, run.seed]
     balance = pinned if run.rule == PINNED else runs["balance", run.spp, run.seed]

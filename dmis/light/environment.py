@@ -133,7 +133,7 @@ class EnvironmentLight(InfiniteLight):
         return edges, (weight / total * weight.size).astype(np.float32).reshape(-1)
 
     def compensated(self, share: float) -> Self:
-        """Return the light with `share` as its compensation; the light itself if it has a compensation of its own.
+        """Return the light with `share` as its compensation; the light itself if its compensation is not None.
 
         There is one such light for each share. It is kept with this light, and pickled with it, so that tiles and
         processes find it; the texels are those of this light.

@@ -1,4 +1,4 @@
-"""Whole numbers of camera samples from the shares that a rule asks for."""
+"""Whole numbers of camera samples of each pixel, from the proportions that a rule fitted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
 
 MOST_ADAPTIVE = 2**16
-"""Largest number of camera samples that the pixels of a rule which divides them may have."""
+"""Largest number of camera samples of one pixel, with rules that divide them between pixels."""
 
 
 def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarray:
@@ -78,8 +78,9 @@ def fill_budget(plan: Continuation, first: int, rng: np.random.Generator) -> np.
 def _spend_rest(samples: Array, target: Array, cost: Array, budget: float) -> Array:
     """Return `samples` with some doubled, nearest to it first, so that what is left of the `budget` is used.
 
-    Where a few pixels have much of the power, one of them that cannot be doubled would keep all others from it. Pixels
-    with far more samples than their `target`, such as black ones, stay as they are.
+    Scaling all pixels together stops as soon as one of them is too expensive to be doubled, and a few expensive pixels
+    may leave much of the budget. Pixels with far more samples than their `target`, such as black ones, stay as they
+    are.
     """
     n, step = samples.reshape(-1), (samples * cost).reshape(-1)
     rest = budget - step.sum()

@@ -51,7 +51,7 @@ NOTHING_TO_MIX = "no light has two techniques: no pilot, equal shares"
 
 @dataclass(frozen=True, eq=False)
 class FinalPass:
-    """The final pass: what a rule's fit comes to in whole samples.
+    """The final pass: a rule's fit in whole numbers of samples.
 
     Attributes
     ----------

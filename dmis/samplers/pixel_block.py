@@ -1,4 +1,4 @@
-"""Pixels whose uniform numbers one sampler makes."""
+"""The pixels of one sampler."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class PixelBlock:
-    """Pixels that are sampled together, those of a tile, and what is known of their samples beforehand.
+    """Pixels of a tile, which one sampler serves, and the sizes and random stream that the sampler needs.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The sampler ``sobol``: one sequence of even points in the square, in an order of its own for each pair of numbers.
+"""The sampler ``sobol``: one sequence of even points in the square, reordered for each pair of numbers.
 
 **One sequence.** Point i has two coordinates, whose binary digits are sums modulo 2 of binary digits of i::
 
