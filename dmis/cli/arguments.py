@@ -81,6 +81,14 @@ def _render(command: argparse.ArgumentParser) -> None:
     )
     _add_setting(
         command,
+        "--replicates",
+        type=int,
+        choices=(1, 2, 4),
+        help="divide the samples among independent copies of the sampler's points, so that the error estimate in the "
+        "file is unbiased; the error itself is larger (default 1)",
+    )
+    _add_setting(
+        command,
         "--lights",
         choices=("all", "one", "pbrt"),
         help="sample all lights at each shading point, or one chosen at random; pbrt: one at each vertex of a "

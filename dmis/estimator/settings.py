@@ -59,6 +59,10 @@ class Settings:
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
         techniques and covers the rest. None: `dmis.pipeline.job.LEARNED_COMPENSATION` with a rule that learns from the
         samples' densities, else 0.
+    replicates
+        R, 1, 2 or 4: the camera samples of a pixel are divided among R independent copies of the sampler's sequence, so
+        that `dmis.pipeline.result.Result.deviation` is unbiased (`dmis.variance.replicates`). The error is larger for
+        it: with ``sobol`` the mean squared error some 1.1 to 1.4 times with 2, and 1.7 to 2.2 times with 4.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.
@@ -74,6 +78,7 @@ class Settings:
     sampler: str = "auto"
     reuse_pilot: bool | None = None
     compensation: float | None = None
+    replicates: int = 1
     preset: str | None = None
 
     def __post_init__(self) -> None:
@@ -119,6 +124,9 @@ class Settings:
         if self.reuse_pilot is not None:
             object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
         object.__setattr__(self, "compensation", check_compensation(self.compensation))
+        object.__setattr__(self, "replicates", whole("replicates", self.replicates, 1, 4))
+        if self.replicates == 3:
+            raise ValueError("replicates must be 1, 2 or 4, because points are most even in powers of two; got 3")
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"

@@ -166,15 +166,18 @@ def render_half(path: Path, half: int, scene: Scene, rule: Rule | str, spp: int,
 def settings_key(settings: Settings | None) -> list[dict[str, Any]]:
     """Return settings as a part of the key of a cached file; empty for the default settings.
 
-    The sampler, `reuse_pilot` and the name of a preset do not change what is cached; a compensation that is None is
-    left out.
+    The sampler, `reuse_pilot`, `replicates` and the name of a preset do not change what is cached; a compensation that
+    is None is left out.
     """
-    relevant = replace(settings or Settings(), preset=None, reuse_pilot=None, sampler=Settings().sampler)
+    default = Settings()
+    relevant = replace(
+        settings or default, preset=None, reuse_pilot=None, sampler=default.sampler, replicates=default.replicates
+    )
     key = {**asdict(relevant), "sampler": "independent"}  # a constant, the one in the keys of files that exist
-    del key["preset"]
+    del key["preset"], key["replicates"]
     if relevant.compensation is None:
         del key["compensation"]
-    return [] if relevant == Settings() else [key]
+    return [] if relevant == default else [key]
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:

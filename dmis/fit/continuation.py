@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import PatternMap
@@ -33,3 +33,8 @@ class Continuation:
     cost: Array
     spent: float
     budget: float
+
+    def of_replicate(self, replicates: int) -> Continuation:
+        """Return the plan of one of so many replicates, each of which has an equal part of the samples of a pixel."""
+        patterns = replace(self.patterns, begin=self.patterns.begin // replicates)
+        return replace(self, patterns=patterns, spent=self.spent / replicates, budget=self.budget / replicates)

@@ -125,11 +125,14 @@ class Rounds(Rule):
     def needs_features(self) -> bool:
         return self.filter == "joint"
 
-    def adapted(self, spp: int, sampler: str) -> Rule:
-        """Return the rule for a budget and a sampler; with few samples, that of equal numbers."""
-        if spp < max(LEAST_SPP, 2 * self.spp):
+    def adapted(self, spp: int, sampler: str, replicates: int = 1) -> Rule:
+        """Return the rule for a budget, a sampler and its replicates; with few samples, that of equal numbers.
+
+        Each replicate has two camera samples or more in the first round.
+        """
+        first = self.spp or max(4 * replicates, next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST))
+        if spp < max(LEAST_SPP, 2 * first):
             return Fixed(0.5, self.combiner, sampler=self.sampler, compensation=self.compensation)
-        first = self.spp or next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST)
         exponent = self.exponent or (1.0 if (self.sampler or sampler) == "independent" else EXPONENT)
         return replace(self, spp=first, exponent=exponent)
 
@@ -160,7 +163,7 @@ class Rounds(Rule):
         """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
         others = [k for k in range(len(COLOURS)) if k != colour]
         sums = {name: sum(a[k] for k in others) for name, a in first.sums.items()}
-        pixels = np.ones(shape)
+        pixels = np.full(shape, float(first.replicates))
         pixels[COLOURS[colour]] = 0
         sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)
         features = first.features if self.needs_features else None

@@ -82,6 +82,8 @@ class Pilot:
         Names of the techniques that took the samples.
     budget
         Camera samples per pixel of the whole render, the pilot's included.
+    replicates
+        Independent copies of the samples of each pixel, see `dmis.variance.replicates`, all of which are in `sums`.
     """
 
     moments: Film
@@ -91,6 +93,7 @@ class Pilot:
     features: Mapping[str, Array] = field(default_factory=dict)
     techniques: tuple[str, ...] = ("light", "brdf")
     budget: int = 128
+    replicates: int = 1
 
     def __repr__(self) -> str:
         height, width = self.moments.mean.shape[:2]
@@ -148,8 +151,11 @@ class Rule:
         statistic = None
         needs_features = multi_technique = shares_only = continues = False
 
-    def adapted(self, spp: int, sampler: str) -> Rule:
-        """Return the rule for a budget of `spp` camera samples and a sampler; here it is the same for all."""
+    def adapted(self, spp: int, sampler: str, replicates: int = 1) -> Rule:
+        """Return the rule for a budget of `spp` camera samples, a sampler and a number of replicates of its sequence.
+
+        Here it is the same for all.
+        """
         return self
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:

@@ -62,7 +62,7 @@ class FinalPass:
     settings
         Estimator settings, with the combiner of the fit.
     samples
-        Camera samples per pixel, one number or ``(H, W)``.
+        Camera samples per pixel of each replicate, one number or ``(H, W)``.
     control
         Coefficients of the control variate, ``(H, W, 3)``; None: there is none.
     patterns
@@ -123,7 +123,7 @@ class Job:
         float32_scene, gain = _float32_scene(scene)
         rule = default_rule(spp, settings) if rule is None else rule
         text = rule_text(rule)
-        rule = make_rule(rule).adapted(spp, resolve_auto(settings, float32_scene).sampler)
+        rule = make_rule(rule).adapted(spp, resolve_auto(settings, float32_scene).sampler, settings.replicates)
         settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
         if settings.reuse_pilot is None:
             settings = replace(settings, reuse_pilot=settings.sampler == "independent")
@@ -145,7 +145,9 @@ class Job:
         learning = pilot_settings(settings, rule.pilot, statistic is not None, text)
         if rule.continues:
             learning = replace(learning, sampler=settings.sampler)
-        return cls(float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix)
+        job = cls(float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix)
+        _check_replicates(job)
+        return job
 
     @property
     def pilot_samples(self) -> dict[Any, int]:
@@ -212,16 +214,17 @@ class Job:
         check_fit(fit, height_width, len(settings.techniques))
         shares = fit.shares
         if fit.continuation is not None:
-            patterns, rng = fit.continuation.patterns, stream(self.seed, len(pilot), 2**31)
-            whole_numbers = fill_budget(fit.continuation, int(np.max(pilot[0.5].moments.n)), rng)
-            return FinalPass(fit, shares, settings, whole_numbers - patterns.begin, None, patterns)
+            plan, rng = fit.continuation.of_replicate(settings.replicates), stream(self.seed, len(pilot), 2**31)
+            first = int(np.max(pilot[0.5].moments.n)) // settings.replicates
+            samples: Array | int = fill_budget(plan, first, rng) - plan.patterns.begin
+            return FinalPass(fit, shares, settings, samples, None, plan.patterns)
         combiner = fit.combiner or settings.combiner
         share_range = combiner_by_name(combiner).share_range
         if share_range != (0, 1):
             shares = shares_of(np.clip(shares[0], *share_range))
-        samples: Array | int = self.final_spp
+        samples = self.final_spp // settings.replicates
         if fit.samples is not None:
-            samples = whole_samples(np.asarray(fit.samples), self.final_spp, stream(self.seed, len(pilot), 2**31))
+            samples = whole_samples(np.asarray(fit.samples), samples, stream(self.seed, len(pilot), 2**31))
         settings = replace(settings, combiner=combiner)
         control = control_variate.coefficients(pilot[0.5], shares) if controlled else None
         return FinalPass(fit, shares, settings, samples, control)
@@ -315,6 +318,32 @@ def _check_rule(rule: Rule, rule_text: str, settings: Settings) -> None:
             f"rule {rule_text} needs allocation systematic, because it learns variances at fixed shares; got random. "
             f"Use thesis or fixed weights, which go with it"
         )
+
+
+def _check_replicates(job: Job) -> None:
+    """Raise a ValueError if replicates have no use with the sampler of a job, or do not divide its samples evenly."""
+    replicates, sampler = job.settings.replicates, job.settings.sampler
+    if replicates == 1:
+        return
+    if sampler == "independent":
+        raise ValueError(
+            f"replicates must be 1 with sampler independent, where the variance of the samples is exact already; got "
+            f"{replicates}. Use sampler sobol, or leave replicates out"
+        )
+    pilot = 0 if job.rule.continues else job.spp - job.final_spp
+    if (job.spp - pilot) % replicates:
+        least = job.spp - (job.spp - pilot) % replicates
+        behind = f", of which rule {job.rule_text} takes {pilot} for its pilot" if pilot else ""
+        raise ValueError(
+            f"the camera samples of a pixel must be divisible by {replicates} for replicates={replicates}; got "
+            f"{job.spp}{behind}. Use spp {least} or {least + replicates}"
+        )
+    for n in job.pilot_samples.values() if job.rule.continues else ():
+        if n % (2 * replicates):
+            raise ValueError(
+                f"the first round of rule {job.rule_text} must have a multiple of {2 * replicates} camera samples for "
+                f"replicates={replicates}; got {n}. Use spp={4 * replicates} in the rule, or leave it out"
+            )
 
 
 def _densities_known(settings: Settings) -> bool:

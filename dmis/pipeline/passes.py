@@ -11,6 +11,8 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from dmis.base.atomic_files import check_writable
 from dmis.base.malloc import release
 from dmis.base.vectors import Array
@@ -25,7 +27,8 @@ from dmis.pipeline.film import FilmTile, PassFilm
 from dmis.pipeline.job import FinalPass, Job
 from dmis.pipeline.tile import Tile, make_tiles
 from dmis.scene.feature_buffers import render_feature_buffers
-from dmis.variance.moments import Film
+from dmis.variance.moments import Film, join
+from dmis.variance.replicates import mean_of_replicates, replicate_seed
 
 Progress = Callable[[str, int, int], None]
 """``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
@@ -73,7 +76,8 @@ class Passes:
         parallel = check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:
-            check_writable(checkpoint, _CHECKPOINT_BYTES * self._pixels * (len(job.rule.pilot) + 1))
+            passes = (len(job.rule.pilot) + 1) * job.settings.replicates
+            check_writable(checkpoint, _CHECKPOINT_BYTES * self._pixels * passes)
             self._store = Store(checkpoint, job.key)
         self._workers = Workers(job.scene, parallel)
 
@@ -87,27 +91,51 @@ class Passes:
             self._store.close()
         self._workers.close(now=kind is not None)
 
-    def pilot(self) -> dict[Any, Pilot]:
-        """Render the pilot: one pass for each weight, and the feature buffers if the rule needs them."""
+    def pilot(self) -> tuple[dict[Any, Pilot], list[Film]]:
+        """Render the pilot: one pass for each weight, and the feature buffers if the rule needs them.
+
+        Returns
+        -------
+        pilot
+            By weight.
+        first_round
+            Moments of the samples of each replicate, from which the final ones go on; none if they do not.
+        """
         job = self._job
-        pilot = {
-            w: self.render(number, "pilot", spp, shares_of(w), job.pilot_settings, job.statistic)
-            for number, (w, spp) in enumerate(job.pilot_samples.items())
-        }
+        replicates = job.settings.replicates if job.rule.continues else 1
+        pilot, first_round = {}, []
+        for number, (w, spp) in enumerate(job.pilot_samples.items()):
+            parts = [
+                self.render(
+                    self._pass_number(number, replicate), "pilot", spp // replicates, shares_of(w), job.pilot_settings,
+                    job.statistic,
+                )
+                for replicate in range(replicates)
+            ]  # fmt: skip
+            pilot[w] = _pool_replicates(parts)
+            first_round += [part.moments for part in parts] if job.rule.continues else []
         if job.rule.needs_features:
             features, rays = render_feature_buffers(job.scene)
             self.rays["guide"] += rays
             pilot = {w: replace(p, features=features) for w, p in pilot.items()}
             release(self._pixels)
-        return pilot
+        return pilot, first_round
 
-    def final(self, final: FinalPass) -> Film:
-        """Render the final pass; its moments per pixel."""
-        number = len(self._job.rule.pilot)
-        shares, control = final.shares, final.control
-        return self.render(
-            number, "final", final.samples, shares, final.settings, control=control, patterns=final.patterns
-        ).moments
+    def final(self, final: FinalPass, first_round: Sequence[Film]) -> Film:
+        """Render the final pass, a pass for each replicate; the moments per pixel, with those of the `first_round`."""
+        films = []
+        for replicate in range(final.settings.replicates):
+            number = self._pass_number(len(self._job.rule.pilot), replicate)
+            film = self.render(
+                number, "final", final.samples, final.shares, final.settings, control=final.control,
+                patterns=final.patterns,
+            ).moments  # fmt: skip
+            films.append(film if final.patterns is None else join(first_round[replicate], film, final.patterns.begin))
+        return mean_of_replicates(films, exact=True)
+
+    def _pass_number(self, number: int, replicate: int) -> int:
+        """Return the number of a pass over a replicate, which is its own; those of the first replicate come first."""
+        return number + replicate * (len(self._job.rule.pilot) + 1)
 
     def render(
         self,
@@ -125,14 +153,15 @@ class Passes:
         Parameters
         ----------
         pass_
-            Number of the pass, which its random streams are made from.
+            Number of the pass, which its random streams are made from; it tells the replicate, too.
         stage
             Name of the pass for `Progress`.
         spp, shares, settings, statistic, control, patterns
             As in `dmis.pipeline.tile.make_tiles`.
         """
         resolution = self._job.scene.camera.resolution
-        tiles = make_tiles(resolution, self._job.seed, pass_, spp, shares, settings, statistic, control, patterns)
+        seed = replicate_seed(self._job.seed, pass_ // (len(self._job.rule.pilot) + 1))
+        tiles = make_tiles(resolution, seed, pass_, spp, shares, settings, statistic, control, patterns)
         if self._observer:
             self._observer(tuple(tiles))
         film = PassFilm.empty(resolution, len(tiles))
@@ -163,3 +192,13 @@ class Passes:
         """Remove the checkpoint, once the image is made."""
         if self._store:
             self._store.remove()
+
+
+def _pool_replicates(pilots: Sequence[Pilot]) -> Pilot:
+    """Return the pilot of all replicates of a first round."""
+    if len(pilots) == 1:
+        return pilots[0]
+    rays = sum((Counter(pilot.rays) for pilot in pilots), Counter[str]())
+    sums = {name: np.sum([pilot.sums[name] for pilot in pilots], axis=0) for name in pilots[0].sums}
+    moments = mean_of_replicates([pilot.moments for pilot in pilots], exact=False)
+    return replace(pilots[0], moments=moments, rays=rays, sums=sums, replicates=len(pilots))

@@ -26,7 +26,7 @@ from dmis.pipeline.passes import Observer, Passes, Progress
 from dmis.pipeline.result import Result
 from dmis.samplers.streams import is_sequence
 from dmis.scene.scene import Scene
-from dmis.variance.moments import Film, join
+from dmis.variance.moments import Film
 
 
 def render(
@@ -90,18 +90,15 @@ def render_job(
     with Passes(job, parallel, progress, checkpoint, observer) as passes:
         job.scene.prepare()
         times = [time.perf_counter()]
-        pilot = passes.pilot()  # samples
+        pilot, first_round = passes.pilot()  # samples
         times.append(time.perf_counter())
         final_pass = job.final_pass(pilot)  # variance, fit, filter
         films = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if job.settings.reuse_pilot else []
-        first_round = pilot[0.5].moments if final_pass.patterns is not None else None
         pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
         del pilot  # its statistics are large, and nothing else of them is needed
         times.append(time.perf_counter())
-        final = passes.final(final_pass)  # samples again
+        final = passes.final(final_pass, first_round)  # samples again
         times.append(time.perf_counter())
-    if first_round is not None and final_pass.patterns is not None:
-        final = join(first_round, final, final_pass.patterns.begin)
     # weights are the budgets: those of adaptive samples depend on the pilot, and would bias the mean
     image, deviation = _average([(final, job.final_spp), *films], job.gain)
     passes.finish()
@@ -118,14 +115,17 @@ def _result(
     """Return the result of a job; `counts` are all rays and those of the pilot, by kind."""
     rays = {kind: number for kind, number in counts[0].items() if kind != UNTRACED}
     shape = image[0].shape[:2]
+    replicates, settings = final.settings.replicates, final.settings
     if final.patterns is not None:
         samples, shading_samples = final.samples + final.patterns.begin, final.patterns.shading_samples
+        samples = replicates * samples
     else:
-        samples = job.spp - job.final_spp + np.asarray(final.samples, np.float32)
+        samples = job.spp - job.final_spp + replicates * np.asarray(final.samples, np.float32)
         shading_samples = np.full(shape, job.settings.shading_samples)
     described = job.without_tables()
-    deviation_of = "sub-blocks" if is_sequence(final.settings.sampler) else "samples"
-    of_image = {"combiner": final.settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
+    deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
+    deviation_of = "replicates" if replicates > 1 else deviation_of
+    of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
     of_image["deviation_of"] = deviation_of
     stages = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
     return Result(

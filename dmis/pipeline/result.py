@@ -55,7 +55,10 @@ class Result:
     deviation_of
         What `deviation` is estimated from. ``samples``: the variance of samples that are taken to be independent; it is
         too large where systematic rounding or a structured sampler spreads them. ``sub-blocks``: the spread of four
-        parts of a sequence (`dmis.variance.sub_blocks`), too large by a factor of about 1.4.
+        parts of a sequence (`dmis.variance.sub_blocks`), too large by a factor of about 1.4. ``replicates``: the spread
+        of independent copies of the sequence (`dmis.variance.replicates`, the setting ``replicates``), whose square is
+        unbiased. With R of them it has R - 1 degrees of freedom: 95 % of a pixel's errors are within 12.7 deviations
+        with 2, and 3.2 with 4; the mean over many pixels is exact with either.
     weight
         ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first.
     samples
