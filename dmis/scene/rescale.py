@@ -98,7 +98,9 @@ def _rescale(scene: Scene) -> tuple[Scene, float]:
     matrix = np.array(scene.camera.to_world, np.float64)
     matrix[:3, 3] = (matrix[:3, 3] - origin) / length
     camera = replace(scene.camera, to_world=matrix)
-    return _resolved(scene.changed(camera=camera, parts=parts, lights=tuple(lights.values()))), gain
+    return _resolved(
+        scene.changed(camera=camera, parts=parts, lights=tuple(lights[id(light)] for light in scene.lights))
+    ), gain
 
 
 def _origin(scene: Scene, low: Array, high: Array) -> Array:

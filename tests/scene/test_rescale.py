@@ -97,6 +97,13 @@ def test_too_far_to_be_there() -> None:
         dmis.render(zoo(offset=1e12), "balance", 2)
 
 
+def test_a_light_that_is_there_twice() -> None:
+    """It shines twice, in the units of the scene as in others."""
+    sky = dmis.EnvironmentLight(np.full((2, 2, 3), 1e30, np.float32))
+    one, two = (dmis.render(box_scene(lights=(sky,) * n, resolution=(2, 2)), "balance", 64).image for n in (1, 2))
+    assert two.astype(float).mean() == pytest.approx(2 * one.astype(float).mean(), rel=0.05)
+
+
 def test_radiance_beyond_float32() -> None:
     """An image that would be infinite is an error."""
     skies = tuple(dmis.EnvironmentLight(np.full((2, 2, 3), 3e38, np.float32)) for _ in range(2))
