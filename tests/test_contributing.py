@@ -95,7 +95,7 @@ def test_sampler() -> None:
     exec(block("A sampler"), {"__name__": "mine"})
     scene = dmis.load_scene("killeroo-diffuse", resolution=(48, 36))
     reference = dmis.make_reference(scene, 128)
-    independent = dmis.render(scene, "balance", 64, seed=1)
+    independent = dmis.render(scene, "balance", 64, seed=1, sampler="independent")
     even = dmis.render(scene, "balance", 64, seed=2, sampler="r2")
     same_mean(even, independent)
     same_mean(dmis.render(scene, "thesis:sampler=r2", 16, seed=3), independent)
