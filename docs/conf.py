@@ -80,7 +80,7 @@ sphinx_gallery_conf = {
 
 CONTENTS = {
     "Begin": ["quickstart", "generated/tutorials/index", "choosing", "faq"],
-    "Know": ["theory", "thesis", "estimator", "sampling", "rules", "brdfs", "paths", "plan", "conventions"],
+    "Know": ["theory", "theory-extensions", "thesis", "estimator", "sampling", "rules", "brdfs", "paths", "plan", "conventions"],
     "Use": ["cli", "scenes", "report", "cluster"],
     "Measured": ["generated/figures/index", "reproduction", "performance", "stability", "fireflies"],
     "Look up": ["generated/api/index", "code", "generated/contributing", "generated/changes"],

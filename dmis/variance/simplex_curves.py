@@ -1,4 +1,4 @@
-"""Variance V(w) at the shares w of K techniques, points of the simplex, from one pilot (docs/theory.md, Eq. 18a).
+"""Variance V(w) at the shares w of K techniques, points of the simplex, from one pilot (theory-extensions.md, Eq. 18a).
 
 For two techniques `dmis.variance.curves` computes the same on a finer grid.
 

@@ -56,7 +56,7 @@ def test_exact_parabola_of_a_monotone_curve_cannot_lose() -> None:
 
 
 def test_exact_parabola_of_a_convex_curve_loses_little() -> None:
-    """V(w) - V(1/2) is at most half of what the higher end of its side has beyond V(1/2) (docs/theory.md)."""
+    """V(w) - V(1/2) is at most half of what the higher end of its side has beyond V(1/2) (theory-extensions.md)."""
     rng = np.random.default_rng(4)
     light, brdf = rng.exponential(size=(2, 8, 10_000)) ** 3 + 1e-3
 
