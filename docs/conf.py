@@ -80,10 +80,30 @@ sphinx_gallery_conf = {
 
 CONTENTS = {
     "Begin": ["quickstart", "generated/tutorials/index", "choosing", "faq"],
-    "Know": ["theory", "theory-extensions", "thesis", "estimator", "sampling", "rules", "brdfs", "paths", "plan", "conventions"],
+    "Know": [
+        "theory",
+        "theory-extensions",
+        "thesis",
+        "estimator",
+        "sampling",
+        "rules",
+        "brdfs",
+        "paths",
+        "plan",
+        "conventions",
+    ],
     "Use": ["cli", "scenes", "report", "cluster"],
-    "Measured": ["generated/figures/index", "reproduction", "performance", "stability", "fireflies"],
-    "Look up": ["generated/api/index", "code", "generated/contributing", "generated/changes"],
+    "Measured": [
+        "generated/figures/index",
+        "reproduction",
+        "why",
+        "thesis-figures",
+        "performance",
+        "stability",
+        "rounding",
+        "fireflies",
+    ],
+    "Look up": ["glossary", "references", "generated/api/index", "code", "generated/contributing", "generated/changes"],
 }
 ELSEWHERE = {"CONTRIBUTING.md": "contributing", "CHANGELOG.md": "changes"}
 """Pages that are kept at the root, by their names here."""

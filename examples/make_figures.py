@@ -5,7 +5,7 @@ All figures and a contact sheet
 Runs every ``plot_*.py`` at the size asked for, and writes ``figures/index.html``, which shows all figures by section
 with their captions. What a script prints goes to ``<script>.txt`` beside its figure. With ``--publish docs`` the
 figures also go to the pages of the project: as WebP files to ``docs/figures``, where the gallery takes them from, and
-those of the thesis with their captions between the marks ``figures`` of ``docs/reproduction.md``.
+those of the thesis with their captions between the marks ``figures`` of ``docs/thesis-figures.md``.
 """
 
 import html
@@ -101,7 +101,7 @@ if given.publish is not None:
             title, caption, made = (captions[stem][key] for key in ("title", "caption", "made"))
             lines += [f"### {title}", "", f"![{title}](figures/{stem}.webp)", ""]
             lines += [f"{caption} ([`{stem}.py`](../examples/thesis/{stem}.py); {made}.)", ""]
-    replace_table(given.publish / "reproduction.md", "figures", "", *lines)
+    replace_table(given.publish / "thesis-figures.md", "figures", "", *lines)
 
 # %%
 # The contact sheet shows the pictures of this run and of earlier ones: titles and captions are in their metadata.

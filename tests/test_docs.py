@@ -131,7 +131,7 @@ def test_readme_lists_the_figures_of_a_section(section):
 
 def test_published_figures():
     """Each figure of the thesis is small, has a caption that says how it was made, and is on the page."""
-    folder, page = ROOT / "docs" / "figures", (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    folder, page = ROOT / "docs" / "figures", (ROOT / "docs" / "thesis-figures.md").read_text("utf-8")
     captions = json.loads((folder / "captions.json").read_text("utf-8"))
     scripts = {path.stem for path in (ROOT / "examples" / "thesis").glob("plot_*.py")}
     assert scripts <= set(captions) == {path.stem for path in folder.glob("*.webp")}
