@@ -2,10 +2,10 @@
 One dimension: a mixture of two densities
 =========================================
 
-The whole method on an integral that fits on a page: the integral of f over [0, 1], with a density p_l that fits one
-of its bumps and a density p_b that fits the other. How does the variance depend on the share w? What does a parabola
-through three points say, and what do the same samples say when each of them is asked about every w? The code is that
-of the renderer; only the integrand is new.
+The whole method on one small integral: f over [0, 1], with a density p_l that fits one of its bumps and a density p_b
+that fits the other. The figure answers three questions. How does the variance depend on the share w? Which share does a
+parabola through three points give? Which share do the same samples give if each one is evaluated at every w? The code
+is that of the renderer; only the integrand is new.
 """
 
 import sys
@@ -32,12 +32,12 @@ MEANS, WIDTHS = (0.3, 0.6), (0.03, 0.15)
 
 
 def density(technique, x):
-    """Normal densities: 0 is the "light", narrow; 1 is the "BRDF", wide."""
+    """Return a normal density: 0 is the narrow "light", 1 the wide "BRDF"."""
     return np.exp(-0.5 * ((x - MEANS[technique]) / WIDTHS[technique]) ** 2) / (WIDTHS[technique] * np.sqrt(2 * np.pi))
 
 
 def f(x):
-    """0.35 of the one and 0.65 of the other, the wide one with a dent, so that no mixture fits exactly."""
+    """Return 0.35 of the narrow and 0.65 of the wide density; a dent keeps every mixture from fitting exactly."""
     return 0.35 * density(0, x) + 0.65 * density(1, x) * (1 - 0.8 * np.exp(-0.5 * ((x - 0.75) / 0.05) ** 2))
 
 
@@ -49,7 +49,7 @@ w = np.linspace(0.005, 0.995, 199)  # at an end one of the densities vanishes wh
 
 
 def variance(w):
-    """Variance of one sample."""
+    """Return the variance of one sample."""
     p_w = np.maximum(w * p_l + (1 - w) * p_b, 1e-300)
     second, light, brdf = (np.sum(g) * dx for g in (f(x) ** 2 / p_w, p_l * f(x) / p_w, p_b * f(x) / p_w))
     return second - w * light**2 - (1 - w) * brdf**2
@@ -60,10 +60,10 @@ best = w[truth.argmin()]
 
 
 # %%
-# A pilot: a "patch" of pixels, in each of which half of the samples come from either technique at w = 1/2, written down
-# as the renderer does: three camera samples with two pairs each.
+# The pilot has a "patch" of pixels. At w = 1/2 each technique draws half of a pixel's samples. They are recorded as the
+# renderer records them: three camera samples with two pairs each.
 def draw(technique, turn, count):
-    """Samples of one technique as a record: where they were, what they bring, both densities."""
+    """Return samples of one technique as a record: positions, contributions and both densities."""
     at = rng.normal(MEANS[technique], WIDTHS[technique], count)
     pdf = np.stack([density(0, at), density(1, at)])
     value = np.repeat((f(at) / pdf.mean(axis=0))[None], 3, axis=0)  # the same in all channels
@@ -90,9 +90,9 @@ vertex = float(parabola_minimum(shares, points)[0])
 
 
 # %%
-# What the literature makes of the same pilot.
+# The rules of the literature learn from the same pilot.
 def relative(name):
-    """The weight that an objective gives, and the variance there."""
+    """Return the share that an objective gives, and the variance there."""
     statistic = objective(name).statistic(PIXELS, 4)
     statistic.add(records, radiance, SPP)
     means = {key: a.mean(axis=-1)[..., None, None] for key, a in statistic.sums().items()}
@@ -105,7 +105,7 @@ for name, share in answers.items():
     print(f"{name:18} w = {share:.3f}, variance / that of w = 1/2: {variance(share) / variance(0.5):.3f}")
 
 # %%
-# Left: integrand and densities. Middle: variance against weight. Right: what each rule's answer costs.
+# Left: integrand and densities. Middle: variance against the share. Right: variance at the share of each rule.
 figure, axes = plot.canvas(1, 3, 17, 5)
 left, middle, right = axes[0]
 inside = (x > -0.1) & (x < 1.2)

@@ -2,9 +2,9 @@
 One dimension: a mixture of three densities
 ===========================================
 
-Three techniques have three shares of sum 1: a point in a triangle. The integrand is itself a mixture of the three
-densities, with known shares, so that the answer is known: there every sample counts the same, and the variance is 0.
-How does the variance look around it, and does one pilot at equal shares find it? The code is that of the renderer's
+Three techniques have three shares whose sum is 1: a point in a triangle. Here the integrand is itself a mixture of the
+three densities, with known shares. At these shares every sample counts the same, and the variance is 0. The figure
+shows the variance around this point, and whether one pilot at equal shares finds it. The code is that of the renderer's
 rule ``simplex``; only the integrand is new.
 """
 
@@ -33,25 +33,25 @@ PLANTED = np.array([1 / 2, 1 / 3, 1 / 6])
 
 
 def densities(x):
-    """Normal densities at x ``(N,)``, ``(3, N)``."""
+    """Return the three normal densities ``(3, N)`` at x ``(N,)``."""
     t = (x - MEANS[:, None]) / WIDTHS[:, None]
     return np.exp(-0.5 * t**2) / (WIDTHS[:, None] * np.sqrt(2 * np.pi))
 
 
 def f(x):
-    """The planted mixture."""
+    """Return the integrand, a mixture of the densities with known shares."""
     return PLANTED @ densities(x)
 
 
 # %%
-# The truth by quadrature: with fixed shares the variance of a sample is that within each technique, the second moment
-# less the squares of the techniques' own means.
+# The truth by quadrature. With fixed shares, the variance of a sample is the second moment minus the squares of the
+# techniques' own means, weighted with the shares.
 x = np.linspace(-0.8, 1.7, 5_001)
 p, dx = densities(x), x[1] - x[0]
 
 
 def variance(shares):
-    """Variance of one sample, ``(3,)`` or ``(3, G)`` shares."""
+    """Return the variance of one sample at shares ``(3,)`` or ``(3, G)``."""
     p_w = np.maximum(np.tensordot(p, shares, (0, 0)), 1e-300)
     estimate = f(x).reshape(-1, *[1] * (np.ndim(shares) - 1)) / p_w
     means = np.tensordot(p, estimate, (1, 0)) * dx
@@ -60,13 +60,13 @@ def variance(shares):
 
 
 # %%
-# A pilot: a "patch" of pixels in each of which every technique takes two of six samples, written down as the renderer
-# does, three times. The balance heuristic at equal shares makes f / p_w of each.
+# The pilot has a "patch" of pixels. In each pixel every technique takes two of six samples, three times, recorded as
+# the renderer records them. The balance heuristic at equal shares makes f / p_w of each.
 PIXELS, SPP, PAIR = 64, 3, 2
 
 
 def draw(technique, turn, count):
-    """Samples of one technique as a record: what they bring, all densities."""
+    """Return samples of one technique as a record: contributions and all densities."""
     at = rng.normal(MEANS[technique], WIDTHS[technique], count)
     pdf = densities(at)
     value = np.repeat((f(at) * balance(pdf / 3, technique))[None], 3, axis=0)  # the same in all channels
@@ -93,9 +93,9 @@ for k, name in enumerate(("first", "second", "third")):
 
 # %%
 # Left: integrand and densities. Middle: the variance over the triangle, whose corners are the techniques alone. Right:
-# what the pilot says of each point of the grid, against the truth.
+# the pilot's estimate at each point of the grid against the truth.
 def corner(shares):
-    """Where shares ``(3, ...)`` are in the triangle, x and y."""
+    """Return the place of shares ``(3, ...)`` in the triangle, x and y."""
     return shares[1] + shares[2] / 2, shares[2] * np.sqrt(3) / 2
 
 

@@ -2,9 +2,10 @@
 A zoo of reflection models, and the weight that each needs
 ==========================================================
 
-Eight models, from Phong to GGX, seen from 45 degrees at about the same roughness: the lobe, what its importance
-sampling draws, and the variance of a mixture of light and BRDF samples against the share w of light samples, under a
-small, a medium and a large light in the mirror direction. Which model needs which weight?
+Eight reflection models, from Phong to GGX, seen from 45 degrees at about the same roughness. For each model the figure
+shows the lobe, the directions that its importance sampling draws, and the variance of a mixture of light and BRDF
+samples against the share w of light samples. A small, a medium and a large light stand in the mirror direction. Which
+model needs which share?
 """
 
 import sys
@@ -41,7 +42,7 @@ WO = np.array([-np.sqrt(0.5), 0, np.sqrt(0.5)], np.float32)
 
 
 def surface(material, count):
-    """`count` times the same point, at the origin of a horizontal plane, with its tangent u along x."""
+    """Return `count` copies of one point at the origin of a horizontal plane, with its tangent u along x."""
     up, wo, along = (np.repeat(np.float32(v)[:, None], count, axis=1) for v in ((0, 0, 1), WO, (1, 0, 0)))
     return ShadingPoints(
         p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=along, reflection=material.lobes, delta=()
@@ -49,9 +50,9 @@ def surface(material, count):
 
 
 # %%
-# Reflected light of unit radiance and both densities in the directions `wi` of a sample of either technique.
+# Evaluate the integrand, for light of unit radiance, and both densities in the directions `wi` of the samples.
 def integrand(points, light_sample):
-    """f, p_l and p_b, each ``(N,)``; f is 0 where the light is missed or the horizon hides it."""
+    """Return f, p_l and p_b, each ``(N,)``; f is 0 where a direction misses the light or is below the horizon."""
     directions = Directions(points, light_sample.wi)
     f = np.broadcast_to(points.eval(directions), light_sample.wi.shape).mean(axis=0) * directions.cos_i
     p_l, p_b = LIGHT.pdf(points, directions, light_sample.pdf), BRDF.pdf(points, directions, light_sample.pdf)
@@ -59,13 +60,13 @@ def integrand(points, light_sample):
 
 
 # %%
-# V(w) of one sample in fixed shares, w Var_l(f/p_w) + (1-w) Var_b(f/p_w), at every w: integrals over the directions of
-# the light, outside of which f is 0, with a Sobol sequence ...
+# The variance of one sample in fixed shares is V(w) = w Var_l(f/p_w) + (1-w) Var_b(f/p_w). Compute it at every w by
+# integrals over the directions of the light, outside of which f is 0, with a Sobol sequence.
 NODES, W = opts.pick(2**10, 2**15), np.linspace(0, 1, 41)
 
 
 def curve(material, light):
-    """Variance at the weights `W`, and the value of the integral."""
+    """Return the variance at the shares `W`, and the value of the integral."""
     u = np.minimum(qmc.Sobol(2, rng=np.random.default_rng(7)).random(NODES), 1 - 2**-24).T.astype(np.float32)
     points = surface(material, NODES)
     f, p_l, p_b = integrand(points, LIGHT.sample(points, light, u))
@@ -79,12 +80,12 @@ def curve(material, light):
 
 
 # %%
-# ... and by brute force, from independent samples of both techniques at a few weights, to check it.
+# Check it by brute force: independent samples of both techniques at a few shares.
 CHECKED, rng = np.array([0.1, 0.3, 0.7, 0.9]), np.random.default_rng(1)
 
 
 def brute(material, light, w):
-    """Variance at one weight, and its standard error."""
+    """Return the variance at one share, and its standard error."""
     total = error2 = 0.0
     for technique, share in ((LIGHT, w), (BRDF, 1 - w)):
         points = surface(material, NODES)
@@ -99,7 +100,7 @@ def brute(material, light, w):
 # %%
 # For each model: a map of the hemisphere seen from above, a histogram of samples, the curves.
 def lobe_map(axis, material):
-    """BRDF times cosine over the unit disk."""
+    """Draw BRDF times cosine over the unit disk."""
     x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 241, dtype=np.float32)])
     inside = x * x + y * y < 1
     wi = np.stack([x[inside], y[inside], np.sqrt(1 - x[inside] ** 2 - y[inside] ** 2)])
@@ -124,7 +125,7 @@ def lobe_map(axis, material):
 
 
 def histogram(axis, material):
-    """Polar angles of sampled directions, and the density that says what they should be."""
+    """Draw a histogram of the polar angles of sampled directions, and the density that it should follow."""
     count = opts.pick(2**13, 2**17)
     wi = surface(material, count).sample(np.random.default_rng(1).random((2, count), dtype=np.float32))
     theta = np.degrees(np.arccos(np.clip(wi[2], -1, 1)))

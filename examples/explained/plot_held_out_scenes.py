@@ -2,8 +2,8 @@
 The two held-out scenes
 =======================
 
-Veach's plates and a room with ten lights, by BRDF samples alone, by light samples alone and by the balance heuristic,
-and the share of light samples that is learned. No constant of dmis is chosen on these two scenes.
+Veach's plates and a room with ten lights: by BRDF samples alone, by light samples alone, by the balance heuristic, and
+the share of light samples that dmis learns. No constant of dmis was chosen on these two scenes.
 """
 
 import sys
@@ -24,7 +24,7 @@ TITLES = {"fixed:0": "BRDF samples", "fixed:1": "light samples", "balance": "bal
 RULES = (*TITLES, "auto")
 
 # %%
-# The variance of one camera sample is that of the image times the number of camera samples.
+# The variance of one camera sample is the variance of the image times the number of camera samples.
 figure, axes = plot.canvas(len(dmis.HELD_OUT), 4, 19, 7)
 rows = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
 for line, name in zip(axes, dmis.HELD_OUT, strict=True):

@@ -2,9 +2,9 @@
 Even points: nets, orders and slopes
 ====================================
 
-The sampler ``sobol`` in three pictures: what is even about 16 points of its sequence; why the light's pair must not
-have the order of the camera's; and how fast the error falls for smooth integrands and for edges. The page "Even points"
-explains it.
+The sampler ``sobol`` in three pictures: how even 16 points of its sequence are; why the light's pair must not have the
+same order as the camera's; and how fast the error falls for smooth integrands and for edges. The page "Even points"
+explains all three.
 """
 
 import sys
@@ -24,17 +24,17 @@ opts, _ = options(__file__, __doc__)
 PIXELS, N = (50, 1024) if opts.size == "quick" else (400, 4096)
 
 # %%
-# The camera's pair and the light's, of the first N camera samples of some pixels, (2, N, PIXELS): as the renderer draws
-# them.
+# Draw the camera's and the light's pair of the first N camera samples of some pixels, (2, N, PIXELS), as the renderer
+# does.
 sampler = Sobol(PixelBlock(np.random.default_rng(), 1, np.arange(PIXELS), [N], 2))
 sampler.start(np.tile(np.arange(PIXELS), N), np.repeat(np.arange(N), PIXELS))
 camera, light, other = (sampler.draw(key, None).reshape(2, N, PIXELS) for key in ("camera", (0, 0), (1, 0)))
 random = np.random.default_rng(1).random((4, N, PIXELS))
 
 # %%
-# Top: the points of one pixel. In each of the five shapes of boxes of area 1/16 every box has one of the 16 points. The
-# light's first number against the camera's: two pairs at the same points of the sequence lie on a pattern, whose
-# gaps no number of samples fills; in the light's own order they fill the square.
+# Top: the points of one pixel. For each of the five shapes of boxes of area 1/16, every box has one of the 16 points.
+# Then the light's first number against the camera's. With the same order, both pairs lie on a pattern whose gaps no
+# number of samples fills. With the light's own order they fill the square.
 figure, axes = plot.canvas(2, 3, 14, 9)
 for axis, columns, rows in zip(axes[0, :2], (4, 16), (4, 1), strict=True):
     axis.vlines(np.arange(columns + 1) / columns, 0, 1, color="0.8", label=f"{columns} × {rows} boxes")
@@ -42,29 +42,29 @@ for axis, columns, rows in zip(axes[0, :2], (4, 16), (4, 1), strict=True):
     axis.plot(*camera[:, :16, 0], "o", color="tab:blue", label="samples 0 to 15 in the pixel")
     axis.set_xlabel("$u_0$")
     axis.set_ylabel("$u_1$")
-# two lights share an order, because they are added up: as if they were a product
+# two lights share an order, because their light is added up; here they stand for a product
 axes[0, 2].plot(other[0, :256, 0], light[0, :256, 0], "x", color="tab:red", label="both pairs in one order")
 axes[0, 2].plot(camera[0, :256, 0], light[0, :256, 0], ".", color="tab:blue", label="each in its own")
 axes[0, 2].set_xlabel("$u_0$ of one pair, 256 samples")
 axes[0, 2].set_ylabel("$u_0$ of the light")
 
 # %%
-# Bottom: mean squared error over the pixels, of an integrand of both pairs: smooth; with an edge across the pixel, as
-# of a silhouette; with an edge through all four dimensions, as of a shadow.
+# Bottom: mean squared error over the pixels for three integrands of both pairs. One is smooth, one has an edge across
+# the pixel, like a silhouette, and one has an edge through all four dimensions, like a shadow.
 
 
 def smooth(u):
-    """A product with mean 1."""
+    """Return a smooth product with mean 1."""
     return np.prod(0.5 + u, axis=0)
 
 
 def silhouette(u):
-    """The smooth function of the light, where an edge of the pixel lets it: mean 0.4."""
+    """Return the smooth function of the light on one side of an edge in the pixel, else 0; the mean is 0.4."""
     return smooth(u[2:]) * (u[0] + 0.7 * u[1] < 0.75)
 
 
 def shadow(u):
-    """A corner of the cube: the sum of four uniform numbers is below 1.5 with probability 77/384."""
+    """Return 1 in a corner of the cube, where the sum of four numbers is below 1.5; its volume is 77/384."""
     return u.sum(axis=0) < 1.5
 
 

@@ -2,10 +2,10 @@
 Path tracing and direct lighting
 ================================
 
-What the light adds that other surfaces have scattered: each scene by direct lighting, by path tracing six surfaces
-deep, and the share of the radiance that is not direct. In the open, under a sky, it is little; in the box the ceiling
-and all shadows live by it. The last panel tells how fast the series converges: the
-mean of the image by the number of surfaces that may scatter.
+How much light comes by way of other surfaces? For each scene the figure has direct lighting, path tracing six surfaces
+deep, and the share of the radiance that is not direct. In the open, under a sky, this share is small. In the box it
+lights the ceiling and all shadows. The last panel has the mean of the image against the number of surfaces that may
+scatter, and so shows how fast the series converges.
 """
 
 import sys
@@ -25,7 +25,7 @@ DEPTHS = (1, 2, 3, 4, 6, 10)
 DEEP = 6
 
 # %%
-# The thesis's scenes at half of the usual size. All by auto, which learns weights for each depth anew.
+# The thesis's scenes have half of the usual size here. The rule is auto, which learns anew for each depth.
 scenes = {"CORNELL": dmis.load_scene("cornell", resolution=opts.pick((24, 24), (100, 100), (200, 200)))}
 scenes |= {about.title: opts.scene(name, 2 * opts.shrink) for name, about in SCENES.items()}
 images = {}
@@ -39,7 +39,7 @@ for title, scene in scenes.items():
     print(f"{title:20} {images[title, DEEP].mean() / images[title, 1].mean():6.3f} times the light of direct lighting")
 
 # %%
-# One line for each scene: direct, paths, the share of light that bounced. The noise of both images is in the share.
+# One row for each scene: direct, paths, the share of light that bounced. The share has the noise of both images.
 figure, axes = plot.canvas(len(scenes) + 1, 3, 13, 3.6 * (len(scenes) + 1))
 for line, title in zip(axes, scenes, strict=False):
     direct, paths = images[title, 1], images[title, DEEP]

@@ -2,10 +2,10 @@
 Rough glass
 ===========
 
-Facets that reflect and refract: three balls of glass on tiles under a bright lamp, path traced, from almost smooth to
-frosted. Light comes to each point of the glass from both sides, and light and BRDF sampling are mixed for each; the
-weights in the last picture are learned for the first surface that a path meets. Frosted glass smears what is behind it,
-and each crossing of its surface loses the light that facets mask.
+Facets that reflect and refract: three balls of glass on tiles under a bright lamp, from almost smooth to frosted,
+rendered by paths. Light comes to each point of the glass from both sides, and light and BRDF samples are mixed for each
+side. The last picture has the shares that were learned for the first surface of a path. Frosted glass blurs what is
+behind it, and each crossing of its surface loses the light that facets mask.
 """
 
 import sys
@@ -25,8 +25,8 @@ opts, _ = options(__file__, __doc__)
 ALPHAS = (0.02, 0.15, 0.4)
 
 # %%
-# Balls on tiles before a wall, a lamp to the left, and a dim sky. A lamp is seen through glass only where a facet sends
-# a path to it; smooth glass would make that a caustic that paths seldom find.
+# The balls lie on tiles before a wall, with a lamp to the left and a dim sky. A path meets the lamp through glass only
+# if a facet sends it there. With smooth glass that would be a caustic, which paths seldom find.
 squares = (np.indices((256, 256)) // 16).sum(axis=0) % 2
 tiles = dmis.Image(np.where(squares[..., None], (0.75, 0.7, 0.6), (0.1, 0.15, 0.25)).astype(np.float32))
 lamp = dmis.QuadLight((-4, -1, 2.5), (0, 3, 0), (1, 0, 2.5), (14, 13, 12))
@@ -45,7 +45,7 @@ camera = dmis.Camera.look_at((0, -6, 2.2), (0, 0.4, 0.75), (0, 0, 1), 28, size)
 scene = dmis.Scene(camera, (floor, wall, *balls), (lamp, sky), "rough-glass")
 
 # %%
-# Three renders of the same scene: light through the glass needs paths.
+# Render the same scene three times: light through the glass needs paths.
 direct = dmis.render(scene, "auto", opts.spp, settings=dmis.Settings(integrator="direct"), parallel=opts.threads)
 settings = dmis.Settings(integrator="path", max_depth=12)
 paths = dmis.render(scene, "auto", opts.spp, settings=settings, parallel=opts.threads, progress=show("paths"))
@@ -54,7 +54,7 @@ for name, result in (("direct", direct), ("paths", paths)):
     print(f"{name:8} mean radiance {result.image.mean():.3f}, {seconds:.1f} s")
 
 # %%
-# The balls show the sky and the lamp by themselves; what stands behind them is seen by paths only.
+# Direct lighting shows the sky and the lamp in the balls. Only paths show what is behind the balls.
 figure, axes = plot.canvas(3, 1, 8, 11)
 plot.picture(axes[0, 0], direct.image, "direct lighting: no light that passes two surfaces")
 plot.picture(axes[1, 0], paths.image, "paths, at most 12 surfaces; alpha " + ", ".join(f"{a:g}" for a in ALPHAS))

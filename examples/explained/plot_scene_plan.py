@@ -2,9 +2,9 @@
 What a scene needs, and what is left out
 ========================================
 
-Six small scenes, what their plans say, and where the rays go: a camera sample is followed only as far as something can
-come of it. Where nothing is seen nothing is sampled, a mirror needs no light samples, a point light no BRDF samples, a
-black wall ends a path. The two rooms are rendered by paths.
+Six small scenes, their plans, and where their rays go. dmis follows a camera sample only as far as it can contribute.
+Where the camera meets nothing, nothing is sampled. A mirror needs no light samples, a point light no BRDF samples, and
+a black wall ends a path. The two rooms are rendered by paths.
 """
 
 import sys
@@ -28,7 +28,7 @@ opts, _ = options(__file__, __doc__)
 SIZE, SPP = opts.pick((48, 36), (240, 180)), opts.pick(8, 64)
 
 # %%
-# The parts of the scenes.
+# Make the parts of the scenes.
 FLOOR = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
 LAMP = dmis.QuadLight((-0.5, -0.5, 2.4), (0, 1, 0), (1, 0, 0), (6, 5, 4))
 POINT = dmis.PointLight((-1.5, -1.5, 2.5), (6, 6, 6))
@@ -36,12 +36,12 @@ CAMERA = dmis.Camera.look_at((0, -3.6, 1.8), (0, 0, 0.7), fov=45, resolution=SIZ
 
 
 def ball(material):
-    """A ball on the floor."""
+    """Return a ball on the floor."""
     return dmis.Part(sphere(0.6, segments=opts.pick(48, 160)).transformed(translate((0, 0, 0.6))), material)
 
 
 def walls(albedo):
-    """Two sides, a back, a ceiling, and a front behind the camera."""
+    """Return the walls of a room: two sides, a back, a ceiling, and a front behind the camera."""
     corners = [
         ((-2, 2, 0), (4, 0, 0), (0, 0, 2.6)),
         ((-2, -4, 0), (0, 6, 0), (0, 0, 2.6)),
@@ -53,7 +53,7 @@ def walls(albedo):
 
 
 def scene(name, parts, *lights, integrator="direct"):
-    """A scene with its name, and the integrator that renders it."""
+    """Return a scene with its name and the integrator that renders it."""
     return dmis.Scene(CAMERA, tuple(parts), lights, name, dmis.Suggestions(integrator))
 
 
@@ -69,7 +69,7 @@ SCENES = [
 ]
 
 # %%
-# The same settings for all, but for the integrator.
+# Render all with the same settings, except for the integrator.
 KINDS = {
     "camera": "0.3",
     "shadow": "tab:blue",
@@ -100,7 +100,7 @@ for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
     print(f"{one.name}\n{one.describe()}\n")
 
 # %%
-# The proof of the plan: rendered as if every pixel might see something, the first scene has the same bits.
+# Check the plan: the first scene has the same bits if nothing is left out.
 first = SCENES[0]
 blind = replace(first)
 vars(blind)["covered_pixels"] = None

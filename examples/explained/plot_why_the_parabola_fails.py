@@ -2,10 +2,10 @@
 Why the parabola fails
 ======================
 
-The same rule on the same pilot loses by a large factor with patches of 4x4 pixels and is a fair rule with patches of
-16x16. What differs is the number of samples behind a variance. Where a technique meets the light in one sample of a
-hundred, most small patches see no such sample. Their variance is then nearly zero: the technique that fails looks
-perfect, and gets all samples.
+The same rule on the same pilot loses by a large factor with patches of 4x4 pixels, and works with patches of 16x16. The
+difference is the number of samples behind a variance. Suppose a technique meets the light in one sample of a hundred.
+Then most small patches have no such sample, and their variance is nearly zero. The technique that fails looks perfect,
+and gets all samples.
 """
 
 import sys
@@ -55,9 +55,9 @@ for patch, (value, half) in ratios.items():
     print(f"patches of {patch:2}x{patch:<2} MSE / MSE of the balance heuristic {value:6.2f} ± {half:.2f}")
 
 # %%
-# **How many patches see no spike?** On the diffuse walls of KILLEROO DIFFUSE, a BRDF sample that hits the lamp is far
-# brighter than the pixel, and all others bring nothing. If a share h of the BRDF samples hits, none of the n samples of
-# each of P pixels does with probability (1 - h)^(P n).
+# **How many patches miss every spike?** On the diffuse walls of KILLEROO DIFFUSE, a BRDF sample that hits the lamp is
+# far brighter than the pixel, and all others are zero. Let a share h of the BRDF samples hit. A patch of P pixels with
+# n samples each has no hit with probability (1 - h)^(P n).
 room = opts.scene("killeroo-diffuse", opts.pick(16, 4, 1))
 wall = room.crop(*window(room, (0.02, 0.27), (0, 0.187)))
 truth = luminance(dmis.render(wall, "balance", opts.pick(32, 128), seed=1, preset="thesis").image)
@@ -77,7 +77,7 @@ for spp, shares in missed.items():
     print(f"{spp} samples per pixel, patches of 2, 4, 8, 16 pixels: no hit in {told} of them (expected)")
 
 # %%
-# Top: the weights. Middle: what they make of the image. Bottom: patches without a spike.
+# Top: the weights. Middle: images rendered with them. Bottom: patches without a spike.
 figure = print_canvas(1, 1, 5.6)[0]
 figure.clear()
 top, bottom = figure.subfigures(2, 1, height_ratios=[1.75, 1])

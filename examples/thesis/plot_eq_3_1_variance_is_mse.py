@@ -2,9 +2,9 @@
 Equation 3.1: variance is error
 ===============================
 
-The premise of the thesis: an unbiased estimator's expected squared error is its variance (Eq. 3.1), and a variance can
-be estimated from the samples themselves, without a reference. Both halves of the sentence are true. This figure
-measures them patch by patch, and then asks what is left of the second when there are only two samples.
+The thesis rests on two facts. The expected squared error of an unbiased estimator is its variance (Eq. 3.1). And the
+samples themselves estimate this variance, without a reference. Both are true. This figure measures both, patch by
+patch, and then asks how well the second one works with only two samples.
 """
 
 import sys
@@ -35,9 +35,9 @@ images = [
 error = np.mean([patch_mean(squared_error(i.image, reference.first, reference.second), PATCH) for i in images], axis=0)
 
 # %%
-# The variance of every patch, Σ (x - mean)² / (n - 1) / n, which estimates MSE = Var (Eq. 3.1): of an image of many
-# samples; and of one of two samples, scaled to the same number. The techniques alone show what the thesis's pilot has
-# to work with.
+# The variance of every patch, Σ (x - mean)² / (n - 1) / n, estimates MSE = Var (Eq. 3.1). It is measured on an image of
+# many samples, and on one of two samples, scaled to the same number. The techniques alone show the data of the thesis's
+# pilot.
 many = patch_mean(images[0].variance.mean(axis=2), PATCH)
 panels = {f"{opts.spp} samples, balance": (many, error)}
 for title, rule in (
@@ -53,7 +53,7 @@ for title, rule in (
     panels[title] = patch_mean(few.mean(axis=2), PATCH) * 2 / opts.spp, truth
 
 # %%
-# On the diagonal, the estimate is right.
+# The estimate is right on the diagonal.
 figure, axes = print_canvas(1, 4, 2.5, sharex=True, sharey=True)
 told = []
 for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True):

@@ -2,10 +2,9 @@
 Figure 2.1: variance is noise
 =============================
 
-A Monte Carlo image is an average of random samples, so it is random itself. With n samples per pixel its variance, and
-with it the mean squared error, falls as 1/n: sixteen times as many samples leave a sixteenth of the error, and the
-grains that the eye sees are four times as faint. Everything that follows is about getting the same grain from fewer
-samples.
+A Monte Carlo image is an average of random samples, so it is random itself. With n samples per pixel, its variance and
+its mean squared error fall as 1/n. Sixteen times as many samples leave a sixteenth of the error, and the visible grain
+is four times as faint. All other figures are about getting the same grain from fewer samples.
 """
 
 import sys
@@ -24,7 +23,7 @@ from dmis.experiment.metrics import mean_and_error, squared_error
 opts, _ = options(__file__, __doc__)
 
 # %%
-# The same scene twice, with few and with many samples: one light and one BRDF sample each, balance heuristic.
+# Render the same scene with few and with many samples: one light and one BRDF sample each, balance heuristic.
 scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
 reference = opts.reference(scene, opts.pick(64, 128))
 few, many = opts.pick((2, 16), (8, 128))

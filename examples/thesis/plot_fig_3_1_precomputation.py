@@ -2,9 +2,9 @@
 Figure 3.1: the pilot
 =====================
 
-The thesis's precomputation. Before it decides anything, its rule renders the scene with two samples per pixel of each
-of three strategies: BRDF sampling alone (share of light samples w = 0), both techniques with the balance heuristic
-(w = 1/2), and light sampling alone (w = 1). The noise of these images is all that the rule learns from.
+The thesis's precomputation, called pilot here. The rule first renders the scene with two samples per pixel of each of
+three strategies: BRDF sampling alone (share of light samples w = 0), both techniques with the balance heuristic
+(w = 1/2), and light sampling alone (w = 1). It learns from the noise of these images and from nothing else.
 """
 
 import sys
@@ -28,9 +28,9 @@ NAMES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold")
 STRATEGIES = {0: "BRDF sampling, w = 0", 0.5: "balance heuristic, w = ½", 1: "light sampling, w = 1"}
 
 # %%
-# **Step 1, the pilot.** Of the S = 2 directions that a camera sample takes at a surface, a share w is picked by light
-# sampling and a share 1 - w by BRDF sampling; the balance heuristic combines them, so a direction of contribution f
-# counts as f / (w p_l + (1 - w) p_b), with the densities p_l and p_b of the two techniques.
+# **Step 1, the pilot.** A camera sample takes S = 2 directions at a surface. Light sampling draws a share w of them,
+# BRDF sampling the share 1 - w. The balance heuristic combines both: a direction with the contribution f counts f / (w
+# p_l + (1 - w) p_b), with the densities p_l and p_b of the two techniques.
 scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in NAMES}
 pilots = {
     (name, w): dmis.render(scene, f"fixed:{w}", 2, seed=k, preset="thesis")
@@ -40,8 +40,8 @@ pilots = {
 
 # %%
 # **Step 2, the variance.** With n = 2 samples x of a pixel, their sample variance is y = Σ (x - mean)² / (n - 1).
-# `Result.variance` is that of the pixel, the mean of n samples, y / n. The variance of one pixel is hardly more than
-# noise itself, so the thesis averages it over patches.
+# `Result.variance` is the variance of the pixel, which is the mean of n samples: y / n. The sample variance of a single
+# pixel is very noisy itself, so the thesis averages it over patches.
 variances = {key: patch_mean(2 * luminance(pilot.variance), PATCH) for key, pilot in pilots.items()}
 for (name, w), y in variances.items():
     print(f"{name:18} w = {w:3g}: mean variance of a sample {y.mean():.4g} (luminance²)")

@@ -2,9 +2,9 @@
 Figure 3.2: error against weight, TEAPOT AREA LIGHT
 ===================================================
 
-How does the error of a patch depend on the share w of light samples? Measure it, in two patches of the teapot where the
-curves have different shapes, and for comparison in one of KILLEROO GOLD where BRDF sampling is better: the teapot has
-no such patch. Then look at what the thesis makes of three points of each: a parabola, and its minimum.
+How does the error of a patch depend on the share w of light samples? This figure measures it in two patches of the
+teapot whose curves have different shapes. The teapot has no patch where BRDF sampling is better, so a third patch is
+from KILLEROO GOLD. Then it shows what the thesis makes of three points of each curve: a parabola and its minimum.
 """
 
 import sys
@@ -69,7 +69,7 @@ parabolas = {colour: np.polyfit(STRATEGIES, points, 2) for colour, points in exa
 fitted = {colour: float(parabola_minimum(STRATEGIES, points)[0]) for colour, points in exact.items()}
 
 # %%
-# **What a pilot sees.** The rule does not know the exact points. It has the sample variances of two samples per pixel,
+# **The pilot's data.** The rule does not know the exact points. It has the sample variances of two samples per pixel,
 # y = Σ (x - mean)², averaged over the patch. Pilots with other random numbers give other weights.
 pilots = {
     colour: [
@@ -91,8 +91,8 @@ for colour, curve in curves.items():
 
 # %%
 # **Has the teapot no patch where BRDF sampling is better?** The variances y₀ and y₁ of all patches of its picture, from
-# as many samples as the thesis has. The edge of the lamp is left out, where they are equal but for noise (the lamp has
-# the radiance 8, all else less than 4), and so is what neither technique finds noisy.
+# as many samples as the thesis has. Two kinds of patches are left out: the edge of the lamp, where both variances are
+# equal but for noise (the lamp has the radiance 8, all else less than 4), and patches with hardly any variance.
 whole = {
     w: dmis.render(
         scenes["teapot-area-light"], f"fixed:{w}", opts.spp, seed=7, progress=show(f"w = {w}"), preset="thesis"

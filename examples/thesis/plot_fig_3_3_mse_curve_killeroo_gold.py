@@ -2,9 +2,9 @@
 Figure 3.3: error against weight, KILLEROO GOLD
 ===============================================
 
-The measurement of Figure 3.2 in a scene of two opposites. On the gold, BRDF sampling finds the reflection of the light,
-and the error grows with the share of light samples; on the diffuse floor it falls. The axis is linear, so that a
-parabola looks like one.
+The measurement of Figure 3.2 in a scene with two opposite surfaces. On the gold, BRDF sampling finds the reflection of
+the light, and the error grows with the share of light samples. On the diffuse floor the error falls with that share.
+The axis is linear, so that a parabola looks like one.
 """
 
 import sys
@@ -63,7 +63,7 @@ parabolas = {colour: np.polyfit(STRATEGIES, points, 2) for colour, points in exa
 fitted = {colour: float(parabola_minimum(STRATEGIES, points)[0]) for colour, points in exact.items()}
 
 # %%
-# **What a pilot sees.** The rule does not know the exact points. It has the sample variances of two samples per pixel,
+# **The pilot's data.** The rule does not know the exact points. It has the sample variances of two samples per pixel,
 # y = Σ (x - mean)², averaged over the patch. Pilots with other random numbers give other weights.
 pilots = {
     colour: [

@@ -2,10 +2,10 @@
 Figure 3.4: the learned weights
 ===============================
 
-The weight map of each scene, before the filter: red where the thesis's rule gives the samples to BRDF sampling, blue
-where to light sampling, white where to both alike. A parabola has a minimum inside [0, 1] in a part of the patches
-only; elsewhere the thesis does not say what to do, and this library takes the nearer end, or the best of the three
-pilots where the parabola is not convex.
+The weight map of each scene before the filter. Red patches give their samples to BRDF sampling, blue ones to light
+sampling, white ones half to each. The parabola has a minimum inside [0, 1] only in some of the patches. The thesis does
+not say what to do in the others. dmis takes the nearer end, or, if the parabola is not convex, the best of the three
+pilots.
 """
 
 import sys
@@ -46,15 +46,15 @@ variances = {
 
 # %%
 # **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of each patch (Eqs. 3.2-3.4) has
-# its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). The status says where that could not be used as it is.
+# its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). The status marks the patches where this is no minimum inside [0, 1].
 fits = {name: parabola_minimum(STRATEGIES, y) for name, y in variances.items()}
 for name, (_, status) in fits.items():
     shares = (f"{meaning} {np.mean(status == code):.1%}" for code, meaning in STATUS.items())
     print(f"{name:18} {', '.join(shares)}")
 
 # %%
-# The next steps, the filter and the final pass, are Figure 3.5's. Here are the weights as they come out of the fit,
-# beside the mean of the three pilots.
+# Figure 3.5 has the next steps, the filter and the final pass. This figure shows the weights of the fit beside the mean
+# of the three pilots.
 figure, axes = print_canvas(4, 2, 8.6, width=6, height_ratios=[1.25, 1, 1, 0.75])
 for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     image = np.mean([pilot.image for pilot in pilots[name]], axis=0)

@@ -2,9 +2,9 @@
 Figure 3.5: the filter
 ======================
 
-Weights that are fitted patch by patch jump from patch to patch, because so few samples went into each. The thesis
-smooths them with a 5x5 Gaussian over patches. That helps where neighbours should agree. It also blurs weights across
-the edges of shadows and materials, where they should not.
+Few samples decide the weight of a patch, so weights jump from patch to patch. The thesis smooths them with a 5x5
+Gaussian over patches. This helps where neighbours should agree. It also blurs weights across the edges of shadows and
+materials, where neighbours should differ.
 """
 
 import sys
@@ -60,8 +60,8 @@ raw = {name: parabola_minimum(STRATEGIES, y)[0] for name, y in variances.items()
 filtered = {name: gaussian(weight, sigma=1, radius=2) for name, weight in raw.items()}
 
 # %%
-# **Step 5, the final pass.** Each pixel has the weight of its patch. 122 of the 128 samples are left; the balance
-# heuristic, which needs no pilot, has all of them.
+# **Step 5, the final pass.** Each pixel takes the weight of its patch. The rule has 122 of the 128 samples left. The
+# balance heuristic needs no pilot and takes all of them.
 SHAPES = {name: scene.camera.resolution[::-1] for name, scene in scenes.items()}
 maps = {
     (name, title): patch_spread(weight[name], PATCH, SHAPES[name])
@@ -75,7 +75,7 @@ final = {
 balance = {name: dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis") for name, scene in scenes.items()}
 
 # %%
-# Was it worth it? The mean squared error over that of the balance heuristic, against two halves of a reference.
+# Does it help? Compute the mean squared error over that of the balance heuristic, against two halves of a reference.
 ratios = {}
 for name, scene in scenes.items():
     reference = opts.reference(scene, opts.pick(64, 128))

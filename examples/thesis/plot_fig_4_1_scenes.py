@@ -2,9 +2,9 @@
 Figure 4.1: the four scenes
 ===========================
 
-The scenes of the thesis, rendered with its rule. Cameras, lights and materials are the thesis's; the meshes of those
-that come with this library are not, because the killeroo and the car may not be handed on. With ``--scene-dir`` the
-original files are rendered.
+The four scenes of the thesis, rendered with its rule. Cameras, lights and materials are the thesis's. The meshes that
+come with dmis are its own, because the killeroo and the car may not be redistributed. ``--scene-dir`` renders the
+original files.
 """
 
 import sys
@@ -22,8 +22,8 @@ SPP = opts.pick(16, 32, 128)
 INTEGRATOR = {"killeroo-gold": "path"}
 
 # %%
-# The rule ``thesis``, with 6 samples in its pilot. Gold reflects its surroundings and little else, so that by direct
-# light alone it is black but for reflections of the light: KILLEROO GOLD is rendered with paths.
+# The rule ``thesis`` has 6 samples in its pilot. Gold reflects little but its surroundings. By direct light alone it
+# would be black except for reflections of the light, so KILLEROO GOLD is rendered by paths.
 results = {}
 for name, about in SCENES.items():
     scene = opts.scene(name, opts.pick(16, min(about.size) / 800, 1))
@@ -34,7 +34,7 @@ for name, about in SCENES.items():
     print(f"{scene.name:20} {width}x{height}, {triangles:,} triangles, {len(scene.lights)} lights")
 
 # %%
-# Nothing but the images, drawn with 800 dots or more on the shorter side of each.
+# Draw the images with 800 dots or more on the shorter side of each.
 figure, axes = print_canvas(2, 2, 5, height_ratios=[1.15, 1])
 for axis, (title, result) in zip(axes.flat, results.items(), strict=True):
     plot.picture(axis, result.image, title)

@@ -2,9 +2,9 @@
 Figure 5.1: noisy weights, TT
 =============================
 
-The thesis names TT as the limit of its method: with two samples per pixel the variances are noisy, so the weights are,
-and the filter does not mend them. Here are its three panels, and a fourth question that they raise: in which patches is
-the error lost?
+The thesis names TT as the limit of its method. With two samples per pixel the variances are noisy, so the weights are
+noisy, and the filter does not repair them. This figure has the thesis's three panels, and answers a fourth question: in
+which patches is the error lost?
 """
 
 import sys
@@ -51,8 +51,8 @@ raw, status = parabola_minimum(STRATEGIES, variances)
 filtered = gaussian(raw, sigma=1, radius=2)
 
 # %%
-# **Step 5, the final pass.** Each pixel has the weight of its patch; 6 of the 128 samples are spent. The balance
-# heuristic has all of them, twice with different random numbers.
+# **Step 5, the final pass.** Each pixel takes the weight of its patch; the pilot has used 6 of the 128 samples. The
+# balance heuristic takes all of them, twice with different random numbers.
 height, width = pilots[0].image.shape[:2]
 weight = patch_spread(filtered, PATCH, (height, width))
 images = {
@@ -62,9 +62,9 @@ images = {
 }
 
 # %%
-# **Where is it lost?** The mean squared error of each patch, over that of the balance heuristic. A ratio of two noisy
-# errors is above 1 in about half of the patches, and some of them carry much of the difference, even if nothing
-# differs but the random numbers. So the same is drawn for the balance heuristic against itself.
+# **Where is the error lost?** Divide the mean squared error of each patch by that of the balance heuristic. Both errors
+# are noisy. Even if only the random numbers differ, the ratio is above 1 in about half of the patches, and a few of
+# them carry much of the difference. So the same map is drawn for the balance heuristic against itself.
 reference = opts.reference(scene, opts.pick(64, 128))
 squared = {name: squared_error(image, reference.first, reference.second) for name, image in images.items()}
 errors = {name: patch_mean(error, PATCH) for name, error in squared.items()}

@@ -2,12 +2,12 @@
 Table 4.1: the thesis's rule against the balance heuristic
 ==========================================================
 
-The thesis's main result, scene by scene: the mean squared error of its rule over that of the balance heuristic, with
-equal numbers of samples (128, of which 6 are the pilot's), and in equal time, where pilot and fit have to be paid with
-samples. The thesis took 125 = 6 + 119 samples for that; here the number is found by measurement.
+The main result of the thesis, scene by scene: the mean squared error of its rule over that of the balance heuristic.
+The first comparison has equal numbers of samples (128, of which 6 are the pilot's). The second has equal time, so pilot
+and fit leave time for fewer samples. The thesis took 125 = 6 + 119 samples there; here the number is measured.
 
-The balance heuristic takes one light and one BRDF sample each time. docs/reproduction.md compares with a weaker
-baseline too, and with more seeds.
+The balance heuristic takes one light and one BRDF sample per camera sample. ``docs/reproduction.md`` also compares with
+a weaker baseline, and with more seeds.
 """
 
 import sys
@@ -34,10 +34,10 @@ OURS = f"thesis:patch={given.patch}"
 
 
 # %%
-# Equal samples first. The times tell how many samples fit into the time of the balance heuristic; render with that
-# number, again next to the balance heuristic, and see whether the times agree. If they do not, correct it once; what is
-# left of the difference stands beside the ratio. Time is the processor's, of one thread: wall times also depend on what
-# else a machine does.
+# Compare at equal samples first. The times say how many samples fit into the time of the balance heuristic. Render with
+# that number, again beside the balance heuristic, and compare the times. If they differ, correct the number once; the
+# remaining difference is printed beside the ratio. Time is CPU time of one thread, because wall time also depends on
+# other programs.
 rows = []
 for name, about in SCENES.items():
     scene = opts.scene(name)
@@ -74,7 +74,7 @@ for name, about in SCENES.items():
     )
 
 # %%
-# The table, with the thesis's numbers in parentheses; and the short one of the README.
+# Write the table with the thesis's numbers in parentheses, and the short one of the README.
 lines = [
     "| scene | balance: s (thesis) | MSE | ours / balance, equal samples (thesis) | more time (thesis) "
     "| spp for equal time (thesis) | ours / balance at that spp (thesis) | time / balance |",
@@ -103,7 +103,7 @@ if opts.size == "full" and opts.scene_dir is None:
     replace_table(ROOT / "README.md", "table 4.1", *short, "", made)
 
 # %%
-# The same as a picture: below 1 the rule wins.
+# Draw the same numbers: below 1 the rule wins.
 figure, axes = print_canvas(1, 2, 3.1)
 places = np.arange(len(rows))
 axis = axes[0, 0]
