@@ -16,12 +16,15 @@ the preset ``thesis``.
 
 Each comparison is one line of ``docs/tables/reproduction.csv``, written as soon as it is finished. An interrupted run
 continues after the last line. Lines stay valid, because no later version changes the preset. At half the thesis's side
-length the script takes about two hours on two cores.
+length the script takes about two hours on two cores. With ``--large 1`` the setting of each scene whose ratio and
+error are nearest to the thesis's is also rendered at the thesis's own resolution, with one seed.
 """
 
 import csv
 import sys
+from collections.abc import Callable
 from datetime import date
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +44,8 @@ opts, given = options(
     "the thesis's Table 4.1 by set-up and patch size",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     scenes={"nargs": "+", "default": [*SCENES, "tt-overcast"], "help": "only these scenes"},
+    integrators={"nargs": "+", "default": ["direct", "path"], "help": "direct, or direct and path (default)"},
+    large={"type": int, "default": 0, "help": "seeds of the nearest setting at the thesis's resolution (default 0)"},
     csv={"type": Path, "default": RESULTS, "help": "results; those in it are not made again"},
     page={"type": Path, "help": "a page that gets the table between its marks 'grid'"},
 )
@@ -52,6 +57,8 @@ UNROUNDED = "as in the file, 6 + 122"
 LIGHT_SAMPLES = {"teapot-area-light": 16, "killeroo-diffuse": 4, "killeroo-gold": 4, "tt": 8, "tt-overcast": 8}
 """``nsamples`` of the public pbrt-v2 files; KILLEROO DIFFUSE has no file and takes that of KILLEROO GOLD."""
 BY_PATHS = ("killeroo-gold", "tt", "tt-overcast")
+SHRINK = {"tt-overcast": 4}
+"""Divisors of the thesis's side length other than 2. The thesis has no TT without a sun."""
 LAMP = {"teapot-area-light": 8.0}
 """Radiance of a visible lamp; pixels that contain it are the lamp's edge."""
 TOLD = {
@@ -62,8 +69,8 @@ TOLD = {
     "tt-overcast": (8.252e-6, 1.061e-5),
 }
 """The thesis's mean squared errors with equal samples: balance heuristic, its rule."""
-MEASURES = ("all", "no_edge", "clipped")
-"""All pixels; without those at the lamp's edge; of images clipped to [0, 1]."""
+MEASURES = {"all": "all pixels", "no_edge": "without the lamp's edge", "clipped": "clipped to [0, 1]"}
+"""The pixels and values that enter a mean squared error."""
 KEY = ("scene", "size", "setup", "integrator", "patch", "seed")
 COLUMNS = (*KEY, "seconds", *(f"{m}_{what}" for m in MEASURES for what in ("balance", "rule", "half")))
 
@@ -94,20 +101,46 @@ else:
     given.csv.write_text(",".join(COLUMNS) + "\n", "utf-8")
 
 
-def compare(name: str, scene: dmis.Scene, setup: str, integrator: str, patches, reference) -> None:
-    """Render the rule with each patch size and the balance heuristic; write one line per size and seed."""
+def scene_of(name: str, shrink: int) -> tuple[dmis.Scene, str]:
+    """Return a scene at the thesis's side length over `shrink`, and its size in words."""
+    if name in SCENES:
+        scene = opts.scene(name, shrink)
+    else:
+        width, height = SCENES["tt"].size
+        scene = dmis.load_scene(name, resolution=(round(width / shrink), round(height / shrink)))
+    return scene, "x".join(map(str, scene.camera.resolution))
+
+
+def reference_of(name: str, scene: dmis.Scene, integrator: str) -> Callable[[], dmis.Reference]:
+    """Return the function that renders the reference, once.
+
+    References have Sobol points and the shading samples of the file: their own noise is small beside the errors.
+    """
+    settings = dmis.Settings(integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name])
+    progress = show(f"reference of {name}, {integrator}")
+    return cache(partial(dmis.make_reference, scene, opts.pick(64, 128), settings=settings, progress=progress))
+
+
+def compare(
+    name: str, scene: dmis.Scene, setup: str, integrator: str, patches, reference: Callable[[], dmis.Reference], seeds
+) -> None:
+    """Render the rule with each patch size and the balance heuristic; write one line per size and seed.
+
+    `reference` is only called if a line is missing.
+    """
     size = "x".join(map(str, scene.camera.resolution))
     fields = {"preset": "thesis", "integrator": integrator, **setups(name)[setup]}
-    for seed in range(given.seeds):
+    for seed in range(seeds):
         todo = [p for p in patches if (name, size, setup, integrator, str(p), str(seed)) not in rows]
         if not todo:
             continue
+        converged = reference()
         more = {"seed": seed, "progress": show(f"{name}, {setup}, {integrator}, seed {seed}"), **fields}
-        balance = error_maps(name, dmis.render(scene, "balance", opts.spp, **more).image, reference)
+        balance = error_maps(name, dmis.render(scene, "balance", opts.spp, **more).image, converged)
         for patch in todo:
             spp = opts.spp + (PILOT if setup == "as in the file" else 0)
             result = dmis.render(scene, f"thesis:patch={patch}", spp, **more)
-            ours = error_maps(name, result.image, reference)
+            ours = error_maps(name, result.image, converged)
             row = dict(zip(KEY, (name, size, setup, integrator, str(patch), str(seed)), strict=True))
             row["seconds"] = f"{result.seconds['total']:.1f}"
             for measure in MEASURES:
@@ -119,60 +152,95 @@ def compare(name: str, scene: dmis.Scene, setup: str, integrator: str, patches, 
                 csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
 
 
-def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measure: str) -> tuple[float, ...]:
+def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measure: str, seeds: int) -> tuple:
     """Return the errors of balance and rule, means over seeds, their ratio, and half of its 95 % interval.
 
     The intervals of the seeds, over blocks of pixels, are independent: half² = Σ (half_k balance_k)² / (Σ balance_k)².
     """
-    keys = [(name, size, setup, integrator, str(patch), str(seed)) for seed in range(given.seeds)]
+    keys = [(name, size, setup, integrator, str(patch), str(seed)) for seed in range(seeds)]
     base, ours, half = (
         np.array([float(rows[key][f"{measure}_{what}"]) for key in keys]) for what in ("balance", "rule", "half")
     )
     return base.mean(), ours.mean(), ours.sum() / base.sum(), np.sqrt(((half * base) ** 2).sum()) / base.sum()
 
 
+def nearest(name: str, settings: dict[tuple, list[tuple]]) -> tuple[tuple, str]:
+    """Return the setting and the measure that are nearest to the thesis's ratio and error.
+
+    Nearest in error (by its logarithm) among those whose interval covers the thesis's ratio; if there are none, nearest
+    in ratio. Points of the unrounded set-up are not the thesis's.
+    """
+    error, ratio = TOLD[name][0], TOLD[name][1] / TOLD[name][0]
+    candidates = [
+        (
+            abs(value - ratio) > half,
+            abs(np.log(base / error)) if abs(value - ratio) <= half else abs(value - ratio),
+            *at,
+        )
+        for setting, values in settings.items()
+        for at, (base, _, value, half) in zip(((setting, m) for m in MEASURES), values, strict=True)
+        if setting[0] != UNROUNDED
+    ]
+    return min(candidates)[2:]
+
+
+def verdict(name: str, size: str, setting: tuple, measure: str, seeds: int) -> str:
+    """Return the line of a setting beside the thesis."""
+    setup, integrator, patch = setting
+    base, _, ratio, half = pooled(name, size, setup, integrator, patch, measure, seeds)
+    error, thesis = TOLD[name][0], TOLD[name][1] / TOLD[name][0]
+    covers = "yes" if abs(ratio - thesis) <= half else f"no, by {abs(ratio - thesis) - half:.3f}"
+    how = f"{setup}, {integrator}, patch {patch}, {MEASURES[measure]}"
+    return (
+        f"| {name} {size} | {how} | {ratio:.3f} ± {half:.3f} | {thesis:.3f} | {covers} "
+        f"| {base:.3e} | {error:.3e} | {base / error:.2g} |"
+    )
+
+
 # %%
-# Render each scene in each set-up with four patch sizes, then by paths with the best size. References have Sobol points
-# and the shading samples of the file, so that their own noise is small beside the errors.
+# Each scene: the set-ups, four sizes of patches; then paths with the best of them; then the nearest to the thesis.
 lines = [
     "| scene | set-up | patch | rule / balance | without the lamp's edge | clipped to [0, 1] | MSE of balance "
-    "| without the edge | of the rule | without the edge | thesis: ratio | thesis: MSE of balance | of its rule |",
-    "|---" * 13 + "|",
+    "| without the edge | of the rule | without the edge |",
+    "|---" * 10 + "|",
+]
+verdicts = [
+    "| scene | nearest setting | rule / balance | thesis | covered | MSE of balance | thesis | ours / thesis |",
+    "|---" * 8 + "|",
 ]
 for name in given.scenes:
-    about = SCENES.get(name, SCENES["tt"])
-    shrink = opts.pick(16, 2, 1)
-    if name in SCENES:
-        scene = opts.scene(name, shrink)
-    else:
-        scene = dmis.load_scene(name, resolution=(round(about.size[0] / shrink), round(about.size[1] / shrink)))
-    size = "x".join(map(str, scene.camera.resolution))
-    best: dict[str, int] = {}
-    for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
-        settings = dmis.Settings(integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name])
-        reference = dmis.make_reference(
-            scene, opts.pick(64, 128), settings=settings, progress=show(f"reference of {name}, {integrator}")
-        )
+    scene, size = scene_of(name, opts.pick(16, SHRINK.get(name, 2), 1))
+    settings: dict[tuple, list[tuple]] = {}
+    for integrator in given.integrators if name in BY_PATHS else ("direct",):
+        reference = reference_of(name, scene, integrator)
         for setup in setups(name):
+            tried = {key[2]: values[0][2] for key, values in settings.items() if key[:2] == (setup, "direct")}
             if setup == UNROUNDED:
                 patches = (16,) if integrator == "direct" else ()
             else:
-                patches = PATCHES if integrator == "direct" else (best[setup],)
-            compare(name, scene, setup, integrator, patches, reference)
-            results = {patch: [pooled(name, size, setup, integrator, patch, m) for m in MEASURES] for patch in patches}
-            best |= {setup: min(results, key=lambda patch: results[patch][0][2])} if results else {}
-            for patch, values in results.items():
+                patches = PATCHES if integrator == "direct" else (min(tried, key=tried.__getitem__),)
+            compare(name, scene, setup, integrator, patches, reference, given.seeds)
+            for patch in patches:
+                values = [pooled(name, size, setup, integrator, patch, m, given.seeds) for m in MEASURES]
+                settings[setup, integrator, patch] = values
                 ratios = " | ".join(f"{value:.3f} ± {half:.3f}" for _, _, value, half in values)
                 errors = " | ".join(f"{values[k][which]:.3e}" for which in (0, 1) for k in (0, 1))
-                told = f"{TOLD[name][1] / TOLD[name][0]:.3f} | {TOLD[name][0]:.3e} | {TOLD[name][1]:.3e}"
-                how = f"{setup}, {integrator}"
-                lines.append(f"| {name} {size} | {how} | {patch} | {ratios} | {errors} | {told} |")
+                lines.append(f"| {name} {size} | {setup}, {integrator} | {patch} | {ratios} | {errors} |")
                 print(lines[-1], flush=True)
+    setting, measure = nearest(name, settings)
+    verdicts.append(verdict(name, size, setting, measure, given.seeds))
+    if given.large:
+        scene, size = scene_of(name, opts.pick(8, 1))
+        setup, integrator, patch = setting
+        compare(name, scene, setup, integrator, (patch,), reference_of(name, scene, integrator), given.large)
+        verdicts.append(verdict(name, size, setting, measure, given.large))
+    print(verdicts[-1], flush=True)
 
 # %%
-# Write the table. Intervals are 95 %, from the spread over blocks of pixels.
+# The tables; intervals are 95 %, over blocks of pixels.
 seeds = f"{given.seeds} seed{'' if given.seeds == 1 else 's'}"
 about = f"Made on {date.today()} with {seeds} at {opts.spp} camera samples per pixel, on {machine()}."
-print("", about, "", *lines, sep="\n")
+print("", about, "", *verdicts, "", *lines, sep="\n")
 if given.page is not None:
+    replace_table(given.page, "nearest", about, "", *verdicts)
     replace_table(given.page, "grid", about, "", *lines)
