@@ -153,6 +153,14 @@ def test_points_table_is_resumed(cache, tmp_path):
     assert run(script, cache, *arguments) == printed and results.read_bytes() == rows
 
 
+def test_pattern_harm(cache):
+    """A row for each scene, with shares of patches and their errors."""
+    script = ROOT / "benchmarks" / "measure_pattern_harm.py"
+    printed = run(script, cache, "--seeds", "4", "--pilots", "1", "--scenes", "teapot-area-light", "tt")
+    assert printed.count("| teapot-area-light 20×20 |") == printed.count("| tt 20×12 |") == 1
+    assert printed.count("% ± ") == 6 and "nan" not in printed
+
+
 def test_cluster_tables(cache, tmp_path):
     """Three tables, of bytes, of renders with the same bits, and of what follows for many workers."""
     pytest.importorskip("distributed")

@@ -1,0 +1,148 @@
+"""
+Harm of the pattern alone
+=========================
+
+In how many lit patches of 4×4 pixels is the pattern of light and BRDF samples that ``auto`` chose worse than 1:1? A
+pattern is worse if its V Cᵃ (`dmis.fit.rounds`) is larger. V is the variance of the mean of 16 camera samples with
+Sobol points, over renders with other seeds than those that the pattern was chosen from, so that the noise of the choice
+is in no estimate. Takes some minutes of one core.
+
+The variances have noise, which alone would make nearly half of all patches look worse where both patterns are equally
+good. So the distribution of the true logarithms of the ratios is estimated from the measured ones and their standard
+errors, by maximum likelihood on a grid of steps of 0.1. A patch is harmed if it belongs to a point above 0: its ratio
+is above 1.05, the least that so many renders can tell from 1. Patches whose pixels all have 1:1 are not harmed. The
+same for two halves of the renders with 1:1, where nothing is harmed, tells what is left of the noise.
+
+Pixels that stay with the pattern of the first round, 2:2, keep its samples, and those that change lose them. *Net* harm
+has that in it: for pixels that stay V Cᵃ of 1:1 is larger by (1 - s)^-a, with the share s that the first round is of
+what the pixel costs.
+"""
+
+import sys
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
+from common import SCENES, machine, options
+
+import dmis
+from dmis.base.patches import PATCH, patch_sum
+from dmis.estimator.allocation import shares_of
+from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, PatternMap
+from dmis.fit.rounds import EXPONENT
+from dmis.pipeline.job import Job
+from dmis.pipeline.passes import Passes
+
+SHRINK = {"teapot-area-light": 10, "killeroo-diffuse": 16, "killeroo-gold": 16, "tt": 17}
+"""How much smaller than in the thesis the scenes are rendered."""
+GRID = np.arange(-60, 31) / 10
+"""Logarithms of true ratios."""
+
+opts, given = options(
+    __file__,
+    "share of patches that the pattern of auto makes worse",
+    budget={"type": int, "default": 128, "help": "camera samples per pixel from which auto chooses (default 128)"},
+    samples={"type": int, "default": 16, "help": "camera samples of each pixel in V (default 16)"},
+    seeds={"type": int, "default": 24, "help": "renders with each choice, and twice as many with 1:1 (default 24)"},
+    pilots={"type": int, "default": 1, "help": "choices of auto (default 1)"},
+    scenes={"nargs": "+", "default": list(SHRINK), "help": "only these scenes"},
+)
+
+
+def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the pattern of each pixel that `auto` chooses, its cost over that of 1:1, and what a change would cost.
+
+    The last is the factor of V Cᵃ by which 1:1 must make up for the first round: 1 where the pattern has changed.
+    """
+    job = Job.of(scene, "auto", given.budget, seed, dmis.Settings(sampler="sobol"))
+    with Passes(job, 1) as passes:
+        pilot, _ = passes.pilot()
+    final = job.final_pass(pilot)
+    plan = final.fit.continuation
+    spent = plan.spent / ((final.samples + plan.patterns.begin) * plan.cost)
+    change = np.where(plan.patterns.begin > 0, np.maximum(1 - spent, 1e-3) ** -EXPONENT, 1)
+    return plan.patterns.pattern, plan.cost * given.budget / plan.budget, change
+
+
+def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
+    """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
+    patterns = PatternMap(PATTERNS, pattern, np.zeros(pattern.shape, np.int32))
+    job = Job.of(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
+    images = []
+    for seed in seeds:
+        with Passes(replace(job, seed=seed), 1) as passes:
+            film = passes.render(0, "final", given.samples, shares_of(0.5), job.settings, patterns=patterns).moments
+        images.append(film.mean)
+    deviations = np.array(images, np.float64)
+    deviations -= deviations.mean(axis=0)
+    return np.square(deviations).mean(axis=-1) * len(images) / (len(images) - 1)
+
+
+def patch_worth(squares: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return V times a factor of each pixel, summed over patches, ``(patches,)``, and its relative standard error."""
+    worth = patch_sum(squares * factor, PATCH).reshape(len(squares), -1)
+    mean = worth.mean(axis=0)
+    error = worth.std(axis=0, ddof=1) / np.sqrt(len(worth))
+    return mean, np.divide(error, mean, out=np.zeros_like(mean), where=mean > 0)
+
+
+def share_above(log_ratio: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the share of the ratios that belong above 1, and its standard error by the bootstrap over patches."""
+    if not len(log_ratio):
+        return 0.0, 0.0
+    z = (log_ratio[:, None] - GRID) / error[:, None]
+    likelihood = np.exp(-0.5 * (z**2 - (z**2).min(axis=1, keepdims=True)))
+    shares = []
+    for k in range(21):  # all patches first, then samples of them
+        of = likelihood if k == 0 else likelihood[rng.integers(len(z), size=len(z))]
+        density = np.full(len(GRID), 1 / len(GRID))
+        for _ in range(200):  # expectation maximisation
+            density *= (of / (of @ density)[:, None]).mean(axis=0)
+        shares.append(density[GRID > 0].sum())
+    return float(shares[0]), float(np.std(shares[1:], ddof=1))
+
+
+# %%
+# One scene after the other, on one thread.
+def harm(ratio: np.ndarray, error: np.ndarray, unharmed: np.ndarray) -> str:
+    """Return the share of all patches that are harmed, and its standard error, as text."""
+    share, share_error = share_above(np.log(ratio[~unharmed]), error[~unharmed], np.random.default_rng(1))
+    return f"{share * np.mean(~unharmed):.1%} ± {share_error * np.mean(~unharmed):.1%}"
+
+
+print(
+    "| scene | lit patches | V Cᵃ of all over that of 1:1 | pixels with 1:1 | with 2:2 | harmed | net | halves of 1:1 |"
+)
+print("|---|---|---|---|---|---|---|---|")
+for name in given.scenes:
+    size = (side // (SHRINK[name] * opts.pick(4, 1)) // PATCH * PATCH for side in SCENES[name].size)
+    scene = dmis.load_scene(name, resolution=tuple(size))
+    shape = scene.camera.resolution[::-1]
+    equal = squared_deviations(scene, np.full(shape, EQUAL, np.uint8), range(1000, 1000 + 2 * given.seeds))
+    half, other = (patch_worth(equal[k::2], np.ones(shape)) for k in (0, 1))
+    lit = (half[0] > 0) & (other[0] > 0)
+    rows = []
+    for pilot in range(given.pilots):
+        pattern, cost, change = choose(scene, pilot)
+        begin = 2000 + pilot * given.seeds
+        squares = squared_deviations(scene, pattern, range(begin, begin + given.seeds))
+        worth, error = patch_worth(squares, cost**EXPONENT)
+        base, base_error = patch_worth(equal, np.ones(shape))
+        unharmed = patch_sum((pattern != EQUAL).astype(float), PATCH).reshape(-1) == 0
+        net = worth / np.maximum(patch_worth(equal, change)[0], 1e-300)
+        of_patches = (worth / np.maximum(base, 1e-300), net, np.hypot(error, base_error), unharmed)
+        rows.append([a[lit & (worth > 0)] for a in of_patches])
+        numbers = worth.sum() / base.sum(), (pattern == EQUAL).mean(), (pattern == FIRST).mean()
+    ratio, net, error, unharmed = (np.concatenate(a) for a in zip(*rows, strict=True))
+    null = harm(
+        (half[0] / np.maximum(other[0], 1e-300))[lit], np.hypot(half[1], other[1])[lit], np.zeros(lit.sum(), bool)
+    )
+    cells = [f"{name} {'×'.join(map(str, scene.camera.resolution))}", f"{lit.sum()}", f"{numbers[0]:.2f}"]
+    cells += [f"{numbers[1]:.0%}", f"{numbers[2]:.0%}", harm(ratio, error, unharmed), harm(net, error, unharmed), null]
+    print("| " + " | ".join(cells) + " |", flush=True)
+number = f"{given.pilots} choice{'s' * (given.pilots > 1)} and {given.seeds} seeds"
+print(f"Made on {date.today()} with {number}, on {machine()}.")
