@@ -1,4 +1,4 @@
-"""Error against run time: slopes, efficiency, speed-up at equal error and error ratio in equal time."""
+"""Error against run time: slopes, and ratios to the balance heuristic, below 1 where a rule is better."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Gain:
-    """Error and time of a rule at one budget, over those of the balance heuristic.
+    """Error and time of a rule at one budget, over those of the balance heuristic: below 1 the rule is better.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class Gain:
     error_time_over_pinned
         The same over that of the pinned baseline.
     equal_error
-        Seconds that the balance heuristic needs for the same error, over those of the rule.
+        Seconds over those that the balance heuristic needs for the same error.
     equal_time
-        Mean squared error over that of the balance heuristic in the same seconds; below 1 the rule is better.
+        Mean squared error over that of the balance heuristic in the same seconds.
     extrapolated
         Whether either lies outside of the budgets that the balance heuristic was measured at.
     """
@@ -72,14 +72,6 @@ class Gain:
     def wins(self) -> bool:
         """Whether this is a rule whose whole interval of error times CPU seconds is below the balance heuristic's."""
         return self.rule != PINNED and self.error_time.high < 1
-
-    @property
-    def efficiency(self) -> float:
-        """Efficiency 1 / (MSE seconds), which does not depend on the number of samples.
-
-        NaN if the estimate of the MSE is below 0, which happens if the reference is as noisy as the image.
-        """
-        return 1 / (self.mse * self.seconds) if self.mse > 0 else float("nan" if self.mse else "inf")
 
 
 def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis) -> tuple[Array, Array]:
@@ -111,9 +103,11 @@ def slope(x: Array, mse: Array) -> tuple[float, float]:
     mse
         Mean squared errors by seed, ``(K, B)``.
 
-    Returns ------- The slope of the root of the mean over seeds, and its standard error by the jackknife, which leaves
-    out one seed at a time. They are `nan` if they are unknown: for one budget, for budgets with the same time, for
-    errors below zero; the standard error also for one seed.
+    Returns
+    -------
+    The slope of the root of the mean over seeds, and its standard error by the jackknife, which leaves out one seed at
+    a time. They are `nan` if they are unknown: for one budget, for budgets with the same time, for errors below zero;
+    the standard error also for one seed.
     """
     value = _log_slope(x, mse.mean(axis=0))
     seeds = len(mse)
@@ -210,7 +204,7 @@ def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
                 rays=float(np.mean([run.rays for run in by_seed])),
                 error_time=products[rule, spp],
                 error_time_over_pinned=products_over_pinned[rule, spp],
-                equal_error=equal_error_seconds / time,
+                equal_error=time / equal_error_seconds,
                 equal_time=mse / equal_time_mse if mse > 0 else float("nan"),
                 extrapolated=not (between and within),
             )

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import io
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, Locator, NullFormatter
 
 from dmis import plot
 from dmis.base.patches import patch_mean
@@ -18,8 +19,8 @@ from dmis.base.vectors import Array
 from dmis.experiment.convergence import Axis, line
 from dmis.experiment.ladder import RUNGS, Ladder
 from dmis.experiment.oracle import Oracle
+from dmis.experiment.report.comparer import png
 from dmis.experiment.runs import Budget, Run
-from dmis.image import encode_png
 from dmis.variance.curves import HALF
 
 if TYPE_CHECKING:
@@ -40,8 +41,17 @@ RULE_COLOURS = (
     "#7d8f1f",
 )
 """Colours of rules in their order, the balance heuristic first; distinct on white and on black."""
-RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆"}
-"""Markers of rules, in plots and as characters; the marker changes each time that all colours are used."""
+RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆", "v": "▼", "P": "✚", "X": "✖"}
+"""Markers of rules, in plots and as characters. Each rule has the next one; as there are ten colours and seven markers,
+70 rules differ in one of the two, and rules of one colour differ in their markers."""
+TICKS = (
+    (1, (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)),
+    (1, (1, 1.5, 2, 3, 4, 6)),
+    (1, (1, 2, 5)),
+    (1, (1, 3)),
+    *((step, (1,)) for step in (1, 2, 3, 5, 10, 20)),
+)
+"""Ticks of logarithmic axes, from many to few: every how many powers of ten, and what these are multiplied by."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
 MIN_RUNG = 1e-4
@@ -51,7 +61,7 @@ AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays
 
 def line_style(index: int) -> tuple[str, str]:
     """Return the colour and marker of a rule, by its index in the order of rules."""
-    marker = list(RULE_MARKS)[index // len(RULE_COLOURS) % len(RULE_MARKS)]
+    marker = list(RULE_MARKS)[index % len(RULE_MARKS)]
     return RULE_COLOURS[index % len(RULE_COLOURS)], marker
 
 
@@ -70,7 +80,7 @@ def error_lines(
         errors = mse.mean(axis=0), mse.min(axis=0), mse.max(axis=0)
         mean, low, high = (np.sqrt(np.where(error > 0, error, np.nan)) for error in errors)
         axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-        axis.plot(x, mean, color=colour, marker=mark, markersize=4, linewidth=1.6, label=rule)
+        axis.plot(x, mean, color=colour, marker=mark, markersize=5, linewidth=1.6, label=rule)
         lows += [(at, error * np.sqrt(at)) for at, error in zip(x, low, strict=True)]
         if rule == "balance" and oracle is not None:
             mark = "" if len(x) > 1 else "x"  # a single point has no line
@@ -87,22 +97,50 @@ def error_lines(
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.grid(alpha=0.25, which="both", linewidth=0.5)
-    _few_ticks(axis.xaxis, axis.get_xlim())
-    _few_ticks(axis.yaxis, axis.get_ylim())
+    _few_ticks(axis.xaxis)
+    _few_ticks(axis.yaxis)
 
 
-def _few_ticks(side: Any, limits: tuple[float, float]) -> None:
-    """Label an axis at 1, 2 and 5 times powers of ten, more densely if its range is within one power."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+class RoundTicks(Locator):
+    """Ticks at round numbers of a logarithmic axis, as many as their labels have room."""
 
-    def number(value: float, _: int) -> str:
-        """Return a tick label."""
-        return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
+    def __call__(self) -> list[float]:
+        """Return the ticks of the axis's present range."""
+        return self.tick_values(*self.axis.get_view_interval())
 
-    low, high = limits
-    times = (1, 2, 5) if high > 10 * low else (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-    side.set_major_locator(LogLocator(subs=times, numticks=12))
-    side.set_major_formatter(FuncFormatter(number))
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        """Return the ticks of a range: the densest of `TICKS` whose labels do not touch each other."""
+        low, high = sorted((vmin, vmax))
+        ticks: list[float] = []
+        for step, digits in TICKS:
+            decades = range(step * math.floor(math.log10(low) / step), math.ceil(math.log10(high)) + 1, step)
+            ticks = [value for k in decades for digit in digits if low <= (value := digit * 10.0**k) <= high]
+            if self._has_room(ticks, math.log10(high / low)):
+                break
+        return ticks
+
+    def _has_room(self, ticks: Sequence[float], decades: float) -> bool:
+        """Whether the labels of `ticks` do not touch on an axis of so many decades."""
+        points = 72 / self.axis.axes.figure.dpi
+        box = self.axis.axes.get_window_extent()
+        size = self.axis.majorTicks[0].label1.get_fontsize()
+        if self.axis.axis_name == "x":
+            length, extents = box.width, [(0.65 * len(_number(tick)) + 0.8) * size for tick in ticks]
+        else:
+            length, extents = box.height, [1.5 * size] * len(ticks)
+        places = np.log10(ticks) / decades * length * points
+        return bool((np.diff(places) > (np.array(extents[1:]) + extents[:-1]) / 2).all())
+
+
+def _number(value: float, _: int = 0) -> str:
+    """Return a tick label."""
+    return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
+
+
+def _few_ticks(side: Any) -> None:
+    """Label a logarithmic axis at round numbers."""
+    side.set_major_locator(RoundTicks())
+    side.set_major_formatter(FuncFormatter(_number))
     side.set_minor_formatter(NullFormatter())
 
 
@@ -131,13 +169,14 @@ def ladder_bars(axis: Axes, ladder: Ladder, errors: Mapping[str, float] | None =
         axis.text(values[row] / 1.05, row, f"{value:.2g}", va="center", ha="right", color=ink, fontsize=8)
     for k, (rule, error) in enumerate((errors or {}).items()):
         if error > 0:
-            axis.axvline(error, color=line_style(k)[0], linewidth=1.6, label=rule)
+            colour, mark = line_style(k)
+            axis.plot([error, error], [-0.5, len(names) - 0.5], color=colour, marker=mark, markersize=6, label=rule)
     axis.set_xscale("log")
     axis.set_xlim(values.min() / 2.5, 2)
     axis.invert_yaxis()
     axis.grid(alpha=0.25, axis="x", linewidth=0.5)
     axis.set_xlabel("error in equal time, over independent samples of the balance heuristic")
-    _few_ticks(axis.xaxis, axis.get_xlim())
+    _few_ticks(axis.xaxis)
 
 
 def write_ladder(ladder: Ladder, path: Path, scene: str) -> None:
@@ -160,7 +199,7 @@ def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
 
 
 def _svg(draw: Callable[[Axes], None], label: str, size: tuple[float, float]) -> str:
-    """Return what `draw` draws on axes of `size` inches as an SVG element with the page's colour and fonts."""
+    """Return what `draw` draws on axes of `size` inches as an SVG figure with the page's colour and fonts."""
     import matplotlib
 
     sides = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
@@ -182,35 +221,33 @@ def _svg(draw: Callable[[Axes], None], label: str, size: tuple[float, float]) ->
         lambda match: f'<svg viewBox="{match[1]}" role="img" aria-label="{html.escape(label)}">',
         drawing,
     )
-    return drawing.replace(INK, "currentColor")
+    return f"<figure>{drawing.replace(INK, 'currentColor')}</figure>"
 
 
 def error_svg(comparison: Comparison, over: Axis) -> str:
-    """Return `error_lines` as an SVG element with the page's colour and fonts."""
+    """Return `error_lines` as a figure with the page's colour and fonts."""
 
     def draw(axis: Axes) -> None:
         error_lines(axis, comparison.runs, over, comparison.oracle, INK)
+        _legend(axis)
 
     return _svg(draw, f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}", (5.4, 3.9))
 
 
 def ladder_svg(ladder: Ladder, errors: Mapping[str, float], scene: str) -> str:
-    """Return `ladder_bars` as an SVG element with the page's colour and fonts."""
-    return _svg(lambda axis: ladder_bars(axis, ladder, errors, INK), f"Ladder of bounds, {scene}", (7.0, 2.8))
+    """Return `ladder_bars` as a figure with the page's colour and fonts."""
+
+    def draw(axis: Axes) -> None:
+        ladder_bars(axis, ladder, errors, INK)
+        _legend(axis)
+
+    return _svg(draw, f"Ladder of bounds, {scene}", (7.0, 3.6))
 
 
-def png(pixels: Array) -> str:
-    """Return an image ``(H, W, 3)`` or ``(H, W)`` uint8 as a PNG in a data URI."""
-    return "data:image/png;base64," + base64.b64encode(encode_png(pixels)).decode("ascii")
-
-
-def linear_png(image: Array) -> str:
-    """Return linear RGB ``(H, W, 3)`` as a PNG of its half floats, in a data URI.
-
-    The PNG has twice the height: high bytes above, low bytes below.
-    """
-    bits = np.clip(np.nan_to_num(image), -65504, 65504).astype(np.float16).view(np.uint16)
-    return png(np.concatenate([bits >> 8, bits & 255]).astype(np.uint8))
+def _legend(axis: Axes) -> None:
+    """Draw a legend where it hides least, without a frame, whose colour would not be the page's."""
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(fontsize=8, frameon=False, handlelength=2.4, loc="best")
 
 
 def map_png(values: Array, palette: str, low: float, high: float) -> str:
@@ -220,14 +257,6 @@ def map_png(values: Array, palette: str, low: float, high: float) -> str:
     colours = matplotlib.colormaps[palette].with_extremes(bad="#808080")
     shares = np.ma.masked_invalid((np.asarray(values, np.float64) - low) / (high - low))
     return png(colours(shares, bytes=True)[..., :3])
-
-
-def palette_colours(palette: str, count: int = 256) -> list[str]:
-    """Return colours of matplotlib's `palette` from one end to the other, ``#rrggbb``."""
-    import matplotlib
-    from matplotlib.colors import to_hex
-
-    return [to_hex(colour) for colour in matplotlib.colormaps[palette](np.linspace(0, 1, count))]
 
 
 def variance_ratio(layers: Mapping[str, Array], baseline: Mapping[str, Array], patch: int = 4) -> Array:

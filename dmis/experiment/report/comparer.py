@@ -1,0 +1,196 @@
+"""The image comparer: in reports, in notebooks, and as a page of its own.
+
+The files ``comparer.html``, ``.css`` and ``.js`` beside this module have its elements, style and script.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from dmis.base.atomic_files import replacing
+from dmis.base.vectors import Array
+from dmis.experiment.reference import Reference
+from dmis.image import encode_png
+from dmis.pipeline.result import Result
+
+HELP = """In the comparer: <kbd>←</kbd> <kbd>→</kbd> flip through the images, <kbd>1</kbd>–<kbd>9</kbd> pick an image,
+<kbd>0</kbd> the first, <kbd>e</kbd> switches between image and error, <kbd>s</kbd> splits the view or puts two images
+side by side, <kbd>m</kbd> is the magnifier, <kbd>+</kbd> <kbd>−</kbd> zoom (also the wheel with <kbd>Ctrl</kbd>), drag
+to move, <kbd>[</kbd> <kbd>]</kbd> change the exposure."""
+PAGE = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">
+<title>{{title}} · dmis</title><link rel="icon" href="data:,">
+<style>{{style}}:root { --tall: 36rem } body { padding: .5rem } details { padding: .4rem; max-width: 60rem }</style>
+<div class="viewer" data-scene="0" tabindex="0"></div>
+<details class="note"><summary>Keys</summary>{{help}}</details>
+{{comparer}}
+</html>
+"""
+ROUND_HEIGHT = 700
+"""Height of a comparer in a notebook before its script has measured it, CSS pixels."""
+
+
+class Comparer:
+    """Images side by side in a page that needs no network, made by `show`.
+
+    A notebook shows it as a cell's result; `save` writes it as a file for a browser.
+
+    Attributes
+    ----------
+    page
+        The whole page, HTML.
+    """
+
+    def __init__(self, page: str, labels: Sequence[str]) -> None:
+        self.page = page
+        self._labels = tuple(labels)
+
+    def __repr__(self) -> str:
+        return f"<Comparer of {', '.join(self._labels)}: a notebook shows it, .save(path) writes it for a browser>"
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame, which keeps its style and its script apart from the notebook's."""
+        frame = f'style="width:100%;height:{ROUND_HEIGHT}px;border:0" title="image comparer"'
+        return f'<iframe {frame} srcdoc="{html.escape(self.page)}"></iframe>'
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the page to `path`, which replaces a file that is there; its folder is made."""
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as partial:
+            partial.write_text(self.page, "utf-8")
+
+
+def show(
+    images: Mapping[str, Array | Result], reference: Array | Reference | None = None, title: str = "Images"
+) -> Comparer:
+    """Return a comparer of images: flip, split, zoom, magnify, expose, and crops of one place in all of them.
+
+    In a notebook, ``dmis.show({"balance": a, "thesis": b})`` as the last line of a cell shows it.
+
+    Parameters
+    ----------
+    images
+        By label: linear radiance ``(H, W, 3)``, or one value per pixel ``(H, W)``, or a `dmis.Result`; of one size.
+    reference
+        What the images should be, of the same size; shown first, and errors are measured against it.
+    title
+        Of the page.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib (extra ``plot``), which has the colours of errors, is missing and there is a `reference`.
+    TypeError
+        If `images` is not a mapping.
+    ValueError
+        If there is no image, or one is not of the shape above.
+    """
+    if not isinstance(images, Mapping):
+        raise TypeError(
+            f"images must be a dict of labels and images, got {type(images).__name__}. "
+            'Write dmis.show({"balance": image}).'
+        )
+    pictures = {str(label): _linear(str(label), image) for label, image in images.items()}
+    truth = None
+    if reference is not None:
+        truth = _linear("reference", reference.mean if isinstance(reference, Reference) else reference)
+    if not pictures:
+        raise ValueError('images must hold at least one image, got none. Write dmis.show({"balance": image}).')
+    if truth is not None and "reference" in pictures:
+        raise ValueError("label 'reference' is that of the reference, got it for an image, too. Rename the image.")
+    shapes = {label: picture.shape[:2] for label, picture in pictures.items()}
+    if truth is not None:
+        shapes = {"reference": truth.shape[:2], **shapes}
+    if len(set(shapes.values())) > 1:
+        given = ", ".join(f"{label} {width}×{height}" for label, (height, width) in shapes.items())
+        raise ValueError(f"images must have one size, got {given}. Render them at one resolution.")
+    data = viewer_data(title, pictures, truth)
+    page = PAGE
+    for mark, value in {"title": html.escape(title), "style": asset("comparer.css"), "help": HELP}.items():
+        page = page.replace(f"{{{{{mark}}}}}", value, 1)
+    return Comparer(page.replace("{{comparer}}", comparer([data]), 1), list(shapes))
+
+
+def _linear(label: str, image: Array | Result) -> Array:
+    """Return an image as linear RGB ``(H, W, 3)``."""
+    pixels = np.asarray(image.image if isinstance(image, Result) else image)
+    if pixels.dtype.kind not in "fiub":
+        raise ValueError(f"image {label!r} must be an array of numbers or a dmis.Result, got {type(image).__name__}")
+    if pixels.ndim == 2:
+        pixels = np.repeat(pixels[..., None], 3, axis=2)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
+        raise ValueError(f"image {label!r} must have the shape (H, W, 3) or (H, W), got {pixels.shape}")
+    return pixels.astype(np.float32)
+
+
+def viewer_data(scene: str, images: Mapping[str, Array], reference: Array | None) -> dict[str, object]:
+    """Return the data of one comparer: its images, the reference first if there is one, and the scale of errors.
+
+    Errors have one scale for all images: the largest colour is the 98 % quantile of the first image's errors.
+    """
+    scale = 1.0
+    if reference is not None:
+        for image in list(images.values())[:1]:
+            errors = np.sqrt(((image - reference) ** 2).mean(axis=2))  # as the script computes them
+            scale = float(np.nan_to_num(np.quantile(errors, 0.98))) or 1.0
+        images = {"reference": reference, **images}
+    height, width = next(iter(images.values())).shape[:2]
+    entries = [{"label": label, "png": linear_png(image)} for label, image in images.items()]
+    return {
+        "scene": scene,
+        "width": width,
+        "height": height,
+        "scale": scale,
+        "reference": reference is not None,
+        "images": entries,
+    }
+
+
+def png(pixels: Array) -> str:
+    """Return an image ``(H, W, 3)`` or ``(H, W)`` uint8 as a PNG in a data URI."""
+    return "data:image/png;base64," + base64.b64encode(encode_png(pixels)).decode("ascii")
+
+
+def linear_png(image: Array) -> str:
+    """Return linear RGB ``(H, W, 3)`` as a PNG of its half floats, in a data URI.
+
+    The PNG has twice the height: high bytes above, low bytes below.
+    """
+    bits = np.clip(np.nan_to_num(image), -65504, 65504).astype(np.float16).view(np.uint16)
+    return png(np.concatenate([bits >> 8, bits & 255]).astype(np.uint8))
+
+
+def palette_colours(palette: str, count: int = 256) -> list[str]:
+    """Return colours of matplotlib's `palette` from one end to the other, ``#rrggbb``."""
+    try:
+        import matplotlib
+        from matplotlib.colors import to_hex
+    except ImportError as missing:
+        raise ImportError("the colours of errors need matplotlib: pip install 'dmis[plot]'") from missing
+
+    return [to_hex(colour) for colour in matplotlib.colormaps[palette](np.linspace(0, 1, count))]
+
+
+def comparer(scenes: Sequence[Mapping[str, object]]) -> str:
+    """Return what a page with comparers needs at its end: their elements, the data of each, and the script."""
+    errors = any(scene["reference"] for scene in scenes)
+    data = {"scenes": scenes, "palette": palette_colours("magma") if errors else []}
+    fill = {
+        "{{data}}": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+        "{{script}}": asset("comparer.js"),
+    }
+    return re.sub("|".join(map(re.escape, fill)), lambda mark: fill[mark[0]], asset("comparer.html"))
+
+
+def asset(name: str) -> str:
+    """Return the text of a file beside this module."""
+    return files("dmis.experiment.report").joinpath(name).read_text("utf-8")

@@ -1,0 +1,216 @@
+"""Tables of a report, and how numbers are written in them."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from dmis.estimator.presets import PRESETS
+from dmis.experiment import alarm
+from dmis.experiment.convergence import Axis, Gain, Interval, gains, line, slope
+from dmis.experiment.ladder import RUNGS
+from dmis.experiment.report.plots import RULE_MARKS, ladder_svg, line_style
+from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
+
+LINES_NOTE = """Lines: root of the mean squared error over {seeds}; bands: lowest to highest seed. Dotted: the slope −½
+of N<sup>−1/2</sup>.{oracle} Slopes are fitted by least squares, ± one standard error (jackknife over seeds). A rule
+with a pilot can be steeper than −½, because the share of the pilot in the time falls."""
+BEST_WEIGHTS_NOTE = " Dashed, or ×: the best weights by the oracle, in the time and rays of the balance heuristic."
+GAINS_NOTE = """Ratios below 1 are better than the baseline. Means over seeds; seconds are medians, from the pilot to
+the last sample. ± is half of the 95 % confidence interval. MSE·CPU s / balance: mean squared error times CPU seconds,
+over that of the balance heuristic, with the 95 % interval over paired seeds, which includes the scatter of the times;
+with several rules at one number of samples the intervals are wider (Holm). Bold: the lowest value, if its interval is
+below 1. Seconds at equal error: the rule's seconds over those in which the balance heuristic reaches this MSE. Error
+in equal time: MSE over that of the balance heuristic in the rule's seconds. Both are interpolated on the line of the
+balance heuristic; † where it is extrapolated as MSE ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis,
+which is one light and one BRDF sample and independent points, whatever the settings of the others."""
+LADDER_NOTE = """Least MSE × time that is possible with one freedom after another, without a pilot, over that of the
+balance heuristic with independent samples. Rules, at the largest number of samples: in the lowest rung that their MSE ×
+CPU seconds do not exceed. With other points than independent ones that is over the pinned baseline, which has two
+shading samples; with another number rules stand nowhere."""
+OVERVIEW_NOTE = """Seconds at equal error, over those of the balance heuristic, at the largest number of samples. Below
+1 is better."""
+RUNS_NOTE = f"""mean_z: mean of the image less that of the reference, in standard errors, of the channel where it is
+largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are not noise, and a paragraph above says why
+that may be. The other columns are explained in docs/report.md."""
+
+
+def best_gain(rows: Sequence[Gain]) -> Gain | None:
+    """Return the most efficient rule at one budget whose interval of error × CPU time is below 1, or None."""
+    return min((g for g in rows if g.wins), key=lambda g: g.error_time.value, default=None)
+
+
+def slopes_table(c: Comparison) -> str:
+    """Return the table of the slopes of all rules, with the mark of each in the plots."""
+    overs: tuple[Axis, ...] = ("spp", "rays", "seconds")
+    rows = []
+    for k, rule in enumerate(c.rules):
+        slopes = [plus_minus(*slope(*line(c.runs, rule, over))) for over in overs]
+        colour, mark = line_style(k)
+        swatch = f'<i class="swatch" style="color:{colour}" data-mark="{RULE_MARKS[mark]}"></i>'
+        rows.append([f"{swatch}{escaped(rule)}", *slopes])
+    note = LINES_NOTE.format(seeds=count_text(c.seeds, "seed"), oracle=BEST_WEIGHTS_NOTE if c.oracle else "")
+    head = ["rule", "slope over samples", "over rays", "over seconds"]
+    return f'{html_table(head, rows, "slopes")}<p class="note">{note}</p>'
+
+
+def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
+    """Return the table of errors and their ratios of all rules and budgets, with rungs if there is a ladder."""
+    alarmed = {budget for budget, by_seed in c.runs.items() if any(map(alarm.raises_alarm, by_seed))}
+    head = [
+        "spp", "rule", "MSE", "MSE / balance", "MSE·CPU s / balance", "seconds at equal error", "error in equal time",
+        *(["rung"] if c.ladder else []), "MSE / pinned", "MSE·CPU s / pinned",
+    ]  # fmt: skip
+    rows = []
+    for g in gains_of_budgets:
+        first = g.rule == "balance"
+        dagger = "†" if g.extrapolated and not first and np.isfinite(g.equal_error) else ""
+        interval = "" if np.isnan(g.interval) or first else f" <small>± {g.interval:.3f}</small>"
+        rows.append(
+            [
+                str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else ""),
+                f"{g.mse:.4g}", f"{ratio_text(g.over_balance)}{interval}", interval_text(g.error_time),
+                f"{ratio_text(g.equal_error)}{dagger}", f"{ratio_text(g.equal_time)}{dagger}",
+                *([c.ladder.reached(_over_independent(c, g)) or "–"] if c.ladder else []),
+                ratio_text(g.over_pinned), interval_text(g.error_time_over_pinned),
+            ]
+        )  # fmt: skip
+    return f'{html_table(head, rows, "efficiency", _row_marks(gains_of_budgets))}<p class="note">{GAINS_NOTE}</p>'
+
+
+def costs_table(gains_of_budgets: Sequence[Gain]) -> str:
+    """Return the table of what the rules cost: seconds, rays, and error times seconds."""
+    head = ["spp", "rule", "relMSE", "seconds", "CPU s", "pilot + fit", "Mrays", "MSE·s"]
+    rows = [
+        [
+            str(g.spp) if g.rule == "balance" else "", _rule(g.rule), f"{g.relmse:.4g}", f"{g.seconds:.2f}",
+            f"{g.cpu_seconds:.2f}", f"{g.overhead:.0%}", f"{g.rays / 1e6:.2f}", f"{g.mse * g.seconds:.4g}",
+        ]
+        for g in gains_of_budgets
+    ]  # fmt: skip
+    return html_table(head, rows, "costs", _row_marks(gains_of_budgets))
+
+
+def _row_marks(gains_of_budgets: Sequence[Gain]) -> list[str]:
+    """Return the classes of rows: ``group`` where a budget begins, ``best`` for its most efficient rule."""
+    budgets = {g.spp for g in gains_of_budgets}
+    best = {spp: best_gain([g for g in gains_of_budgets if g.spp == spp]) for spp in budgets}
+    return [
+        " ".join((["group"] if g.rule == "balance" else []) + (["best"] if g is best[g.spp] else []))
+        for g in gains_of_budgets
+    ]
+
+
+def _rule(name: str) -> str:
+    """Return a rule's name, which may be broken after colons and commas."""
+    return re.sub("([:,])", r"\1<wbr>", escaped(name))
+
+
+def _over_independent(c: Comparison, g: Gain) -> float:
+    """Return a rule's error times CPU seconds over that of the balance heuristic with independent samples, or NaN.
+
+    With another sampler that is the pinned baseline, if it has as many shading samples.
+    """
+    if c.about["sampler"] == "independent":
+        return g.error_time.value
+    same = c.about["shading_samples"] == PRESETS["thesis"].values["shading_samples"]
+    return g.error_time_over_pinned.value if same else float("nan")
+
+
+def ladder_elements(c: Comparison, rows: Sequence[Gain]) -> list[str]:
+    """Return the plot of the scene's ladder with the rules at the largest budget, and its table; empty if none."""
+    if c.ladder is None:
+        return []
+    largest = max(g.spp for g in rows)
+    errors = {g.rule: _over_independent(c, g) for g in rows if g.spp == largest}
+    head = ["rung", "what may be chosen", "error in equal time", "rules"]
+    reached = {rule: c.ladder.reached(error) for rule, error in errors.items()}
+    lines = [
+        [
+            name,
+            escaped(RUNGS[name]),
+            f"{value:.3g}",
+            escaped(", ".join(r for r, rung in reached.items() if rung == name)),
+        ]
+        for name, value in c.ladder.rungs.items()
+    ]
+    return [
+        "<h3>Ladder of bounds</h3>",
+        f'<div class="plots">{ladder_svg(c.ladder, errors, c.scene)}</div>',
+        f'{html_table(head, lines, "ladder")}<p class="note">{LADDER_NOTE}</p>',
+    ]
+
+
+def overview_table(comparisons: Sequence[Comparison]) -> str:
+    """Return the table of seconds at equal error of all rules on all scenes, each at its largest budget."""
+    by_scene = []
+    for c in comparisons:
+        gains_of_budgets = gains(c.runs)
+        largest = max(g.spp for g in gains_of_budgets)
+        by_scene.append({g.rule: g for g in gains_of_budgets if g.spp == largest})
+    rules = dict.fromkeys(rule for gains_of_rules in by_scene for rule in gains_of_rules)
+    rows = [
+        [_rule(rule), *(ratio_text(of[rule].equal_error) if rule in of else "–" for of in by_scene)] for rule in rules
+    ]
+    head = ["rule", *(escaped(c.scene) for c in comparisons)]
+    return f'<h2>Overview</h2>{html_table(head, rows, "overview")}<p class="note">{OVERVIEW_NOTE}</p>'
+
+
+def runs_table(c: Comparison) -> str:
+    """Return the table of all runs, cell by cell as in ``results.csv``."""
+    runs = run_by_key(run for by_seed in c.runs.values() for run in by_seed)
+    rows = [[escaped(value) for value in cells(c.scene, run, runs)] for run in runs.values()]
+    return html_table([name.replace("_", "_<wbr>") for name in COLUMNS], rows, "runs")
+
+
+def html_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], kind: str, marks: Sequence[str] | None = None
+) -> str:
+    """Return a table of the class `kind`; `marks` are the classes of its rows."""
+    titles = "".join(f'<th scope="col">{title}</th>' for title in head)
+    lines = [
+        f'<tr class="{mark}">' + "".join(f"<td>{value}</td>" for value in row) + "</tr>"
+        for row, mark in zip(rows, marks or [""] * len(rows), strict=True)
+    ]
+    content = f"<thead><tr>{titles}</tr></thead><tbody>{''.join(lines)}</tbody>"
+    return f'<div class="wide"><table class="{kind}">{content}</table></div>'
+
+
+def plus_minus(value: float, error: float) -> str:
+    """Return a value with its standard error, a dash for NaN."""
+    if np.isnan(value):
+        return "–"
+    number = f"{value:.3f}".replace("-", "−")
+    return number if np.isnan(error) else f"{number} ± {error:.3f}"
+
+
+def ratio_text(value: float) -> str:
+    """Return a ratio with three decimals, three digits below 0.1, none after the point from 100 on; a dash for NaN."""
+    if np.isnan(value):
+        return "–"
+    return f"{value:#.3g}" if value < 0.1 else f"{value:.3f}" if value < 100 else f"{value:.0f}"
+
+
+def interval_text(interval: Interval) -> str:
+    """Return a ratio with the ends of its interval, if these are known."""
+    value, low, high = interval
+    ends = "" if np.isnan(high) else f" <small>({ratio_text(low)} – {ratio_text(high)})</small>"
+    return ratio_text(value) + ends
+
+
+def share_text(value: float) -> str:
+    """Return a share in percent, a dash for NaN."""
+    return "–" if np.isnan(value) else f"{value:.0%}"
+
+
+def count_text(number: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless the number is 1."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def escaped(value: object) -> str:
+    """Return a value as text with HTML's special characters escaped."""
+    return html.escape(str(value))
