@@ -6,6 +6,7 @@ thesis.
 
 from __future__ import annotations
 
+import math
 import os
 import textwrap
 from collections.abc import Sequence
@@ -21,10 +22,19 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, Locator, NullFormatter
 except ImportError as missing:
     raise ImportError("figures need matplotlib: pip install 'dmis[plot]'") from missing
 Window = tuple[tuple[int, int], tuple[int, int]]
 """Part of an image: first and end row, first and end column."""
+TICKS = (
+    (1, (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)),
+    (1, (1, 1.5, 2, 3, 4, 6)),
+    (1, (1, 2, 5)),
+    (1, (1, 3)),
+    *((step, (1,)) for step in (1, 2, 3, 5, 10, 20)),
+)
+"""Ticks of logarithmic axes, from many to few: every how many powers of ten, and what these are multiplied by."""
 
 
 def canvas(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
@@ -121,6 +131,50 @@ def show(stem: str, folder: str | os.PathLike[str] = "figures/tutorials") -> lis
         paths.append(path)
     plt.close("all")
     return paths
+
+
+def round_ticks(side: Any) -> None:
+    """Label a logarithmic ``Axis`` at round numbers, as many as have room."""
+    side.set_major_locator(_RoundTicks())
+    side.set_major_formatter(FuncFormatter(_number))
+    side.set_minor_formatter(NullFormatter())
+
+
+class _RoundTicks(Locator):
+    """Ticks at round numbers of a logarithmic axis, as many as their labels have room."""
+
+    def __call__(self) -> list[float]:
+        """Return the ticks of the axis's present range."""
+        axis: Any = self.axis
+        return self.tick_values(*axis.get_view_interval())
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        """Return the ticks of a range: the densest of `TICKS` whose labels do not touch each other."""
+        low, high = sorted((vmin, vmax))
+        ticks: list[float] = []
+        for step, digits in TICKS:
+            decades = range(step * math.floor(math.log10(low) / step), math.ceil(math.log10(high)) + 1, step)
+            ticks = [value for k in decades for digit in digits if low <= (value := digit * 10.0**k) <= high]
+            if self._has_room(ticks, math.log10(high / low)):
+                break
+        return ticks
+
+    def _has_room(self, ticks: Sequence[float], decades: float) -> bool:
+        """Whether the labels of `ticks` do not touch on an axis of so many decades."""
+        axis: Any = self.axis
+        points, box = 72 / axis.axes.figure.dpi, axis.axes.get_window_extent()
+        size = axis.majorTicks[0].label1.get_fontsize()
+        if axis.axis_name == "x":
+            length, extents = box.width, [(0.65 * len(_number(tick)) + 0.8) * size for tick in ticks]
+        else:
+            length, extents = box.height, [1.5 * size] * len(ticks)
+        places = np.log10(ticks) / decades * length * points
+        return bool((np.diff(places) > (np.array(extents[1:]) + extents[:-1]) / 2).all())
+
+
+def _number(value: float, _: int = 0) -> str:
+    """Return a tick label."""
+    return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
 
 
 def _extent(rows: tuple[int, int], columns: tuple[int, int]) -> tuple[float, float, float, float]:

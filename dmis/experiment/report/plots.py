@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import html
 import io
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter, Locator, NullFormatter
 
 from dmis import plot
 from dmis.base.patches import patch_mean
@@ -44,14 +42,6 @@ RULE_COLOURS = (
 RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆", "v": "▼", "P": "✚", "X": "✖"}
 """Markers of rules, in plots and as characters. Each rule has the next one; as there are ten colours and seven markers,
 70 rules differ in one of the two, and rules of one colour differ in their markers."""
-TICKS = (
-    (1, (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)),
-    (1, (1, 1.5, 2, 3, 4, 6)),
-    (1, (1, 2, 5)),
-    (1, (1, 3)),
-    *((step, (1,)) for step in (1, 2, 3, 5, 10, 20)),
-)
-"""Ticks of logarithmic axes, from many to few: every how many powers of ten, and what these are multiplied by."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
 MIN_RUNG = 1e-4
@@ -97,51 +87,8 @@ def error_lines(
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.grid(alpha=0.25, which="both", linewidth=0.5)
-    _few_ticks(axis.xaxis)
-    _few_ticks(axis.yaxis)
-
-
-class RoundTicks(Locator):
-    """Ticks at round numbers of a logarithmic axis, as many as their labels have room."""
-
-    def __call__(self) -> list[float]:
-        """Return the ticks of the axis's present range."""
-        return self.tick_values(*self.axis.get_view_interval())
-
-    def tick_values(self, vmin: float, vmax: float) -> list[float]:
-        """Return the ticks of a range: the densest of `TICKS` whose labels do not touch each other."""
-        low, high = sorted((vmin, vmax))
-        ticks: list[float] = []
-        for step, digits in TICKS:
-            decades = range(step * math.floor(math.log10(low) / step), math.ceil(math.log10(high)) + 1, step)
-            ticks = [value for k in decades for digit in digits if low <= (value := digit * 10.0**k) <= high]
-            if self._has_room(ticks, math.log10(high / low)):
-                break
-        return ticks
-
-    def _has_room(self, ticks: Sequence[float], decades: float) -> bool:
-        """Whether the labels of `ticks` do not touch on an axis of so many decades."""
-        points = 72 / self.axis.axes.figure.dpi
-        box = self.axis.axes.get_window_extent()
-        size = self.axis.majorTicks[0].label1.get_fontsize()
-        if self.axis.axis_name == "x":
-            length, extents = box.width, [(0.65 * len(_number(tick)) + 0.8) * size for tick in ticks]
-        else:
-            length, extents = box.height, [1.5 * size] * len(ticks)
-        places = np.log10(ticks) / decades * length * points
-        return bool((np.diff(places) > (np.array(extents[1:]) + extents[:-1]) / 2).all())
-
-
-def _number(value: float, _: int = 0) -> str:
-    """Return a tick label."""
-    return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
-
-
-def _few_ticks(side: Any) -> None:
-    """Label a logarithmic axis at round numbers."""
-    side.set_major_locator(RoundTicks())
-    side.set_major_formatter(FuncFormatter(_number))
-    side.set_minor_formatter(NullFormatter())
+    plot.round_ticks(axis.xaxis)
+    plot.round_ticks(axis.yaxis)
 
 
 def convergence(comparison: Comparison, path: Path) -> None:
@@ -176,7 +123,7 @@ def ladder_bars(axis: Axes, ladder: Ladder, errors: Mapping[str, float] | None =
     axis.invert_yaxis()
     axis.grid(alpha=0.25, axis="x", linewidth=0.5)
     axis.set_xlabel("error in equal time, over independent samples of the balance heuristic")
-    _few_ticks(axis.xaxis)
+    plot.round_ticks(axis.xaxis)
 
 
 def write_ladder(ladder: Ladder, path: Path, scene: str) -> None:
