@@ -30,6 +30,7 @@ from dmis.experiment.metrics import relmse as relmse
 from dmis.experiment.oracle import make_oracle as make_oracle
 from dmis.experiment.reference import Reference as Reference
 from dmis.experiment.reference import make_reference as make_reference
+from dmis.experiment.report.comparer import show as show
 from dmis.experiment.runs import measure as measure
 from dmis.fit.given import Given as Given
 from dmis.fit.registry import make_rule as make_rule
