@@ -18,9 +18,10 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.image import check_image, write_png
 from dmis.pipeline.executor import Processes
 from dmis.pipeline.job import Job
-from dmis.pipeline.passes import Progress
+from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
 from dmis.pipeline.tile import Tile
@@ -130,7 +131,7 @@ def _compare(options: argparse.Namespace) -> int:
     curves = {name: value for name, value in settings.items() if name != "sampler"}
     if options.verbose:
         print(_description(scene), flush=True)
-    with _ProgressBar(options.quiet) as progress:
+    with _progress(options.quiet) as progress:
         if options.reference is not None:
             reference = load_reference(options.reference)
         else:
@@ -185,7 +186,7 @@ def _render(options: argparse.Namespace) -> int:
     for path in files:
         check_writable(path, 32 * math.prod(scene.camera.resolution) + 2**16)  # eight channels and their description
     tiles: list[Tile] = []
-    with _cluster(options.cluster) as executor, _ProgressBar(options.quiet) as progress:
+    with _cluster(options.cluster) as executor, _progress(options.quiet) as progress:
         job = Job.of(scene, options.rule, spp, options.seed, make_settings(**_settings(options, scene)))
         parallel = executor or (Processes(options.workers) if options.workers else options.threads)
         result = render_job(job, parallel, progress, options.checkpoint, tiles.extend if options.stats else None)
@@ -294,7 +295,7 @@ def _oracle(options: argparse.Namespace) -> int:
     check_package("matplotlib", "the plot of an oracle", "pip install 'dmis[plot]'")
     check_folder(options.output)
     scene, settings = _load(options), make_settings(**_given_settings(options))
-    with _ProgressBar(options.quiet) as progress:
+    with _progress(options.quiet) as progress:
         rendered: dict[str, Any] = {"settings": settings, "parallel": options.threads, "progress": progress}
         oracle = make_oracle(scene, options.spp, **rendered)
         ladder = make_ladder(oracle)
@@ -336,7 +337,7 @@ def _info(options: argparse.Namespace) -> int:
 
 def _bench(options: argparse.Namespace) -> int:
     """Run ``bench`` and return its exit code."""
-    with _ProgressBar(False) as progress:
+    with _progress(False) as progress:
         speeds = bench(
             options.scenes or SHIPPED, parse_rules(options.rules), options.resolution, options.spp,
             parallel=options.threads, repeats=options.repeats, seed=options.seed, progress=progress,
@@ -346,33 +347,9 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
-class _ProgressBar:
-    """Progress bar on standard error if that is a terminal; it prints nothing into a log."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._bar = None
-        self._show = not quiet and sys.stderr.isatty()
-
-    def __enter__(self) -> Progress | None:
-        if not self._show:
-            return None
-        try:
-            from tqdm import tqdm
-        except ImportError:
-            return None
-        self._bar = tqdm(unit=" samples", unit_scale=True, leave=False)
-        return self._update
-
-    def _update(self, stage: str, done: int, total: int) -> None:
-        """Show the progress of a stage."""
-        if self._bar is not None:
-            self._bar.total, self._bar.n = total, done
-            self._bar.set_description(stage, refresh=False)
-            self._bar.refresh()
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
+def _progress(quiet: bool) -> AbstractContextManager[Progress | None]:
+    """Give a progress bar if standard error is a terminal and tqdm is there; it prints nothing into a log."""
+    return reporting(not quiet and sys.stderr.isatty() and find_spec("tqdm") is not None)
 
 
 _COMMANDS = {"render": _render, "compare": _compare, "oracle": _oracle, "info": _info, "bench": _bench}

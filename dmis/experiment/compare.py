@@ -24,6 +24,7 @@ from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
 from dmis.image import read_exr
+from dmis.pipeline.progress import Progress
 from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
 
@@ -126,7 +127,7 @@ def compare(
     folder: str | os.PathLike[str],
     *,
     oracle: Oracle | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | bool | None = None,
     **options: Any,
 ) -> Comparison:
     """Render a scene with several rules, numbers of samples and seeds, and write table, plot and report into `folder`.

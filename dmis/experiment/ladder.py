@@ -36,7 +36,7 @@ from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
-from dmis.pipeline.passes import Progress
+from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 from dmis.variance.curves import HALF, share_variance
@@ -288,7 +288,7 @@ def measure_evenness(
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Evenness:
     """Return the evenness of a scene's Sobol points: measured at the first call, read from the cache afterwards.
 

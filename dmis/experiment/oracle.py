@@ -32,7 +32,7 @@ from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import LEARNED_COMPENSATION
-from dmis.pipeline.passes import Progress
+from dmis.pipeline.progress import Progress
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID, GRID_SHARES, HALF
 
@@ -198,7 +198,7 @@ def make_oracle(
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     **options: Any,
 ) -> Oracle:
     """Return the oracle of `scene`, rendered at the first call and read from the cache afterwards.
@@ -254,7 +254,7 @@ def _render_halves(
     combiner: str,
     settings: Settings,
     parallel: Parallel,
-    progress: Progress | None,
+    progress: Progress | bool | None,
 ) -> None:
     """Render the two halves of an oracle's pilot and write their curves to `path`. An interrupted half is resumed."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ from dmis.pipeline.checkpoint import UnusableCheckpoint
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import MAX_SPP
-from dmis.pipeline.passes import Progress
+from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
@@ -87,7 +87,7 @@ def make_reference(
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     **options: Any,
 ) -> Reference:
     """Return the reference of `scene`, rendered with Sobol points at the first call and read from the cache later.

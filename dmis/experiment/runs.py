@@ -19,6 +19,7 @@ from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
 from dmis.experiment.reference import Reference
 from dmis.fit.registry import make_rule
+from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
@@ -85,7 +86,7 @@ def measure(
     done: Iterable[Run] = (),
     keep: Callable[[Budget, Result], None] | None = None,
     record: Callable[[Run], None] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | bool | None = None,
     **options: Any,
 ) -> dict[Budget, list[Run]]:
     """Render `scene` with every rule, budget and seed, and measure time and error of each render.
@@ -101,7 +102,7 @@ def measure(
     record
         Called with each run as soon as it is finished.
     progress
-        Called as ``progress(rule, done, total)`` after each render.
+        Called as ``progress(rule, done, total)`` after each render; True for a bar.
     options
         ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
         `dmis.pipeline.render.render`. CPU seconds are those of this process, and not of others that ``parallel`` names.
@@ -115,27 +116,26 @@ def measure(
     dmis.experiment.alarm.ReferenceWarning
         Once for each rule whose image has another mean than the reference, see `dmis.experiment.alarm`.
     """
-    if progress is not None and not callable(progress):
-        raise ValueError(f"progress must be a function progress(rule, done, total), or None; got {progress!r}")
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
     finished = {(run.rule, run.spp, run.seed): run for run in done}
     total = len(runs) * len(seeds)
     alarmed: set[str] = set()
-    for k, seed in enumerate(seeds):
-        for n, (rule, spp) in enumerate(runs):
-            run = finished.get((rule, spp, seed))
-            if run is None:
-                run, result = _timed_run(scene, rule, spp, seed, reference, **options)
-                if keep:
-                    keep((rule, spp), result)
-                if record:
-                    record(run)
-            if rule not in alarmed and alarm.raises_alarm(run):
-                alarmed.add(rule)
-                warnings.warn(alarm.ReferenceWarning(alarm.message(run)), stacklevel=2)
-            runs[rule, spp].append(run)
-            if progress:
-                progress(rule, k * len(runs) + n + 1, total)
+    with reporting(progress, "renders") as report:
+        for k, seed in enumerate(seeds):
+            for n, (rule, spp) in enumerate(runs):
+                run = finished.get((rule, spp, seed))
+                if run is None:
+                    run, result = _timed_run(scene, rule, spp, seed, reference, **options)
+                    if keep:
+                        keep((rule, spp), result)
+                    if record:
+                        record(run)
+                if rule not in alarmed and alarm.raises_alarm(run):
+                    alarmed.add(rule)
+                    warnings.warn(alarm.ReferenceWarning(alarm.message(run)), stacklevel=2)
+                runs[rule, spp].append(run)
+                if report:
+                    report(rule, k * len(runs) + n + 1, total)
     return runs
 
 

@@ -25,13 +25,12 @@ from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.film import FilmTile, PassFilm
 from dmis.pipeline.job import FinalPass, Job
+from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.variance.moments import Film, join
 from dmis.variance.replicates import mean_of_replicates, replicate_seed
 
-Progress = Callable[[str, int, int], None]
-"""``progress(stage, done, total)``, in camera samples; stages are ``pilot`` and ``final``."""
 Observer = Callable[[Sequence[Tile]], None]
 """Called with the tiles of a pass before they are rendered."""
 _CHECKPOINT_BYTES = 24  # of a pixel in a pass, statistics not counted
@@ -42,8 +41,10 @@ class Passes:
 
     Parameters
     ----------
-    parallel, progress, checkpoint
+    parallel, checkpoint
         As those of `dmis.pipeline.render.render`.
+    progress
+        Called after each tile.
     observer
         See `Observer`.
 
@@ -55,7 +56,7 @@ class Passes:
     Raises
     ------
     ValueError
-        If `parallel` or `progress` is not right, or the checkpoint belongs to a different image.
+        If `parallel` is not right, or the checkpoint belongs to a different image.
     OSError
         If the checkpoint cannot be written.
     """
@@ -71,8 +72,6 @@ class Passes:
         self._job, self._progress, self._observer = job, progress, observer
         self._pixels = math.prod(job.scene.camera.resolution)
         self.rays: Counter[str] = Counter()
-        if progress is not None and not callable(progress):
-            raise ValueError(f"progress must be a function progress(stage, done, total), or None; got {progress!r}")
         parallel = check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:

@@ -22,7 +22,8 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.job import FinalPass, Job
-from dmis.pipeline.passes import Observer, Passes, Progress
+from dmis.pipeline.passes import Observer, Passes
+from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.result import Result
 from dmis.samplers.streams import is_sequence
 from dmis.scene.scene import Scene
@@ -37,7 +38,7 @@ def render(
     seed: int = 0,
     settings: Settings | None = None,
     parallel: Parallel = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     **options: Any,
 ) -> Result:
@@ -58,7 +59,8 @@ def render(
         Number of threads (None: one per processor); ``dmis.Processes(n)``; or any `concurrent.futures.Executor`,
         Dask's ``Client.get_executor(pure=False)`` among them, which is not shut down.
     progress
-        Called in this thread after each tile, see `dmis.pipeline.passes.Progress`.
+        True for a bar (extra ``progress``), a widget in a notebook; or a function that is called in this thread after
+        each tile, see `dmis.pipeline.progress.Progress`.
     checkpoint
         File that every finished tile is saved to; a render resumes from it if it exists. It is removed at the end.
 
@@ -77,7 +79,7 @@ def render(
 def render_job(
     job: Job,
     parallel: Parallel = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     observer: Observer | None = None,
 ) -> Result:
@@ -87,7 +89,7 @@ def render_job(
     rendered.
     """
     _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
-    with Passes(job, parallel, progress, checkpoint, observer) as passes:
+    with reporting(progress) as report, Passes(job, parallel, report, checkpoint, observer) as passes:
         job.scene.prepare()
         times = [time.perf_counter()]
         pilot, first_round = passes.pilot()  # samples

@@ -322,7 +322,7 @@ def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatc
     with monkeypatch.context() as without:
         for name in [n for n in sys.modules if n.startswith(("dmis.experiment.report", "dmis.plot"))]:
             without.delitem(sys.modules, name)
-        without.delattr(dmis, "plot", raising=False)
+        without.delitem(vars(dmis), "plot", raising=False)
         for name in ["matplotlib", *(n for n in sys.modules if n.startswith("matplotlib."))]:
             without.setitem(sys.modules, name, None)
         with without.context() as stopped:

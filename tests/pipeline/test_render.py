@@ -338,7 +338,10 @@ def _stop(*_):
         ({"rule": "auto", "spp": 32, "shading_samples": 1}, "even for rule auto,.*; got 1. Use 2, or rule thesis"),
         ({"combiner": 3}, "combiner must be a name such as 'balance' or 'power'; got 3"),
         ({"combiner": ["power"]}, r"combiner must be a name .*; got \['power'\]"),
-        ({"progress": 5}, r"progress must be a function progress\(stage, done, total\), or None; got 5"),
+        (
+            {"progress": 5},
+            r"progress must be a function progress\(stage, done, total\), True for a bar, or None; got 5",
+        ),
         ({"rule": None, "preset": "thesis"}, "; got 4. Use a larger spp or another rule, such as balance"),
         (
             {"techniques": ("resampled", "brdf"), "combiner": "controlled"},

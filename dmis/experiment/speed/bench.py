@@ -11,7 +11,7 @@ import pstats
 import statistics
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
@@ -23,6 +23,7 @@ from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
 from dmis.pipeline.job import Job
+from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result
 from dmis.pipeline.tile import Tile, render_tile
@@ -93,7 +94,7 @@ def bench(
     parallel: int = 1,
     repeats: int = 3,
     seed: int = 0,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     **options: Any,
 ) -> list[Speed]:
     """Render every scene with every rule `repeats` times, in turns, each time followed by its Embree calls alone.
