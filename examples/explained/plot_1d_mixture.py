@@ -8,22 +8,16 @@ parabola through three points give? Which share do the same samples give if each
 is that of the renderer; only the integrand is new.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options
 
 from dmis import plot
 from dmis.estimator.records import Record
+from dmis.experiment.gallery import options
 from dmis.fit.objectives import OBJECTIVE_NAMES, objective
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, Curves
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_1d_mixture", __doc__)
 rng = np.random.default_rng(1)
 
 # %%

@@ -8,21 +8,15 @@ shows the variance around this point, and whether one pilot at equal shares find
 rule ``simplex``; only the integrand is new.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options
 
 from dmis import plot
 from dmis.estimator.mis import balance
 from dmis.estimator.records import Record
+from dmis.experiment.gallery import options
 from dmis.variance.simplex_curves import SimplexCurves, grid
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_1d_simplex", __doc__)
 rng = np.random.default_rng(1)
 
 # %%

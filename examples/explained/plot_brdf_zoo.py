@@ -8,24 +8,18 @@ samples against the share w of light samples. A small, a medium and a large ligh
 model needs which share?
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 from scipy.stats import qmc
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options
 
 import dmis
 from dmis import plot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import Dielectric
 from dmis.estimator.technique import BRDF, LIGHT
+from dmis.experiment.gallery import options
 from dmis.scene.shading_points import ShadingPoints
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_brdf_zoo", __doc__)
 GLASS = Dielectric(1.5)
 MODELS = {
     "Phong, n = 12": dmis.phong(ks=0.5, exponent=12),

@@ -6,19 +6,11 @@ Veach's plates and a room with ten lights: by BRDF samples alone, by light sampl
 the share of light samples that dmis learns. No constant of dmis was chosen on these two scenes.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import machine, options, replace_table
-
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import options
 
-opts, given = options(
-    __file__, __doc__, page={"type": Path, "help": "a page that gets the table between its marks 'held-out scenes'"}
-)
+opts, _ = options("plot_held_out_scenes", __doc__)
 SPP, SHRINK = opts.pick(8, 64), opts.pick(8, 2, 1)
 TITLES = {"fixed:0": "BRDF samples", "fixed:1": "light samples", "balance": "balance heuristic"}
 RULES = (*TITLES, "auto")
@@ -41,9 +33,7 @@ for line, name in zip(axes, dmis.HELD_OUT, strict=True):
     share = plot.weights(line[-1], results["auto"].weight, "learned by auto")
     plot.weight_bar(figure, share, line[-1])
 
-print(*rows, sep="\n")
-if given.page is not None:
-    replace_table(given.page, "held-out scenes", *rows, "", f"{SPP} samples per pixel, seed 1, on {machine()}.")
+print(*rows, f"{SPP} samples per pixel, seed 1.", sep="\n")
 opts.save(
     figure,
     "The two held-out scenes",

@@ -7,20 +7,14 @@ same order as the camera's; and how fast the error falls for smooth integrands a
 explains all three.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options
-
 from dmis import plot
+from dmis.experiment.gallery import options
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import Sobol
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_nets", __doc__)
 PIXELS, N = (50, 1024) if opts.size == "quick" else (400, 4096)
 
 # %%

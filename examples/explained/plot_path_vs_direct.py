@@ -8,19 +8,13 @@ lights the ceiling and all shadows. The last panel has the mean of the image aga
 scatter, and so shows how fast the series converges.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, show
 
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import SCENES, options
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_path_vs_direct", __doc__)
 DEPTHS = (1, 2, 3, 4, 6, 10)
 DEEP = 6
 
@@ -33,7 +27,7 @@ for title, scene in scenes.items():
     for depth in DEPTHS if title in ("CORNELL", "KILLEROO GOLD") else (1, DEEP):
         settings = dmis.Settings(integrator="path", max_depth=depth)
         result = dmis.render(
-            scene, "auto", opts.spp, seed=depth, settings=settings, parallel=opts.threads, progress=show(title)
+            scene, "auto", opts.spp, seed=depth, settings=settings, parallel=opts.threads, progress=opts.progress
         )
         images[title, depth] = result.image
     print(f"{title:20} {images[title, DEEP].mean() / images[title, 1].mean():6.3f} times the light of direct lighting")

@@ -8,20 +8,14 @@ side. The last picture has the shares that were learned for the first surface of
 behind it, and each crossing of its surface loses the light that facets mask.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options, show
 
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import options
 from dmis.geometry.shapes import quad, sphere
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_rough_glass", __doc__)
 ALPHAS = (0.02, 0.15, 0.4)
 
 # %%
@@ -48,7 +42,7 @@ scene = dmis.Scene(camera, (floor, wall, *balls), (lamp, sky), "rough-glass")
 # Render the same scene three times: light through the glass needs paths.
 direct = dmis.render(scene, "auto", opts.spp, settings=dmis.Settings(integrator="direct"), parallel=opts.threads)
 settings = dmis.Settings(integrator="path", max_depth=12)
-paths = dmis.render(scene, "auto", opts.spp, settings=settings, parallel=opts.threads, progress=show("paths"))
+paths = dmis.render(scene, "auto", opts.spp, settings=settings, parallel=opts.threads, progress=opts.progress)
 for name, result in (("direct", direct), ("paths", paths)):
     seconds = result.seconds["total"]
     print(f"{name:8} mean radiance {result.image.mean():.3f}, {seconds:.1f} s")

@@ -7,24 +7,19 @@ Where the camera meets nothing, nothing is sampled. A mirror needs no light samp
 a black wall ends a path. The two rooms are rendered by paths.
 """
 
-import sys
 import textwrap
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options
-
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import options
 from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_scene_plan", __doc__)
 SIZE, SPP = opts.pick((48, 36), (240, 180)), opts.pick(8, 64)
 
 # %%

@@ -8,24 +8,18 @@ Then most small patches have no such sample, and their variance is nearly zero. 
 and gets all samples.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options, print_canvas, window
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread, patch_sum
+from dmis.experiment.gallery import options, print_canvas, window
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_why_the_parabola_fails", __doc__)
 PATCHES = (4, 8, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 

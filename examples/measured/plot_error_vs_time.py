@@ -7,19 +7,13 @@ scenes, the root mean squared error of every rule at four budgets over the secon
 weights of all would bring the balance heuristic: the oracle.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, show
-
 import dmis
 from dmis import plot
 from dmis.experiment.convergence import gains, line, slope
+from dmis.experiment.gallery import SCENES, options
 from dmis.experiment.report.plots import error_lines
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_error_vs_time", __doc__)
 RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")
 BUDGETS = opts.pick((8, 16, 32), (16, 32, 64, 128))
 SEEDS = range(opts.pick(2, 3))
@@ -31,11 +25,11 @@ told = []
 for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
-    known = {"parallel": opts.threads, "progress": show(f"oracle of {name}")}
+    known = {"parallel": opts.threads, "progress": opts.progress}
     oracle = dmis.make_oracle(scene, opts.pick(64, 512), compensation=0, **known)  # as balance samples skies
     budgets = [(rule, spp) for spp in BUDGETS for rule in RULES]
     runs = dmis.measure(
-        scene, budgets, SEEDS, reference, sampler="independent", parallel=opts.threads, progress=show(name)
+        scene, budgets, SEEDS, reference, sampler="independent", parallel=opts.threads, progress=opts.progress
     )
     for axis, over in zip(column, ("seconds", "rays"), strict=True):
         error_lines(axis, runs, over, oracle)

@@ -7,18 +7,12 @@ best weight: the oracle. A rule that sees six samples is judged by what it loses
 the share of the oracle's saving that it reaches, and the share of patches in which it does harm.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, show
-
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import SCENES, options
 from dmis.variance.curves import HALF
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_oracle_and_regret", __doc__)
 RULES = {
     "thesis": "thesis",
     "second-moment": "second-moment:combiner=balance,cost=no",
@@ -32,7 +26,7 @@ told = []
 for line, (name, about) in zip(axes, SCENES.items(), strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
     same = {"parallel": opts.threads, "compensation": 0}  # of the sky, which shares are learned for
-    oracle = dmis.make_oracle(scene, opts.pick(64, 512), progress=show(f"oracle of {name}"), **same)
+    oracle = dmis.make_oracle(scene, opts.pick(64, 512), progress=opts.progress, **same)
     result = dmis.render(scene, "auto", opts.pick(8, 32), seed=1, parallel=opts.threads)
     plot.picture(line[0], result.image, about.title)
     height, width = oracle.variance.shape[1:]

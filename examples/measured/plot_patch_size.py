@@ -8,19 +8,13 @@ Larger pilots know more, and leave less to use it for. The budget is always the 
 independent.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, show
 
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import SCENES, options
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_patch_size", __doc__)
 PATCHES, PILOTS = opts.pick(((4, 32), (2, 4)), ((1, 4, 8, 16, 64), (2, 4, 16)))
 
 # %%
@@ -37,7 +31,7 @@ for name in SCENES:
         reference,
         sampler="independent",
         parallel=opts.threads,
-        progress=show(name),
+        progress=opts.progress,
     )
     base = runs["balance", opts.spp][0]
     results[name] = {

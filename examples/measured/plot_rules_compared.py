@@ -7,21 +7,15 @@ that of the balance heuristic. The one-sample model is what the thesis may have 
 with one light and one BRDF sample is the baseline that counts. Samples are independent.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, show
 
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import SCENES, options
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import median_seconds
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_rules_compared", __doc__)
 RULES = (
     "one-sample", "pbrt", "thesis", "inverse-variance", "neyman", "representativity", "taylor", "kl", "tsallis",
     "linear", "second-moment", "auto",
@@ -36,7 +30,7 @@ for name in SCENES:
     reference = opts.reference(scene)
     budgets = [(rule, opts.spp) for rule in ("balance", *RULES)]
     runs = dmis.measure(
-        scene, budgets, SEEDS, reference, sampler="independent", parallel=opts.threads, progress=show(name)
+        scene, budgets, SEEDS, reference, sampler="independent", parallel=opts.threads, progress=opts.progress
     )
     base = runs["balance", opts.spp]
     for rule in RULES:

@@ -22,16 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options
-
 import dmis
 from dmis.base import malloc
+from dmis.experiment.gallery import in_notebook, options
 from dmis.geometry import shapes
 from dmis.geometry.mesh import vertex_normals
 
-KEPT = Path(__file__).resolve().parents[1] / "data" / "scale.json"
+KEPT = Path(sys.argv[0]).resolve().parent.parent / "data" / "scale.json"
 TARGET = (4096, 4096)
 """Side of the image, samples per pixel: what nobody waits for here."""
 
@@ -172,7 +169,7 @@ def draw(data, opts):
 def main():
     """Measure if asked to, and draw."""
     opts, given = options(
-        __file__,
+        "plot_scale",
         __doc__,
         measure={"action": "store_true", "help": "measure, and keep the numbers in data/scale.json"},
     )
@@ -184,7 +181,8 @@ def main():
     with ProcessPoolExecutor(1, mp_context=fresh, max_tasks_per_child=1) as pool:
         for kind, series in cases(opts.pick).items():
             runs[kind] = []
-            for run in pool.map(measure, series):
+            # functions of a notebook are not known in other processes: there the peak of memory is that of the kernel
+            for run in (map if in_notebook() else pool.map)(measure, series):
                 runs[kind].append(run)
                 print(
                     f"{kind:9} {run['side']:4}² × {run['spp']:4} spp, {run['triangles']:9,} triangles: "

@@ -7,20 +7,14 @@ samples themselves estimate this variance, without a reference. Both are true. T
 patch, and then asks how well the second one works with only two samples.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options, print_canvas, show
 
 import dmis
 from dmis.base.patches import patch_mean
+from dmis.experiment.gallery import options, print_canvas
 from dmis.experiment.metrics import squared_error
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_eq_3_1_variance_is_mse", __doc__)
 PATCH = opts.pick(4, 8)
 SEEDS = range(opts.pick(3, 5))
 
@@ -29,9 +23,7 @@ SEEDS = range(opts.pick(3, 5))
 # independent halves r₁, r₂ of a reference.
 scene = opts.scene("killeroo-gold")
 reference = opts.reference(scene)
-images = [
-    dmis.render(scene, "balance", opts.spp, seed=seed, progress=show(f"seed {seed}"), preset="thesis") for seed in SEEDS
-]
+images = [dmis.render(scene, "balance", opts.spp, seed=seed, progress=opts.progress, preset="thesis") for seed in SEEDS]
 error = np.mean([patch_mean(squared_error(i.image, reference.first, reference.second), PATCH) for i in images], axis=0)
 
 # %%

@@ -7,20 +7,14 @@ its mean squared error fall as 1/n. Sixteen times as many samples leave a sixtee
 is four times as faint. All other figures are about getting the same grain from fewer samples.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options, print_canvas, show, window
 
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import options, print_canvas, window
 from dmis.experiment.metrics import mean_and_error, squared_error
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_2_1_variance", __doc__)
 
 # %%
 # Render the same scene with few and with many samples: one light and one BRDF sample each, balance heuristic.
@@ -28,7 +22,7 @@ scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
 reference = opts.reference(scene, opts.pick(64, 128))
 few, many = opts.pick((2, 16), (8, 128))
 images = {
-    n: dmis.render(scene, "balance", n, seed=1, progress=show("rendering"), preset="thesis").image for n in (few, many)
+    n: dmis.render(scene, "balance", n, seed=1, progress=opts.progress, preset="thesis").image for n in (few, many)
 }
 
 # %%

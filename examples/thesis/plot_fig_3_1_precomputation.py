@@ -7,22 +7,16 @@ three strategies: BRDF sampling alone (share of light samples w = 0), both techn
 (w = 1/2), and light sampling alone (w = 1). It learns from the noise of these images and from nothing else.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 from matplotlib.colors import LogNorm
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, print_canvas
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean
+from dmis.experiment.gallery import SCENES, options, print_canvas
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_3_1_precomputation", __doc__)
 PATCH = opts.pick(4, 16)
 NAMES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold")
 STRATEGIES = {0: "BRDF sampling, w = 0", 0.5: "balance heuristic, w = ½", 1: "light sampling, w = 1"}

@@ -7,22 +7,16 @@ teapot whose curves have different shapes. The teapot has no patch where BRDF sa
 from KILLEROO GOLD. Then it shows what the thesis makes of three points of each curve: a parabola and its minimum.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import draw_curve, options, print_canvas, show
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_sum
+from dmis.experiment.gallery import draw_curve, options, print_canvas
 from dmis.fit.thesis import parabola_minimum
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_3_2_mse_curve_teapot", __doc__)
 PATCH, SPP, SEEDS = opts.pick((4, 16, 2), (16, 122, 24))
 WEIGHTS = np.array([0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 1])
 STRATEGIES = np.array([0, 0.5, 1])
@@ -94,9 +88,7 @@ for colour, curve in curves.items():
 # as many samples as the thesis has. Two kinds of patches are left out: the edge of the lamp, where both variances are
 # equal but for noise (the lamp has the radiance 8, all else less than 4), and patches with hardly any variance.
 whole = {
-    w: dmis.render(
-        scenes["teapot-area-light"], f"fixed:{w}", opts.spp, seed=7, progress=show(f"w = {w}"), preset="thesis"
-    )
+    w: dmis.render(scenes["teapot-area-light"], f"fixed:{w}", opts.spp, seed=7, progress=opts.progress, preset="thesis")
     for w in (0, 1)
 }
 y0, y1 = (patch_mean(opts.spp * luminance(result.variance), PATCH) for result in whole.values())

@@ -7,21 +7,15 @@ the light, and the error grows with the share of light samples. On the diffuse f
 The axis is linear, so that a parabola looks like one.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import draw_curve, options, print_canvas
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
+from dmis.experiment.gallery import draw_curve, options, print_canvas
 from dmis.fit.thesis import parabola_minimum
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_3_3_mse_curve_killeroo_gold", __doc__)
 PATCH, SPP, SEEDS = opts.pick((4, 16, 2), (16, 122, 24))
 WEIGHTS = np.array([0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 1])
 STRATEGIES = np.array([0, 0.5, 1])

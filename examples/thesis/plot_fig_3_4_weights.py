@@ -8,22 +8,16 @@ not say what to do in the others. dmis takes the nearer end, or, if the parabola
 pilots.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, print_canvas
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.experiment.gallery import SCENES, options, print_canvas
 from dmis.fit.thesis import STATUS, parabola_minimum
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_3_4_weights", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 

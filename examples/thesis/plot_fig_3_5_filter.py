@@ -7,24 +7,18 @@ Gaussian over patches. This helps where neighbours should agree. It also blurs w
 materials, where neighbours should differ.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, print_canvas, window
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.experiment.gallery import SCENES, options, print_canvas, window
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_3_5_filter", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 CROPS = {  # rows and columns, in shares of the image

@@ -7,17 +7,11 @@ come with dmis are its own, because the killeroo and the car may not be redistri
 original files.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import SCENES, options, print_canvas, show
-
 import dmis
 from dmis import plot
+from dmis.experiment.gallery import SCENES, options, print_canvas
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_4_1_scenes", __doc__)
 SPP = opts.pick(16, 32, 128)
 INTEGRATOR = {"killeroo-gold": "path"}
 
@@ -28,7 +22,7 @@ results = {}
 for name, about in SCENES.items():
     scene = opts.scene(name, opts.pick(16, min(about.size) / 800, 1))
     more = {"preset": "thesis", "integrator": INTEGRATOR.get(name, "direct")}
-    results[about.title] = dmis.render(scene, "thesis", SPP, seed=1, progress=show(name), **more)
+    results[about.title] = dmis.render(scene, "thesis", SPP, seed=1, progress=opts.progress, **more)
     triangles = len(scene.plan.face_row)
     width, height = scene.camera.resolution
     print(f"{scene.name:20} {width}x{height}, {triangles:,} triangles, {len(scene.lights)} lights")

@@ -7,25 +7,19 @@ noisy, and the filter does not repair them. This figure has the thesis's three p
 which patches is the error lost?
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 from matplotlib.colors import LogNorm
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import options, print_canvas, window
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
+from dmis.experiment.gallery import options, print_canvas, window
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_fig_5_1_limitation_tt", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 

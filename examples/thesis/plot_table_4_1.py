@@ -10,21 +10,14 @@ The balance heuristic takes one light and one BRDF sample per camera sample. ``d
 a weaker baseline, and with more seeds.
 """
 
-import sys
-from datetime import date
-from pathlib import Path
-
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from common import ROOT, SCENES, Errors, machine, options, print_canvas, replace_table, show
-
 import dmis
+from dmis.experiment.gallery import SCENES, Errors, options, print_canvas
 from dmis.experiment.runs import median_seconds, on_cpu, spp_in_time
 
 opts, given = options(
-    __file__,
+    "plot_table_4_1",
     __doc__,
     patch={"type": int, "default": 16, "help": "side of a patch in pixels (default 16)"},
     seeds={"type": int, "default": 0, "help": "number of seeds (default 2; 1 with --full)"},
@@ -43,7 +36,7 @@ for name, about in SCENES.items():
     scene = opts.scene(name)
     reference = opts.reference(scene)
     errors = Errors(reference)
-    more = {"preset": "thesis", "parallel": 1, "progress": show(name), "keep": errors.keep}
+    more = {"preset": "thesis", "parallel": 1, "progress": opts.progress, "keep": errors.keep}
     base, same = ("balance", opts.spp), (OURS, opts.spp)
     runs = {key: on_cpu(of) for key, of in dmis.measure(scene, [base, same], SEEDS, reference, **more).items()}
     rates, equal = runs, errors.ratio(same, base)
@@ -96,11 +89,8 @@ for row in rows:
         f"| {row['scene']} | {about.equal_samples:.3f} | {equal[0]:.3f} ± {equal[1]:.3f} "
         f"| {about.equal_time:.3f} | {fair[0]:.3f} ± {fair[1]:.3f} (time × {row['time']:.2f}) |"
     )
-print("", *lines, "", sep="\n")
-if opts.size == "full" and opts.scene_dir is None:
-    made = f"{len(SEEDS)} seed{'s' * (len(SEEDS) > 1)}, made on {date.today()} on {machine()}."
-    replace_table(ROOT / "docs" / "reproduction.md", "table 4.1", *lines, "", made)
-    replace_table(ROOT / "README.md", "table 4.1", *short, "", made)
+seeds = f"{len(SEEDS)} seed{'s' * (len(SEEDS) > 1)}."
+print("", *lines, seeds, "", *short, seeds, "", sep="\n")
 
 # %%
 # Draw the same numbers: below 1 the rule wins.

@@ -7,13 +7,7 @@ the whole renderer in float64 (float64.py). What is left of seven digits, for li
 the size of the scene over lobes of roughness 1 to 1e-8; and how the error grows along the other axes of stiffness.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from common import options
 from stiff import KD, LIFT, ROUGHNESS, SIZES, ULP, both, chosen, rounding_errors
 

@@ -1,0 +1,244 @@
+"""What the scripts of the gallery share: the thesis's scenes and numbers, three sizes, references, saved figures.
+
+A script runs from a command line, or as a notebook, which has none. The thesis: Seo, Data-driven Multiple Importance
+Sampling for Monte Carlo Rendering, KAIST 2014.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from dmis import plot
+from dmis.base.atomic_files import check_writable
+from dmis.base.vectors import Array
+from dmis.experiment.metrics import ratio_over_blocks, squared_error
+from dmis.experiment.reference import Reference, make_reference
+from dmis.experiment.runs import Budget
+from dmis.formats.load_scene import load_scene
+from dmis.pipeline.result import Result
+from dmis.scene.scene import Scene
+
+T = TypeVar("T")
+SIZES = ("quick", "default", "full")
+
+
+@dataclass(frozen=True)
+class ThesisScene:
+    """A scene of the thesis and its row in Table 4.1: MSE over that of the balance heuristic, extra time, seconds."""
+
+    title: str
+    name: str  # of the scene that comes with dmis
+    original: str  # of the original pbrt-v2 file
+    size: tuple[int, int]  # in the thesis
+    equal_samples: float  # 128 = 6 + 122
+    equal_time: float  # 125 = 6 + 119
+    overhead: float  # time at equal samples, over that of the balance heuristic, less one
+    seconds: int  # that the balance heuristic took
+
+
+SCENES = {
+    scene.name: scene
+    for scene in (
+        ThesisScene("TEAPOT AREA LIGHT", "teapot-area-light", "teapot-area-light", (800, 800), 0.802, 0.981, 0.028, 340),  # noqa: E501
+        ThesisScene("KILLEROO DIFFUSE", "killeroo-diffuse", "killeroo-diffuse", (1368, 1026), 0.935, 1.000, 0.070, 213),
+        ThesisScene("KILLEROO GOLD", "killeroo-gold", "killeroo-gold", (1368, 1026), 1.119, 1.153, 0.071, 241),
+        ThesisScene("TT", "tt", "env", (1500, 833), 1.286, 1.299, 0.037, 147),
+    )
+}  # fmt: skip
+"""By name. The original TT is not available: the killeroo under an environment map, ``env.pbrt``, stands in for it."""
+
+SHRINK = {"quick": 16, "default": 5, "full": 1}
+"""The thesis's size is divided by this."""
+REFERENCE_SPP = {"quick": 64, "default": 256, "full": 128}
+"""Camera samples per pixel of each half of a reference."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How large a script's images are, and where its figure goes.
+
+    Attributes
+    ----------
+    size
+        One of `SIZES`.
+    scene_dir
+        Folder of the original pbrt-v2 scenes; None: the scenes that come with dmis.
+    threads
+        Number of threads; None: one per processor.
+    output
+        File of the figure, PNG.
+    """
+
+    size: str
+    scene_dir: Path | None
+    threads: int | None
+    output: Path
+
+    @property
+    def spp(self) -> int:
+        """Camera samples per pixel of a render: the thesis's 128, or fewer to be quick."""
+        return 16 if self.size == "quick" else 128
+
+    @property
+    def shrink(self) -> int:
+        """Usual divisor of the thesis's resolution."""
+        return SHRINK[self.size]
+
+    @property
+    def progress(self) -> bool:
+        """Whether renders show a bar: on a terminal or in a notebook, if tqdm is there, and not in a log."""
+        return (in_notebook() or sys.stderr.isatty()) and find_spec("tqdm") is not None
+
+    def pick(self, quick: T, default: T, full: T | None = None) -> T:
+        """Return one of the values, by size."""
+        return {"quick": quick, "default": default, "full": default if full is None else full}[self.size]
+
+    def scene(self, name: str, shrink: int | None = None) -> Scene:
+        """Return one of the four scenes, the original if there is a `scene_dir`; `shrink` replaces the usual one."""
+        about = SCENES[name]
+        width, height = about.size
+        source: str | Path = about.name
+        if self.scene_dir is not None:
+            source = self.scene_dir / f"{about.original}.pbrt"
+            if about.original == "env":
+                width, height = SCENES["killeroo-gold"].size
+        shrink = shrink or self.shrink
+        return load_scene(source, resolution=(round(width / shrink), round(height / shrink)))
+
+    def reference(self, scene: Scene, spp: int | None = None) -> Reference:
+        """Return the reference of a scene in two halves: rendered the first time, read from disk afterwards."""
+        return make_reference(scene, spp or REFERENCE_SPP[self.size], parallel=self.threads, progress=self.progress)
+
+    def save(self, figure: Any, title: str, caption: str) -> None:
+        """Write the figure with its title and caption in the picture, and show it, or print where it is."""
+        plot.save(figure, self.output, title, caption)
+        self._show()
+
+    def save_for_print(self, figure: Any, title: str, caption: str, dpi: int = 200) -> None:
+        """Write the figure as PNG and PDF, title and caption in the metadata; print the caption, and show as `save`."""
+        caption = " ".join(caption.split())
+        figure.savefig(self.output.with_suffix(".pdf"), dpi=dpi, metadata={"Title": title, "Subject": caption})
+        figure.savefig(self.output, dpi=dpi, metadata={"Title": title, "Description": caption, "Software": "dmis"})
+        print(caption)  # noqa: T201
+        self._show()
+
+    def _show(self) -> None:
+        """Show the picture in a notebook, and print its path elsewhere."""
+        if in_notebook():
+            from IPython.display import Image, display
+
+            display(Image(filename=str(self.output)))  # type: ignore[no-untyped-call]
+        else:
+            print(self.output)  # noqa: T201
+
+
+def in_notebook() -> bool:
+    """Whether a Jupyter kernel runs this process: its command line is the kernel's, and not a script's."""
+    return "kernel_launcher" in Path(sys.argv[0]).name
+
+
+def options(name: str, description: str | None, **more: dict[str, Any]) -> tuple[Options, argparse.Namespace]:
+    """Read the command line of a script; a notebook has none, and gets the defaults.
+
+    With ``DMIS_QUICK=1`` the default size is ``quick``.
+
+    Parameters
+    ----------
+    name
+        Name of the script: its figure is ``figures/<name>.png`` in the working directory.
+    description
+        The script's docstring.
+    more
+        Options of the script's own, by name, as arguments of ``add_argument``.
+
+    Raises
+    ------
+    OSError
+        If the figure cannot be written, before anything is rendered for it.
+    """
+    parser = argparse.ArgumentParser(description=(description or "").strip().split("\n")[0])
+    size = parser.add_mutually_exclusive_group()
+    size.add_argument("--quick", action="store_const", const="quick", dest="size", help="tiny images: seconds")
+    size.add_argument("--full", action="store_const", const="full", dest="size", help="the thesis's resolution")
+    parser.add_argument(
+        "--scene-dir",
+        type=Path,
+        default=os.environ.get("DMIS_PBRT_SCENES") or None,
+        help="folder of the original pbrt-v2 scenes (default: DMIS_PBRT_SCENES, or the scenes that come with dmis)",
+    )
+    parser.add_argument("--threads", type=int, help="default: one per processor")
+    parser.add_argument("-o", "--output", type=Path, default=Path("figures") / f"{name}.png")
+    for option, arguments in more.items():
+        parser.add_argument(f"--{option}", **arguments)
+    given = parser.parse_args([] if in_notebook() else None)
+    given.output.parent.mkdir(parents=True, exist_ok=True)
+    check_writable(given.output)
+    usual = "quick" if os.environ.get("DMIS_QUICK", "0") not in ("", "0") else "default"
+    return Options(given.size or usual, given.scene_dir, given.threads, given.output), given
+
+
+def print_canvas(rows: int, columns: int, height: float, width: float = 7, **options: Any) -> tuple[Any, Any]:
+    """Return a figure that is printed `width` x `height` inches large, and its axes: letters are 7 points or larger."""
+    import matplotlib
+
+    style: dict[str, Any] = {"font.size": 8, "axes.titlesize": "medium", "axes.labelsize": "medium"}
+    style |= {"legend.fontsize": 7.5, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5}
+    style |= {"lines.linewidth": 1.2, "lines.markersize": 4, "pdf.fonttype": 42}
+    matplotlib.rcParams.update(style)  # type: ignore[arg-type]
+    return plot.canvas(rows, columns, width, height, **options)
+
+
+def draw_curve(
+    axis: Any, colour: str, label: str, curve: tuple[Any, ...], fit: tuple[Any, float], pilots: tuple[Any, float]
+) -> None:
+    """Draw the error of a patch against the share w of light samples, with the parabola of the thesis's rule.
+
+    Parameters
+    ----------
+    curve
+        Shares, errors of the patch over its error at w = 1/2, and half-lengths of their bars.
+    fit
+        Coefficients of the parabola, that of w² first, and the weight of the patch, its minimum in [0, 1].
+    pilots
+        Weights of the patch by pilots with other random numbers, and the height at which they are marked.
+    """
+    colour, dense = f"tab:{colour}", np.linspace(0, 1, 201)
+    (coefficients, weight), (learned, level) = fit, pilots
+    axis.plot(*curve[:2], "o-", color=colour, label=label)
+    axis.errorbar(*curve, fmt="none", color=colour)
+    axis.plot(dense, np.polyval(coefficients, dense), "--", color=colour, label="parabola through V(0), V(½), V(1)")
+    marker = {"color": colour, "markersize": 8, "markeredgecolor": "black", "label": f"its minimum, w = {weight:.2f}"}
+    axis.plot(weight, np.polyval(coefficients, weight), "v", **marker)
+    ticks = {"color": colour, "markersize": 7, "label": f"minima of {len(learned)} pilots"}
+    axis.plot(learned, np.full(len(learned), level), "|", **ticks)
+
+
+def window(scene: Scene, rows: tuple[float, float], columns: tuple[float, float]) -> plot.Window:
+    """Return a window, given in shares of the image, in pixels."""
+    width, height = scene.camera.resolution
+    return (round(rows[0] * height), round(rows[1] * height)), (round(columns[0] * width), round(columns[1] * width))
+
+
+class Errors(dict[Budget, Array]):
+    """Squared errors of pixels by budget, sums over the seeds: `keep` is for `dmis.measure`."""
+
+    def __init__(self, reference: Reference) -> None:
+        super().__init__()
+        self._reference = reference
+
+    def keep(self, budget: Budget, result: Result) -> None:
+        """Add the errors of a render."""
+        errors = squared_error(result.image, self._reference.first, self._reference.second)
+        self[budget] = errors + self.get(budget, np.zeros(()))
+
+    def ratio(self, budget: Budget, baseline: Budget) -> tuple[float, float]:
+        """Return the MSE over that of the baseline, and half of its 95 % interval; one seed of a large image does."""
+        return ratio_over_blocks(self[budget], self[baseline])
