@@ -63,6 +63,7 @@ def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray, np.nda
         pilot, _ = passes.pilot()
     final = job.final_pass(pilot)
     plan = final.fit.continuation
+    assert plan is not None
     spent = plan.spent / ((final.samples + plan.patterns.begin) * plan.cost)
     change = np.where(plan.patterns.begin > 0, np.maximum(1 - spent, 1e-3) ** -EXPONENT, 1)
     return plan.patterns.pattern, plan.cost * given.budget / plan.budget, change
