@@ -1,0 +1,1 @@
+"""Checks of lobes, lights, techniques and rules, a user's own among them."""

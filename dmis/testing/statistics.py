@@ -1,0 +1,79 @@
+"""Significance levels and statistics of the checks.
+
+All seeds are fixed, so that a check that passes once passes always. A right implementation fails any of the tests of
+one check with a probability of at most `FALSE_ALARM`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmis.base.vectors import Array
+
+FALSE_ALARM = 1e-4
+"""Probability that all statistical tests of one check together reject a right implementation."""
+
+
+def level(tests: int) -> float:
+    """Return the significance level of each of so many tests: Šidák's ``1 - (1 - FALSE_ALARM)^(1 / tests)``."""
+    return float(-np.expm1(np.log1p(-FALSE_ALARM) / tests))
+
+
+def z_limit(level: float) -> float:
+    """Return the two-sided limit of a normal deviate at a significance level."""
+    from scipy.special import ndtri
+
+    return float(-ndtri(level / 2))
+
+
+def z_score(a: Array, b: Array | float) -> float:
+    """Return the difference of the means of two independent samples, over its standard error.
+
+    Parameters
+    ----------
+    a
+        Sample, ``(N,)``.
+    b
+        Another, ``(M,)``, or a number without error.
+    """
+    a = np.asarray(a, float)
+    error2, other = a.var(ddof=1) / len(a), b
+    if np.ndim(b):
+        b = np.asarray(b, float)
+        error2, other = error2 + b.var(ddof=1) / len(b), b.mean()
+    return float((a.mean() - other) / np.sqrt(error2))
+
+
+def chi2_p(observed: Array, expected: Array, variance: Array | float = 0.0) -> float:
+    """Return the p-value of counts against their expectations by Pearson's chi-square test.
+
+    Cells that expect fewer than 5 are pooled into one.
+
+    Parameters
+    ----------
+    observed, expected
+        Counts, of the same shape.
+    variance
+        Of the error of `expected`, which adds to that of the counts: a number, or of the same shape.
+
+    Raises
+    ------
+    ValueError
+        If a single cell is left, so that the test says nothing.
+    """
+    from scipy.special import chdtrc
+
+    observed, expected = np.ravel(observed).astype(float), np.ravel(expected).astype(float)
+    variance = np.broadcast_to(np.ravel(variance), expected.shape)
+    order = np.argsort(expected)
+    cells = np.stack([observed, expected, variance])[:, order]
+    pooled = int(np.searchsorted(cells[1], 5))
+    if pooled:
+        while cells[1, :pooled].sum() < 5 and pooled < len(order):
+            pooled += 1
+        cells = np.concatenate([cells[:, pooled:], cells[:, :pooled].sum(axis=1, keepdims=True)], axis=1)
+    if cells.shape[1] < 2:
+        raise ValueError("a chi-square test needs two cells that expect 5 or more; there are fewer. Take more samples")
+    # sum (o - e)^2 / (e + error^2)
+    statistic = ((cells[0] - cells[1]) ** 2 / (cells[1] + cells[2])).sum()
+    return float(chdtrc(cells.shape[1] - 1, statistic))
