@@ -65,6 +65,10 @@ from dmis.scene.camera import Camera as Camera
 from dmis.scene.groups import Part as Part
 from dmis.scene.scene import Scene as Scene
 from dmis.scene.suggestions import Suggestions as Suggestions
+from dmis.testing.light import check_light as check_light
+from dmis.testing.lobe import check_lobe as check_lobe
+from dmis.testing.rule import check_rule as check_rule
+from dmis.testing.technique import check_technique as check_technique
 
 __version__: str
 __all__: list[str]

@@ -92,7 +92,7 @@ CONTENTS = {
         "plan",
         "conventions",
     ],
-    "Use": ["cli", "scenes", "report", "cluster"],
+    "Use": ["cli", "scenes", "report", "cluster", "checks"],
     "Measured": [
         "generated/figures/index",
         "reproduction",

@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, box_scene, z_score
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.formats.load_scene import light_part
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import z_score
 
 TEXT = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text("utf-8")
 

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import box_scene, pickled
+from helpers import pickled
 
 from dmis.base.vectors import Array, normalise
 from dmis.intersect import BruteForce, Intersector
+from dmis.testing.scenes import box_scene
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])
 

@@ -12,7 +12,8 @@ import dmis
 PACKAGE = Path(dmis.__file__).parent
 LEVELS = (
     ("cli",),
-    ("experiment", "testing"),
+    ("testing",),
+    ("experiment",),
     ("pipeline",),
     ("fit",),
     ("variance", "formats"),

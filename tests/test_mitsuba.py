@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import box_scene
 
 import dmis
 from dmis.base import vectors
@@ -20,6 +19,7 @@ from dmis.brdf.texture import Image
 from dmis.light.area import DiskLight
 from dmis.light.environment import EnvironmentLight
 from dmis.scene.shading_points import ShadingPoints
+from dmis.testing.scenes import box_scene
 
 mi = pytest.importorskip("mitsuba")
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"

@@ -11,13 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import stiff
-from helpers import Z_LIMIT, box_scene, columns, polar, surface, unit
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.fit.registry import RULES
 from dmis.fit.thesis import parabola_minimum
+from dmis.testing.scenes import box_scene, surface
+from dmis.testing.sphere import columns, polar, unit
 from dmis.variance.moments import Moments
 
 FAMILY = list(stiff.family())

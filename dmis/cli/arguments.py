@@ -13,6 +13,7 @@ from dmis.fit.registry import RULES
 from dmis.pipeline.executor import MAX_WORKERS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene import camera
+from dmis.testing.exercises import LAST
 
 _SAMPLERS = (
     f"{', '.join(SAMPLERS)}, or one of a plugin; auto: sobol, or independent with a combiner that needs it "
@@ -30,6 +31,7 @@ def make_parser() -> argparse.ArgumentParser:
         "compare": (_compare, "compare rules on a scene: error, time, rays"),
         "oracle": (_oracle, "compute what the best weights and numbers of samples of a scene would save"),
         "info": (_info, "print versions, and the plan of a scene: what it needs, what is left out"),
+        "check": (_check, "check lobes, lights, techniques and rules of your own"),
         "bench": (_bench, "measure the time of renders against that of their Embree calls alone"),
     }
     for name, (add_options, summary) in add_options_by_command.items():
@@ -193,6 +195,24 @@ def _info(command: argparse.ArgumentParser) -> None:
     command.add_argument("--seed", type=int, default=0, help=argparse.SUPPRESS)
 
 
+def _check(command: argparse.ArgumentParser) -> None:
+    """Add the options of ``check``."""
+    command.add_argument("file", metavar="FILE.py", help="Python file that defines lobes, lights, techniques or rules")
+    command.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="directory of the pictures of what failed (default: that of the file)",
+    )
+    command.add_argument(
+        "--exercise",
+        type=_exercise,
+        metavar="N",
+        help=f"check the file as the solution of exercise N, from 1 to {LAST}, in place of what it defines",
+    )
+
+
 def _bench(command: argparse.ArgumentParser) -> None:
     """Add the options of ``bench``."""
     command.add_argument("scenes", nargs="*", metavar="SCENE", help="scenes (default: those that come with dmis)")
@@ -293,6 +313,13 @@ def _workers(text: str) -> int:
     """Return a number of threads or processes."""
     if not (text.isdecimal() and 1 <= int(text) <= MAX_WORKERS):
         raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {MAX_WORKERS}; got {text!r}")
+    return int(text)
+
+
+def _exercise(text: str) -> int:
+    """Return the number of an exercise."""
+    if not (text.isdecimal() and 1 <= int(text) <= LAST):
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {LAST}; got {text!r}")
     return int(text)
 
 

@@ -1,4 +1,4 @@
-"""Commands of the command line: ``python -m dmis render | compare | oracle | info | bench``.
+"""Commands of the command line: ``python -m dmis render | compare | oracle | info | check | bench``.
 
 Bad input ends with exit code 2 and one message. An interrupted command ends with 130, and its message has the command
 that resumes it.
@@ -30,6 +30,7 @@ from dmis.base import malloc
 from dmis.base.atomic_files import check_folder, check_package, check_writable, replacing
 from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import make_parser
+from dmis.cli.check import check
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
 from dmis.experiment.ladder import make_ladder, measure_evenness
@@ -352,6 +353,8 @@ def _progress(quiet: bool) -> AbstractContextManager[Progress | None]:
     return reporting(not quiet and sys.stderr.isatty() and find_spec("tqdm") is not None)
 
 
-_COMMANDS = {"render": _render, "compare": _compare, "oracle": _oracle, "info": _info, "bench": _bench}
+_COMMANDS = {
+    "render": _render, "compare": _compare, "oracle": _oracle, "info": _info, "check": check, "bench": _bench,
+}  # fmt: skip
 if __name__ == "__main__":
     sys.exit(main())

@@ -29,6 +29,8 @@ _SUSPICIOUS = 1e-3
 """p-value below which the quadrature is repeated with more nodes, before it is believed."""
 _FINE = 48
 """Nodes along each side of a cell of that quadrature."""
+_PEAK = 20
+"""Ratio of the largest density to the median one of some samples, from which on the former is the axis."""
 _LEARN = 8
 """One of so many directions places the rings and is left out of the test."""
 
@@ -80,19 +82,19 @@ class Cells:
         weights = self._rule[1].reshape(shape)
         values = values.astype(float).reshape(shape)
         grid = values.swapaxes(1, 2).reshape(rings * k, sectors * k)
-        steps = np.zeros_like(grid)
-        for lines, sums in ((grid, steps), (grid.T, steps.T)):
+        largest_steps = np.zeros_like(grid)
+        for lines, sums in ((grid, largest_steps), (grid.T, largest_steps.T)):
             step = np.abs(np.diff(lines, axis=0)) / 2
             largest = np.zeros_like(lines)
             largest[1:] = step
             np.maximum(largest[:-1], step, out=largest[:-1])
             sums += largest
-        steps = steps.reshape(rings, k, sectors, k).swapaxes(1, 2)
+        steps = largest_steps.reshape(rings, k, sectors, k).swapaxes(1, 2)
         return (values * weights).sum(axis=(2, 3)), (steps * weights).sum(axis=(2, 3))
 
 
 def learn_cells(w: Array, axis: Array) -> Cells:
-    """Return cells about `axis` ``(3,)`` whose edges are quantiles of the directions `w` ``(3, N)``, and some more."""
+    """Return cells about `axis` ``(3,)`` whose edges are quantiles of the directions `w` ``(3, N)``."""
     axis = np.asarray(axis, float)
     angle, azimuth = angles(w, axis)
     inner = np.quantile(angle, np.linspace(0, 1, 17)[1:-1])
@@ -100,8 +102,7 @@ def learn_cells(w: Array, axis: Array) -> Cells:
     outer = np.geomspace(max(inner[-1], 1e-6), np.pi, 17)
     theta = np.unique(np.concatenate([[0.0], inner, outer]))
     # an anisotropic lobe may be a blade, narrow in azimuth, too
-    around = np.quantile(azimuth, np.linspace(0, 1, 17)[1:-1])
-    phi = np.unique(np.concatenate([np.linspace(0, 2 * np.pi, 9), around]))
+    phi = np.unique([0.0, *np.quantile(azimuth, np.linspace(0, 1, 17)[1:-1]), 2 * np.pi])
     return Cells(axis, theta, phi)
 
 
@@ -182,21 +183,21 @@ class Comparison:
         deviation = np.sqrt(np.maximum(self.expected + self.error**2, 1))
         most = max(self.observed.max(), self.expected.max())
         maps = (
-            ("observed: sample", self.observed, {"vmin": 0, "vmax": most}),
-            ("expected: pdf", self.expected, {"vmin": 0, "vmax": most}),
+            ("directions of sample in each cell", self.observed, {"vmin": 0, "vmax": most}),
+            ("expected by pdf", self.expected, {"vmin": 0, "vmax": most}),
             (
                 "difference / standard deviation",
                 (self.observed - self.expected) / deviation,
                 {"vmin": -6, "vmax": 6, "cmap": "RdBu_r"},
             ),
         )
+        rings = int(np.flatnonzero((self.observed + self.expected).any(axis=1)).max(initial=0)) + 1
         for axis, (name, values, options) in zip(axes[0], maps, strict=True):
-            drawn = axis.imshow(
-                values, aspect="auto", interpolation="nearest", extent=(0, 360, len(values), 0), **options
-            )
+            drawn = axis.pcolormesh(np.degrees(self.cells.phi), np.arange(rings + 1), values[:rings], **options)
+            axis.invert_yaxis()
             axis.set_title(name, fontsize="medium")
             axis.set_xlabel("azimuth about the axis (degrees)", fontsize="small")
-            rows = np.arange(0, len(values) + 1, 4)
+            rows = np.arange(0, rings + 1, 2)
             edges = np.degrees(self.cells.theta[rows])
             axis.set_yticks(rows, labels=[f"{edge:.3g}°" for edge in edges], fontsize="x-small")
             figure.colorbar(drawn, ax=axis)
@@ -223,7 +224,7 @@ def compare_directions(
     pdf
         Their density; 0 where directions are not accepted.
     axis
-        Of the rings, ``(3,)``. Default: the direction of largest density among some of the samples.
+        Of the rings, ``(3,)``. Default: the mean direction, or that of largest density if there is a peak.
     accepted
         Which directions are accepted, ``(N,)`` bool. Default: all.
     cells
@@ -242,7 +243,9 @@ def compare_directions(
         if not some.shape[1]:
             some = np.array([[0.0], [0.0], [1.0]], np.float32)
         if axis is None:
-            axis = some[:, int(np.argmax(pdf(np.ascontiguousarray(some))))].astype(float)
+            density = pdf(np.ascontiguousarray(some))
+            peak = density.max() > _PEAK * np.median(density)
+            axis = some[:, int(density.argmax())].astype(float) if peak else some.astype(float).mean(axis=1)
         cells = learn_cells(some, axis / np.linalg.norm(axis))
     observed, count = cells.count(w[:, ok]), w.shape[1]
     mass, error = cells.integrate(pdf(cells.nodes))

@@ -47,7 +47,9 @@ class DensityView:
         raise NotImplementedError
 
     def integral(self) -> float:
-        """Return the integral of the pdf by cells that do not depend on the samples, which may be wrong."""
+        """Return the integral of the pdf; by cells of its own where those of the samples do not resolve it."""
+        if self.comparison.mass_error < _NORMALISED:
+            return self.comparison.mass
         nodes = self.comparison.cells.nodes
         axis = nodes[:, int(np.argmax(self.pdf(nodes)))].astype(float)
         rings = np.concatenate([[0.0], np.geomspace(1e-4, np.pi, 48)])
@@ -94,7 +96,7 @@ def check_chi_square(views: Sequence[DensityView], level: float) -> str:
             verdict = f"{pdf} is not the density of sample; its integral is wrong ({integral:.3f}): look at it first"
         ratio, spread = comparison.ratio
         raise Fault(
-            f"{verdict}. p = {comparison.p:.1e} ({view.place}); observed / expected is {ratio:.3f} on average, and "
+            f"{verdict}. p = {comparison.p:.1g} ({view.place}); observed / expected is {ratio:.3f} on average, and "
             f"varies by {spread:.3f} from cell to cell",
             view.figure(),
         )

@@ -68,13 +68,13 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
     bright = [view for view in views if view.bright]
     checks: list[tuple[str, Callable[[], Outcome | str]]] = [
         ("values are finite and not negative", lambda: _check_finite(light)),
-        ("bright side, outline and distance are those of mesh()", lambda: _check_mesh(views)),
+        ("hit has bright side, outline and distance of mesh", lambda: _check_mesh(views)),
         ("sample and hit agree", lambda: _check_hit(views)),
         ("pdf of hit integrates to its accepted mass", lambda: check_mass(bright, LEVEL)),
         ("sample follows the pdf of hit (chi-square)", lambda: check_chi_square(bright, LEVEL)),
-        ("irradiance: samples against the integral of hit", lambda: _check_irradiance(bright)),
-        ("radiance is that of emission() or radiance(), at most brightness()", lambda: _check_radiance(bright)),
-        ("renders agree: fixed:0, fixed:1, balance", lambda: _check_renders(light)),
+        ("samples have the integral of the radiance of hit", lambda: _check_irradiance(bright)),
+        ("hit has the radiance of emission or radiance, at most brightness", lambda: _check_radiance(bright)),
+        ("renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(light)),
     ]
     return form + run_checks(name, checks)
 
@@ -160,10 +160,7 @@ class View(DensityView):
     @cached_property
     def comparison(self) -> Comparison:
         """Samples that meet the bright side, against the pdf of `hit`."""
-        emits = self.sample.emits
-        mean = self.sample.wi[:, emits].astype(float).mean(axis=1) if emits.any() else np.array([0.0, 0.0, 1.0])
-        axis = None if self.light.infinite else mean
-        return compare_directions(self.sample.wi, self.pdf, axis, emits)
+        return compare_directions(self.sample.wi, self.pdf, accepted=self.sample.emits)
 
 
 def _check_form(light: Light) -> str:
@@ -267,7 +264,7 @@ def _check_hit(views: list[View]) -> str:
                 f"sample and hit disagree: emits is the same in {share:.1%} of sampled directions ({view.place}): "
                 f"sample says that {sample.emits.mean():.1%} emit, hit {again.emits.mean():.1%}"
             )
-        both = sample.emits & again.emits
+        both: Array = np.logical_and(sample.emits, again.emits)
         values: dict[str, tuple[Any, Any, float]] = {
             "pdf": (sample.pdf, again.pdf, 2e-3),
             "distance": (np.broadcast_to(sample.distance, COUNT), np.broadcast_to(again.distance, COUNT), 1e-2),
@@ -275,7 +272,7 @@ def _check_hit(views: list[View]) -> str:
         }
         for field, (a, b, tolerance) in values.items():
             atol = 1e-3 * np.abs(b).max() if field == "radiance" else 0
-            close = np.atleast_2d(np.isclose(a, b, rtol=tolerance, atol=atol)).all(axis=0)
+            close: Array = np.all(np.atleast_2d(np.isclose(a, b, rtol=tolerance, atol=atol)), axis=0)
             if both.any() and close[both].mean() < _ROUNDED:
                 k = np.flatnonzero(both & ~close)[0]
                 guilty = _guilty(view) if field == "pdf" else "sample and hit disagree"
@@ -358,7 +355,8 @@ def light_scene(light: AreaLight | InfiniteLight, material: Material | None = No
         mesh = light.mesh()
         assert mesh is not None
         centre, normal, size = placement(mesh)
-        parts = (light_part(light),)  # type: ignore[arg-type]
+        if light.hides_itself():
+            parts = (light_part(light),)  # type: ignore[arg-type]
     s, t = (a[:, 0].astype(float) for a in frame(-normal.astype(np.float32)[:, None]))
     middle = centre + size * normal
     # s x t points to the light

@@ -85,11 +85,11 @@ def check_lobe(lobe: Lobe, name: str = "") -> list[Outcome]:
         ("sample and pdf are on one side", at_all(_check_side, "directions are on the side of the lobe")),
         ("pdf integrates to its accepted mass", lambda: check_mass(views, LEVEL)),
         ("sample follows pdf (chi-square)", lambda: check_chi_square(views, LEVEL)),
-        ("furnace: samples reflect the integral of eval", lambda: _check_furnace(views)),
-        ("energy", lambda: _check_energy(views)),
-        ("reciprocity of eval", lambda: _check_reciprocity(material)),
+        ("samples reflect the integral of eval (furnace)", lambda: _check_furnace(views)),
+        ("eval reflects no more than arrives (energy)", lambda: _check_energy(views)),
+        ("eval is reciprocal", lambda: _check_reciprocity(material)),
         ("weight is eval cos / pdf", at_all(_check_weight, "as computed, or there is none")),
-        ("renders agree: fixed:0, fixed:1, balance", lambda: _check_renders(material)),
+        ("renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(material)),
     ]
     return form + run_checks(name, checks)
 

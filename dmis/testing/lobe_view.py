@@ -106,7 +106,8 @@ class View(DensityView):
             value = values.max(axis=0)
             ratio = np.divide(value**2, pdf, out=np.zeros_like(value), where=pdf > 0)
             missed, square = (cells.integrate(part)[0].sum() for part in (value * (pdf <= 0), ratio))
-            self._reflected[fine] = Reflected(*np.broadcast_to(sums, (3, 2)).T, missed, square)
+            albedo, error = np.broadcast_to(sums, (3, 2)).T
+            self._reflected[fine] = Reflected(albedo, error, missed, square)
         return self._reflected[fine]
 
     @cached_property

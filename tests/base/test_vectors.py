@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers import polar
 
 from dmis.base.selection import ROWS_PER_BLOCK, Selection, columns, compose, size, take
 from dmis.base.vectors import dot, frame, normalise
+from dmis.testing.sphere import polar
 
 
 def random_directions(count: int, dtype: type) -> np.ndarray:

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers import FLOOR, Z_LIMIT, box_scene, polar, sphere_rule, surface, z_score
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
@@ -18,6 +18,9 @@ from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.scene.groups import Part
+from dmis.testing.scenes import FLOOR, box_scene, surface
+from dmis.testing.sphere import polar, sphere_rule
+from dmis.testing.statistics import z_score
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
 COS, WEIGHTS = (NODES + 1) / 2, WEIGHTS / 2

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LEVEL, chi2_directions, columns, polar, sphere_rule, surface, uniforms
 
-from dmis.base.vectors import Array, dot, normalise
+from dmis.base.vectors import Array, dot
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.cosines import Directions
@@ -17,6 +16,10 @@ from dmis.brdf.fresnel import Conductor, Dielectric, dielectric
 from dmis.brdf.materials import Material, substrate
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
+from dmis.testing.lobe import check_lobe
+from dmis.testing.outcome import require
+from dmis.testing.scenes import surface
+from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
 
 GOLD = Conductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
 """Index and absorption of gold as pbrt-v2 makes RGB of its measured spectra."""
@@ -60,36 +63,9 @@ def hemisphere(axis: Array) -> tuple[Array, Array]:
 
 
 @each_lobe
-@each_angle
-def test_samples_follow_the_density(name: str, degrees: float) -> None:
-    """Chi-square of sampled directions; those below the horizon are what the density lacks to 1."""
-    wo, count = polar(degrees), 2**16
-    points = surface(of(name), wo, count)
-    wi = points.sample(uniforms(count))
-    np.testing.assert_allclose(dot(wi, wi), 1, atol=2e-6)
-
-    def pdf(w: Array) -> Array:
-        some = surface(of(name), wo, w.shape[1])
-        return some.pdf(Directions(some, w))
-
-    assert chi2_directions(wi, pdf, axis_of(name, wo), accepted=wi[2] > 0) > LEVEL
-
-
-@each_lobe
-@each_angle
-def test_density_integrates_to_the_accepted_share(name: str, degrees: float) -> None:
-    """The integral of the pdf is the share of samples above the horizon: 1 but for half-vector lobes.
-
-    2**16 samples give the share with a standard error of at most 0.002; 5 of them, and 0.001 for the quadrature,
-    whose cells the horizon cuts.
-    """
-    wo, count = polar(degrees), 2**16
-    points = surface(of(name), wo, count)
-    accepted = (points.sample(uniforms(count, 2))[2] > 0).mean()
-    w, weights = hemisphere(axis_of(name, wo))
-    some = surface(of(name), wo, w.shape[1])
-    mass = float(some.pdf(Directions(some, w)) @ weights)
-    assert abs(mass - accepted) < 5 * np.sqrt(accepted * (1 - accepted) / count) + 1e-3
+def test_checks(name: str) -> None:
+    """Samples, densities, energy, symmetry, finite values, renders."""
+    require(check_lobe(LOBES[name], name))
 
 
 @pytest.mark.parametrize("exponent, degrees", [(10.0, 80.0), (500.0, 89.0), (1e4, 80.0), (1e4, 89.0)])
@@ -112,17 +88,6 @@ def test_rounding_does_not_change_a_narrow_lobe(exponent: float, degrees: float)
     assert abs((got / expected)[up].mean() - 1) < 0.01
 
 
-@pytest.mark.parametrize("name", [n for n in LOBES if n != "lambert"])
-@each_angle
-def test_energy(name: str, degrees: float) -> None:
-    """A lobe of reflectance 1 reflects no more than arrives; quadrature with an error of 0.001."""
-    wo = polar(degrees)
-    w, weights = hemisphere(axis_of(name, wo))
-    some = surface(of(name), wo, w.shape[1])
-    albedo = (some.eval(Directions(some, w)) * (w[2] * weights)).sum(axis=1)
-    assert (albedo > 0).all() and albedo.max() <= 1.001
-
-
 def test_white_lambert_reflects_everything() -> None:
     """``f = 1/pi`` integrates to albedo 1; the quadrature's horizon is a row of cells, so 1e-4 is enough."""
     w, weights = hemisphere(np.array([0.0, 0.0, 1.0]))
@@ -139,49 +104,6 @@ def test_smooth_microfacets_reflect_everything(degrees: float) -> None:
         some = surface(of(name), wo, w.shape[1])
         albedo = (some.eval(Directions(some, w)) * (w[2] * weights)).sum(axis=1)
         np.testing.assert_allclose(albedo, 1, atol=2e-3)
-
-
-@each_lobe
-def test_reciprocity(name: str) -> None:
-    """``f(wo, wi) = f(wi, wo)`` for directions all over the hemisphere; exponents amplify float32 roundings."""
-    rng = np.random.default_rng(3)
-    a, b = (normalise(rng.normal(size=(3, 200))).astype(np.float32) for _ in range(2))
-    a[2], b[2] = np.abs(a[2]) + 0.05, np.abs(b[2]) + 0.05
-    b[:2, 100:] = -a[:2, 100:] + np.float32(0.02) * b[:2, 100:]  # near each other's mirror direction, where lobes are
-    a, b = normalise(a), normalise(b)
-    values = []
-    for wo, wi in ((a, b), (b, a)):
-        points = surface(of(name), polar(0), 200)
-        points.wo, points.cos_o = wo, wo[2]
-        values.append(np.broadcast_to(points.eval(Directions(points, wi)), (3, 200)))
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-2 if "1e4" in name else 1e-3, atol=1e-6)
-
-
-@each_lobe
-@pytest.mark.parametrize("degrees", [0.0, 89.9, 89.9999, 90.0])
-def test_grazing_and_degenerate_directions_are_finite(name: str, degrees: float) -> None:
-    """No NaN or infinity at the horizon, straight up, straight back and in the mirror direction."""
-    wo = polar(degrees)
-    wo[2] = max(wo[2], 0)
-    special = [wo, wo * [-1, -1, 1], -wo, wo * [1, 1, -1], (0, 0, 1), (0, 0, -1), (1, 0, 0), polar(89.99999, 205.0)]
-    wi = np.concatenate([columns(v) for v in special], axis=1)
-    points = surface(of(name), wo, wi.shape[1])
-    directions = Directions(points, wi)
-    f, pdf = np.broadcast_to(points.eval(directions), wi.shape), points.pdf(directions)
-    assert np.isfinite(f).all() and (f >= 0).all()
-    assert np.isfinite(pdf).all() and (pdf >= 0).all()
-    edge = np.float32(1 - 2**-24)
-    u = np.array([[0, 0, edge, edge, 0.5, 0.5], [0, edge, 0, edge, 0, edge]], np.float32)
-    sampled = surface(of(name), wo, 6).sample(u)
-    assert np.isfinite(sampled).all()
-
-
-@each_lobe
-def test_density_is_zero_below_the_horizon(name: str) -> None:
-    """No lobe is sampled below the shading horizon, so its density there is 0."""
-    wi = np.stack([polar(d, a) for d in (90.5, 120, 179) for a in (0, 100)], axis=1).astype(np.float32)
-    points = surface(of(name), polar(60), wi.shape[1])
-    assert not points.pdf(Directions(points, wi)).any()
 
 
 def test_anisotropic_with_equal_exponents_is_blinn() -> None:

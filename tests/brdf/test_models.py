@@ -6,22 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import (
-    LEVEL,
-    Z_LIMIT,
-    box_scene,
-    chi2_directions,
-    columns,
-    pixel_shares,
-    polar,
-    sphere_rule,
-    surface,
-    uniforms,
-    z_score,
-)
+from helpers import Z_LIMIT, pixel_shares
 
 import dmis
-from dmis.base.vectors import Array, dot, normalise
+from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.distributions import Beckmann, Elliptic, Isotropic
 from dmis.brdf.fresnel import Conductor, Dielectric
@@ -35,6 +23,11 @@ from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.warp import square_to_hemisphere
 from dmis.scene.groups import Part
+from dmis.testing.lobe import check_lobe
+from dmis.testing.outcome import require
+from dmis.testing.scenes import box_scene, surface
+from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
+from dmis.testing.statistics import z_score
 
 MODELS = {
     "phong 5": dmis.phong(0, 1, 5),
@@ -97,31 +90,10 @@ def albedo(material: Material, name: str, degrees: float, azimuth: float = 25.0)
 
 
 @each_model
-@each_angle
-def test_samples_follow_the_density(name: str, degrees: float) -> None:
-    """Chi-square of sampled directions; those below the horizon are what the density lacks to 1."""
-    wo, count = polar(degrees), 2**16
-    points = surface(MODELS[name], wo, count)
-    wi = points.sample(uniforms(count))
-    np.testing.assert_allclose(dot(wi, wi), 1, atol=4e-6)
-
-    def pdf(w: Array) -> Array:
-        some = surface(MODELS[name], wo, w.shape[1])
-        return some.pdf(Directions(some, w))
-
-    assert chi2_directions(wi, pdf, lobe_axis(name, wo), accepted=wi[2] > 0) > LEVEL
-
-
-@each_model
-@each_angle
-def test_density_integrates_to_the_accepted_share(name: str, degrees: float) -> None:
-    """The integral of the pdf is the share of samples above the horizon; 0.001 for the cells that the horizon cuts."""
-    wo, count = polar(degrees), 2**16
-    accepted = (surface(MODELS[name], wo, count).sample(uniforms(count, 2))[2] > 0).mean()
-    w, weights = hemisphere(name, wo)
-    some = surface(MODELS[name], wo, w.shape[1])
-    mass = float(some.pdf(Directions(some, w)) @ weights)
-    assert abs(mass - accepted) < 5 * np.sqrt(accepted * (1 - accepted) / count) + 1e-3
+def test_checks(name: str) -> None:
+    """Samples, densities, energy, symmetry, finite values, renders of each lobe."""
+    for lobe in MODELS[name].lobes:
+        require(check_lobe(lobe, name))
 
 
 @each_model
@@ -251,22 +223,6 @@ def test_smooth_ggx_reflects_everything(alpha: float, degrees: float, expected: 
         # D = 1/pi, G2/(4 cos_i) = 1/(2 (1 + cos_i)): 2 pi int cos/(2 pi (1 + cos)) dcos = 1 - log 2
         expected = 1 - np.log(2)
     np.testing.assert_allclose(got, expected, atol=5e-3)
-
-
-@each_model
-def test_reciprocity(name: str) -> None:
-    """``f(wo, wi) = f(wi, wo)`` for directions all over the hemisphere; exponents amplify float32 roundings."""
-    rng = np.random.default_rng(3)
-    a, b = (normalise(rng.normal(size=(3, 200))).astype(np.float32) for _ in range(2))
-    a[2], b[2] = np.abs(a[2]) + 0.05, np.abs(b[2]) + 0.05
-    b[:2, 100:] = -a[:2, 100:] + np.float32(0.02) * b[:2, 100:]
-    a, b = normalise(a), normalise(b)
-    values = []
-    for wo, wi in ((a, b), (b, a)):
-        points = surface(MODELS[name], polar(0), 200)
-        points.wo, points.cos_o = wo, wo[2]
-        values.append(np.broadcast_to(points.eval(Directions(points, wi)), (3, 200)))
-    np.testing.assert_allclose(values[0], values[1], rtol=2e-3, atol=1e-6)
 
 
 # Forms --------------------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import FLOOR, Z_LIMIT, box_scene, means, tile_of, z_score
+from helpers import Z_LIMIT, means, tile_of
 
 from dmis import render
 from dmis.base.vectors import Array
@@ -15,6 +15,8 @@ from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import PointLight
 from dmis.light.environment import EnvironmentLight
 from dmis.scene.groups import Part
+from dmis.testing.scenes import FLOOR, box_scene
+from dmis.testing.statistics import z_score
 
 SHARES = (0.0, 0.25, 0.5, 1.0)
 BLACK = Material(())

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, pixel_shares, z_score
+from helpers import Z_LIMIT, pixel_shares
 
 import dmis
 from dmis.base.vectors import Array
@@ -15,6 +15,7 @@ from dmis.estimator.records import Record
 from dmis.fit.rule import Fit
 from dmis.geometry.shapes import quad
 from dmis.pipeline.tile import Tile, render_tile
+from dmis.testing.statistics import z_score
 
 PIXELS = 50
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, Z_LIMIT, box_scene, z_score
+from helpers import LEVEL, Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
@@ -24,6 +24,8 @@ from dmis.light.mesh_light import MeshLight
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import z_score
 
 LAMP = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
 WALLS = (

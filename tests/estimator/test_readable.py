@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, Z_LIMIT, box_scene, pixel_shares, tile_of
+from helpers import LEVEL, Z_LIMIT, pixel_shares, tile_of
 
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import stream
+from dmis.testing.scenes import box_scene
 
 PAGE = Path(__file__).parents[2] / "docs" / "estimator.md"
 CODE = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)[0]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, box_scene, polar, surface, z_score
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
@@ -11,6 +11,9 @@ from dmis.brdf.materials import plastic
 from dmis.estimator.resampling import resampled
 from dmis.estimator.settings import Settings
 from dmis.light.area import SphereLight
+from dmis.testing.scenes import box_scene, surface
+from dmis.testing.sphere import polar
+from dmis.testing.statistics import z_score
 
 LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import box_scene
 
 import dmis
 from dmis.experiment import alarm
 from dmis.experiment.compare import compare, summary
 from dmis.experiment.runs import Run, measure
+from dmis.testing.scenes import box_scene
 
 SCENES = "teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt"
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import box_scene
 
 import dmis
 from dmis.experiment import reference
 from dmis.experiment.oracle import make_oracle
 from dmis.pipeline.checkpoint import Store
+from dmis.testing.scenes import box_scene
 
 
 class Interrupted(BaseException):

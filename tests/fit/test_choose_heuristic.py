@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import box_scene
 from planted import pilot
 
 import dmis
@@ -16,6 +15,7 @@ from dmis.fit.rule import Pilot
 from dmis.pipeline.job import Job
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import Tile
+from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID
 from dmis.variance.moments import Moments
 

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, box_scene, pixel_shares, z_score
+from helpers import Z_LIMIT, pixel_shares
 
 import dmis
 from dmis.base.patches import patch_sum
@@ -14,6 +14,8 @@ from dmis.estimator.records import Record
 from dmis.fit.control_variate import SUM_NAMES, WEIGHTS, Controls, coefficients
 from dmis.fit.rule import Pilot
 from dmis.pipeline.tile import Tile, render_tile
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import z_score
 from dmis.variance.moments import Moments
 
 

@@ -4,11 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, box_scene, z_score
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.brdf.materials import plastic
 from dmis.light.area import DiskLight
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import z_score
 
 WIDTH, HEIGHT = 32, 24
 

@@ -10,13 +10,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, box_scene
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import plastic
 from dmis.fit.registry import RULES
 from dmis.light.area import SphereLight
+from dmis.testing.scenes import box_scene
 
 RADII = (1e-3, 0.1, 10.0)
 ROUGHNESS = (1e-4, 0.02, 1.0)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import box_scene
 
 import dmis
 from dmis.brdf.materials import plastic
@@ -18,6 +17,7 @@ from dmis.fit.rule import Rule, complete_rule, rule_text
 from dmis.fit.thesis import Thesis
 from dmis.light.area import DiskLight
 from dmis.pipeline.fingerprint import digest
+from dmis.testing.scenes import box_scene
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, z_score
+from helpers import Z_LIMIT
 
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
@@ -14,6 +14,7 @@ from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import Pilot, Rule
 from dmis.fit.thesis import STATUS, Thesis, parabola_minimum
+from dmis.testing.statistics import z_score
 from dmis.variance.moments import Moments
 
 PILOT = np.array([0.0, 0.5, 1.0])

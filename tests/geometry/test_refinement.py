@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import FLOOR, LEVEL, z_score
+from helpers import LEVEL
 
 import dmis
 from dmis.base.vectors import Array
@@ -18,6 +18,8 @@ from dmis.geometry.transforms import translate
 from dmis.scene.groups import Part
 from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import RAY_OFFSET, Scene
+from dmis.testing.scenes import FLOOR
+from dmis.testing.statistics import z_score
 
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))

@@ -5,19 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import (
-    LEVEL,
-    Z_LIMIT,
-    chi2_directions,
-    columns,
-    pickled,
-    polar,
-    sphere_rule,
-    tangents,
-    uniforms,
-    unit,
-    z_score,
-)
+from helpers import Z_LIMIT, pickled
 
 from dmis.base.vectors import Array, dot
 from dmis.geometry.shapes import sphere
@@ -26,7 +14,10 @@ from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
-from dmis.samplers.warp import square_to_cosine
+from dmis.testing.light import check_light
+from dmis.testing.outcome import require
+from dmis.testing.sphere import columns, polar, sphere_rule, tangents, uniforms, unit
+from dmis.testing.statistics import z_score
 
 WHITE = (1.0, 2.0, 3.0)
 TILT = np.stack([*tangents(polar(50, 130)), polar(50, 130)], axis=1)
@@ -73,45 +64,17 @@ def axis_of(name: str) -> Array:
 
 
 @each_light
-def test_samples_follow_the_density(name: str) -> None:
-    """Chi-square of sampled directions against `hit`'s pdf, whose integral over all cells is compared with 1.
-
-    Cells of skies are half texels, so that they never straddle the steps of the density; the rotated one's azimuth
-    begins elsewhere, in a frame of the test's own, which the rotation is given in.
-    """
-    _, light_sample = sampled(name)
-    edges: dict[str, Array] = {}
-    if name not in SHAPES:
-        edges = {"theta": np.linspace(0, np.pi, 17), "phi": np.linspace(0, 2 * np.pi, 33)}
-    assert chi2_directions(light_sample.wi, pdf_of(name), axis_of(name), per_cell=16, **edges) > LEVEL
+def test_checks(name: str) -> None:
+    """Samples, densities, visible surface, irradiance, finite values, renders."""
+    require(check_light(LIGHTS[name], name))
 
 
-@each_light
-def test_density_integrates_to_one(name: str) -> None:
-    """Every sampled direction meets its light, so the density's integral is 1.
-
-    Rings around the light are dense (theta ~ t^2); its outline cuts cells, which leaves 0.002. Half a million nodes.
-    """
-    w, weights = sphere_rule(axis_of(name), 1024, 512, 1.0 if name not in SHAPES else 2.0)
-    np.testing.assert_allclose(pdf_of(name)(w).astype(float) @ weights, 1, atol=2e-3)
-
-
-@each_light
-def test_sample_agrees_with_hit(name: str) -> None:
-    """The pdf, distance, radiance and bright side of a sampled direction are what `hit` says of it.
-
-    Rounding may put a direction at an outline or a texel's edge on the other side: a thousandth of them at most. Else
-    the pdf has a few roundings; at the edge of a narrow cosine, or of the sphere, whose distance has the slope of a
-    square root there, 1e-3 is left.
-    """
-    points, light_sample = sampled(name)
-    again = LIGHTS[name].hit(points, light_sample.wi)
-    np.testing.assert_allclose(dot(light_sample.wi, light_sample.wi), 1, atol=1e-6)
-    same = np.isclose(again.pdf, light_sample.pdf, rtol=1e-3) & (again.emits == light_sample.emits)
-    same &= np.isclose(again.distance, light_sample.distance, rtol=5e-3)
-    assert same.mean() > 0.999
-    close = np.isclose(again.radiance, light_sample.radiance, rtol=1e-3, atol=1e-3)
-    assert np.broadcast_to(close, light_sample.wi.shape)[:, same].mean() > 0.999
+@pytest.mark.parametrize(
+    "light", [PointLight((1, 2, 3), WHITE), SpotLight((0, 0, 2), (0, 0, -1), WHITE), DistantLight((0, 3, 4), WHITE)]
+)
+def test_checks_of_deltas(light: Any) -> None:
+    """Methods and finite values."""
+    require(check_light(light))
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -161,28 +124,6 @@ def test_directions_that_miss(name: str) -> None:
     points, light_sample = sampled(name, 500)
     away = LIGHTS[name].hit(points, -light_sample.wi)
     assert not away.pdf.any() and not away.emits.any()
-
-
-def irradiance(name: str, p: tuple[float, ...] = ORIGIN, count: int = 2**17) -> tuple[Array, Array]:
-    """Samples of the irradiance at `p` on a floor facing +z: by the light, by the cosine hemisphere."""
-    points, light_sample = sampled(name, count, p, 3)
-    rgb = np.broadcast_to(light_sample.radiance, light_sample.wi.shape)[1].astype(float)
-    a = (
-        np.where(light_sample.emits, rgb, 0)
-        * np.maximum(light_sample.wi[2], 0)
-        / np.where(light_sample.pdf > 0, light_sample.pdf, 1)
-    )
-    wi = square_to_cosine(uniforms(count, 4))
-    met = LIGHTS[name].hit(points, wi)
-    rgb = np.broadcast_to(met.radiance, wi.shape)[1].astype(float)
-    return a, np.where(met.emits, rgb, 0) * np.pi
-
-
-@pytest.mark.parametrize("name", [n for n in LIGHTS if n != "black sky"])
-def test_irradiance_by_light_and_by_hemisphere(name: str) -> None:
-    """Two samplings of the same integral agree in the mean, by a z-test."""
-    a, b = irradiance(name)
-    assert abs(z_score(a, b)) < Z_LIMIT
 
 
 @pytest.mark.parametrize("height, radius", [(1.0, 1.0), (2.0, 0.3), (0.1, 3.0), (100.0, 0.1)])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import box_scene, pickled
+from helpers import pickled
 
 import dmis
 from dmis.brdf import diffuse, microfacet
@@ -24,6 +24,7 @@ from dmis.fit.registry import RULES
 from dmis.fit.rule import Fit
 from dmis.pipeline import tile
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
+from dmis.testing.scenes import box_scene
 
 LOBE = """
 from dataclasses import dataclass

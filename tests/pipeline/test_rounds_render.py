@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import box_scene
 
 import dmis
 from dmis.brdf.materials import matte, plastic
+from dmis.testing.scenes import box_scene
 
 
 def glossy(resolution: tuple[int, int]) -> dmis.Scene:

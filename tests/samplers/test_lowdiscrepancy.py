@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, pixel_shares
+from helpers import LEVEL, Z_LIMIT, pixel_shares
 
 import dmis
 from dmis.base.vectors import Array
@@ -16,6 +16,8 @@ from dmis.samplers.keys import CONTINUE
 from dmis.samplers.lowdiscrepancy import BOUNCES, LowDiscrepancy
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import stream
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import chi2_p
 
 
 def sampler(seed: int, pixels: int, spp: int, shading_samples: int = 2) -> LowDiscrepancy:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, pixel_shares, uniforms, z_score
+from helpers import LEVEL, Z_LIMIT, pixel_shares
 from scipy.integrate import quad
 
 import dmis
@@ -19,6 +19,9 @@ from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
+from dmis.testing.scenes import box_scene
+from dmis.testing.sphere import uniforms
+from dmis.testing.statistics import chi2_p, z_score
 
 FILTERS = {
     "box": PixelFilter("box", (1.2, 0.3)),

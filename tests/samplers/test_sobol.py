@@ -5,7 +5,7 @@ from math import factorial
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, pixel_shares
+from helpers import LEVEL, Z_LIMIT, pixel_shares
 
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
@@ -17,6 +17,8 @@ from dmis.samplers.keys import CONTINUE, MORE, ROUNDING
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import DIGITS, Sobol, order_of
 from dmis.samplers.streams import stream
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import chi2_p
 
 LIGHT, NEXT, NEXT_LIGHT = (0, 0), (CONTINUE,), (CONTINUE, 0, 0)
 PATH = ("camera", LIGHT, NEXT_LIGHT, (CONTINUE, CONTINUE, 0, 0), (CONTINUE, CONTINUE, CONTINUE, 0, 0))

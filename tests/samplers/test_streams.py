@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, box_scene, chi2_p, pixel_shares, z_score
+from helpers import LEVEL, Z_LIMIT, pixel_shares
 from scipy.stats import kstest
 
 from dmis import render
@@ -22,6 +22,8 @@ from dmis.samplers.streams import SAMPLERS, Sampler, make_sampler, stream
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import chi2_p, z_score
 
 each_kind = pytest.mark.parametrize("kind", tuple(SAMPLERS))
 

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from helpers import LEVEL, angles, chi2_p, grid_uniforms, polar, uniforms
+from helpers import LEVEL, grid_uniforms
 
 from dmis.base.vectors import Array, dot
 from dmis.samplers import warp
+from dmis.testing.sphere import angles, polar, uniforms
+from dmis.testing.statistics import chi2_p
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers import box_scene
 
 import dmis
 from dmis.base.patches import PATCH
@@ -14,6 +13,7 @@ from dmis.fit.pooling import pool
 from dmis.fit.registry import make_rule
 from dmis.geometry import shapes
 from dmis.scene.feature_buffers import FEATURE_SCALES, albedo, render_feature_buffers
+from dmis.testing.scenes import box_scene
 
 WALL = shapes.quad((0, -4, 0.5), (8, 0, 0), (0, 8, 0))
 """Half a unit above the right half of the floor."""

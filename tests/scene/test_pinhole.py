@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, box_scene, pixel_shares, z_score
+from helpers import LEVEL, pixel_shares
 
 import dmis
 from dmis.base.vectors import Array
@@ -14,6 +14,8 @@ from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.groups import Part
 from dmis.scene.pinhole import offsets, ray_origins
 from dmis.scene.scene import Scene
+from dmis.testing.scenes import box_scene
+from dmis.testing.statistics import z_score
 
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))

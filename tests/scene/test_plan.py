@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import FLOOR, box_scene, pixel_shares
+from helpers import pixel_shares
 
 import dmis
 from dmis.base.vectors import Array
@@ -37,6 +37,7 @@ from dmis.scene.groups import NO_GROUP, Part
 from dmis.scene.scene import Scene
 from dmis.scene.shading_points import ShadingPoints
 from dmis.scene.suggestions import Suggestions
+from dmis.testing.scenes import FLOOR, box_scene
 
 LAMP = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
 POINT = PointLight((0, 0, 2), (1, 1, 1))

@@ -8,7 +8,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import trimesh
-from helpers import FLOOR, box_scene
 
 import dmis
 from dmis.geometry.transforms import scale, translate
@@ -16,6 +15,7 @@ from dmis.pipeline.job import Job
 from dmis.scene.groups import Part
 from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import Scene
+from dmis.testing.scenes import FLOOR, box_scene
 
 LIGHTS = (
     dmis.DiskLight((1.0, 0.5, 2.0), (-0.2, 0.1, -1.0), 0.5, (3.0, 2.0, 1.0)),

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import box_scene, polar, surface, uniforms
 
 from dmis.base.vectors import dot, normalise
 from dmis.brdf.cosines import Directions
@@ -23,6 +22,8 @@ from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene, SceneWarning
 from dmis.scene.shading_points import ShadingPoints
+from dmis.testing.scenes import box_scene, surface
+from dmis.testing.sphere import polar, uniforms
 
 
 def random_surface(count: int) -> ShadingPoints:

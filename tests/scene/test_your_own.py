@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from helpers import FLOOR, Z_LIMIT, box_scene, uniforms, z_score
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array, dot, normalise
@@ -22,6 +22,9 @@ from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.samplers.warp import square_to_sphere
 from dmis.scene.groups import Part
 from dmis.scene.scene import SceneWarning
+from dmis.testing.scenes import FLOOR, box_scene
+from dmis.testing.sphere import uniforms
+from dmis.testing.statistics import z_score
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers import box_scene
 from planted import exact, f, pilot, unbiased
 
 import dmis
@@ -15,6 +14,7 @@ from dmis.fit.second_moment import SecondMoment
 from dmis.geometry.shapes import quad
 from dmis.light.area import QuadLight
 from dmis.scene.groups import Part
+from dmis.testing.scenes import box_scene
 from dmis.variance.curves import GRID, HALF, Curves
 
 

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, z_score
+from helpers import LEVEL
 
 import dmis
 from dmis.base.color import LUMINANCE
@@ -32,6 +32,7 @@ from dmis.light.delta import DistantLight, PointLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.shading_points import ShadingPoints
+from dmis.testing.statistics import z_score
 
 TRIANGLE = 'Shape "trianglemesh" "integer indices" [0 1 2] "point3 P" [0 0 0  1 0 0  0 1 0]\n'
 TEXTURED = TRIANGLE[:-1] + ' "point2 uv" [0 0 1 0 0 1]\n'

@@ -1,0 +1,195 @@
+"""``check FILE.py``: what it finds in a file, what it prints, its pictures and exit codes."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dmis.base import plugins
+from dmis.cli.commands import main
+from dmis.estimator.technique import TECHNIQUES
+from dmis.fit.registry import RULES
+from dmis.testing.exercises import EXERCISES
+from dmis.testing.outcome import Outcome
+
+DUST = """
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+import dmis
+from dmis.brdf.diffuse import Lambert, cosine_pdf, cosine_sample
+from dmis.brdf.lobe import Lobe
+from dmis.estimator.technique import BRDF
+
+
+@dataclass(frozen=True, eq=False)
+class Dust(Lobe):
+    tint: Any = 0.5
+    colours: ClassVar = ("tint",)
+
+    def eval(self, directions):
+        return self.tint * (0.3 * (1 - directions.cos_o) * (1 - directions.cos_i))
+
+    def pdf(self, directions):
+        return cosine_pdf(directions)
+
+    def sample(self, surface, u):
+        return cosine_sample(surface, u)
+"""
+MORE = """
+class Tinted(Dust):
+    def __init__(self, tint, gloss):
+        raise TypeError
+
+
+class Broken(Dust):
+    def __init__(self):
+        raise RuntimeError("not today")
+
+
+class Other(dmis.Rule):
+    def fit(self, pilot):
+        return dmis.Fit(0.5)
+
+
+class Third(dmis.Rule):
+    def fit(self, pilot):
+        return dmis.Fit(0.25)
+
+
+lamp = dmis.PointLight((0, 0, 2), (1, 1, 1))
+paint = dmis.Material((Lambert(0.5), Dust(0.2)))
+again = replace(BRDF, name="again", rays="again")
+dmis.register_technique(again)
+dmis.register_technique(replace(again, name="hidden", rays="hidden", pdf=lambda s, d, p: BRDF.pdf(s, d, p)))
+dmis.register_rule("third", Third)
+_private = Lambert(0.5)
+"""
+
+
+@pytest.fixture(autouse=True)
+def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Leave the tables, modules and search path as they were."""
+    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    tables = [(table, dict(table)) for table in (RULES, TECHNIQUES)]
+    yield
+    for table, known in tables:
+        table.clear()
+        table.update(known)
+    for name in [name for name in sys.modules if name.startswith("my_")]:
+        del sys.modules[name]
+
+
+def write(folder: Path, text: str, name: str = "my_lobe.py") -> str:
+    path = folder / name
+    path.write_text(text, "utf-8")
+    return str(path)
+
+
+def test_a_right_lobe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 0, a line for each check, and no file."""
+    assert main(["check", write(tmp_path, DUST)]) == 0
+    out, error = capsys.readouterr()
+    lines = out.splitlines()
+    assert lines[0] == "lobe Dust" and lines[-1] == "all 10 checks passed" and error == ""
+    assert len(lines) == 12 and all(line.startswith("ok      Dust: ") for line in lines[1:-1])
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == ["my_lobe.py"]
+
+
+def test_a_fault_is_named_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 1, the guilty function and the numbers, and pictures beside the file or where -o says."""
+    pytest.importorskip("matplotlib")
+    file = write(tmp_path, DUST.replace("return cosine_pdf(directions)", "return 1.07 * cosine_pdf(directions)"))
+    for more, folder in (([], tmp_path), (["-o", str(tmp_path / "out")], tmp_path / "out")):
+        assert main(["check", file, *more]) == 1
+        out = capsys.readouterr().out
+        assert re.search(
+            r"^FAILED  Dust: pdf integrates to its accepted mass: pdf is 1\.07\d times the ", out, re.M
+        )
+        *_, count, first, second, third = out.splitlines()
+        assert count == "3 of 10 checks failed"
+        paths = [Path(line) for line in (first, second, third)]
+        assert all(path.parent == folder and path.read_bytes().startswith(b"\x89PNG") for path in paths)
+        assert paths[1].name == "my_lobe-dust-sample-follows-pdf.png"
+
+
+def test_without_matplotlib_there_are_no_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("dmis.cli.check.write_figures", lambda *_: (_ for _ in ()).throw(ImportError("none here")))
+    assert main(["check", write(tmp_path, DUST.replace("0.3 *", "5 *"))]) == 1
+    assert capsys.readouterr().err == "dmis: pictures of what failed are left out (none here)\n"
+
+
+def test_what_is_recognised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Objects, classes with defaults, registered names; other classes are named with the reason."""
+    for name in ("lobe", "light", "technique", "rule"):
+        monkeypatch.setattr(f"dmis.testing.find.check_{name}", lambda item, label="": [Outcome(str(label), True, "")])
+    assert main(["check", write(tmp_path, DUST + MORE)]) == 0
+    out, error = capsys.readouterr()
+    subjects = [line for line in out.splitlines()[:-1] if not line.startswith("ok")]
+    assert subjects == [
+        "light lamp", "lobe paint.lobes[0]", "lobe paint.lobes[1]", "technique again", "rule Other", "rule third",
+        "technique hidden",
+    ]  # fmt: skip
+    assert error.splitlines() == [
+        "dmis: Tinted is not checked: tint, gloss have no default. Write my_tinted = Tinted(tint=..., gloss=...)",
+        "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 34)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("a = 1", [], r"my_lobe\.py must define something to check; it has nothing of: classes that derive from Lobe"),
+        ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),
+        (None, [], r"no such plugin: .*my_lobe\.py"),
+        (DUST, ["--exercise", "5"], r"exercise must be one that has a check: 2; got 5"),
+        (DUST, ["--exercise", "0"], r"--exercise: must be a whole number from 1 to 21; got '0'"),
+        (DUST, ["--exercise", "two"], r"--exercise: must be a whole number from 1 to 21; got 'two'"),
+        (DUST, ["-o", "my_lobe.py"], r"my_lobe\.py is not a directory"),
+    ],
+)
+def test_bad_input(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    text: str | None,
+    options: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for number in list(EXERCISES):
+        monkeypatch.delitem(EXERCISES, number)
+    monkeypatch.setitem(EXERCISES, 2, lambda module: [])
+    if text is not None:
+        write(tmp_path, text)
+    try:
+        code = main(["check", "my_lobe.py", *options])
+    except SystemExit as stop:
+        code = stop.code  # type: ignore[assignment]
+    out, error = capsys.readouterr()
+    assert code == 2 and out == "" and re.search(message, error) and "Traceback" not in error
+
+
+@pytest.mark.parametrize("passed", [True, False])
+def test_an_exercise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], passed: bool
+) -> None:
+    """The function of its number gets the module; what the module defines is not checked."""
+    monkeypatch.setitem(EXERCISES, 21, lambda module: [Outcome("answer", passed, f"{module.ANSWER}")])
+    file = write(tmp_path, "ANSWER = 42\n", "my_answer.py")
+    assert main(["check", file, "--exercise", "21"]) == (not passed)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == (
+        ["ok      answer: 42", "all 1 checks passed"] if passed else ["FAILED  answer: 42", "1 of 1 checks failed"]
+    )

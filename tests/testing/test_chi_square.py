@@ -1,0 +1,76 @@
+"""The statistics under the checks: levels, quadrature, and right densities that are hard."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from dmis.base.vectors import Array, normalise
+from dmis.samplers.warp import square_to_sphere
+from dmis.testing.chi_square import Cells, compare_directions
+from dmis.testing.outcome import Fault, Outcome, require, run_checks
+from dmis.testing.sphere import columns, uniforms
+from dmis.testing.statistics import FALSE_ALARM, chi2_p, level, z_limit
+
+
+def test_levels_add_up() -> None:
+    """So many independent tests fail with the probability of a false alarm."""
+    assert 1 - (1 - level(20)) ** 20 == pytest.approx(FALSE_ALARM, rel=1e-9)
+    assert z_limit(0.05) == pytest.approx(1.959964, abs=1e-6)
+
+
+def test_p_values_are_uniform() -> None:
+    """Of counts that follow their expectations, small ones pooled."""
+    rng = np.random.default_rng(1)
+    expected = np.geomspace(0.1, 200, 40)
+    p = np.array([chi2_p(rng.poisson(expected), expected) for _ in range(2000)])
+    for limit in (0.5, 0.1, 0.01):
+        assert abs((p < limit).mean() - limit) < 5 * math.sqrt(limit / 2000) + 0.005
+
+
+def test_too_few_cells_say_nothing() -> None:
+    with pytest.raises(ValueError, match="needs two cells that expect 5 or more"):
+        chi2_p(np.ones(3), np.ones(3))
+
+
+def cap(cos: float) -> tuple[Array, Array]:
+    """Directions within an angle of a tilted axis, evenly, and the axis: half of them in a spike of 0.01 rad."""
+    axis = normalise(columns((0.3, -0.4, 0.5)))
+    w = square_to_sphere(uniforms(2**20, 7))
+    return w[:, axis[:, 0] @ w > cos], axis
+
+
+@pytest.mark.parametrize("cos", [0.0, 0.95])
+def test_a_density_with_an_edge_passes(cos: float) -> None:
+    """The edge cuts cells."""
+    w, axis = cap(cos)
+    right = 1 / (2 * np.pi * (1 - cos))
+    comparison = compare_directions(w[:, : 2**15], lambda d: (axis[:, 0] @ d > cos) * right)
+    assert comparison.p > 1e-4 and comparison.mass_agrees(4) and comparison.accepted == 1
+    wrong = compare_directions(w[:, : 2**15], lambda d: (axis[:, 0] @ d > cos) * (1.07 * right))
+    assert not wrong.mass_agrees(5) and wrong.ratio[0] == pytest.approx(1 / 1.07, abs=0.01)
+
+
+def test_cells_integrate_with_an_error() -> None:
+    """The integral of the cosine over a hemisphere, pi, and of a step that falls between nodes."""
+    cells = Cells(np.array([0.0, 0.0, 1.0]), np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 9))
+    integral, error = (part.sum() for part in cells.integrate(np.maximum(cells.nodes[2], 0)))
+    assert abs(integral - np.pi) < 1e-2 < error < 0.2
+    step, error = (part.sum() for part in cells.integrate(cells.nodes[2] > 0.99))
+    assert abs(step - 2 * np.pi * 0.01) < error
+
+
+def test_require_lists_what_failed() -> None:
+    def fail() -> str:
+        raise Fault("pdf is wrong")
+
+    outcomes = run_checks("Mine", [("a", lambda: "fine"), ("b", fail), ("c", lambda: str(1 / 0))])
+    assert outcomes[0] == Outcome("Mine: a", True, "fine")
+    with pytest.raises(AssertionError, match=r"2 of 3 checks failed:\nMine: b: pdf is wrong\nMine: c: .*Zero") as error:
+        require(outcomes)
+    assert "(test_chi_square.py, line " in str(error.value)
+    with pytest.raises(AssertionError, match="nothing was checked"):
+        require([])
+    require(outcomes[:1])

@@ -1,0 +1,184 @@
+"""`check_light`: it finds each planted fault, and says which function is wrong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.base.vectors import Array, normalise
+from dmis.geometry.shapes import quad
+from dmis.light.delta import PointLight
+from dmis.light.light import AreaLight, InfiniteLight
+from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
+from dmis.samplers.warp import square_to_sphere
+from dmis.testing.light import check_light
+from dmis.testing.outcome import require
+
+
+@dataclass(frozen=True, eq=False)
+class Panel(AreaLight):
+    """A square that shines downwards from a height of 2, brighter where x > 0."""
+
+    textured: ClassVar[bool] = True
+
+    def emission(self, p: Array) -> Array:
+        return np.where(p[[0, 0, 0]] > 0, np.float32(8), np.float32(1))
+
+    def brightness(self, length: float) -> float:
+        return 8.0
+
+    def mesh(self) -> dmis.Mesh:
+        return quad((-1, -1, 2), (0, 2, 0), (2, 0, 0))
+
+    def sample(self, p: Array, u: Array) -> LightSample:
+        return self.hit(p, normalise(np.stack([2 * u[0] - 1, 2 * u[1] - 1, np.full_like(u[0], 2)]) - p))
+
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        distance = (np.float32(2) - p[2]) / np.where(wi[2] == 0, np.float32(1e-12), wi[2])
+        x = p + wi * distance
+        inside = (distance > 0) & (np.abs(x[:2]) <= 1).all(axis=0)
+        pdf = np.where(inside, distance * distance / (4 * np.maximum(np.abs(wi[2]), np.float32(1e-12))), np.float32(0))
+        return LightSample(wi, distance, self.emission(x), pdf, inside & (wi[2] > 0))
+
+
+class HalfSky(InfiniteLight):
+    """Radiance 2 from above the plane x = 0, and 1 from below; sampled uniformly."""
+
+    def radiance(self, wi: Array) -> Array:
+        return np.where(wi[[0, 0, 0]] > 0, np.float32(2), np.float32(1))
+
+    def sample(self, p: Array, u: Array) -> LightSample:
+        return self.hit(p, square_to_sphere(u))
+
+    def hit(self, p: Array, wi: Array) -> LightSample:
+        n = wi.shape[1]
+        pdf = np.full(n, 1 / (4 * np.pi), np.float32)
+        return LightSample(wi, np.full(n, INFINITE_DISTANCE), self.radiance(wi), pdf, np.ones(n, bool))
+
+
+def with_fault(base: type, method: str, change: Callable[..., Any]) -> Any:
+    """Return a light whose `method` returns what `change` makes of its result and its arguments."""
+    original = getattr(base, method)
+    return type("Mine", (base,), {method: lambda self, *args: change(original(self, *args), *args)})()
+
+
+class Inner(Panel):
+    """Samples the inner part of its square alone."""
+
+    def sample(self, p: Array, u: Array) -> LightSample:
+        return Panel.sample(self, p, np.float32(0.1) + u * np.float32(0.8))
+
+
+class OwnPdf(Panel):
+    """`sample` reports another pdf than `hit`."""
+
+    def sample(self, p: Array, u: Array) -> LightSample:
+        sample = Panel.hit(self, p, Panel.sample(self, p, u).wi)
+        return replace(sample, pdf=sample.pdf * np.float32(1.07))
+
+
+class Dark(PointLight):
+    """Its distance is NaN."""
+
+    def sample(self, p: Array, u: Array | None = None) -> LightSample:
+        sample = PointLight.sample(self, p)
+        return replace(sample, distance=sample.distance * np.nan)
+
+
+def brighter(sample: LightSample, *args: Array) -> LightSample:
+    return replace(sample, radiance=np.broadcast_to(sample.radiance, sample.wi.shape) * np.float32(1.5))
+
+
+FAULTS: dict[str, tuple[Any, str, str]] = {
+    "pdf 7 % too large": (
+        with_fault(Panel, "hit", lambda s, *_: replace(s, pdf=s.pdf * np.float32(1.07))),
+        "integrates",
+        r"^the pdf of hit is 1\.0[67]\d times the density of sample",
+    ),
+    "pdf of a sky": (
+        with_fault(HalfSky, "hit", lambda s, *_: replace(s, pdf=s.pdf * np.float32(1.07))),
+        "integrates",
+        r"^the pdf of hit is .* the density of sample: the pdf of hit integrates to 1\.07",
+    ),
+    "pdf without cosine": (
+        with_fault(Panel, "hit", lambda s, *_: replace(s, pdf=s.pdf * np.abs(s.wi[2]))),
+        "chi-square",
+        r"^the pdf of hit is not the density of sample",
+    ),
+    "pdf of sample alone": (
+        OwnPdf(),
+        "sample and hit",
+        r"^sample: its pdf is not that of hit, which is right: pdf of sample is ",
+    ),
+    "radiance of sample alone": (
+        with_fault(Panel, "sample", brighter),
+        "sample and hit",
+        r"^sample and hit disagree: radiance of sample is 1\.5, of hit 1 in 100%",
+    ),
+    "emits on the wrong side": (
+        with_fault(Panel, "hit", lambda s, *_: replace(s, emits=(s.pdf > 0) & (s.wi[2] < 0))),
+        "mesh",
+        r"^hit: emits is True on the wrong side: the normals of mesh\(\)",
+    ),
+    "mesh with turned winding": (
+        with_fault(Panel, "mesh", lambda *_: quad((-1, -1, 2), (2, 0, 0), (0, 2, 0))),
+        "mesh",
+        r"^hit: emits is True on the wrong side",
+    ),
+    "mesh elsewhere": (
+        with_fault(Panel, "mesh", lambda *_: quad((-1, -1, 2.3), (0, 2, 0), (2, 0, 0))),
+        "mesh",
+        r"^hit: (distance is .* but mesh\(\) is .* away|emits is True in .* of directions)",
+    ),
+    "samples of a part": (Inner(), "chi-square", r"^sample does not follow the pdf of hit, whose integral is right"),
+    "emission": (
+        with_fault(Panel, "emission", lambda e, p: e if p.shape[1] == 2 or np.ptp(p[2]) > 1e-3 else 2 * e),
+        "hit has the radiance",
+        r"^emission\(\) returns \d+ where the radiance of hit is \d+",
+    ),
+    "brightness": (
+        with_fault(Panel, "brightness", lambda *_: 4.0),
+        "brightness",
+        r"^brightness\(\) returns 4, but the radiance of hit is up to 8",
+    ),
+    "NaN": (
+        with_fault(Panel, "hit", lambda s, p, wi: replace(s, pdf=s.pdf * (s.distance / s.distance))),
+        "finite",
+        r"^(hit|sample): pdf is nan for a receiver on the light",
+    ),
+    "no mesh": (with_fault(Panel, "mesh", lambda *_: None), "forms", r"^mesh\(\) must return the visible surface"),
+    "wrong form": (
+        with_fault(Panel, "hit", lambda s, *_: s.pdf),
+        "forms",
+        r"must return a LightSample of dmis\.light\.light_sample; got ndarray",
+    ),
+    "delta": (
+        Dark((0, 0, 2), (1, 1, 1)),
+        "finite",
+        r"^sample: distance is nan for a receiver at the origin",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_found(fault: str) -> None:
+    light, check, message = FAULTS[fault]
+    found = [outcome for outcome in check_light(light) if not outcome.passed]
+    texts = [outcome.message for outcome in found if check in outcome.name]
+    assert any(re.search(message, text) for text in texts), [f"{o.name}: {o.message}" for o in found]
+
+
+@pytest.mark.parametrize("light", [Panel(), HalfSky()])
+def test_right_lights_pass(light: Any) -> None:
+    require(check_light(light))
+
+
+def test_renders_find_a_pdf() -> None:
+    (found,) = [o for o in check_light(FAULTS["pdf of a sky"][0]) if "renders" in o.name]
+    assert not found.passed and "sample or hit: BRDF samples need hit alone" in found.message

@@ -1,0 +1,104 @@
+"""`check_technique`: it finds each planted fault, and says which function is wrong."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.base.vectors import Array, normalise
+from dmis.estimator.technique import TECHNIQUES
+from dmis.light.light_sample import LightSample
+from dmis.samplers.warp import INV_PI, square_to_sphere
+from dmis.testing.outcome import require
+from dmis.testing.technique import check_technique
+
+
+def sample(surface: Any, light: Any, u: Array) -> LightSample:
+    return light.hit(surface.p, normalise(surface.n + square_to_sphere(u)))
+
+
+def pdf(surface: Any, directions: Any, light_pdf: Array) -> Array:
+    return np.maximum(directions.cos_i_signed, 0) * INV_PI
+
+
+def behind(surface: Any, light: Any, u: Array) -> LightSample:
+    return light.hit(surface.p, normalise(square_to_sphere(u) - surface.n))
+
+
+def elsewhere(surface: Any, light: Any, u: Array) -> LightSample:
+    """What another direction meets of the light."""
+    wi = sample(surface, light, u).wi
+    met = light.hit(surface.p, np.ascontiguousarray(wi[:, ::-1]))
+    return LightSample(wi, np.broadcast_to(met.distance, len(u[0])), met.radiance_at(None), met.pdf, met.emits)
+
+
+COSINE = dmis.Technique("cosine", "cosine", sample, pdf)
+FAULTS: dict[str, tuple[dict[str, Any], str, str]] = {
+    "pdf 7 % too large": (
+        {"pdf": lambda s, d, p: pdf(s, d, p) * np.float32(1.07)},
+        "integrates",
+        r"^pdf is 1\.070 times the density of sample",
+    ),
+    "pdf without cosine": (
+        {"pdf": lambda s, d, p: d.above * INV_PI},
+        "integrates",
+        r"^pdf is not the density of sample: pdf integrates to 2\.00",
+    ),
+    "pdf of other samples": (
+        {"pdf": lambda s, d, p: d.above / np.float32(2 * np.pi)},
+        "chi-square",
+        r"^sample does not follow pdf, whose integral is right \(1\.000\): look at sample first",
+    ),
+    "sample on the wrong side": (
+        {"sample": behind},
+        "integrates",
+        r"^sample does not follow pdf, or picks the wrong side",
+    ),
+    "light samples of other directions": (
+        {"sample": elsewhere},
+        "light samples",
+        r"^sample: (emits|distance|radiance) is ",
+    ),
+    "NaN": (
+        {"pdf": lambda s, d, p: pdf(s, d, p) * (s.cos_o / s.cos_o)},
+        "finite",
+        r"^pdf is nan \(diffuse floor under a lamp, wo at 90°\)",
+    ),
+    "directions alone": (
+        {"sample": lambda s, light, u: sample(s, light, u).wi},
+        "forms",
+        r"^sample must return a LightSample, such as light\.hit\(surface\.p, wi\); got ndarray",
+    ),
+    "pdf of the wrong shape": (
+        {"pdf": lambda s, d, p: np.ones(3)},
+        "forms",
+        r"^pdf must return densities \(N,\); got shape \(3,\) for N = 5",
+    ),
+    "numbers": ({"numbers": 7}, "forms", r"^numbers must be 2 to 4, .* got 7"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_found(fault: str) -> None:
+    changes, check, message = FAULTS[fault]
+    before = dict(TECHNIQUES)
+    found = [outcome for outcome in check_technique(replace(COSINE, **changes)) if not outcome.passed]
+    texts = [outcome.message for outcome in found if check in outcome.name]
+    assert any(re.search(message, text) for text in texts), [f"{o.name}: {o.message}" for o in found]
+    assert before == TECHNIQUES
+
+
+def test_renders_find_a_pdf() -> None:
+    wrong = replace(COSINE, pdf=FAULTS["pdf without cosine"][0]["pdf"], exact=False)
+    (found,) = [outcome for outcome in check_technique(wrong) if not outcome.passed]
+    assert "renders" in found.name and "sample or pdf of cosine: light and BRDF samples alone" in found.message
+
+
+@pytest.mark.parametrize("technique", [COSINE, *TECHNIQUES.values()], ids=lambda technique: technique.name)
+def test_right_techniques_pass(technique: dmis.Technique) -> None:
+    require(check_technique(technique))
