@@ -27,7 +27,7 @@ QUADRATURE = 1e-3
 """Error of an integral over all cells that is allowed beside the estimated one: the horizon cuts cells."""
 _SUSPICIOUS = 1e-3
 """p-value below which the quadrature is repeated with more nodes, before it is believed."""
-_FINE = 48
+_FINE = 32
 """Nodes along each side of a cell of that quadrature."""
 _PEAK = 20
 """Ratio of the largest density to the median one of some samples, from which on the former is the axis."""
@@ -166,7 +166,7 @@ class Comparison:
         some = self.expected >= 5
         observed, expected = self.observed[some], self.expected[some]
         ratio = observed.sum() / max(expected.sum(), 1e-30)
-        excess = ((observed - ratio * expected) ** 2).sum() - (ratio * expected + self.error[some] ** 2).sum()
+        excess = ((observed - ratio * expected) ** 2).sum() - (ratio * expected).sum()
         return float(ratio), float(np.sqrt(max(excess, 0) / max((expected**2).sum(), 1e-30)))
 
     def figure(self, title: str) -> Any:

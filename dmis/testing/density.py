@@ -12,7 +12,7 @@ from dmis.testing.chi_square import Cells, Comparison
 from dmis.testing.outcome import Fault
 from dmis.testing.statistics import z_limit
 
-_CONSTANT = 0.02
+_CONSTANT = 0.05
 """Spread of observed / expected counts from cell to cell up to which they are called proportional."""
 _NORMALISED = 5e-3
 """Difference of an integral from the right one up to which a pdf is called normalised."""

@@ -6,6 +6,8 @@ one check with a probability of at most `FALSE_ALARM`.
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 
 from dmis.base.vectors import Array
@@ -21,9 +23,7 @@ def level(tests: int) -> float:
 
 def z_limit(level: float) -> float:
     """Return the two-sided limit of a normal deviate at a significance level."""
-    from scipy.special import ndtri
-
-    return float(-ndtri(level / 2))
+    return -NormalDist().inv_cdf(level / 2)
 
 
 def z_score(a: Array, b: Array | float) -> float:

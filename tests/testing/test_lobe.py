@@ -125,8 +125,10 @@ def failures(outcomes: list[Outcome]) -> list[Outcome]:
     return [outcome for outcome in outcomes if not outcome.passed]
 
 
-@pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize("fault", FAULTS)
+CASES = [*(("lambert", fault) for fault in FAULTS), ("ggx", "pdf 7 % too large"), ("ggx", "pdf without cosine")]
+
+
+@pytest.mark.parametrize(("base", "fault"), CASES)
 def test_each_fault_is_found(base: str, fault: str) -> None:
     method, change, check, message = FAULTS[fault]
     found = failures(check_lobe(with_fault(BASES[base], method, change)))
@@ -165,6 +167,9 @@ class Paper(Lobe):
     def sample(self, surface: Any, u: Array) -> Array:
         return cosine_sample(surface, u)
 
+    def has_sides(self) -> bool:
+        return False
+
 
 def test_transmission() -> None:
     require(check_lobe(Paper()))
@@ -202,9 +207,7 @@ def test_a_textured_lobe_is_checked_at_the_middle_of_its_image() -> None:
     require(check_lobe(Lambert(dmis.Image(np.full((4, 4, 3), 0.5)))))
 
 
-@pytest.mark.parametrize(
-    "lobe", [dmis.phong(0, 1, 1e5).lobes[0], dmis.ggx(0, 1, 0.02, 0.5).lobes[0]]
-)
+@pytest.mark.parametrize("lobe", [dmis.phong(0, 1, 1e5).lobes[0], dmis.ggx(0, 1, 0.02, 0.5).lobes[0]])
 def test_narrow_lobes_pass(lobe: Lobe) -> None:
     """A spike of 3 mrad, and a blade."""
     require(check_lobe(lobe))

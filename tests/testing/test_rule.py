@@ -57,7 +57,7 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         "fit returns other shares from the same pilot, by up to 0.00",
     ),
     "no fit": (rule(lambda brdf, light: "half"), "in [0, 1]", "a rule's fit must be a dmis.Fit; got str"),
-    "fit raises": (rule(lambda brdf, light: brdf / "x"), "in [0, 1]", "raised UFuncTypeError"),
+    "fit raises": (rule(lambda brdf, light: brdf / "x"), "in [0, 1]", "<lambda> raised TypeError: "),
     "unknown settings": (
         rule(quieter, settings={"depth": 3}),
         "in [0, 1]",
