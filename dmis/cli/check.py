@@ -10,7 +10,7 @@ from dmis.base.atomic_files import check_folder
 from dmis.base.plugins import load_plugin
 from dmis.testing.exercises import check_exercise
 from dmis.testing.find import RECOGNISED, find
-from dmis.testing.outcome import Outcome
+from dmis.testing.outcome import Outcome, attempt
 from dmis.testing.report import line, summary, write_figures
 
 
@@ -34,7 +34,7 @@ def check(options: argparse.Namespace) -> int:
             raise ValueError(f"{file} must define something to check; it has nothing of: {RECOGNISED}")
         for subject in subjects:
             print(f"{subject.kind} {subject.name}", flush=True)
-            found = subject.check()
+            found = attempt(subject.name, subject.check)
             _print(found)
             outcomes += found
     print(summary(outcomes))

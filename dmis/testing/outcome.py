@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sysconfig
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -13,7 +14,9 @@ import numpy as np
 if TYPE_CHECKING:
     import matplotlib.figure
 
-_PACKAGE = Path(__file__).parents[1]
+_PATHS = sysconfig.get_paths()
+_OTHERS = (Path(__file__).parents[1], *(Path(_PATHS[key]) for key in ("stdlib", "purelib", "platlib")))
+"""Folders whose code is not the user's."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +85,23 @@ class Fault(Exception):
         self.figure = figure
 
 
+def attempt(name: str, check: Callable[[], list[Outcome]]) -> list[Outcome]:
+    """Return the outcomes of a check; an exception is a failed one."""
+    try:
+        return check()
+    except Exception as error:
+        return [Outcome(name, False, raised(error))]
+
+
 def raised(error: BaseException) -> str:
     """Return the message of an exception with the function, file and line of the user's code that raised it."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if not Path(frame.filename).is_relative_to(_PACKAGE)]
-    site = [frame for frame in own if "site-packages" not in frame.filename] or frames
-    frame = site[-1]
+    own = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith("<")  # generated, such as a dataclass's __init__
+        and not any(Path(frame.filename).is_relative_to(folder) for folder in _OTHERS)
+    ]
+    if not own:
+        return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    frame = own[-1]
     return f"{frame.name} raised {type(error).__name__}: {error} ({Path(frame.filename).name}, line {frame.lineno})"

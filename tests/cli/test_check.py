@@ -207,3 +207,17 @@ def test_an_exercise(
     assert lines == (
         ["ok      answer: 42", "all 1 checks passed"] if passed else ["FAILED  answer: 42", "1 of 1 checks failed"]
     )
+
+
+def test_what_raises_is_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A lobe without a method, and a solution without the function that its check calls: exit code 1."""
+    monkeypatch.setitem(EXERCISES, 3, lambda module: module.estimate())
+    incomplete = DUST.replace("def pdf", "def density")
+    assert main(["check", write(tmp_path, incomplete)]) == 1
+    assert "FAILED  Dust: Dust must define the method pdf(directions)" in capsys.readouterr().out
+    raising = "def estimate():\n    return 1 / 0\n"
+    assert main(["check", write(tmp_path, raising, "my_answer.py"), "--exercise", "3"]) == 1
+    out = capsys.readouterr().out
+    assert "FAILED  exercise 3: estimate raised ZeroDivisionError: division by zero (my_answer.py, line 2)" in out
