@@ -47,7 +47,7 @@ scripts = [
 
 
 def publish(picture: Path, seconds: float) -> None:
-    """Write a figure as WebP of at most `LARGEST` bytes, and its title and caption to ``captions.json`` beside it."""
+    """Write a figure as WebP of at most `LARGEST` bytes; title, caption and panel go to ``captions.json`` beside it."""
     to = given.publish / "figures" / f"{picture.stem}.webp"
     to.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(picture) as image:
@@ -61,7 +61,12 @@ def publish(picture: Path, seconds: float) -> None:
     made = f"{date.today()}, commit {commit}, {seconds:.0f} CPU seconds"
     table = to.with_name("captions.json")
     captions = json.loads(table.read_text("utf-8")) if table.exists() else {}
-    captions[picture.stem] = {"title": about["Title"], "caption": " ".join(about["Description"].split()), "made": made}
+    captions[picture.stem] = {
+        "title": about["Title"],
+        "caption": about["Description"],
+        "made": made,
+        "panel": [float(side) for side in about["Panel"].split()],
+    }
     table.write_text(json.dumps(captions, indent=1, ensure_ascii=False, sort_keys=True) + "\n", "utf-8")
 
 

@@ -21,19 +21,19 @@ errors = rounding_errors(single, double)
 
 # %%
 # Left: radius of the light against roughness. The map is whole only if no case was left out.
-figure, axes = plot.canvas(1, 2, 17, 6)
+figure, axes = plot.canvas(1, 2, 14, 5)
 left, right = axes[0]
 grid = np.full((len(ROUGHNESS), len(SIZES)), np.nan)
 for case, error in zip(cases, errors):
     if case.other is not None:
         at = np.abs(np.log10(ROUGHNESS) - np.log10(case.other)).argmin()
         grid[at, np.abs(np.log10(SIZES) - np.log10(case.value / 8)).argmin()] = -np.log10(error)
-drawn = left.imshow(grid, origin="lower", cmap="viridis", vmin=0, vmax=7, aspect="auto")
+drawn = left.imshow(grid, origin="lower", cmap="viridis", vmin=3, vmax=7, aspect="auto")
 left.set_xticks(range(0, len(SIZES), 3), [f"{size:g}" for size in SIZES[::3]])
 left.set_yticks(range(len(ROUGHNESS)), [f"{roughness:g}" for roughness in ROUGHNESS])
 left.set_xlabel("radius of the light (sizes of the scene)")
 left.set_ylabel("roughness (1 / Blinn exponent)")
-figure.colorbar(drawn, ax=left, label="correct digits of the mean")
+figure.colorbar(drawn, ax=left, label="correct digits of the mean", extend="min")
 
 # %%
 # Right: the axes along which digits are lost, and two along which none are.
@@ -55,10 +55,10 @@ right.axhline(ULP, color="black", linestyle=":", label="one rounding of float32"
 right.axhline(1e-3, color="0.5", linestyle="--", label="three digits")
 right.set_yscale("log")
 right.set_ylim(ULP / 3, 3)
-right.set_xlim(-0.5, 15)
+right.set_xlim(-0.3, 8.3)  # that of radiance goes on to 30, as flat as before
 right.set_xlabel("stiffness (powers of ten between the two scales)")
 right.set_ylabel("relative error of the mean by rounding")
-right.legend(fontsize=8, loc="upper right")
+right.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
 opts.save(
     figure,
     "What float32 can and cannot do",

@@ -117,18 +117,27 @@ class Options:
         """Return the reference of a scene in two halves: rendered the first time, read from disk afterwards."""
         return make_reference(scene, spp or REFERENCE_SPP[self.size], parallel=self.threads, progress=self.progress)
 
-    def save(self, figure: Any, title: str, caption: str) -> None:
-        """Write the figure with its title and caption in the picture, and show it, or print where it is."""
-        plot.save(figure, self.output, title, caption)
-        self._show()
+    def save(self, figure: Any, title: str, caption: str, panel: Any = None, dpi: int = 100) -> None:
+        """Write the figure as PNG, title, caption and panel in its metadata; print the caption, show it or its path.
 
-    def save_for_print(self, figure: Any, title: str, caption: str, dpi: int = 200) -> None:
-        """Write the figure as PNG and PDF, title and caption in the metadata; print the caption, and show as `save`."""
+        `panel` is the axes that stand for the figure where there is room for one alone, the first if it is None. Its
+        rectangle, labels included, is left, top, right and bottom as fractions of the picture.
+        """
         caption = " ".join(caption.split())
-        figure.savefig(self.output.with_suffix(".pdf"), dpi=dpi, metadata={"Title": title, "Subject": caption})
-        figure.savefig(self.output, dpi=dpi, metadata={"Title": title, "Description": caption, "Software": "dmis"})
+        figure.draw_without_rendering()  # places the axes
+        box = (panel or figure.axes[0]).get_tightbbox().transformed(figure.transFigure.inverted())
+        sides = np.clip((box.x0, 1 - box.y1, box.x1, 1 - box.y0), 0, 1)
+        rectangle = " ".join(f"{side:.4f}" for side in sides)
+        metadata = {"Title": title, "Description": caption, "Software": "dmis", "Panel": rectangle}
+        figure.savefig(self.output, dpi=dpi, metadata=metadata)
         print(caption)  # noqa: T201
         self._show()
+
+    def save_for_print(self, figure: Any, title: str, caption: str, panel: Any = None, dpi: int = 200) -> None:
+        """Write the figure as PDF, and as PNG as `save` does; title and caption are in the metadata of both."""
+        metadata = {"Title": title, "Subject": " ".join(caption.split())}
+        figure.savefig(self.output.with_suffix(".pdf"), dpi=dpi, metadata=metadata)
+        self.save(figure, title, caption, panel, dpi)
 
     def _show(self) -> None:
         """Show the picture in a notebook, and print its path elsewhere."""

@@ -137,4 +137,5 @@ opts.save(
     three variances that the thesis's rule uses, those at the ends above the frame, and the parabola through them
     (red), which gives w = {vertex:.2f}. Right: what the weight that each rule finds costs. The best is
     w = {best:.2f}.""",
+    panel=middle,
 )

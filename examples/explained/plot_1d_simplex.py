@@ -135,4 +135,5 @@ opts.save(
     and without bound where a technique that is needed is left out. Right: the same at the points of the grid, those
     below 3, from one pilot of {len(records) * SPP * PIXELS} samples at equal shares; its minimum is at
     {", ".join(f"{share:.2f}" for share in shares[:, learned])}.""",
+    panel=middle,
 )

@@ -41,4 +41,5 @@ opts.save(
     share of light samples that auto learns. Smooth surfaces that mirror large lamps favour BRDF samples, rough surfaces
     and small lamps light samples. The small lamps hang out of view, because the noise of their edges, which is that of
     the camera samples, would be nearly all of the variance.""",
+    panel=axes[1, 2],
 )

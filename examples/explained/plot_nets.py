@@ -92,4 +92,5 @@ opts.save(
     n^{slopes["silhouette", "sobol"]:.1f} with an edge in the pixel, and n^{slopes["shadow", "sobol"]:.1f} with an edge
     through all four dimensions; independent points have n^-1. In one order for both pairs (red) the error of what
     depends on both stays.""",
+    panel=axes[1, 0],
 )

@@ -58,4 +58,5 @@ opts.save(
     "Path tracing and direct lighting",
     f"""Direct lighting, path tracing {DEEP} surfaces deep, and the share of the radiance that other surfaces have
     scattered, by the rule auto with {opts.spp} samples per pixel. Below: the mean of the image against the depth.""",
+    panel=axes[0, 1],
 )

@@ -59,4 +59,5 @@ opts.save(
     "Rough glass",
     f"""Three balls of rough glass by direct lighting and by path tracing, and the weights that auto learned, with
     {opts.spp} samples per pixel.""",
+    panel=axes[1, 0],
 )

@@ -73,9 +73,10 @@ KINDS = {
     "specular": "tab:purple",
     "bounce": "tab:orange",
 }
-figure, axes = plot.canvas(3, len(SCENES), 4 * len(SCENES), 8.5, height_ratios=[3, 2.4, 1.6])
+figure, axes = plot.canvas(6, 3, 13, 17, height_ratios=[3, 2.2, 1.6] * 2)
 told = []
-for (above, middle, below), one in zip(axes.T, SCENES, strict=True):
+for k, one in enumerate(SCENES):
+    above, middle, below = axes[3 * (k // 3) : 3 * (k // 3) + 3, k % 3]
     result = dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads)
     unseen = np.zeros(SIZE[::-1], bool) if one.covered_pixels is None else ~one.covered_pixels
     image = np.where(unseen[..., None], np.float32((0.25, 0.0, 0.25)), result.image)
@@ -109,4 +110,5 @@ opts.save(
     bars. Purple: pixels that provably see nothing, and are not sampled; with and without them
     the images are {same}. Bars: rays per camera sample by kind. Below: what the plan says. Rays per camera sample,
     unseen: {"; ".join(told)}.""",
+    panel=axes[0, 1],
 )

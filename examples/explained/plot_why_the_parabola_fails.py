@@ -106,4 +106,5 @@ opts.save_for_print(
     pilot's BRDF samples missed the sun there. Bottom: on the wall of KILLEROO DIFFUSE {h:.1%} of the BRDF samples hit
     the lamp; share of the patches in which none of the pilot's does, over {len(hit[1])} pilots. Dashed: (1 - h)^n for
     n BRDF samples, two for each camera sample.""",
+    panel=axes[1, 0],
 )

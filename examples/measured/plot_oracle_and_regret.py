@@ -53,4 +53,5 @@ opts.save(
     f"""Best weights of each patch of 4x4 pixels, and what rules with a pilot of six samples lose to them: variance
     beyond the best, over that of w = 1/2. Saving: share of what the best weights save over w = 1/2. Harm: share of lit
     patches with more than 1.02 times the variance of w = 1/2. At equal samples, cost left out. {". ".join(told)}.""",
+    panel=axes[2, 1],
 )

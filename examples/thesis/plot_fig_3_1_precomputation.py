@@ -61,4 +61,5 @@ opts.save_for_print(
     their sample variances, averaged over patches of {PATCH}x{PATCH} pixels (second row; darkest: 10⁻⁵ or less).
     Light sampling is the least noisy nearly everywhere. Below, the pilots of KILLEROO DIFFUSE and KILLEROO GOLD, where
     BRDF sampling sees the gold's reflections of the light, and hardly finds it from the walls.""",
+    panel=axes[1, 0],
 )

@@ -128,4 +128,5 @@ opts.save_for_print(
     have a variance above 10⁻³ (luminance²), the edge of the lamp left out, V(0) is at least {least:.1f} V(1). So the
     third shape is from KILLEROO GOLD (green: {green[0]:.2f} and {green[-1]:.2f}). Dashed: the parabola through three
     exact points of each, and its minimum. Ticks at the bottom: where pilots of two samples per pixel put it.""",
+    panel=axis,
 )

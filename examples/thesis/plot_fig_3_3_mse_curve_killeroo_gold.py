@@ -100,4 +100,5 @@ opts.save_for_print(
     {red[-1]:.2f} at w = 1, in multiples of the error at w = 1/2. On the floor (blue) light sampling is: {blue[0]:.1f}
     and {blue[-1]:.2f}. Dashed: the parabola through three exact points of each, and its minimum. Ticks at the bottom:
     where pilots of two samples per pixel put it.""",
+    panel=axis,
 )

@@ -69,4 +69,5 @@ opts.save_for_print(
     shadow, the three variances are those of the headlight within a pixel, equal but for noise, and the weight is
     chance. The minimum is outside [0, 1], or the parabola not convex, in
     {", ".join(f"{share:.0%}" for share in least.values())} of the patches (from the top).""",
+    panel=axes[2, 1],
 )

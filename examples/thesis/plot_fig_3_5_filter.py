@@ -111,4 +111,5 @@ opts.save_for_print(
     Gaussian; (c, d) the framed part, and that part of the final images of {opts.spp - 6} camera samples per pixel.
     Mean squared error over that of the balance heuristic with {opts.spp} samples, one seed, 95 % intervals over blocks
     of pixels: {told}.""",
+    panel=axes[2, 1],
 )

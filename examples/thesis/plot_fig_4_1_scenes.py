@@ -42,5 +42,6 @@ opts.save_for_print(
     height 800, with a headlight, a distant light along the view direction. TT: a car under a sky, with a small point
     light in the closed cabin. Direct lighting, KILLEROO GOLD by paths. sRGB without tone mapping: values above 1 are
     clipped. The script's PNG has 800 dots or more on the shorter side of each scene; copies on pages have fewer.""",
+    panel=axes[1, 1],
     dpi=430,
 )

@@ -109,4 +109,5 @@ opts.save_for_print(
     {worse["thesis"]:.0%} of the patches (chance: {worse["balance again"]:.0%}), and half of what is lost is in
     {part["thesis"]:.1%} of them (chance: {part["balance again"]:.1%}). (f) How losses and gains add up. MSE over that
     of the balance heuristic: {value:.2f} ± {half:.2f} (one seed, 95 % interval over blocks of pixels).""",
+    panel=axes[1, 0],
 )
