@@ -1,11 +1,10 @@
-"""How Sphinx makes the site: Markdown pages, the gallery, an API page for each module.
+"""How Sphinx makes the site: Markdown pages, the gallery, the public API and the internals.
 
 The pages are plain Markdown that also reads well on a code host, so what only the site needs is here: the table of
 contents, pages made of files at the root, formulas as MathML (no script and no network is needed to see them).
 """
 
 import os
-import pkgutil
 import re
 import sys
 import types
@@ -19,6 +18,7 @@ import dmis
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS))
 import gallery  # noqa: E402
+import reference  # noqa: E402
 
 os.environ.setdefault("DMIS_CACHE", str(DOCS / "_build" / "cache"))
 os.environ.pop("DMIS_PBRT_SCENES", None)  # the gallery shows the scenes that everyone has
@@ -34,6 +34,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.viewcode",
+    "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -58,11 +59,10 @@ html_show_sphinx = False
 sphinx_gallery_conf = {
     "examples_dirs": ["tutorials", "../examples"],
     "gallery_dirs": ["generated/tutorials", "generated/figures"],
-    "filename_pattern": gallery.run_pattern(),
+    "filename_pattern": r"/\d_",
     "ignore_pattern": r"^(?!plot_|\d_)",
-    "within_subsection_order": "FileNameSortKey",
-    "reset_argv": "gallery.arguments",
-    "image_scrapers": ("gallery.written", "matplotlib"),
+    "within_subsection_order": "gallery.script_order",
+    "reset_argv": "gallery.announce",
     "abort_on_example_error": True,
     "download_all_examples": False,
     "show_memory": False,
@@ -103,7 +103,15 @@ CONTENTS = {
         "rounding",
         "fireflies",
     ],
-    "Look up": ["glossary", "references", "generated/api/index", "code", "generated/contributing", "generated/changes"],
+    "Look up": [
+        "glossary",
+        "references",
+        "generated/api/index",
+        "generated/internals/index",
+        "code",
+        "generated/contributing",
+        "generated/changes",
+    ],
 }
 ELSEWHERE = {"CONTRIBUTING.md": "contributing", "CHANGELOG.md": "changes"}
 """Pages that are kept at the root, by their names here."""
@@ -141,39 +149,27 @@ def _gallery_page(folder: str):
     return lambda link: f"](generated/{folder}/{link[1] or 'index'}.rst)"
 
 
-def write(path: Path, text: str) -> None:
-    """Write a file, unless it is there already as it should be."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists() or path.read_text("utf-8") != text:
-        path.write_text(text, "utf-8")
-
-
 def generate(app) -> None:
-    """Pages that are made of other files: those at the root, and one for each module."""
-    gallery.write_thumbnails(DOCS / "generated" / "figures", DOCS.parent / "examples")
+    """Write the pages that are made of other files: those at the root, the reference, panels of figures."""
+    gallery.write_panels(DOCS / "generated" / "figures")
     for file, name in ELSEWHERE.items():
         text = (DOCS.parent / file).read_text("utf-8")
         text = re.sub(r"\]\(docs/", "](../", text)
         for other, page in ELSEWHERE.items():
             text = text.replace(f"]({other}", f"]({page}.md")
-        write(DOCS / "generated" / f"{name}.md", text)
-    every = pkgutil.walk_packages(dmis.__path__, "dmis.")
-    modules = sorted(m.name.removeprefix("dmis.") for m in every if m.name != "dmis.__main__")
-    for name in modules:
-        title = f"dmis.{name}"
-        write(
-            DOCS / "generated" / "api" / f"{name}.rst",
-            f"{title}\n{'=' * len(title)}\n\n.. automodule:: {title}\n   :members:\n",
-        )
-    for page in (DOCS / "generated" / "api").glob("*.rst"):
-        if page.name.removesuffix(".rst") not in (*modules, "index"):
-            page.unlink()  # of a module that is no more
-    public = (DOCS / "api.rst.txt").read_text("utf-8")
-    entries = "\n".join(f"   {name}" for name in modules)
-    write(
-        DOCS / "generated" / "api" / "index.rst",
-        f"{public}\n\n.. toctree::\n   :caption: Modules\n   :maxdepth: 1\n\n{entries}\n",
-    )
+        reference.write(DOCS / "generated" / f"{name}.md", text)
+    reference.write_pages()
+
+
+def count_pages(app, env, pages: list[str]) -> None:
+    """Count the pages that will be read, for `print_page`."""
+    app.pages_left = len(pages)
+
+
+def print_page(app, page: str, text: list[str]) -> None:
+    """Print one line for each page: how many are left, and its name."""
+    print(f"{app.pages_left:4} {page}", flush=True)
+    app.pages_left -= 1
 
 
 # Formulas ---------------------------------------------------------------------------------------------------------
@@ -183,20 +179,28 @@ def inline_math(self, node) -> None:
     """A formula in a line."""
     from docutils.nodes import SkipNode
 
-    self.body.append(convert(node.astext()))
+    self.body.append(mathml(node.astext()))
     raise SkipNode
 
 
 def display_math(self, node) -> None:
-    r"""A formula of its own; its number is what ``\tag`` says."""
+    r"""A formula of its own, in a box that scrolls where it is wider; its number is what ``\tag`` says."""
     from docutils.nodes import SkipNode
 
     formula, _, rest = node.astext().partition(r"\tag{")
     number = rest.partition("}")[0]
     anchor = f' id="eq-{number}"' if number else ""
     shown = f'<span class="eqno">({number})</span>' if number else ""
-    self.body.append(f'<div class="math"{anchor}>{convert(formula.strip(), display="block")}{shown}</div>\n')
+    box = f'<div class="formula">{mathml(formula.strip(), "block")}</div>'
+    self.body.append(f'<div class="math"{anchor}>{box}{shown}</div>\n')
     raise SkipNode
+
+
+def mathml(formula: str, display: str = "inline") -> str:
+    """Return a formula as MathML; bars stand close to what they enclose, not apart as between two terms."""
+    return convert(formula, display=display).replace(
+        '<mo stretchy="false">&#x0007C;</mo>', '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>'
+    )
 
 
 def skip_aliases(app, what: str, name: str, value, skip: bool, options) -> bool | None:
@@ -208,7 +212,10 @@ def setup(app) -> None:
     """Connect all that."""
     app.add_html_math_renderer("mathml", (inline_math, None), (display_math, None))
     app.connect("builder-inited", generate, priority=100)
+    app.connect("env-before-read-docs", count_pages)
+    app.connect("source-read", print_page)
     app.connect("source-read", source_read)
+    app.connect("missing-reference", reference.find_public_name)
     app.connect("autodoc-skip-member", skip_aliases)
 
 

@@ -1,74 +1,64 @@
-"""What sphinx-gallery needs to know of the scripts: how they are run, and where their pictures are.
+"""What sphinx-gallery needs to know of the scripts: which are run, in which order they stand, where their pictures are.
 
-A script whose figure `make figures` has written to ``docs/figures`` is not run: its page shows that figure, of the
-default size, with its caption. The others run at their quick size.
+Tutorials are run. The scripts of ``examples`` are not, because at the size that can be trusted they take hours: the
+page of each shows the figure that ``make figures`` has written to ``docs/figures``, with its caption.
 """
 
 import json
 import re
-import shutil
 from pathlib import Path
 
-from sphinx_gallery.scrapers import figure_rst
+from PIL import Image
 
-FIGURES = Path(__file__).parent / "_build" / "figures"
-PUBLISHED = {path.stem: path for path in sorted((Path(__file__).parent / "figures").glob("plot_*.webp"))}
-"""Figures of the default size, by script."""
-KEPT = {"plot_scale"}
-"""Scripts that draw what was measured once, and is kept with the project, unless they are asked to be quick."""
-
-
-def run_pattern() -> str:
-    """Return the pattern of the scripts that are run: tutorials, and figures that are not published."""
-    published = "|".join(re.escape(stem.removeprefix("plot_")) for stem in PUBLISHED)
-    return rf"/(plot_(?!(?:{published})\.py)|\d_)" if published else r"/(plot_|\d_)"
-
-
-def write_thumbnails(folder: Path, examples: Path) -> None:
-    """Write the published figures where sphinx-gallery looks for the pictures of a script, below `folder`."""
-    for script in examples.glob("*/plot_*.py"):
-        if script.stem in PUBLISHED:
-            images = folder / script.parent.name / "images"
-            images.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(PUBLISHED[script.stem], images / f"sphx_glr_{script.stem}_001.webp")
-
-
-def with_figure(page: str, text: str) -> str:
-    """Return the text of a script's page with its published figure and caption below the title."""
-    stem = page.rpartition("/")[2]
-    if stem not in PUBLISHED:
-        return text
-    about = json.loads(PUBLISHED[stem].with_name("captions.json").read_text("utf-8"))[stem]
-    caption = re.sub(r"([\\*`|_])", r"\\\1", f"{about['caption']} ({about['made']}.)")
-    figure = f".. figure:: /figures/{stem}.webp\n   :alt: {about['title']}\n\n   {caption}\n"
-    return re.sub(r"^=+\n", lambda line: f"{line[0]}\n{figure}\n", text, count=1, flags=re.M)
-
-
-def arguments(conf: dict, script: dict) -> list[str]:
-    """Command line of a script: `examples` run at their quick size, or draw what is kept; tutorials take nothing."""
-    source = Path(script["src_file"])
-    script["example_globals"]["__file__"] = str(source)  # as it is when it is run as a script
-    if "examples" not in source.parts:
-        return []
-    quick = [] if source.stem in KEPT else ["--quick"]
-    return [*quick, "-o", str(FIGURES / f"{source.stem}.png")]
-
-
-def written(block: tuple, variables: dict, conf: dict) -> str:
-    """The picture that a script of `examples` has written, if it has by now."""
-    picture = FIGURES / f"{Path(variables['src_file']).stem}.png"
-    if not picture.exists():
-        return ""
-    path = Path(next(variables["image_path_iterator"]))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    picture.replace(path)
-    return figure_rst([str(path)], conf["src_dir"], path.stem)
-
-
+ROOT = Path(__file__).resolve().parent.parent
+FIGURES = ROOT / "docs" / "figures"
+CAPTIONS = json.loads((FIGURES / "captions.json").read_text("utf-8"))
+"""By script: title, caption, how the figure was made, and the rectangle of the panel that stands for it."""
 SECTIONS = ("thesis", "explained", "measured")
+README = (ROOT / "README.md").read_text("utf-8")
 
 
 def section_order(folder: str) -> int:
-    """Place of a section of the gallery on its page."""
+    """Return the place of a section on the page of the gallery."""
     name = Path(folder).name
     return SECTIONS.index(name) if name in SECTIONS else -1
+
+
+def script_order(file: str) -> tuple[int, str]:
+    """Return the place of a script in its section: that of the thesis, as in the tables of README.md, then by name."""
+    place = README.find(f"`{Path(file).name}`")
+    return (place if place >= 0 else len(README)), Path(file).name
+
+
+def announce(conf: dict, script: dict) -> list[str]:
+    """Print which tutorial begins to run; return the arguments of its command line, none."""
+    source = Path(script["src_file"])
+    script["example_globals"]["__file__"] = str(source)  # as it is when it is run as a script
+    print(f"running {source.name}", flush=True)
+    return []
+
+
+def write_panels(folder: Path) -> None:
+    """Write one panel of each figure where sphinx-gallery looks for the picture of a script, below `folder`."""
+    for script in (ROOT / "examples").glob("*/plot_*.py"):
+        if script.stem not in CAPTIONS:
+            continue
+        images = folder / script.parent.name / "images"
+        images.mkdir(parents=True, exist_ok=True)
+        with Image.open(FIGURES / f"{script.stem}.webp") as figure:
+            width, height = figure.size
+            left, top, right, bottom = CAPTIONS[script.stem]["panel"]
+            panel = figure.crop((int(left * width), int(top * height), int(right * width), int(bottom * height)))
+        panel.save(images / f"sphx_glr_{script.stem}_001.webp", quality=90)
+
+
+def with_figure(page: str, text: str) -> str:
+    """Return the text of a script's page with its figure and caption below the title; a click shows it by itself."""
+    stem = page.rpartition("/")[2]
+    if stem not in CAPTIONS:
+        return text
+    about = CAPTIONS[stem]
+    caption = re.sub(r"([\\*`|_])", r"\\\1", f"{about['caption']} ({about['made']}.)")
+    target = f"{'../' * page.count('/')}_images/{stem}.webp"
+    figure = f".. figure:: /figures/{stem}.webp\n   :alt: {about['title']}\n   :target: {target}\n\n   {caption}\n"
+    return re.sub(r"^=+\n", lambda line: f"{line[0]}\n{figure}\n", text, count=1, flags=re.M)
