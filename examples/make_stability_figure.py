@@ -2,9 +2,11 @@
 What float32 can and cannot do
 ==============================
 
-Stiff scenes with known answers (stiff.py), each rendered twice with the same samples: as always, in float32, and with
-the whole renderer in float64 (float64.py). What is left of seven digits, for lights from a millionth to a million times
-the size of the scene over lobes of roughness 1 to 1e-8; and how the error grows along the other axes of stiffness.
+Stiff scenes with known answers (stiff.py), each rendered twice with the same samples:
+as always, in float32, and with the whole renderer in float64 (float64.py). What is left
+of seven digits, for lights from a millionth to a million times the size of the scene
+over lobes of roughness 1 to 1e-8; and how the error grows along the other axes of
+stiffness.
 """
 
 import numpy as np
@@ -20,7 +22,8 @@ single, double = (found["family"] for found in both(opts.pick(16, 128), every))
 errors = rounding_errors(single, double)
 
 # %%
-# Left: radius of the light against roughness. The map is whole only if no case was left out.
+# Left: radius of the light against roughness. The map is whole only if no case was left
+# out.
 figure, axes = plot.canvas(1, 2, 14, 5)
 left, right = axes[0]
 grid = np.full((len(ROUGHNESS), len(SIZES)), np.nan)
@@ -62,9 +65,11 @@ right.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
 opts.save(
     figure,
     "What float32 can and cannot do",
-    f"""Left: correct digits of the mean that the balance heuristic finds for a floor (albedo {KD}, with a glossy lobe)
-    under a sphere; an ordinary scene has six or seven. Right: the error by rounding alone. Radiance and the distance
-    from the origin may be what they like, because units are changed before anything is rounded. Lights that are nearer
-    to a surface than the offset of rays ({LIFT:.1g} here), views that are as flat as the rounding of a direction, and
-    triangles that are a million times as long as wide cost digits.""",
+    f"""Left: correct digits of the mean that the balance heuristic finds for a floor
+    (albedo {KD}, with a glossy lobe) under a sphere; an ordinary scene has six or
+    seven. Right: the error by rounding alone. Radiance and the distance from the origin
+    may be what they like, because units are changed before anything is rounded. Lights
+    that are nearer to a surface than the offset of rays ({LIFT:.1g} here), views that
+    are as flat as the rounding of a direction, and triangles that are a million times
+    as long as wide cost digits.""",
 )

@@ -2,10 +2,11 @@
 One dimension: a mixture of three densities
 ===========================================
 
-Three techniques have three shares whose sum is 1: a point in a triangle. Here the integrand is itself a mixture of the
-three densities, with known shares. At these shares every sample counts the same, and the variance is 0. The figure
-shows the variance around this point, and whether one pilot at equal shares finds it. The code is that of the renderer's
-rule ``simplex``; only the integrand is new.
+Three techniques have three shares whose sum is 1: a point in a triangle. Here the
+integrand is itself a mixture of the three densities, with known shares. At these shares
+every sample counts the same, and the variance is 0. The figure shows the variance
+around this point, and whether one pilot at equal shares finds it. The code is that of
+the renderer's rule ``simplex``; only the integrand is new.
 """
 
 import numpy as np
@@ -20,8 +21,8 @@ opts, _ = options("plot_1d_simplex", __doc__)
 rng = np.random.default_rng(1)
 
 # %%
-# Three bell-shaped densities on the line, and an integrand that is half of the first, a third of the second and a sixth
-# of the third. Its integral is 1.
+# Three bell-shaped densities on the line, and an integrand that is half of the first, a
+# third of the second and a sixth of the third. Its integral is 1.
 MEANS, WIDTHS = np.array([0.2, 0.45, 0.8]), np.array([0.05, 0.2, 0.08])
 PLANTED = np.array([1 / 2, 1 / 3, 1 / 6])
 
@@ -38,8 +39,8 @@ def f(x):
 
 
 # %%
-# The truth by quadrature. With fixed shares, the variance of a sample is the second moment minus the squares of the
-# techniques' own means, weighted with the shares.
+# The truth by quadrature. With fixed shares, the variance of a sample is the second
+# moment minus the squares of the techniques' own means, weighted with the shares.
 x = np.linspace(-0.8, 1.7, 5_001)
 p, dx = densities(x), x[1] - x[0]
 
@@ -54,8 +55,9 @@ def variance(shares):
 
 
 # %%
-# The pilot has a "patch" of pixels. In each pixel every technique takes two of six samples, three times, recorded as
-# the renderer records them. The balance heuristic at equal shares makes f / p_w of each.
+# The pilot has a "patch" of pixels. In each pixel every technique takes two of six
+# samples, three times, recorded as the renderer records them. The balance heuristic at
+# equal shares makes f / p_w of each.
 PIXELS, SPP, PAIR = 64, 3, 2
 
 
@@ -63,31 +65,53 @@ def draw(technique, turn, count):
     """Return samples of one technique as a record: contributions and all densities."""
     at = rng.normal(MEANS[technique], WIDTHS[technique], count)
     pdf = densities(at)
-    value = np.repeat((f(at) * balance(pdf / 3, technique))[None], 3, axis=0)  # the same in all channels
-    return Record(technique, (0,), turn, None, value.astype(np.float32), pdf.astype(np.float32))
+    value = np.repeat(
+        (f(at) * balance(pdf / 3, technique))[None], 3, axis=0
+    )  # the same in all channels
+    return Record(
+        technique, (0,), turn, None, value.astype(np.float32), pdf.astype(np.float32)
+    )
 
 
-records = [draw(technique, turn, PIXELS * SPP) for technique in range(3) for turn in range(PAIR)]
+records = [
+    draw(technique, turn, PIXELS * SPP)
+    for technique in range(3)
+    for turn in range(PAIR)
+]
 radiance = np.mean([record.value for record in records], axis=0)
 statistic = SimplexCurves(PIXELS, 3 * PAIR, (True, True, True))
 statistic.add(records, radiance, SPP)
 shares, _ = grid(3)
-estimate = PAIR * statistic.sums()["curve"].mean(axis=1)  # of one sample; a final camera sample carries two
-truth = variance(np.maximum(shares, 1e-6))  # without a technique that is needed there would be no bound
+estimate = PAIR * statistic.sums()["curve"].mean(
+    axis=1
+)  # of one sample; a final camera sample carries two
+truth = variance(
+    np.maximum(shares, 1e-6)
+)  # without a technique that is needed there would be no bound
 learned = int(estimate.argmin())
 equal = variance(np.full(3, 1 / 3))
 
-print(f"planted shares {PLANTED.round(3)}, variance {variance(PLANTED):.1e}; at equal shares {equal:.3f}")
-print(f"one pilot finds {shares[:, learned].round(3)}, where the variance is {truth[learned]:.1e}")
+print(
+    f"planted shares {PLANTED.round(3)}, variance {variance(PLANTED):.1e}; at equal"
+    f" shares {equal:.3f}"
+)
+print(
+    f"one pilot finds {shares[:, learned].round(3)}, where the variance is"
+    f" {truth[learned]:.1e}"
+)
 for k, name in enumerate(("first", "second", "third")):
     without = np.delete(np.arange(shares.shape[1]), np.flatnonzero(shares[k]))
     best = without[truth[without].argmin()]
-    print(f"without the {name} technique: at best {truth[best]:.2g}, at {shares[:, best].round(3)}")
+    print(
+        f"without the {name} technique: at best {truth[best]:.2g}, at"
+        f" {shares[:, best].round(3)}"
+    )
 
 
 # %%
-# Left: integrand and densities. Middle: the variance over the triangle, whose corners are the techniques alone. Right:
-# the pilot's estimate at each point of the grid against the truth.
+# Left: integrand and densities. Middle: the variance over the triangle, whose corners
+# are the techniques alone. Right: the pilot's estimate at each point of the grid
+# against the truth.
 def corner(shares):
     """Return the place of shares ``(3, ...)`` in the triangle, x and y."""
     return shares[1] + shares[2] / 2, shares[2] * np.sqrt(3) / 2
@@ -102,14 +126,37 @@ for k, colour in enumerate(("tab:blue", "tab:red", "tab:green")):
 left.set_xlabel("x")
 left.set_ylabel("f and densities (1 / unit of x)")
 n = opts.pick(40, 90)
-fine = np.array([(n - a - b, a, b) for a in range(n + 1) for b in range(n + 1 - a)], float).T / n
+fine = (
+    np.array(
+        [(n - a - b, a, b) for a in range(n + 1) for b in range(n + 1 - a)], float
+    ).T
+    / n
+)
 fine = 0.985 * fine + 0.005  # at the very edges the variance is without bound
 level = np.log10(np.maximum(variance(fine), 1e-4))
-shown = middle.tricontourf(*corner(fine), level, levels=np.linspace(-4, 1, 21), cmap="viridis", extend="max")
+shown = middle.tricontourf(
+    *corner(fine), level, levels=np.linspace(-4, 1, 21), cmap="viridis", extend="max"
+)
 figure.colorbar(shown, ax=middle, label="log10 of the variance of a sample")
-middle.plot(*corner(shares), "o", color="white", markeredgecolor="black", markersize=5, label="points of the grid")
-middle.plot(*corner(PLANTED), "*", color="black", markersize=16, label="planted: ½, ⅓, ⅙")
-middle.plot(*corner(shares[:, learned]), "o", color="tab:red", fillstyle="none", markersize=14, label="learned")
+middle.plot(
+    *corner(shares),
+    "o",
+    color="white",
+    markeredgecolor="black",
+    markersize=5,
+    label="points of the grid",
+)
+middle.plot(
+    *corner(PLANTED), "*", color="black", markersize=16, label="planted: ½, ⅓, ⅙"
+)
+middle.plot(
+    *corner(shares[:, learned]),
+    "o",
+    color="tab:red",
+    fillstyle="none",
+    markersize=14,
+    label="learned",
+)
 for k, (dx_, dy) in enumerate(((-0.02, -0.05), (0.02, -0.05), (0, 0.04))):
     at = corner(np.eye(3)[k])
     middle.text(at[0] + dx_, at[1] + dy, f"p_{k + 1} alone", ha="center", va="center")
@@ -119,8 +166,20 @@ middle.axis("off")
 usual = truth < 3
 right.plot([2e-3, 3], [2e-3, 3], color="0.5", label="equal")
 seen = usual & (truth > 1e-3)
-right.plot(truth[seen], np.maximum(estimate[seen], 2e-3), "o", color="tab:blue", label="points of the grid")
-right.plot(equal, estimate[np.abs(shares - 1 / 3).sum(axis=0).argmin()], "s", color="tab:orange", label="equal shares")
+right.plot(
+    truth[seen],
+    np.maximum(estimate[seen], 2e-3),
+    "o",
+    color="tab:blue",
+    label="points of the grid",
+)
+right.plot(
+    equal,
+    estimate[np.abs(shares - 1 / 3).sum(axis=0).argmin()],
+    "s",
+    color="tab:orange",
+    label="equal shares",
+)
 right.set_xscale("log")
 right.set_yscale("log")
 right.set_xlabel("variance of a sample, by quadrature")
@@ -130,10 +189,13 @@ for axis in (left, middle, right):
 opts.save(
     figure,
     "One dimension: a mixture of three densities",
-    f"""Left: three densities, and an integrand that is a mixture of them with the shares 1/2, 1/3, 1/6. Middle:
-    variance of a sample over the triangle of shares, by quadrature: 0 at the planted shares, {equal:.3f} at equal ones,
-    and without bound where a technique that is needed is left out. Right: the same at the points of the grid, those
-    below 3, from one pilot of {len(records) * SPP * PIXELS} samples at equal shares; its minimum is at
-    {", ".join(f"{share:.2f}" for share in shares[:, learned])}.""",
+    f"""Left: three densities, and an integrand that is a mixture of them with the
+    shares 1/2, 1/3, 1/6. Middle: variance of a sample over the triangle of shares, by
+    quadrature: 0 at the planted shares, {equal:.3f} at equal ones, and without bound
+    where a technique that is needed is left out. Right: the same at the points of the
+    grid, those below 3, from one pilot of {len(records) * SPP * PIXELS} samples at
+    equal shares; its minimum is at {
+        ", ".join(f"{share:.2f}" for share in shares[:, learned])
+    }.""",
     panel=middle,
 )

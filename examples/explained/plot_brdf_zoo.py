@@ -2,10 +2,11 @@
 A zoo of reflection models, and the weight that each needs
 ==========================================================
 
-Eight reflection models, from Phong to GGX, seen from 45 degrees at about the same roughness. For each model the figure
-shows the lobe, the directions that its importance sampling draws, and the variance of a mixture of light and BRDF
-samples against the share w of light samples. A small, a medium and a large light stand in the mirror direction. Which
-model needs which share?
+Eight reflection models, from Phong to GGX, seen from 45 degrees at about the same
+roughness. For each model the figure shows the lobe, the directions that its importance
+sampling draws, and the variance of a mixture of light and BRDF samples against the
+share w of light samples. A small, a medium and a large light stand in the mirror
+direction. Which model needs which share?
 """
 
 import numpy as np
@@ -26,48 +27,83 @@ MODELS = {
     "Lafortune off-specular, n = 12": dmis.lafortune(ks=0.5, exponent=12, c_n=0.7),
     "Blinn-Phong, n = 50": dmis.blinn_phong(ks=0.5, exponent=50),
     "Ward, alpha = 0.1, 0.4": dmis.ward(ks=0.5, alpha=0.1, alpha_v=0.4),
-    "Ashikhmin-Shirley, n = 200, 12": dmis.ashikhmin_shirley(kd=0.5, ks=0.05, n_u=200, n_v=12),
+    "Ashikhmin-Shirley, n = 200, 12": dmis.ashikhmin_shirley(
+        kd=0.5, ks=0.05, n_u=200, n_v=12
+    ),
     "Torrance-Sparrow, n = 50": dmis.torrance_sparrow(exponent=50, fresnel=GLASS),
     "Cook-Torrance, alpha = 0.2": dmis.cook_torrance(alpha=0.2, fresnel=GLASS),
     "GGX, alpha = 0.2": dmis.ggx(alpha=0.2, fresnel=GLASS),
 }
-LIGHTS = {"small": (2.0, "tab:blue"), "medium": (25.0, "tab:green"), "large": (40.0, "tab:red")}  # half angles, degrees
+LIGHTS = {
+    "small": (2.0, "tab:blue"),
+    "medium": (25.0, "tab:green"),
+    "large": (40.0, "tab:red"),
+}  # half angles, degrees
 WO = np.array([-np.sqrt(0.5), 0, np.sqrt(0.5)], np.float32)
 
 
 def surface(material, count):
-    """Return `count` copies of one point at the origin of a horizontal plane, with its tangent u along x."""
-    up, wo, along = (np.repeat(np.float32(v)[:, None], count, axis=1) for v in ((0, 0, 1), WO, (1, 0, 0)))
+    """Return `count` copies of one point at the origin of a horizontal plane, with its
+    tangent u along x.
+    """
+    up, wo, along = (
+        np.repeat(np.float32(v)[:, None], count, axis=1)
+        for v in ((0, 0, 1), WO, (1, 0, 0))
+    )
     return ShadingPoints(
-        p=0 * up, ng=up, n=up, wo=wo, cos_o=wo[2], outside=wo[2] > 0, dpdu=along, reflection=material.lobes, delta=()
+        p=0 * up,
+        ng=up,
+        n=up,
+        wo=wo,
+        cos_o=wo[2],
+        outside=wo[2] > 0,
+        dpdu=along,
+        reflection=material.lobes,
+        delta=(),
     )
 
 
 # %%
-# Evaluate the integrand, for light of unit radiance, and both densities in the directions `wi` of the samples.
+# Evaluate the integrand, for light of unit radiance, and both densities in the
+# directions `wi` of the samples.
 def integrand(points, light_sample):
-    """Return f, p_l and p_b, each ``(N,)``; f is 0 where a direction misses the light or is below the horizon."""
+    """Return f, p_l and p_b, each ``(N,)``; f is 0 where a direction misses the light
+    or is below the horizon.
+    """
     directions = Directions(points, light_sample.wi)
-    f = np.broadcast_to(points.eval(directions), light_sample.wi.shape).mean(axis=0) * directions.cos_i
-    p_l, p_b = LIGHT.pdf(points, directions, light_sample.pdf), BRDF.pdf(points, directions, light_sample.pdf)
-    return tuple(a.astype(float) for a in (f * (light_sample.emits & directions.above), p_l, p_b))
+    f = (
+        np.broadcast_to(points.eval(directions), light_sample.wi.shape).mean(axis=0)
+        * directions.cos_i
+    )
+    p_l, p_b = (
+        LIGHT.pdf(points, directions, light_sample.pdf),
+        BRDF.pdf(points, directions, light_sample.pdf),
+    )
+    return tuple(
+        a.astype(float) for a in (f * (light_sample.emits & directions.above), p_l, p_b)
+    )
 
 
 # %%
-# The variance of one sample in fixed shares is V(w) = w Var_l(f/p_w) + (1-w) Var_b(f/p_w). Compute it at every w by
-# integrals over the directions of the light, outside of which f is 0, with a Sobol sequence.
+# The variance of one sample in fixed shares is V(w) = w Var_l(f/p_w) + (1-w)
+# Var_b(f/p_w). Compute it at every w by integrals over the directions of the light,
+# outside of which f is 0, with a Sobol sequence.
 NODES, W = opts.pick(2**10, 2**15), np.linspace(0, 1, 41)
 
 
 def curve(material, light):
     """Return the variance at the shares `W`, and the value of the integral."""
-    u = np.minimum(qmc.Sobol(2, rng=np.random.default_rng(7)).random(NODES), 1 - 2**-24).T.astype(np.float32)
+    u = np.minimum(
+        qmc.Sobol(2, rng=np.random.default_rng(7)).random(NODES), 1 - 2**-24
+    ).T.astype(np.float32)
     points = surface(material, NODES)
     f, p_l, p_b = integrand(points, LIGHT.sample(points, light, u))
     variance = []
     for w in W:
         g = np.divide(f, w * p_l + (1 - w) * p_b, out=np.zeros_like(f), where=f > 0)
-        density = p_b / p_l  # a mean over the light's directions times this is one over BRDF samples
+        density = (
+            p_b / p_l
+        )  # a mean over the light's directions times this is one over BRDF samples
         of_brdf = (density * g * g).mean() - (density * g).mean() ** 2
         variance.append(w * g.var() + (1 - w) * of_brdf)
     return np.array(variance), (f / p_l).mean()
@@ -83,7 +119,10 @@ def brute(material, light, w):
     total = error2 = 0.0
     for technique, share in ((LIGHT, w), (BRDF, 1 - w)):
         points = surface(material, NODES)
-        f, p_l, p_b = integrand(points, technique.sample(points, light, rng.random((2, NODES), dtype=np.float32)))
+        f, p_l, p_b = integrand(
+            points,
+            technique.sample(points, light, rng.random((2, NODES), dtype=np.float32)),
+        )
         g = np.divide(f, w * p_l + (1 - w) * p_b, out=np.zeros_like(f), where=f > 0)
         square = (g - g.mean()) ** 2
         total += share * square.mean()
@@ -92,7 +131,8 @@ def brute(material, light, w):
 
 
 # %%
-# For each model: a map of the hemisphere seen from above, a histogram of samples, the curves.
+# For each model: a map of the hemisphere seen from above, a histogram of samples, the
+# curves.
 def lobe_map(axis, material):
     """Draw BRDF times cosine over the unit disk."""
     x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 241, dtype=np.float32)])
@@ -101,7 +141,10 @@ def lobe_map(axis, material):
     points = surface(material, wi.shape[1])
     directions = Directions(points, wi)
     shown = np.ma.masked_all(x.shape)
-    shown[inside] = np.broadcast_to(points.eval(directions), wi.shape).mean(axis=0) * directions.cos_i
+    shown[inside] = (
+        np.broadcast_to(points.eval(directions), wi.shape).mean(axis=0)
+        * directions.cos_i
+    )
     image = axis.imshow(
         np.maximum(shown / shown.max(), 1e-3),
         origin="lower",
@@ -119,21 +162,44 @@ def lobe_map(axis, material):
 
 
 def histogram(axis, material):
-    """Draw a histogram of the polar angles of sampled directions, and the density that it should follow."""
+    """Draw a histogram of the polar angles of sampled directions, and the density that
+    it should follow.
+    """
     count = opts.pick(2**13, 2**17)
-    wi = surface(material, count).sample(np.random.default_rng(1).random((2, count), dtype=np.float32))
+    wi = surface(material, count).sample(
+        np.random.default_rng(1).random((2, count), dtype=np.float32)
+    )
     theta = np.degrees(np.arccos(np.clip(wi[2], -1, 1)))
     accepted = (wi[2] > 0).mean()
     edges = np.linspace(0, 90, 46)
     heights = np.histogram(theta, edges)[0] / (count * np.diff(edges))
-    axis.stairs(heights, edges, fill=True, color="0.8", label=f"samples, {accepted:.1%} above the horizon")
-    at, phi = np.meshgrid(np.radians(np.linspace(0.25, 89.75, 180)), np.radians(np.arange(0.5, 360)), indexing="ij")
-    w = np.stack([np.sin(at) * np.cos(phi), np.sin(at) * np.sin(phi), np.cos(at)]).reshape(3, -1).astype(np.float32)
-    points = surface(material, w.shape[1])
-    density = (points.pdf(Directions(points, w)).astype(float).reshape(at.shape) * np.sin(at)).sum(axis=1) * np.radians(
-        1
+    axis.stairs(
+        heights,
+        edges,
+        fill=True,
+        color="0.8",
+        label=f"samples, {accepted:.1%} above the horizon",
     )
-    axis.plot(np.degrees(at[:, 0]), density * np.radians(1), color="black", label="pdf over a ring")
+    at, phi = np.meshgrid(
+        np.radians(np.linspace(0.25, 89.75, 180)),
+        np.radians(np.arange(0.5, 360)),
+        indexing="ij",
+    )
+    w = (
+        np.stack([np.sin(at) * np.cos(phi), np.sin(at) * np.sin(phi), np.cos(at)])
+        .reshape(3, -1)
+        .astype(np.float32)
+    )
+    points = surface(material, w.shape[1])
+    density = (
+        points.pdf(Directions(points, w)).astype(float).reshape(at.shape) * np.sin(at)
+    ).sum(axis=1) * np.radians(1)
+    axis.plot(
+        np.degrees(at[:, 0]),
+        density * np.radians(1),
+        color="black",
+        label="pdf over a ring",
+    )
     axis.set_xlabel("polar angle of wi (degrees)")
     axis.set_ylabel("density (1 / degree)")
     axis.set_ylim(0, 1.45 * heights.max())
@@ -155,13 +221,21 @@ for k, (name, material) in enumerate(MODELS.items()):
         checked, error = np.transpose([brute(material, light, w) for w in CHECKED])
         deviations.extend((checked - np.interp(CHECKED, W, v)) / error)
         at = v.argmin()
-        right.plot(W, v / half, color=colour, label=f"{size}, ±{degrees:g}°: best w = {W[at]:.2f}")
+        right.plot(
+            W,
+            v / half,
+            color=colour,
+            label=f"{size}, ±{degrees:g}°: best w = {W[at]:.2f}",
+        )
         right.plot(CHECKED, checked / half, ".", color=colour)
-        right.plot(W[at], v[at] / half, "v", color=colour, markeredgecolor="black", zorder=3)
+        right.plot(
+            W[at], v[at] / half, "v", color=colour, markeredgecolor="black", zorder=3
+        )
         best.append(f"{W[at]:.2f}")
         print(
-            f"{name:32} {size:7} best w {W[at]:.3f}; over V(1/2): V(best) {v[at] / half:.3f}, V(0) {v[0] / half:.3g}, "
-            f"V(1) {v[-1] / half:.3g}; standard deviation over mean at 1/2: {half**0.5 / value:.2f}"
+            f"{name:32} {size:7} best w {W[at]:.3f}; over V(1/2): V(best)"
+            f" {v[at] / half:.3f}, V(0) {v[0] / half:.3g}, V(1) {v[-1] / half:.3g};"
+            f" standard deviation over mean at 1/2: {half**0.5 / value:.2f}"
         )
     right.set_yscale("log")
     right.axhline(1, color="0.7", linewidth=0.8, zorder=0)
@@ -169,18 +243,29 @@ for k, (name, material) in enumerate(MODELS.items()):
     right.set_xlabel("share of light samples w")
     right.set_ylabel("V(w) / V(½)")
     told.append(f"{name}: {', '.join(best)}")
-    for axis, where in ((left, "lower right"), (middle, "upper right"), (right, "upper center")):
+    for axis, where in (
+        (left, "lower right"),
+        (middle, "upper right"),
+        (right, "upper center"),
+    ):
         axis.legend(fontsize=7, loc=where)
-figure.colorbar(image, ax=axes[:, 0], label="f cos / its largest value", shrink=0.4, location="left")
+figure.colorbar(
+    image, ax=axes[:, 0], label="f cos / its largest value", shrink=0.4, location="left"
+)
 deviations = np.abs(deviations)
 within = (deviations < 2).mean()
-print(f"brute force against quadrature: {within:.0%} within 2 standard errors, the largest {deviations.max():.1f}")
+print(
+    f"brute force against quadrature: {within:.0%} within 2 standard errors, the"
+    f" largest {deviations.max():.1f}"
+)
 opts.save(
     figure,
     "A zoo of reflection models, and the weight that each needs",
-    f"""Each model at a point seen from 45 degrees, from the left. Maps: BRDF times cosine over the hemisphere, from
-    above. Histograms: polar angles of {opts.pick(2**13, 2**17):,} sampled directions; the line is the pdf, integrated
-    over rings of the hemisphere. Right: variance of a sample of the balance heuristic in fixed shares, over that of
-    w = 1/2, under a sphere light in the mirror direction, whose half angle is given; lines by quadrature, dots by
-    brute force, triangles where it is least. Best w under the small, medium and large light: {"; ".join(told)}.""",
+    f"""Each model at a point seen from 45 degrees, from the left. Maps: BRDF times
+    cosine over the hemisphere, from above. Histograms: polar angles of
+    {opts.pick(2**13, 2**17):,} sampled directions; the line is the pdf, integrated over
+    rings of the hemisphere. Right: variance of a sample of the balance heuristic in
+    fixed shares, over that of w = 1/2, under a sphere light in the mirror direction,
+    whose half angle is given; lines by quadrature, dots by brute force, triangles where
+    it is least. Best w under the small, medium and large light: {"; ".join(told)}.""",
 )

@@ -2,8 +2,9 @@
 The two held-out scenes
 =======================
 
-Veach's plates and a room with ten lights: by BRDF samples alone, by light samples alone, by the balance heuristic, and
-the share of light samples that dmis learns. No constant of dmis was chosen on these two scenes.
+Veach's plates and a room with ten lights: by BRDF samples alone, by light samples
+alone, by the balance heuristic, and the share of light samples that dmis learns. No
+constant of dmis was chosen on these two scenes.
 """
 
 import dmis
@@ -12,20 +13,30 @@ from dmis.experiment.gallery import options
 
 opts, _ = options("plot_held_out_scenes", __doc__)
 SPP, SHRINK = opts.pick(8, 64), opts.pick(8, 2, 1)
-TITLES = {"fixed:0": "BRDF samples", "fixed:1": "light samples", "balance": "balance heuristic"}
+TITLES = {
+    "fixed:0": "BRDF samples",
+    "fixed:1": "light samples",
+    "balance": "balance heuristic",
+}
 RULES = (*TITLES, "auto")
 
 # %%
-# The variance of one camera sample is the variance of the image times the number of camera samples.
+# The variance of one camera sample is the variance of the image times the number of
+# camera samples.
 figure, axes = plot.canvas(len(dmis.HELD_OUT), 4, 19, 7)
 rows = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
 for line, name in zip(axes, dmis.HELD_OUT, strict=True):
     width, height = dmis.load_scene(name).camera.resolution
     scene = dmis.load_scene(name, resolution=(width // SHRINK, height // SHRINK))
     results = {
-        rule: dmis.render(scene, rule, SPP, seed=1, sampler="independent", parallel=opts.threads) for rule in RULES
+        rule: dmis.render(
+            scene, rule, SPP, seed=1, sampler="independent", parallel=opts.threads
+        )
+        for rule in RULES
     }
-    means = " | ".join(f"{SPP * result.variance.mean(dtype=float):#.3g}" for result in results.values())
+    means = " | ".join(
+        f"{SPP * result.variance.mean(dtype=float):#.3g}" for result in results.values()
+    )
     rows.append(f"| {name} {width // SHRINK}×{height // SHRINK} | {means} |")
 
     for axis, (rule, title) in zip(line, TITLES.items(), strict=False):
@@ -37,9 +48,10 @@ print(*rows, f"{SPP} samples per pixel, seed 1.", sep="\n")
 opts.save(
     figure,
     "The two held-out scenes",
-    f"""The same {SPP} camera samples per pixel, each with two BRDF samples, two light samples, or one of each; and the
-    share of light samples that auto learns. Smooth surfaces that mirror large lamps favour BRDF samples, rough surfaces
-    and small lamps light samples. The small lamps hang out of view, because the noise of their edges, which is that of
-    the camera samples, would be nearly all of the variance.""",
+    f"""The same {SPP} camera samples per pixel, each with two BRDF samples, two light
+    samples, or one of each; and the share of light samples that auto learns. Smooth
+    surfaces that mirror large lamps favour BRDF samples, rough surfaces and small lamps
+    light samples. The small lamps hang out of view, because the noise of their edges,
+    which is that of the camera samples, would be nearly all of the variance.""",
     panel=axes[1, 2],
 )

@@ -2,9 +2,9 @@
 Even points: nets, orders and slopes
 ====================================
 
-The sampler ``sobol`` in three pictures: how even 16 points of its sequence are; why the light's pair must not have the
-same order as the camera's; and how fast the error falls for smooth integrands and for edges. The page "Even points"
-explains all three.
+The sampler ``sobol`` in three pictures: how even 16 points of its sequence are; why the
+light's pair must not have the same order as the camera's; and how fast the error falls
+for smooth integrands and for edges. The page "Even points" explains all three.
 """
 
 import numpy as np
@@ -18,33 +18,58 @@ opts, _ = options("plot_nets", __doc__)
 PIXELS, N = (50, 1024) if opts.size == "quick" else (400, 4096)
 
 # %%
-# Draw the camera's and the light's pair of the first N camera samples of some pixels, (2, N, PIXELS), as the renderer
-# does.
+# Draw the camera's and the light's pair of the first N camera samples of some pixels,
+# (2, N, PIXELS), as the renderer does.
 sampler = Sobol(PixelBlock(np.random.default_rng(), 1, np.arange(PIXELS), [N], 2))
 sampler.start(np.tile(np.arange(PIXELS), N), np.repeat(np.arange(N), PIXELS))
-camera, light, other = (sampler.draw(key, None).reshape(2, N, PIXELS) for key in ("camera", (0, 0), (1, 0)))
+camera, light, other = (
+    sampler.draw(key, None).reshape(2, N, PIXELS) for key in ("camera", (0, 0), (1, 0))
+)
 random = np.random.default_rng(1).random((4, N, PIXELS))
 
 # %%
-# Top: the points of one pixel. For each of the five shapes of boxes of area 1/16, every box has one of the 16 points.
-# Then the light's first number against the camera's. With the same order, both pairs lie on a pattern whose gaps no
-# number of samples fills. With the light's own order they fill the square.
+# Top: the points of one pixel. For each of the five shapes of boxes of area 1/16, every
+# box has one of the 16 points. Then the light's first number against the camera's. With
+# the same order, both pairs lie on a pattern whose gaps no number of samples fills.
+# With the light's own order they fill the square.
 figure, axes = plot.canvas(2, 3, 14, 9)
 for axis, columns, rows in zip(axes[0, :2], (4, 16), (4, 1), strict=True):
-    axis.vlines(np.arange(columns + 1) / columns, 0, 1, color="0.8", label=f"{columns} × {rows} boxes")
+    axis.vlines(
+        np.arange(columns + 1) / columns,
+        0,
+        1,
+        color="0.8",
+        label=f"{columns} × {rows} boxes",
+    )
     axis.hlines(np.arange(rows + 1) / rows, 0, 1, color="0.8")
-    axis.plot(*camera[:, :16, 0], "o", color="tab:blue", label="samples 0 to 15 in the pixel")
+    axis.plot(
+        *camera[:, :16, 0], "o", color="tab:blue", label="samples 0 to 15 in the pixel"
+    )
     axis.set_xlabel("$u_0$")
     axis.set_ylabel("$u_1$")
-# two lights share an order, because their light is added up; here they stand for a product
-axes[0, 2].plot(other[0, :256, 0], light[0, :256, 0], "x", color="tab:red", label="both pairs in one order")
-axes[0, 2].plot(camera[0, :256, 0], light[0, :256, 0], ".", color="tab:blue", label="each in its own")
+# two lights share an order, because their light is added up; here they stand for a
+# product
+axes[0, 2].plot(
+    other[0, :256, 0],
+    light[0, :256, 0],
+    "x",
+    color="tab:red",
+    label="both pairs in one order",
+)
+axes[0, 2].plot(
+    camera[0, :256, 0],
+    light[0, :256, 0],
+    ".",
+    color="tab:blue",
+    label="each in its own",
+)
 axes[0, 2].set_xlabel("$u_0$ of one pair, 256 samples")
 axes[0, 2].set_ylabel("$u_0$ of the light")
 
 # %%
-# Bottom: mean squared error over the pixels for three integrands of both pairs. One is smooth, one has an edge across
-# the pixel, like a silhouette, and one has an edge through all four dimensions, like a shadow.
+# Bottom: mean squared error over the pixels for three integrands of both pairs. One is
+# smooth, one has an edge across the pixel, like a silhouette, and one has an edge
+# through all four dimensions, like a shadow.
 
 
 def smooth(u):
@@ -53,19 +78,29 @@ def smooth(u):
 
 
 def silhouette(u):
-    """Return the smooth function of the light on one side of an edge in the pixel, else 0; the mean is 0.4."""
+    """Return the smooth function of the light on one side of an edge in the pixel, else
+    0; the mean is 0.4.
+    """
     return smooth(u[2:]) * (u[0] + 0.7 * u[1] < 0.75)
 
 
 def shadow(u):
-    """Return 1 in a corner of the cube, where the sum of four numbers is below 1.5; its volume is 77/384."""
+    """Return 1 in a corner of the cube, where the sum of four numbers is below 1.5; its
+    volume is 77/384.
+    """
     return u.sum(axis=0) < 1.5
 
 
 counts = 2 ** np.arange(3, N.bit_length())
 slopes = {}
 for axis, (name, f, mean) in zip(
-    axes[1], (("smooth", smooth, 1), ("silhouette", silhouette, 0.4), ("shadow", shadow, 77 / 384)), strict=True
+    axes[1],
+    (
+        ("smooth", smooth, 1),
+        ("silhouette", silhouette, 0.4),
+        ("shadow", shadow, 77 / 384),
+    ),
+    strict=True,
 ):
     for label, u, colour in (
         ("independent", random, "0.4"),
@@ -75,22 +110,35 @@ for axis, (name, f, mean) in zip(
         values = f(u)
         mse = [np.mean((values[:n].mean(axis=0) - mean) ** 2) for n in counts]
         slopes[name, label] = np.polyfit(np.log(counts), np.log(mse), 1)[0]
-        axis.loglog(counts, mse, "o-", color=colour, label=f"{label}: $n^{{{slopes[name, label]:.2f}}}$")
+        axis.loglog(
+            counts,
+            mse,
+            "o-",
+            color=colour,
+            label=f"{label}: $n^{{{slopes[name, label]:.2f}}}$",
+        )
     axis.set_title(name)
     axis.set_xlabel("camera samples n")
     axis.set_ylabel("mean squared error")
 for axis in axes.flat:
     axis.legend(fontsize=8)
-print("\n".join(f"{name:12} {label:24} n^{slope:.2f}" for (name, label), slope in slopes.items()))
+print(
+    "\n".join(
+        f"{name:12} {label:24} n^{slope:.2f}" for (name, label), slope in slopes.items()
+    )
+)
 opts.save(
     figure,
     "Even points: nets, orders and slopes",
-    f"""Top: the first 16 points of the sampler sobol in one pixel have one in each box of area 1/16, of any shape;
-    and the first numbers of two pairs of 256 camera samples, at the same points of the sequence (red) and in orders of
-    their own (blue). Bottom: mean squared error over {PIXELS} pixels of integrands of two pairs, of mean 1, 0.4 and
-    0.2. From 8 to {N} samples it falls like n^{slopes["smooth", "sobol"]:.1f} where the integrand is smooth,
-    n^{slopes["silhouette", "sobol"]:.1f} with an edge in the pixel, and n^{slopes["shadow", "sobol"]:.1f} with an edge
-    through all four dimensions; independent points have n^-1. In one order for both pairs (red) the error of what
+    f"""Top: the first 16 points of the sampler sobol in one pixel have one in each box
+    of area 1/16, of any shape; and the first numbers of two pairs of 256 camera
+    samples, at the same points of the sequence (red) and in orders of their own (blue).
+    Bottom: mean squared error over {PIXELS} pixels of integrands of two pairs, of mean
+    1, 0.4 and 0.2. From 8 to {N} samples it falls like
+    n^{slopes["smooth", "sobol"]:.1f} where the integrand is smooth,
+    n^{slopes["silhouette", "sobol"]:.1f} with an edge in the pixel, and
+    n^{slopes["shadow", "sobol"]:.1f} with an edge through all four dimensions;
+    independent points have n^-1. In one order for both pairs (red) the error of what
     depends on both stays.""",
     panel=axes[1, 0],
 )

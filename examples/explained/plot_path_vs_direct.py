@@ -2,10 +2,11 @@
 Path tracing and direct lighting
 ================================
 
-How much light comes by way of other surfaces? For each scene the figure has direct lighting, path tracing six surfaces
-deep, and the share of the radiance that is not direct. In the open, under a sky, this share is small. In the box it
-lights the ceiling and all shadows. The last panel has the mean of the image against the number of surfaces that may
-scatter, and so shows how fast the series converges.
+How much light comes by way of other surfaces? For each scene the figure has direct
+lighting, path tracing six surfaces deep, and the share of the radiance that is not
+direct. In the open, under a sky, this share is small. In the box it lights the ceiling
+and all shadows. The last panel has the mean of the image against the number of surfaces
+that may scatter, and so shows how fast the series converges.
 """
 
 import numpy as np
@@ -19,29 +20,55 @@ DEPTHS = (1, 2, 3, 4, 6, 10)
 DEEP = 6
 
 # %%
-# The thesis's scenes have half of the usual size here. The rule is auto, which learns anew for each depth.
-scenes = {"CORNELL": dmis.load_scene("cornell", resolution=opts.pick((24, 24), (100, 100), (200, 200)))}
-scenes |= {about.title: opts.scene(name, 2 * opts.shrink) for name, about in SCENES.items()}
+# The thesis's scenes have half of the usual size here. The rule is auto, which learns
+# anew for each depth.
+scenes = {
+    "CORNELL": dmis.load_scene(
+        "cornell", resolution=opts.pick((24, 24), (100, 100), (200, 200))
+    )
+}
+scenes |= {
+    about.title: opts.scene(name, 2 * opts.shrink) for name, about in SCENES.items()
+}
 images = {}
 for title, scene in scenes.items():
     for depth in DEPTHS if title in ("CORNELL", "KILLEROO GOLD") else (1, DEEP):
         settings = dmis.Settings(integrator="path", max_depth=depth)
         result = dmis.render(
-            scene, "auto", opts.spp, seed=depth, settings=settings, parallel=opts.threads, progress=opts.progress
+            scene,
+            "auto",
+            opts.spp,
+            seed=depth,
+            settings=settings,
+            parallel=opts.threads,
+            progress=opts.progress,
         )
         images[title, depth] = result.image
-    print(f"{title:20} {images[title, DEEP].mean() / images[title, 1].mean():6.3f} times the light of direct lighting")
+    print(
+        f"{title:20} {images[title, DEEP].mean() / images[title, 1].mean():6.3f} times"
+        " the light of direct lighting"
+    )
 
 # %%
-# One row for each scene: direct, paths, the share of light that bounced. The share has the noise of both images.
+# One row for each scene: direct, paths, the share of light that bounced. The share has
+# the noise of both images.
 figure, axes = plot.canvas(len(scenes) + 1, 3, 13, 3.6 * (len(scenes) + 1))
 for line, title in zip(axes, scenes, strict=False):
     direct, paths = images[title, 1], images[title, DEEP]
     plot.picture(line[0], direct, f"{title}: direct lighting")
     plot.picture(line[1], paths, f"{title}: paths, depth {DEEP}")
     total = paths.mean(axis=2)
-    share = 1 - np.divide(direct.mean(axis=2), total, out=np.ones_like(total), where=total > 0)
-    shown = plot.heat(line[2], np.clip(share, 0, 1), "share of light that bounced", cmap="magma", vmin=0, vmax=1)
+    share = 1 - np.divide(
+        direct.mean(axis=2), total, out=np.ones_like(total), where=total > 0
+    )
+    shown = plot.heat(
+        line[2],
+        np.clip(share, 0, 1),
+        "share of light that bounced",
+        cmap="magma",
+        vmin=0,
+        vmax=1,
+    )
     figure.colorbar(shown, ax=line[2], shrink=0.8)
 for axis in axes[-1, 1:]:
     axis.set_visible(False)
@@ -56,7 +83,8 @@ axes[-1, 0].grid(alpha=0.3)
 opts.save(
     figure,
     "Path tracing and direct lighting",
-    f"""Direct lighting, path tracing {DEEP} surfaces deep, and the share of the radiance that other surfaces have
-    scattered, by the rule auto with {opts.spp} samples per pixel. Below: the mean of the image against the depth.""",
+    f"""Direct lighting, path tracing {DEEP} surfaces deep, and the share of the
+    radiance that other surfaces have scattered, by the rule auto with {opts.spp}
+    samples per pixel. Below: the mean of the image against the depth.""",
     panel=axes[0, 1],
 )

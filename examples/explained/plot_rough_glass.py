@@ -2,9 +2,10 @@
 Rough glass
 ===========
 
-Facets that reflect and refract: three balls of glass on tiles under a bright lamp, from almost smooth to frosted,
-rendered by paths. Light comes to each point of the glass from both sides, and light and BRDF samples are mixed for each
-side. The last picture has the shares that were learned for the first surface of a path. Frosted glass blurs what is
+Facets that reflect and refract: three balls of glass on tiles under a bright lamp, from
+almost smooth to frosted, rendered by paths. Light comes to each point of the glass from
+both sides, and light and BRDF samples are mixed for each side. The last picture has the
+shares that were learned for the first surface of a path. Frosted glass blurs what is
 behind it, and each crossing of its surface loses the light that facets mask.
 """
 
@@ -19,17 +20,22 @@ opts, _ = options("plot_rough_glass", __doc__)
 ALPHAS = (0.02, 0.15, 0.4)
 
 # %%
-# The balls lie on tiles before a wall, with a lamp to the left and a dim sky. A path meets the lamp through glass only
-# if a facet sends it there. With smooth glass that would be a caustic, which paths seldom find.
+# The balls lie on tiles before a wall, with a lamp to the left and a dim sky. A path
+# meets the lamp through glass only if a facet sends it there. With smooth glass that
+# would be a caustic, which paths seldom find.
 squares = (np.indices((256, 256)) // 16).sum(axis=0) % 2
-tiles = dmis.Image(np.where(squares[..., None], (0.75, 0.7, 0.6), (0.1, 0.15, 0.25)).astype(np.float32))
+tiles = dmis.Image(
+    np.where(squares[..., None], (0.75, 0.7, 0.6), (0.1, 0.15, 0.25)).astype(np.float32)
+)
 lamp = dmis.QuadLight((-4, -1, 2.5), (0, 3, 0), (1, 0, 2.5), (14, 13, 12))
 sky = dmis.EnvironmentLight(np.full((2, 4, 3), 0.3, np.float32))
 floor = dmis.Part(quad((-8, -4, 0), (16, 0, 0), (0, 16, 0)), dmis.matte(tiles))
 wall = dmis.Part(quad((-8, 6, 0), (16, 0, 0), (0, 0, 10)), dmis.matte((0.5, 0.2, 0.15)))
 balls = [
     dmis.Part(
-        sphere(0.8, segments=96).transformed([[1, 0, 0, 1.8 * k - 1.8], [0, 1, 0, 0.4], [0, 0, 1, 0.8], [0, 0, 0, 1]]),
+        sphere(0.8, segments=96).transformed(
+            [[1, 0, 0, 1.8 * k - 1.8], [0, 1, 0, 0.4], [0, 0, 1, 0.8], [0, 0, 0, 1]]
+        ),
         dmis.rough_glass(alpha=alpha),
     )
     for k, alpha in enumerate(ALPHAS)
@@ -40,24 +46,44 @@ scene = dmis.Scene(camera, (floor, wall, *balls), (lamp, sky), "rough-glass")
 
 # %%
 # Render the same scene three times: light through the glass needs paths.
-direct = dmis.render(scene, "auto", opts.spp, settings=dmis.Settings(integrator="direct"), parallel=opts.threads)
+direct = dmis.render(
+    scene,
+    "auto",
+    opts.spp,
+    settings=dmis.Settings(integrator="direct"),
+    parallel=opts.threads,
+)
 settings = dmis.Settings(integrator="path", max_depth=12)
-paths = dmis.render(scene, "auto", opts.spp, settings=settings, parallel=opts.threads, progress=opts.progress)
+paths = dmis.render(
+    scene,
+    "auto",
+    opts.spp,
+    settings=settings,
+    parallel=opts.threads,
+    progress=opts.progress,
+)
 for name, result in (("direct", direct), ("paths", paths)):
     seconds = result.seconds["total"]
     print(f"{name:8} mean radiance {result.image.mean():.3f}, {seconds:.1f} s")
 
 # %%
-# Direct lighting shows the sky and the lamp in the balls. Only paths show what is behind the balls.
+# Direct lighting shows the sky and the lamp in the balls. Only paths show what is
+# behind the balls.
 figure, axes = plot.canvas(3, 1, 8, 11)
-plot.picture(axes[0, 0], direct.image, "direct lighting: no light that passes two surfaces")
-plot.picture(axes[1, 0], paths.image, "paths, at most 12 surfaces; alpha " + ", ".join(f"{a:g}" for a in ALPHAS))
+plot.picture(
+    axes[0, 0], direct.image, "direct lighting: no light that passes two surfaces"
+)
+plot.picture(
+    axes[1, 0],
+    paths.image,
+    "paths, at most 12 surfaces; alpha " + ", ".join(f"{a:g}" for a in ALPHAS),
+)
 shown = plot.weights(axes[2, 0], paths.weight, "weights of paths")
 plot.weight_bar(figure, shown, axes[2, 0], orientation="horizontal", shrink=0.6)
 opts.save(
     figure,
     "Rough glass",
-    f"""Three balls of rough glass by direct lighting and by path tracing, and the weights that auto learned, with
-    {opts.spp} samples per pixel.""",
+    f"""Three balls of rough glass by direct lighting and by path tracing, and the
+    weights that auto learned, with {opts.spp} samples per pixel.""",
     panel=axes[1, 0],
 )

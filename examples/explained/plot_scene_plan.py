@@ -2,9 +2,10 @@
 What a scene needs, and what is left out
 ========================================
 
-Six small scenes, their plans, and where their rays go. dmis follows a camera sample only as far as it can contribute.
-Where the camera meets nothing, nothing is sampled. A mirror needs no light samples, a point light no BRDF samples, and
-a black wall ends a path. The two rooms are rendered by paths.
+Six small scenes, their plans, and where their rays go. dmis follows a camera sample
+only as far as it can contribute. Where the camera meets nothing, nothing is sampled. A
+mirror needs no light samples, a point light no BRDF samples, and a black wall ends a
+path. The two rooms are rendered by paths.
 """
 
 import textwrap
@@ -32,11 +33,16 @@ CAMERA = dmis.Camera.look_at((0, -3.6, 1.8), (0, 0, 0.7), fov=45, resolution=SIZ
 
 def ball(material):
     """Return a ball on the floor."""
-    return dmis.Part(sphere(0.6, segments=opts.pick(48, 160)).transformed(translate((0, 0, 0.6))), material)
+    return dmis.Part(
+        sphere(0.6, segments=opts.pick(48, 160)).transformed(translate((0, 0, 0.6))),
+        material,
+    )
 
 
 def walls(albedo):
-    """Return the walls of a room: two sides, a back, a ceiling, and a front behind the camera."""
+    """Return the walls of a room: two sides, a back, a ceiling, and a front behind the
+    camera.
+    """
     corners = [
         ((-2, 2, 0), (4, 0, 0), (0, 0, 2.6)),
         ((-2, -4, 0), (0, 6, 0), (0, 0, 2.6)),
@@ -53,14 +59,30 @@ def scene(name, parts, *lights, integrator="direct"):
 
 
 grey = dmis.Part(FLOOR, dmis.matte(0.5))
-sky = dmis.EnvironmentLight(np.linspace(0.2, 1.5, 16)[::-1, None, None] * np.ones((1, 32, 3)) * (0.8, 0.9, 1.0))
+sky = dmis.EnvironmentLight(
+    np.linspace(0.2, 1.5, 16)[::-1, None, None] * np.ones((1, 32, 3)) * (0.8, 0.9, 1.0)
+)
 SCENES = [
     scene("a ball before nothing", [ball(dmis.plastic((0.5, 0.2, 0.1)))], LAMP),
     scene("a point light", [grey, ball(dmis.ggx((0.1, 0.2, 0.4), 0.5, 0.15))], POINT),
     scene("an area light", [grey, ball(dmis.ggx((0.1, 0.2, 0.4), 0.5, 0.15))], LAMP),
-    scene("mirrors under a sky", [dmis.Part(FLOOR, dmis.mirror(0.6)), ball(dmis.mirror(0.9))], sky),
-    scene("black walls", [grey, ball(dmis.glass()), light_part(LAMP), *walls(0)], LAMP, integrator="path"),
-    scene("white walls", [grey, ball(dmis.glass()), light_part(LAMP), *walls(0.7)], LAMP, integrator="path"),
+    scene(
+        "mirrors under a sky",
+        [dmis.Part(FLOOR, dmis.mirror(0.6)), ball(dmis.mirror(0.9))],
+        sky,
+    ),
+    scene(
+        "black walls",
+        [grey, ball(dmis.glass()), light_part(LAMP), *walls(0)],
+        LAMP,
+        integrator="path",
+    ),
+    scene(
+        "white walls",
+        [grey, ball(dmis.glass()), light_part(LAMP), *walls(0.7)],
+        LAMP,
+        integrator="path",
+    ),
 ]
 
 # %%
@@ -78,21 +100,36 @@ told = []
 for k, one in enumerate(SCENES):
     above, middle, below = axes[3 * (k // 3) : 3 * (k // 3) + 3, k % 3]
     result = dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads)
-    unseen = np.zeros(SIZE[::-1], bool) if one.covered_pixels is None else ~one.covered_pixels
+    unseen = (
+        np.zeros(SIZE[::-1], bool)
+        if one.covered_pixels is None
+        else ~one.covered_pixels
+    )
     image = np.where(unseen[..., None], np.float32((0.25, 0.0, 0.25)), result.image)
     plot.picture(above, image, one.name)
     samples = SIZE[0] * SIZE[1] * SPP
-    rays = {kind: sum(n for k, n in result.rays.items() if k.split()[0] == kind) / samples for kind in KINDS}
+    rays = {
+        kind: sum(n for k, n in result.rays.items() if k.split()[0] == kind) / samples
+        for kind in KINDS
+    }
     middle.bar(list(KINDS), list(rays.values()), color=list(KINDS.values()))
     middle.set_ylim(0, 4.2)
     middle.tick_params(axis="x", rotation=45)
     middle.set_ylabel("rays per camera sample")
     middle.set_title(one.suggested.integrator, fontsize=10)
-    needs = [line.strip() for line in one.describe().split("\n") if "needs" in line or "left out" in line]
+    needs = [
+        line.strip()
+        for line in one.describe().split("\n")
+        if "needs" in line or "left out" in line
+    ]
     text = "\n".join(textwrap.fill(line, 56, subsequent_indent="   ") for line in needs)
-    below.text(0, 1, text, va="top", fontsize=7, family="monospace", transform=below.transAxes)
+    below.text(
+        0, 1, text, va="top", fontsize=7, family="monospace", transform=below.transAxes
+    )
     below.axis("off")
-    told.append(f"{one.name}: {sum(rays.values()):.1f}, {unseen.mean():.0%} of the pixels")
+    told.append(
+        f"{one.name}: {sum(rays.values()):.1f}, {unseen.mean():.0%} of the pixels"
+    )
     print(f"{one.name}\n{one.describe()}\n")
 
 # %%
@@ -100,15 +137,19 @@ for k, one in enumerate(SCENES):
 first = SCENES[0]
 blind = replace(first)
 vars(blind)["covered_pixels"] = None
-a, b = (dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads).image for one in (first, blind))
+a, b = (
+    dmis.render(one, "balance", SPP, seed=1, parallel=opts.threads).image
+    for one in (first, blind)
+)
 same = "the same to the last bit" if np.array_equal(a, b) else "not the same"
 print(f"with and without the pixels that see nothing, the images are {same}")
 opts.save(
     figure,
     "What a scene needs, and what is left out",
-    f"""Six scenes rendered by the balance heuristic with {SPP} samples, each with the integrator above its
-    bars. Purple: pixels that provably see nothing, and are not sampled; with and without them
-    the images are {same}. Bars: rays per camera sample by kind. Below: what the plan says. Rays per camera sample,
-    unseen: {"; ".join(told)}.""",
+    f"""Six scenes rendered by the balance heuristic with {SPP} samples, each with the
+    integrator above its bars. Purple: pixels that provably see nothing, and are not
+    sampled; with and without them the images are {same}. Bars: rays per camera sample
+    by kind. Below: what the plan says. Rays per camera sample, unseen:
+    {"; ".join(told)}.""",
     panel=axes[0, 1],
 )

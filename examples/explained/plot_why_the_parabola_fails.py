@@ -2,10 +2,11 @@
 Why the parabola fails
 ======================
 
-The same rule on the same pilot loses by a large factor with patches of 4x4 pixels, and works with patches of 16x16. The
-difference is the number of samples behind a variance. Suppose a technique meets the light in one sample of a hundred.
-Then most small patches have no such sample, and their variance is nearly zero. The technique that fails looks perfect,
-and gets all samples.
+The same rule on the same pilot loses by a large factor with patches of 4x4 pixels, and
+works with patches of 16x16. The difference is the number of samples behind a variance.
+Suppose a technique meets the light in one sample of a hundred. Then most small patches
+have no such sample, and their variance is nearly zero. The technique that fails looks
+perfect, and gets all samples.
 """
 
 import numpy as np
@@ -24,17 +25,29 @@ PATCHES = (4, 8, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# **Steps 1 to 5** of the thesis's rule on TT: pilot, variance, fit, filter, final pass, with three sizes of patches.
-# The pilot is the same: two samples per pixel for each share of light samples w = 0, 1/2, 1.
+# **Steps 1 to 5** of the thesis's rule on TT: pilot, variance, fit, filter, final pass,
+# with three sizes of patches. The pilot is the same: two samples per pixel for each
+# share of light samples w = 0, 1/2, 1.
 scene = opts.scene("tt", opts.pick(16, 4, 1))
-pilots = [dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis") for k, w in enumerate(STRATEGIES, 1)]
+pilots = [
+    dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
+    for k, w in enumerate(STRATEGIES, 1)
+]
 shape = pilots[0].image.shape[:2]
-variance = np.stack([luminance(pilot.variance) for pilot in pilots])  # y = Σ (x - mean)² / (n - 1) / n of pixels
+variance = np.stack(
+    [luminance(pilot.variance) for pilot in pilots]
+)  # y = Σ (x - mean)² / (n - 1) / n of pixels
 weights, images = {}, {}
 for patch in PATCHES:
-    raw, status = parabola_minimum(STRATEGIES, patch_mean(variance, patch))  # w = -a₁ / (2 a₂)   (Eqs. 3.2-3.5)
-    weights[patch] = patch_spread(gaussian(raw), patch, shape)  # Σ_q g(p - q) w_q over 5x5 patches   (Sec. 3.4)
-    images[patch] = dmis.render(scene, dmis.Given(weight=weights[patch]), opts.spp - 6, seed=4, preset="thesis").image
+    raw, status = parabola_minimum(
+        STRATEGIES, patch_mean(variance, patch)
+    )  # w = -a₁ / (2 a₂)   (Eqs. 3.2-3.5)
+    weights[patch] = patch_spread(
+        gaussian(raw), patch, shape
+    )  # Σ_q g(p - q) w_q over 5x5 patches   (Sec. 3.4)
+    images[patch] = dmis.render(
+        scene, dmis.Given(weight=weights[patch]), opts.spp - 6, seed=4, preset="thesis"
+    ).image
 
 # %%
 # The mean squared error over that of the balance heuristic.
@@ -42,33 +55,53 @@ reference = opts.reference(scene, opts.pick(64, 128))
 balance = dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis").image
 errors = squared_error(balance, reference.first, reference.second)
 ratios = {
-    patch: ratio_over_blocks(squared_error(image, reference.first, reference.second), errors)
+    patch: ratio_over_blocks(
+        squared_error(image, reference.first, reference.second), errors
+    )
     for patch, image in images.items()
 }
 for patch, (value, half) in ratios.items():
-    print(f"patches of {patch:2}x{patch:<2} MSE / MSE of the balance heuristic {value:6.2f} ± {half:.2f}")
+    print(
+        f"patches of {patch:2}x{patch:<2} MSE / MSE of the balance heuristic"
+        f" {value:6.2f} ± {half:.2f}"
+    )
 
 # %%
-# **How many patches miss every spike?** On the diffuse walls of KILLEROO DIFFUSE, a BRDF sample that hits the lamp is
-# far brighter than the pixel, and all others are zero. Let a share h of the BRDF samples hit. A patch of P pixels with
-# n samples each has no hit with probability (1 - h)^(P n).
+# **How many patches miss every spike?** On the diffuse walls of KILLEROO DIFFUSE, a
+# BRDF sample that hits the lamp is far brighter than the pixel, and all others are
+# zero. Let a share h of the BRDF samples hit. A patch of P pixels with n samples each
+# has no hit with probability (1 - h)^(P n).
 room = opts.scene("killeroo-diffuse", opts.pick(16, 4, 1))
 wall = room.crop(*window(room, (0.02, 0.27), (0, 0.187)))
-truth = luminance(dmis.render(wall, "balance", opts.pick(32, 128), seed=1, preset="thesis").image)
+truth = luminance(
+    dmis.render(wall, "balance", opts.pick(32, 128), seed=1, preset="thesis").image
+)
 hit = {
     spp: [
-        luminance(dmis.render(wall, "fixed:0", spp, seed=100 * spp + k, preset="thesis").image) > truth
+        luminance(
+            dmis.render(wall, "fixed:0", spp, seed=100 * spp + k, preset="thesis").image
+        )
+        > truth
         for k in range(opts.pick(4, 50))
     ]
     for spp in (1, 2, 4)
 }
 SIDES = np.array([2, 4, 8, 16])
-missed = {spp: [np.mean(patch_sum(np.array(h, float), side) == 0) for side in SIDES] for spp, h in hit.items()}
+missed = {
+    spp: [np.mean(patch_sum(np.array(h, float), side) == 0) for side in SIDES]
+    for spp, h in hit.items()
+}
 h = np.mean(hit[1]) / 2  # two BRDF samples for each camera sample
 print(f"share of BRDF samples that hit the lamp: {h:.2%}")
 for spp, shares in missed.items():
-    told = ", ".join(f"{share:.1%} ({(1 - h) ** (2 * spp * side**2):.1%})" for side, share in zip(SIDES, shares))
-    print(f"{spp} samples per pixel, patches of 2, 4, 8, 16 pixels: no hit in {told} of them (expected)")
+    told = ", ".join(
+        f"{share:.1%} ({(1 - h) ** (2 * spp * side**2):.1%})"
+        for side, share in zip(SIDES, shares)
+    )
+    print(
+        f"{spp} samples per pixel, patches of 2, 4, 8, 16 pixels: no hit in {told} of"
+        " them (expected)"
+    )
 
 # %%
 # Top: the weights. Middle: images rendered with them. Bottom: patches without a spike.
@@ -78,7 +111,9 @@ top, bottom = figure.subfigures(2, 1, height_ratios=[1.75, 1])
 axes, part = top.subplots(2, 3), window(scene, (0.5, 0.95), (0.1, 0.5))
 for k, patch in enumerate(PATCHES):
     value, half = ratios[patch]
-    shown = plot.weights(axes[0, k], weights[patch], f"patches of {patch}x{patch}: MSE x {value:.2g}")
+    shown = plot.weights(
+        axes[0, k], weights[patch], f"patches of {patch}x{patch}: MSE x {value:.2g}"
+    )
     plot.mark(axes[0, k], part, "black")
     plot.picture(axes[1, k], images[patch], "", part)
 for axis in axes.flat:
@@ -86,9 +121,15 @@ for axis in axes.flat:
 plot.weight_bar(top, shown, axes[0], location="bottom", shrink=0.5, aspect=40, pad=0.02)
 axis = bottom.subplots()
 pixels = np.geomspace(SIDES[0] ** 2, SIDES[-1] ** 2, 100)
-for (spp, shares), colour in zip(missed.items(), ("tab:orange", "tab:red", "tab:purple"), strict=True):
-    axis.plot(SIDES**2, 100 * np.array(shares), "o", color=colour, label=f"{spp} per pixel")
-    axis.plot(pixels, 100 * (1 - h) ** (2 * spp * pixels), "--", color=colour, linewidth=0.8)
+for (spp, shares), colour in zip(
+    missed.items(), ("tab:orange", "tab:red", "tab:purple"), strict=True
+):
+    axis.plot(
+        SIDES**2, 100 * np.array(shares), "o", color=colour, label=f"{spp} per pixel"
+    )
+    axis.plot(
+        pixels, 100 * (1 - h) ** (2 * spp * pixels), "--", color=colour, linewidth=0.8
+    )
 axis.set_xscale("log")
 axis.set_xticks(SIDES**2, [f"{side}x{side}" for side in SIDES])
 axis.minorticks_off()
@@ -100,11 +141,13 @@ told = ", ".join(f"{value:.2f} ± {half:.2f}" for value, half in ratios.values()
 opts.save_for_print(
     figure,
     "Why the parabola fails",
-    f"""Top: weights of the thesis's rule on TT ({width}x{height} pixels) from one pilot of 2 + 2 + 2 camera samples per
-    pixel, with patches of three sizes, and mean squared error over that of the balance heuristic, {told} (one seed,
-    {opts.spp} samples). Middle: the framed part of the image. Dark red patches get BRDF samples only, because the
-    pilot's BRDF samples missed the sun there. Bottom: on the wall of KILLEROO DIFFUSE {h:.1%} of the BRDF samples hit
-    the lamp; share of the patches in which none of the pilot's does, over {len(hit[1])} pilots. Dashed: (1 - h)^n for
-    n BRDF samples, two for each camera sample.""",
+    f"""Top: weights of the thesis's rule on TT ({width}x{height} pixels) from one pilot
+    of 2 + 2 + 2 camera samples per pixel, with patches of three sizes, and mean squared
+    error over that of the balance heuristic, {told} (one seed, {opts.spp} samples).
+    Middle: the framed part of the image. Dark red patches get BRDF samples only,
+    because the pilot's BRDF samples missed the sun there. Bottom: on the wall of
+    KILLEROO DIFFUSE {h:.1%} of the BRDF samples hit the lamp; share of the patches in
+    which none of the pilot's does, over {len(hit[1])} pilots. Dashed: (1 - h)^n for n
+    BRDF samples, two for each camera sample.""",
     panel=axes[1, 0],
 )

@@ -2,9 +2,10 @@
 Error against time
 ==================
 
-What a rule is worth shows over time: its pilot and its fit have to be paid before its weights can pay. On the four
-scenes, the root mean squared error of every rule at four budgets over the seconds that they took, and how low the best
-weights of all would bring the balance heuristic: the oracle.
+What a rule is worth shows over time: its pilot and its fit have to be paid before its
+weights can pay. On the four scenes, the root mean squared error of every rule at four
+budgets over the seconds that they took, and how low the best weights of all would bring
+the balance heuristic: the oracle.
 """
 
 import dmis
@@ -19,39 +20,64 @@ BUDGETS = opts.pick((8, 16, 32), (16, 32, 64, 128))
 SEEDS = range(opts.pick(2, 3))
 
 # %%
-# At half of the usual size, because there is so much to render. Rules take turns, so that all meet the same machine.
+# At half of the usual size, because there is so much to render. Rules take turns, so
+# that all meet the same machine.
 figure, axes = plot.canvas(2, 4, 22, 10, sharey="col")
 told = []
 for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
     known = {"parallel": opts.threads, "progress": opts.progress}
-    oracle = dmis.make_oracle(scene, opts.pick(64, 512), compensation=0, **known)  # as balance samples skies
+    oracle = dmis.make_oracle(
+        scene, opts.pick(64, 512), compensation=0, **known
+    )  # as balance samples skies
     budgets = [(rule, spp) for spp in BUDGETS for rule in RULES]
     runs = dmis.measure(
-        scene, budgets, SEEDS, reference, sampler="independent", parallel=opts.threads, progress=opts.progress
+        scene,
+        budgets,
+        SEEDS,
+        reference,
+        sampler="independent",
+        parallel=opts.threads,
+        progress=opts.progress,
     )
     for axis, over in zip(column, ("seconds", "rays"), strict=True):
         error_lines(axis, runs, over, oracle)
     column[0].set_title(about.title, fontsize=11)
 
     # %%
-    # Slopes of -1/2 are what independent samples must have; over seconds what is constant bends the lines.
-    print(f"{name}: best weights leave {oracle.limit():.3f} of the balance heuristic's variance")
-    print(f"    {'rule':14} {'slope over samples':>20} {'over seconds':>18} {'seconds at equal error':>24}")
-    times = {gain.rule: gain.equal_error for gain in gains(runs) if gain.spp == BUDGETS[-1]}
+    # Slopes of -1/2 are what independent samples must have; over seconds what is
+    # constant bends the lines.
+    print(
+        f"{name}: best weights leave {oracle.limit():.3f} of the balance heuristic's"
+        " variance"
+    )
+    print(
+        f"    {'rule':14} {'slope over samples':>20} {'over seconds':>18}"
+        f" {'seconds at equal error':>24}"
+    )
+    times = {
+        gain.rule: gain.equal_error for gain in gains(runs) if gain.spp == BUDGETS[-1]
+    }
     for rule in RULES:
-        (samples, error), (seconds, spread) = (slope(*line(runs, rule, over)) for over in ("spp", "seconds"))
-        print(f"    {rule:14} {samples:10.3f} ± {error:.3f}    {seconds:8.3f} ± {spread:.3f} {times[rule]:24.2f}")
+        (samples, error), (seconds, spread) = (
+            slope(*line(runs, rule, over)) for over in ("spp", "seconds")
+        )
+        print(
+            f"    {rule:14} {samples:10.3f} ± {error:.3f}    {seconds:8.3f} ±"
+            f" {spread:.3f} {times[rule]:24.2f}"
+        )
     told.append(f"{name} {times['thesis']:.2f} and {times['auto']:.2f}")
 figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center")
 opts.save(
     figure,
     "Error against time",
-    f"""Root mean squared error over wall seconds (above; pilot and fit included) and over rays (below), at
-    {", ".join(map(str, BUDGETS))} camera samples per pixel, {len(SEEDS)} seeds, images of half the usual size. Bands
-    go from the lowest to the highest seed. Dotted: the slope of N^-1/2. Dashed: the best weights there are, in the time
-    and rays of the balance heuristic; auto can get below it, because it also spreads samples over the image and
-    compensates skies. At {BUDGETS[-1]} samples, seconds of thesis and auto over those of the balance heuristic at
-    equal error: {"; ".join(told)}.""",
+    f"""Root mean squared error over wall seconds (above; pilot and fit included) and
+    over rays (below), at {", ".join(map(str, BUDGETS))} camera samples per pixel,
+    {len(SEEDS)} seeds, images of half the usual size. Bands go from the lowest to the
+    highest seed. Dotted: the slope of N^-1/2. Dashed: the best weights there are, in
+    the time and rays of the balance heuristic; auto can get below it, because it also
+    spreads samples over the image and compensates skies. At {BUDGETS[-1]} samples,
+    seconds of thesis and auto over those of the balance heuristic at equal error:
+    {"; ".join(told)}.""",
 )

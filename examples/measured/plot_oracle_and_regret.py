@@ -2,9 +2,10 @@
 Oracle and regret
 =================
 
-How good could weights be at all? From thousands of samples the variance curve of every patch is known, and with it the
-best weight: the oracle. A rule that sees six samples is judged by what it loses to that: the regret, patch by patch,
-the share of the oracle's saving that it reaches, and the share of patches in which it does harm.
+How good could weights be at all? From thousands of samples the variance curve of every
+patch is known, and with it the best weight: the oracle. A rule that sees six samples is
+judged by what it loses to that: the regret, patch by patch, the share of the oracle's
+saving that it reaches, and the share of patches in which it does harm.
 """
 
 import dmis
@@ -20,12 +21,16 @@ RULES = {
 }
 
 # %%
-# The oracle of each scene, at half of the usual size; and the weights of the rules, which need their pilots only.
+# The oracle of each scene, at half of the usual size; and the weights of the rules,
+# which need their pilots only.
 figure, axes = plot.canvas(4, 2 + len(RULES), 21, 14)
 told = []
 for line, (name, about) in zip(axes, SCENES.items(), strict=True):
     scene = opts.scene(name, 2 * opts.shrink)
-    same = {"parallel": opts.threads, "compensation": 0}  # of the sky, which shares are learned for
+    same = {
+        "parallel": opts.threads,
+        "compensation": 0,
+    }  # of the sky, which shares are learned for
     oracle = dmis.make_oracle(scene, opts.pick(64, 512), progress=opts.progress, **same)
     result = dmis.render(scene, "auto", opts.pick(8, 32), seed=1, parallel=opts.threads)
     plot.picture(line[0], result.image, about.title)
@@ -40,9 +45,17 @@ for line, (name, about) in zip(axes, SCENES.items(), strict=True):
         harm, error = oracle.harm(weight)
         saving = oracle.saving(weight)
         heat = plot.heat(
-            axis, regret, f"{title}: saving {saving:.0%}, harm {harm:.1%}", covered, cmap="magma", vmin=0, vmax=1
+            axis,
+            regret,
+            f"{title}: saving {saving:.0%}, harm {harm:.1%}",
+            covered,
+            cmap="magma",
+            vmin=0,
+            vmax=1,
         )
-        parts.append(f"{title} {saving:.0%} of the saving, harm in {harm:.1%} ± {error:.1%}")
+        parts.append(
+            f"{title} {saving:.0%} of the saving, harm in {harm:.1%} ± {error:.1%}"
+        )
     plot.weight_bar(figure, shown, line[1], shrink=0.8)
     figure.colorbar(heat, ax=line[2:], label="regret / V(½)", shrink=0.8)
     told.append("; ".join(parts))
@@ -50,8 +63,10 @@ for line, (name, about) in zip(axes, SCENES.items(), strict=True):
 opts.save(
     figure,
     "Oracle and regret",
-    f"""Best weights of each patch of 4x4 pixels, and what rules with a pilot of six samples lose to them: variance
-    beyond the best, over that of w = 1/2. Saving: share of what the best weights save over w = 1/2. Harm: share of lit
-    patches with more than 1.02 times the variance of w = 1/2. At equal samples, cost left out. {". ".join(told)}.""",
+    f"""Best weights of each patch of 4x4 pixels, and what rules with a pilot of six
+    samples lose to them: variance beyond the best, over that of w = 1/2. Saving: share
+    of what the best weights save over w = 1/2. Harm: share of lit patches with more
+    than 1.02 times the variance of w = 1/2. At equal samples, cost left out.
+    {". ".join(told)}.""",
     panel=axes[2, 1],
 )

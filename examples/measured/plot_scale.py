@@ -2,13 +2,15 @@
 Pixels, samples, triangles: what more of them cost
 ==================================================
 
-A bumpy ball on a floor under a disk light, with the balance heuristic on one thread: images up to 4096x4096 pixels, up
-to 4096 samples per pixel, geometry up to two million triangles. Time is in proportion to camera samples, whichever way
-there come to be more of them; memory grows with pixels and triangles and not with samples. What would take a day, 4096
-samples in each of 4096x4096 pixels, is extrapolated, and marked so.
+A bumpy ball on a floor under a disk light, with the balance heuristic on one thread:
+images up to 4096x4096 pixels, up to 4096 samples per pixel, geometry up to two million
+triangles. Time is in proportion to camera samples, whichever way there come to be more
+of them; memory grows with pixels and triangles and not with samples. What would take a
+day, 4096 samples in each of 4096x4096 pixels, is extrapolated, and marked so.
 
-Measuring takes some minutes (``--measure``), each case in a process of its own, whose peak of memory is its own; the
-numbers are kept in ``data/scale.json``, and drawn from there. ``--quick`` measures small cases and keeps nothing.
+Measuring takes some minutes (``--measure``), each case in a process of its own, whose
+peak of memory is its own; the numbers are kept in ``data/scale.json``, and drawn from
+there. ``--quick`` measures small cases and keeps nothing.
 """
 
 import json
@@ -43,18 +45,27 @@ def ball(triangles):
 
 
 def measure(case):
-    """Render one case (side of the image, samples per pixel, triangles) in this process: CPU seconds, bytes."""
+    """Render one case (side of the image, samples per pixel, triangles) in this
+    process: CPU seconds, bytes.
+    """
     side, spp, triangles = case["side"], case["spp"], case["triangles"]
     mesh = ball(triangles)
     light = dmis.DiskLight((2, -2, 4), (-0.5, 0.5, -1), 0.7, (20, 20, 20))
-    floor = dmis.Part(shapes.quad((-6, -6, -1), (12, 0, 0), (0, 12, 0)), dmis.matte(0.5))
-    camera = dmis.Camera.look_at((0, -4, 1.5), (0, 0, 0), fov=35, resolution=(side, side))
+    floor = dmis.Part(
+        shapes.quad((-6, -6, -1), (12, 0, 0), (0, 12, 0)), dmis.matte(0.5)
+    )
+    camera = dmis.Camera.look_at(
+        (0, -4, 1.5), (0, 0, 0), fov=35, resolution=(side, side)
+    )
     ball_part = dmis.Part(mesh, dmis.plastic((0.6, 0.3, 0.1), 0.3, 0.05))
-    scene = dmis.Scene(camera, (floor, ball_part, dmis.light_part(light)), (light,), "ball")
+    scene = dmis.Scene(
+        camera, (floor, ball_part, dmis.light_part(light)), (light,), "ball"
+    )
     begin = time.process_time()
     scene.prepare()
     built = time.process_time()
-    dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, parallel=1)  # what is slow the first time
+    # what is slow the first time
+    dmis.render(scene.crop((0, 8), (0, 8)), "balance", 4, parallel=1)
     before, wall = time.process_time(), time.perf_counter()
     dmis.render(scene, "balance", spp, seed=1, parallel=1)
     seconds, wall = time.process_time() - before, time.perf_counter() - wall
@@ -73,9 +84,13 @@ def cases(pick):
     """Three series, by what grows in them."""
     few, many = pick(2000, 20_000), pick(20_000, 2_000_000)
     return {
-        "pixels": [{"side": n, "spp": 4, "triangles": few} for n in pick((64, 128), (256, 512, 1024, 2048, 4096))],
+        "pixels": [
+            {"side": n, "spp": 4, "triangles": few}
+            for n in pick((64, 128), (256, 512, 1024, 2048, 4096))
+        ],
         "spp": [
-            {"side": pick(64, 128), "spp": n, "triangles": few} for n in pick((4, 16), (4, 16, 64, 256, 1024, 4096))
+            {"side": pick(64, 128), "spp": n, "triangles": few}
+            for n in pick((4, 16), (4, 16, 64, 256, 1024, 4096))
         ],
         "triangles": [
             {"side": pick(64, 512), "spp": 16, "triangles": n}
@@ -95,7 +110,9 @@ def samples(run):
 
 
 def draw(data, opts):
-    """Three panels: time against samples, memory against samples, both against triangles."""
+    """Three panels: time against samples, memory against samples, both against
+    triangles.
+    """
     from dmis import plot
 
     figure, axes = plot.canvas(1, 3, 16, 5)
@@ -110,10 +127,17 @@ def draw(data, opts):
         seconds = np.array([run["seconds"] for run in runs[kind]])
         exponents[kind] = slope(n[-3:], seconds[-3:])
         axes[0, 0].plot(n, seconds, marker, color=colour, label=labels[kind])
-        axes[0, 1].plot(n, [run["peak_bytes"] / 1e6 for run in runs[kind]], f"{marker}-", color=colour)
+        axes[0, 1].plot(
+            n,
+            [run["peak_bytes"] / 1e6 for run in runs[kind]],
+            f"{marker}-",
+            color=colour,
+        )
         axes[0, 1].plot([], [], f"{marker}-", color=colour, label=labels[kind])
     line = np.array([samples(runs["spp"][0]), whole], float)
-    axes[0, 0].plot(line, each * line, "--", color="0.5", label="in proportion to samples")
+    axes[0, 0].plot(
+        line, each * line, "--", color="0.5", label="in proportion to samples"
+    )
     axes[0, 0].plot(
         [whole],
         [each * whole],
@@ -132,9 +156,18 @@ def draw(data, opts):
         ("seconds", "o", "render"),
         ("build_seconds", "s", "build: tables, Embree"),
     ):
-        axes[0, 2].plot(n, [run[key] for run in runs["triangles"]], f"{marker}-", label=f"{label} (seconds)")
+        axes[0, 2].plot(
+            n,
+            [run[key] for run in runs["triangles"]],
+            f"{marker}-",
+            label=f"{label} (seconds)",
+        )
     axes[0, 2].plot(
-        n, [run["peak_bytes"] / 1e9 for run in runs["triangles"]], "^-", color="0.5", label="peak memory (GB)"
+        n,
+        [run["peak_bytes"] / 1e9 for run in runs["triangles"]],
+        "^-",
+        color="0.5",
+        label="peak memory (GB)",
     )
     axes[0, 2].set_xlabel("triangles")
     axes[0, 2].set_ylabel("seconds of one thread; GB")
@@ -148,21 +181,28 @@ def draw(data, opts):
     big, small = runs["pixels"][-1], runs["pixels"][0]
     most, least = runs["spp"][-1], runs["spp"][0]
     fine, coarse = runs["triangles"][-1], runs["triangles"][0]
-    per_pixel = (big["peak_bytes"] - small["peak_bytes"]) / (big["side"] ** 2 - small["side"] ** 2)
-    per_triangle = (fine["peak_bytes"] - coarse["peak_bytes"]) / (fine["triangles"] - coarse["triangles"])
+    per_pixel = (big["peak_bytes"] - small["peak_bytes"]) / (
+        big["side"] ** 2 - small["side"] ** 2
+    )
+    per_triangle = (fine["peak_bytes"] - coarse["peak_bytes"]) / (
+        fine["triangles"] - coarse["triangles"]
+    )
     flat = [run["peak_bytes"] / 1e6 for run in runs["spp"]]
     opts.save(
         figure,
         "Pixels, samples, triangles: what more of them cost",
-        f"""Time grows with the power {exponents["pixels"]:.2f} of the number of pixels (images of {small["side"]} to
-        {big["side"]} on a side, {big["spp"]} samples per pixel) and with the power {exponents["spp"]:.2f} of the
-        samples per pixel ({least["spp"]} to {most["spp"]}, {most["side"]} on a side), over the largest three of each:
-        {each * 1e9:.0f} ns per camera sample, so {each * whole / 3600:.1f} hours of one thread for
-        {TARGET[0]}×{TARGET[0]} pixels and {TARGET[1]} samples, which is extrapolated, not measured. Peak memory is
-        {min(flat):.0f} to {max(flat):.0f} MB whatever the samples per pixel; each pixel takes {per_pixel:.0f} bytes,
-        each triangle {per_triangle:.0f}. From {coarse["triangles"]:,} to {fine["triangles"]:,} triangles rendering
-        takes {fine["seconds"] / coarse["seconds"]:.1f} times as long. CPU seconds, balance heuristic, measured on
-        {data["date"]}: {data["machine"]}.""",
+        f"""Time grows with the power {exponents["pixels"]:.2f} of the number of pixels
+        (images of {small["side"]} to {big["side"]} on a side, {big["spp"]} samples per
+        pixel) and with the power {exponents["spp"]:.2f} of the samples per pixel
+        ({least["spp"]} to {most["spp"]}, {most["side"]} on a side), over the largest
+        three of each: {each * 1e9:.0f} ns per camera sample, so
+        {each * whole / 3600:.1f} hours of one thread for {TARGET[0]}×{TARGET[0]} pixels
+        and {TARGET[1]} samples, which is extrapolated, not measured. Peak memory is
+        {min(flat):.0f} to {max(flat):.0f} MB whatever the samples per pixel; each pixel
+        takes {per_pixel:.0f} bytes, each triangle {per_triangle:.0f}. From
+        {coarse["triangles"]:,} to {fine["triangles"]:,} triangles rendering takes
+        {fine["seconds"] / coarse["seconds"]:.1f} times as long. CPU seconds, balance
+        heuristic, measured on {data["date"]}: {data["machine"]}.""",
     )
 
 
@@ -171,7 +211,10 @@ def main():
     opts, given = options(
         "plot_scale",
         __doc__,
-        measure={"action": "store_true", "help": "measure, and keep the numbers in data/scale.json"},
+        measure={
+            "action": "store_true",
+            "help": "measure, and keep the numbers in data/scale.json",
+        },
     )
     if opts.size != "quick" and not given.measure and KEPT.exists():
         draw(json.loads(KEPT.read_text("utf-8")), opts)
@@ -181,16 +224,27 @@ def main():
     with ProcessPoolExecutor(1, mp_context=fresh, max_tasks_per_child=1) as pool:
         for kind, series in cases(opts.pick).items():
             runs[kind] = []
-            # functions of a notebook are not known in other processes: there the peak of memory is that of the kernel
+            # functions of a notebook are not known in other processes: there the peak
+            # of memory is that of the kernel
             for run in (map if in_notebook() else pool.map)(measure, series):
                 runs[kind].append(run)
                 print(
-                    f"{kind:9} {run['side']:4}² × {run['spp']:4} spp, {run['triangles']:9,} triangles: "
-                    f"{run['seconds']:7.2f} s, built in {run['build_seconds']:.2f} s, {run['peak_bytes'] / 1e6:.0f} MB",
+                    f"{kind:9} {run['side']:4}² × {run['spp']:4} spp, "
+                    f"{run['triangles']:9,} triangles: "
+                    f"{run['seconds']:7.2f} s, built in {run['build_seconds']:.2f} s, "
+                    f"{run['peak_bytes'] / 1e6:.0f} MB",
                     flush=True,
                 )
-    machine = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
-    data = {"date": str(date.today()), "machine": machine, "dmis": dmis.__version__, "runs": runs}
+    machine = (
+        f"{platform.machine()}, Python {platform.python_version()}, NumPy "
+        f"{np.__version__}"
+    )
+    data = {
+        "date": str(date.today()),
+        "machine": machine,
+        "dmis": dmis.__version__,
+        "runs": runs,
+    }
     if given.measure:
         KEPT.write_text(json.dumps(data, indent=1) + "\n", "utf-8")
     draw(data, opts)

@@ -2,22 +2,26 @@
 Table 4.1 as a grid
 ===================
 
-Repeats the thesis's Table 4.1 under several conditions that its text leaves open, and writes the table of
-``docs/reproduction.md``. The thesis names neither its sampler nor its samples per light, and gives only a range of
-patch sizes, 4 to 32 pixels. So every scene is rendered in two set-ups, with patches of four sizes:
+Repeats the thesis's Table 4.1 under several conditions that its text leaves open, and
+writes the table of ``docs/reproduction.md``. The thesis names neither its sampler nor
+its samples per light, and gives only a range of patch sizes, 4 to 32 pixels. So every
+scene is rendered in two set-ups, with patches of four sizes:
 
 * *as today*: independent points, one light and one BRDF sample at each surface;
-* *as in the file*: pbrt-v2's low-discrepancy points, as many light samples as the public scene file asks for, and as
-  many BRDF samples. With these points pbrt-v2 rounds the 122 samples of the final pass up to 128, and so does this
-  set-up; *6 + 122* takes the first 122 of the shuffled points instead.
+* *as in the file*: pbrt-v2's low-discrepancy points, as many light samples as the
+  public scene file asks for, and as many BRDF samples. With these points pbrt-v2 rounds
+  the 122 samples of the final pass up to 128, and so does this set-up; *6 + 122* takes
+  the first 122 of the shuffled points instead.
 
-KILLEROO GOLD and TT are also rendered by paths, with the patch size that is best in direct lighting. All renders use
-the preset ``thesis``.
+KILLEROO GOLD and TT are also rendered by paths, with the patch size that is best in
+direct lighting. All renders use the preset ``thesis``.
 
-Each comparison is one line of ``docs/tables/reproduction.csv``, written as soon as it is finished. An interrupted run
-continues after the last line. Lines stay valid, because no later version changes the preset. At half the thesis's side
-length the script takes about two hours on two cores. With ``--large 1`` the setting of each scene whose ratio and
-error are nearest to the thesis's is also rendered at the thesis's own resolution, with one seed.
+Each comparison is one line of ``docs/tables/reproduction.csv``, written as soon as it
+is finished. An interrupted run continues after the last line. Lines stay valid, because
+no later version changes the preset. At half the thesis's side length the script takes
+about two hours on two cores. With ``--large 1`` the setting of each scene whose ratio
+and error are nearest to the thesis's is also rendered at the thesis's own resolution,
+with one seed.
 """
 
 import csv
@@ -43,22 +47,49 @@ opts, given = options(
     __file__,
     "the thesis's Table 4.1 by set-up and patch size",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
-    scenes={"nargs": "+", "default": [*SCENES, "tt-overcast"], "help": "only these scenes"},
-    integrators={"nargs": "+", "default": ["direct", "path"], "help": "direct, or direct and path (default)"},
-    large={"type": int, "default": 0, "help": "seeds of the nearest setting at the thesis's resolution (default 0)"},
-    csv={"type": Path, "default": RESULTS, "help": "results; those in it are not made again"},
+    scenes={
+        "nargs": "+",
+        "default": [*SCENES, "tt-overcast"],
+        "help": "only these scenes",
+    },
+    integrators={
+        "nargs": "+",
+        "default": ["direct", "path"],
+        "help": "direct, or direct and path (default)",
+    },
+    large={
+        "type": int,
+        "default": 0,
+        "help": "seeds of the nearest setting at the thesis's resolution (default 0)",
+    },
+    csv={
+        "type": Path,
+        "default": RESULTS,
+        "help": "results; those in it are not made again",
+    },
     page={"type": Path, "help": "a page that gets the table between its marks 'grid'"},
 )
 PATCHES = (4, 8, 16, 32)
 PILOT = 6
 """Camera samples of the rule's pilot."""
 UNROUNDED = "as in the file, 6 + 122"
-"""Set-up that shows the cost of 122 in place of 128 points, with one size of patches."""
-LIGHT_SAMPLES = {"teapot-area-light": 16, "killeroo-diffuse": 4, "killeroo-gold": 4, "tt": 8, "tt-overcast": 8}
-"""``nsamples`` of the public pbrt-v2 files; KILLEROO DIFFUSE has no file and takes that of KILLEROO GOLD."""
+"""Set-up that shows the cost of 122 in place of 128 points, with one size of patches.
+"""
+LIGHT_SAMPLES = {
+    "teapot-area-light": 16,
+    "killeroo-diffuse": 4,
+    "killeroo-gold": 4,
+    "tt": 8,
+    "tt-overcast": 8,
+}
+"""``nsamples`` of the public pbrt-v2 files; KILLEROO DIFFUSE has no file and takes that
+of KILLEROO GOLD.
+"""
 BY_PATHS = ("killeroo-gold", "tt", "tt-overcast")
 SHRINK = {"tt-overcast": 4}
-"""Divisors of the thesis's side length other than 2. The thesis has no TT without a sun."""
+"""Divisors of the thesis's side length other than 2. The thesis has no TT without a
+sun.
+"""
 LAMP = {"teapot-area-light": 8.0}
 """Radiance of a visible lamp; pixels that contain it are the lamp's edge."""
 TOLD = {
@@ -69,25 +100,47 @@ TOLD = {
     "tt-overcast": (8.252e-6, 1.061e-5),
 }
 """The thesis's mean squared errors with equal samples: balance heuristic, its rule."""
-MEASURES = {"all": "all pixels", "no_edge": "without the lamp's edge", "clipped": "clipped to [0, 1]"}
+MEASURES = {
+    "all": "all pixels",
+    "no_edge": "without the lamp's edge",
+    "clipped": "clipped to [0, 1]",
+}
 """The pixels and values that enter a mean squared error."""
 KEY = ("scene", "size", "setup", "integrator", "patch", "seed")
-COLUMNS = (*KEY, "seconds", *(f"{m}_{what}" for m in MEASURES for what in ("balance", "rule", "half")))
+COLUMNS = (
+    *KEY,
+    "seconds",
+    *(f"{m}_{what}" for m in MEASURES for what in ("balance", "rule", "half")),
+)
 
 
 def setups(name: str) -> dict[str, dict]:
-    """Return the settings of each set-up; a share of w = 1/2 divides S shading samples into two halves."""
+    """Return the settings of each set-up; a share of w = 1/2 divides S shading samples
+    into two halves.
+    """
     in_file = {"sampler": "lowdiscrepancy", "shading_samples": 2 * LIGHT_SAMPLES[name]}
-    return {"as today": {"sampler": "independent", "shading_samples": 2}, "as in the file": in_file, UNROUNDED: in_file}
+    return {
+        "as today": {"sampler": "independent", "shading_samples": 2},
+        "as in the file": in_file,
+        UNROUNDED: in_file,
+    }
 
 
-def error_maps(name: str, image: np.ndarray, reference: dmis.Reference) -> dict[str, np.ndarray]:
+def error_maps(
+    name: str, image: np.ndarray, reference: dmis.Reference
+) -> dict[str, np.ndarray]:
     """Return the squared errors of pixels that each of `MEASURES` averages."""
     errors = squared_error(image, reference.first, reference.second)
     lamp = reference.mean.min(axis=2) > 0.99 * LAMP.get(name, np.inf)
-    edge = binary_dilation(lamp, np.ones((3, 3))) & ~lamp  # neighbours of pixels that see nothing but the lamp
-    clipped = squared_error(*(np.clip(x, 0, 1) for x in (image, reference.first, reference.second)))
-    return dict(zip(MEASURES, (errors, np.where(edge, 0, errors), clipped), strict=True))
+    edge = (
+        binary_dilation(lamp, np.ones((3, 3))) & ~lamp
+    )  # neighbours of pixels that see nothing but the lamp
+    clipped = squared_error(
+        *(np.clip(x, 0, 1) for x in (image, reference.first, reference.second))
+    )
+    return dict(
+        zip(MEASURES, (errors, np.where(edge, 0, errors), clipped), strict=True)
+    )
 
 
 # %%
@@ -96,89 +149,157 @@ rows: dict[tuple, dict] = {}
 given.csv.parent.mkdir(parents=True, exist_ok=True)
 if given.csv.exists():
     with given.csv.open(newline="", encoding="utf-8") as file:
-        rows = {tuple(row[column] for column in KEY): row for row in csv.DictReader(file)}
+        rows = {
+            tuple(row[column] for column in KEY): row for row in csv.DictReader(file)
+        }
 else:
     given.csv.write_text(",".join(COLUMNS) + "\n", "utf-8")
 
 
 def scene_of(name: str, shrink: int) -> tuple[dmis.Scene, str]:
-    """Return a scene at the thesis's side length over `shrink`, and its size in words."""
+    """Return a scene at the thesis's side length over `shrink`, and its size."""
     if name in SCENES:
         scene = opts.scene(name, shrink)
     else:
         width, height = SCENES["tt"].size
-        scene = dmis.load_scene(name, resolution=(round(width / shrink), round(height / shrink)))
+        scene = dmis.load_scene(
+            name, resolution=(round(width / shrink), round(height / shrink))
+        )
     return scene, "x".join(map(str, scene.camera.resolution))
 
 
-def reference_of(name: str, scene: dmis.Scene, integrator: str) -> Callable[[], dmis.Reference]:
+def reference_of(
+    name: str, scene: dmis.Scene, integrator: str
+) -> Callable[[], dmis.Reference]:
     """Return the function that renders the reference, once.
 
-    References have Sobol points and the shading samples of the file: their own noise is small beside the errors.
+    References have Sobol points and the shading samples of the file: their own noise is
+    small beside the errors.
     """
-    settings = dmis.Settings(integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name])
+    settings = dmis.Settings(
+        integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name]
+    )
     progress = show(f"reference of {name}, {integrator}")
-    return cache(partial(dmis.make_reference, scene, opts.pick(64, 128), settings=settings, progress=progress))
+    return cache(
+        partial(
+            dmis.make_reference,
+            scene,
+            opts.pick(64, 128),
+            settings=settings,
+            progress=progress,
+        )
+    )
 
 
 def compare(
-    name: str, scene: dmis.Scene, setup: str, integrator: str, patches, reference: Callable[[], dmis.Reference], seeds
+    name: str,
+    scene: dmis.Scene,
+    setup: str,
+    integrator: str,
+    patches,
+    reference: Callable[[], dmis.Reference],
+    seeds,
 ) -> None:
-    """Render the rule with each patch size and the balance heuristic; write one line per size and seed.
+    """Render the rule with each patch size and the balance heuristic; write one line
+    per size and seed.
 
     `reference` is only called if a line is missing.
     """
     size = "x".join(map(str, scene.camera.resolution))
     fields = {"preset": "thesis", "integrator": integrator, **setups(name)[setup]}
     for seed in range(seeds):
-        todo = [p for p in patches if (name, size, setup, integrator, str(p), str(seed)) not in rows]
+        todo = [
+            p
+            for p in patches
+            if (name, size, setup, integrator, str(p), str(seed)) not in rows
+        ]
         if not todo:
             continue
         converged = reference()
-        more = {"seed": seed, "progress": show(f"{name}, {setup}, {integrator}, seed {seed}"), **fields}
-        balance = error_maps(name, dmis.render(scene, "balance", opts.spp, **more).image, converged)
+        more = {
+            "seed": seed,
+            "progress": show(f"{name}, {setup}, {integrator}, seed {seed}"),
+            **fields,
+        }
+        balance = error_maps(
+            name, dmis.render(scene, "balance", opts.spp, **more).image, converged
+        )
         for patch in todo:
             spp = opts.spp + (PILOT if setup == "as in the file" else 0)
             result = dmis.render(scene, f"thesis:patch={patch}", spp, **more)
             ours = error_maps(name, result.image, converged)
-            row = dict(zip(KEY, (name, size, setup, integrator, str(patch), str(seed)), strict=True))
+            row = dict(
+                zip(
+                    KEY,
+                    (name, size, setup, integrator, str(patch), str(seed)),
+                    strict=True,
+                )
+            )
             row["seconds"] = f"{result.seconds['total']:.1f}"
             for measure in MEASURES:
                 row[f"{measure}_balance"] = f"{balance[measure].mean():.6e}"
                 row[f"{measure}_rule"] = f"{ours[measure].mean():.6e}"
-                row[f"{measure}_half"] = f"{ratio_over_blocks(ours[measure], balance[measure])[1]:.6e}"
+                row[f"{measure}_half"] = (
+                    f"{ratio_over_blocks(ours[measure], balance[measure])[1]:.6e}"
+                )
             rows[tuple(row[column] for column in KEY)] = row
             with given.csv.open("a", newline="", encoding="utf-8") as file:
                 csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
 
 
-def pooled(name: str, size: str, setup: str, integrator: str, patch: int, measure: str, seeds: int) -> tuple:
-    """Return the errors of balance and rule, means over seeds, their ratio, and half of its 95 % interval.
+def pooled(
+    name: str,
+    size: str,
+    setup: str,
+    integrator: str,
+    patch: int,
+    measure: str,
+    seeds: int,
+) -> tuple:
+    """Return the errors of balance and rule, means over seeds, their ratio, and half of
+    its 95 % interval.
 
-    The intervals of the seeds, over blocks of pixels, are independent: half² = Σ (half_k balance_k)² / (Σ balance_k)².
+    The intervals of the seeds, over blocks of pixels, are independent: half² = Σ
+    (half_k balance_k)² / (Σ balance_k)².
     """
-    keys = [(name, size, setup, integrator, str(patch), str(seed)) for seed in range(seeds)]
+    keys = [
+        (name, size, setup, integrator, str(patch), str(seed)) for seed in range(seeds)
+    ]
     base, ours, half = (
-        np.array([float(rows[key][f"{measure}_{what}"]) for key in keys]) for what in ("balance", "rule", "half")
+        np.array([float(rows[key][f"{measure}_{what}"]) for key in keys])
+        for what in ("balance", "rule", "half")
     )
-    return base.mean(), ours.mean(), ours.sum() / base.sum(), np.sqrt(((half * base) ** 2).sum()) / base.sum()
+    return (
+        base.mean(),
+        ours.mean(),
+        ours.sum() / base.sum(),
+        np.sqrt(((half * base) ** 2).sum()) / base.sum(),
+    )
 
 
 def nearest(name: str, settings: dict[tuple, list[tuple]]) -> tuple[tuple, str]:
-    """Return the setting and the measure that are nearest to the thesis's ratio and error.
+    """Return the setting and the measure that are nearest to the thesis's ratio and
+    error.
 
-    Nearest in error (by its logarithm) among those whose interval covers the thesis's ratio; if there are none, nearest
-    in ratio. Points of the unrounded set-up are not the thesis's.
+    Nearest in error (by its logarithm) among those whose interval covers the thesis's
+    ratio; if there are none, nearest in ratio. Points of the unrounded set-up are not
+    the thesis's.
     """
     error, ratio = TOLD[name][0], TOLD[name][1] / TOLD[name][0]
     candidates = [
         (
             abs(value - ratio) > half,
-            abs(np.log(base / error)) if abs(value - ratio) <= half else abs(value - ratio),
+            (
+                abs(np.log(base / error))
+                if abs(value - ratio) <= half
+                else abs(value - ratio)
+            ),
             *at,
         )
         for setting, values in settings.items()
-        for at, (base, _, value, half) in zip(((setting, m) for m in MEASURES), values, strict=True)
+        for at, (base, _, value, half) in zip(
+            ((setting, m) for m in MEASURES), values, strict=True
+        )
         if setting[0] != UNROUNDED
     ]
     return min(candidates)[2:]
@@ -189,7 +310,11 @@ def verdict(name: str, size: str, setting: tuple, measure: str, seeds: int) -> s
     setup, integrator, patch = setting
     base, _, ratio, half = pooled(name, size, setup, integrator, patch, measure, seeds)
     error, thesis = TOLD[name][0], TOLD[name][1] / TOLD[name][0]
-    covers = "yes" if abs(ratio - thesis) <= half else f"no, by {abs(ratio - thesis) - half:.3f}"
+    covers = (
+        "yes"
+        if abs(ratio - thesis) <= half
+        else f"no, by {abs(ratio - thesis) - half:.3f}"
+    )
     how = f"{setup}, {integrator}, patch {patch}, {MEASURES[measure]}"
     return (
         f"| {name} {size} | {how} | {ratio:.3f} ± {half:.3f} | {thesis:.3f} | {covers} "
@@ -198,14 +323,21 @@ def verdict(name: str, size: str, setting: tuple, measure: str, seeds: int) -> s
 
 
 # %%
-# Each scene: the set-ups, four sizes of patches; then paths with the best of them; then the nearest to the thesis.
+# Each scene: the set-ups, four sizes of patches; then paths with the best of them; then
+# the nearest to the thesis.
 lines = [
-    "| scene | set-up | patch | rule / balance | without the lamp's edge | clipped to [0, 1] | MSE of balance "
-    "| without the edge | of the rule | without the edge |",
+    (
+        "| scene | set-up | patch | rule / balance | without the lamp's edge | clipped"
+        " to [0, 1] | MSE of balance | without the edge | of the rule | without the"
+        " edge |"
+    ),
     "|---" * 10 + "|",
 ]
 verdicts = [
-    "| scene | nearest setting | rule / balance | thesis | covered | MSE of balance | thesis | ours / thesis |",
+    (
+        "| scene | nearest setting | rule / balance | thesis | covered | MSE of balance"
+        " | thesis | ours / thesis |"
+    ),
     "|---" * 8 + "|",
 ]
 for name in given.scenes:
@@ -214,32 +346,61 @@ for name in given.scenes:
     for integrator in given.integrators if name in BY_PATHS else ("direct",):
         reference = reference_of(name, scene, integrator)
         for setup in setups(name):
-            tried = {key[2]: values[0][2] for key, values in settings.items() if key[:2] == (setup, "direct")}
+            tried = {
+                key[2]: values[0][2]
+                for key, values in settings.items()
+                if key[:2] == (setup, "direct")
+            }
             if setup == UNROUNDED:
                 patches = (16,) if integrator == "direct" else ()
             else:
-                patches = PATCHES if integrator == "direct" else (min(tried, key=tried.__getitem__),)
+                patches = (
+                    PATCHES
+                    if integrator == "direct"
+                    else (min(tried, key=tried.__getitem__),)
+                )
             compare(name, scene, setup, integrator, patches, reference, given.seeds)
             for patch in patches:
-                values = [pooled(name, size, setup, integrator, patch, m, given.seeds) for m in MEASURES]
+                values = [
+                    pooled(name, size, setup, integrator, patch, m, given.seeds)
+                    for m in MEASURES
+                ]
                 settings[setup, integrator, patch] = values
-                ratios = " | ".join(f"{value:.3f} ± {half:.3f}" for _, _, value, half in values)
-                errors = " | ".join(f"{values[k][which]:.3e}" for which in (0, 1) for k in (0, 1))
-                lines.append(f"| {name} {size} | {setup}, {integrator} | {patch} | {ratios} | {errors} |")
+                ratios = " | ".join(
+                    f"{value:.3f} ± {half:.3f}" for _, _, value, half in values
+                )
+                errors = " | ".join(
+                    f"{values[k][which]:.3e}" for which in (0, 1) for k in (0, 1)
+                )
+                lines.append(
+                    f"| {name} {size} | {setup}, {integrator} | {patch} | {ratios} |"
+                    f" {errors} |"
+                )
                 print(lines[-1], flush=True)
     setting, measure = nearest(name, settings)
     verdicts.append(verdict(name, size, setting, measure, given.seeds))
     if given.large:
         scene, size = scene_of(name, opts.pick(8, 1))
         setup, integrator, patch = setting
-        compare(name, scene, setup, integrator, (patch,), reference_of(name, scene, integrator), given.large)
+        compare(
+            name,
+            scene,
+            setup,
+            integrator,
+            (patch,),
+            reference_of(name, scene, integrator),
+            given.large,
+        )
         verdicts.append(verdict(name, size, setting, measure, given.large))
     print(verdicts[-1], flush=True)
 
 # %%
 # The tables; intervals are 95 %, over blocks of pixels.
 seeds = f"{given.seeds} seed{'' if given.seeds == 1 else 's'}"
-about = f"Made on {date.today()} with {seeds} at {opts.spp} camera samples per pixel, on {machine()}."
+about = (
+    f"Made on {date.today()} with {seeds} at {opts.spp} camera samples per pixel, on"
+    f" {machine()}."
+)
 print("", about, "", *verdicts, "", *lines, sep="\n")
 if given.page is not None:
     replace_table(given.page, "nearest", about, "", *verdicts)

@@ -2,9 +2,10 @@
 Equation 3.1: variance is error
 ===============================
 
-The thesis rests on two facts. The expected squared error of an unbiased estimator is its variance (Eq. 3.1). And the
-samples themselves estimate this variance, without a reference. Both are true. This figure measures both, patch by
-patch, and then asks how well the second one works with only two samples.
+The thesis rests on two facts. The expected squared error of an unbiased estimator is
+its variance (Eq. 3.1). And the samples themselves estimate this variance, without a
+reference. Both are true. This figure measures both, patch by patch, and then asks how
+well the second one works with only two samples.
 """
 
 import numpy as np
@@ -19,17 +20,28 @@ PATCH = opts.pick(4, 8)
 SEEDS = range(opts.pick(3, 5))
 
 # %%
-# The error of every patch, against a reference, averaged over seeds: MSE = mean of (x - r₁)(x - r₂), with two
-# independent halves r₁, r₂ of a reference.
+# The error of every patch, against a reference, averaged over seeds: MSE = mean of (x -
+# r₁)(x - r₂), with two independent halves r₁, r₂ of a reference.
 scene = opts.scene("killeroo-gold")
 reference = opts.reference(scene)
-images = [dmis.render(scene, "balance", opts.spp, seed=seed, progress=opts.progress, preset="thesis") for seed in SEEDS]
-error = np.mean([patch_mean(squared_error(i.image, reference.first, reference.second), PATCH) for i in images], axis=0)
+images = [
+    dmis.render(
+        scene, "balance", opts.spp, seed=seed, progress=opts.progress, preset="thesis"
+    )
+    for seed in SEEDS
+]
+error = np.mean(
+    [
+        patch_mean(squared_error(i.image, reference.first, reference.second), PATCH)
+        for i in images
+    ],
+    axis=0,
+)
 
 # %%
-# The variance of every patch, Σ (x - mean)² / (n - 1) / n, estimates MSE = Var (Eq. 3.1). It is measured on an image of
-# many samples, and on one of two samples, scaled to the same number. The techniques alone show the data of the thesis's
-# pilot.
+# The variance of every patch, Σ (x - mean)² / (n - 1) / n, estimates MSE = Var (Eq.
+# 3.1). It is measured on an image of many samples, and on one of two samples, scaled to
+# the same number. The techniques alone show the data of the thesis's pilot.
 many = patch_mean(images[0].variance.mean(axis=2), PATCH)
 panels = {f"{opts.spp} samples, balance": (many, error)}
 for title, rule in (
@@ -39,8 +51,11 @@ for title, rule in (
 ):
     few = dmis.render(scene, rule, 2, seed=100, preset="thesis").variance
     truth = error
-    if rule != "balance":  # its error is too slow to converge to: the variance of very many samples instead
-        many = dmis.render(scene, rule, 2 * opts.spp, seed=200, preset="thesis").variance
+    # a rule's error is slow to converge to: the variance of very many samples instead
+    if rule != "balance":
+        many = dmis.render(
+            scene, rule, 2 * opts.spp, seed=200, preset="thesis"
+        ).variance
         truth = 2 * patch_mean(many.mean(axis=2), PATCH)
     panels[title] = patch_mean(few.mean(axis=2), PATCH) * 2 / opts.spp, truth
 
@@ -54,7 +69,16 @@ for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True
     off = np.abs(np.log10(y / x))
     low = np.mean(estimate[truth > 1e-9] < 0.5 * truth[truth > 1e-9])
     told.append((title, 10 ** np.median(off), low))
-    shown = axis.hexbin(x, y, gridsize=40, xscale="log", yscale="log", bins="log", mincnt=1, cmap="viridis")
+    shown = axis.hexbin(
+        x,
+        y,
+        gridsize=40,
+        xscale="log",
+        yscale="log",
+        bins="log",
+        mincnt=1,
+        cmap="viridis",
+    )
     ends = np.array([1e-7, 1e2])
     axis.plot(ends, ends, color="tab:red")
     axis.set_xlim(1e-7, 1e2)
@@ -62,16 +86,21 @@ for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True
     axis.set_xticks([1e-6, 1e-3, 1])
     axis.set_title(title.replace(", ", ",\n"))
     axis.set_xlabel("true MSE")
-    print(f"{title:26} typical factor {10 ** np.median(off):5.2f}; {low:6.1%} of the patches below half of the truth")
+    print(
+        f"{title:26} typical factor {10 ** np.median(off):5.2f}; {low:6.1%} of the"
+        " patches below half of the truth"
+    )
 axes[0, 0].set_ylabel(f"sample variance / {opts.spp}")
 figure.colorbar(shown, ax=axes, label="patches", pad=0.01)
 opts.save_for_print(
     figure,
     "Equation 3.1: variance is error, and what two samples know of it",
-    f"""{scene.name}, patches of {PATCH}x{PATCH} pixels; the colour is the number of patches. Abscissa: mean squared
-    error (linear RGB²) at {opts.spp} samples per pixel over {len(SEEDS)} seeds; for the techniques alone the variance
-    of {2 * opts.spp} samples. Ordinate: the variance that the samples themselves report. On the red line they agree.
-    With {opts.spp} samples they do, within a factor of {told[0][1]:.2g}. With two, {told[2][2]:.0%} of the patches
-    report less than half of the variance of BRDF sampling, and {told[3][2]:.0%} of light sampling: mostly nothing,
-    sometimes far too much.""",
+    f"""{scene.name}, patches of {PATCH}x{PATCH} pixels; the colour is the number of
+    patches. Abscissa: mean squared error (linear RGB²) at {opts.spp} samples per pixel
+    over {len(SEEDS)} seeds; for the techniques alone the variance of {2 * opts.spp}
+    samples. Ordinate: the variance that the samples themselves report. On the red line
+    they agree. With {opts.spp} samples they do, within a factor of {told[0][1]:.2g}.
+    With two, {told[2][2]:.0%} of the patches report less than half of the variance of
+    BRDF sampling, and {told[3][2]:.0%} of light sampling: mostly nothing, sometimes far
+    too much.""",
 )

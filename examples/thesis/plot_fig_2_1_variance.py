@@ -2,9 +2,10 @@
 Figure 2.1: variance is noise
 =============================
 
-A Monte Carlo image is an average of random samples, so it is random itself. With n samples per pixel, its variance and
-its mean squared error fall as 1/n. Sixteen times as many samples leave a sixteenth of the error, and the visible grain
-is four times as faint. All other figures are about getting the same grain from fewer samples.
+A Monte Carlo image is an average of random samples, so it is random itself. With n
+samples per pixel, its variance and its mean squared error fall as 1/n. Sixteen times as
+many samples leave a sixteenth of the error, and the visible grain is four times as
+faint. All other figures are about getting the same grain from fewer samples.
 """
 
 import numpy as np
@@ -17,25 +18,36 @@ from dmis.experiment.metrics import mean_and_error, squared_error
 opts, _ = options("plot_fig_2_1_variance", __doc__)
 
 # %%
-# Render the same scene with few and with many samples: one light and one BRDF sample each, balance heuristic.
+# Render the same scene with few and with many samples: one light and one BRDF sample
+# each, balance heuristic.
 scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
 reference = opts.reference(scene, opts.pick(64, 128))
 few, many = opts.pick((2, 16), (8, 128))
 images = {
-    n: dmis.render(scene, "balance", n, seed=1, progress=opts.progress, preset="thesis").image for n in (few, many)
+    n: (
+        dmis.render(
+            scene, "balance", n, seed=1, progress=opts.progress, preset="thesis"
+        ).image
+    )
+    for n in (few, many)
 }
 
 # %%
-# The error of a pixel x is (x - r₁)(x - r₂), with two independent halves r₁, r₂ of a reference, whose own noise cancels
-# in the mean. A mean of n samples of variance V has the error MSE = V / n.
-errors = {n: squared_error(image, reference.first, reference.second) for n, image in images.items()}
+# The error of a pixel x is (x - r₁)(x - r₂), with two independent halves r₁, r₂ of a
+# reference, whose own noise cancels in the mean. A mean of n samples of variance V has
+# the error MSE = V / n.
+errors = {
+    n: squared_error(image, reference.first, reference.second)
+    for n, image in images.items()
+}
 mse = {n: mean_and_error(error) for n, error in errors.items()}
 for n, (mean, spread) in mse.items():
     print(f"{n:4d} spp: MSE {mean:.3e} ± {spread:.1e}")
 print(f"ratio {mse[few][0] / mse[many][0]:.1f}, expected {many / few:.0f}")
 
 # %%
-# Left: the images. Middle: the framed part, where the noise shows. Right: the error, on one scale.
+# Left: the images. Middle: the framed part, where the noise shows. Right: the error, on
+# one scale.
 part = window(scene, (0.42, 0.72), (0.6, 0.9))
 figure, axes = print_canvas(2, 3, 4.5)
 top = plot.shared_scale([np.sqrt(np.abs(errors[few]))])
@@ -44,7 +56,12 @@ for line, letter, (n, image) in zip(axes, "ab", images.items(), strict=True):
     plot.mark(line[0], part, "tab:red")
     plot.picture(line[1], image, "framed part", part)
     shown = plot.heat(
-        line[2], np.sqrt(np.abs(errors[n])), f"error: MSE {mse[n][0]:.1e}", cmap="magma", vmin=0, vmax=top
+        line[2],
+        np.sqrt(np.abs(errors[n])),
+        f"error: MSE {mse[n][0]:.1e}",
+        cmap="magma",
+        vmin=0,
+        vmax=top,
     )
 for axis in axes.flat:
     axis.set_axis_off()
@@ -52,9 +69,11 @@ figure.colorbar(shown, ax=axes[:, 2], shrink=0.8, label="|error| of linear RGB")
 opts.save_for_print(
     figure,
     "Figure 2.1: variance is noise",
-    f"""{scene.name} with (a) {few} and (b) {many} camera samples per pixel, each with one light and one BRDF sample,
-    balance heuristic. The mean squared error falls from {mse[few][0]:.2e} to {mse[many][0]:.2e}, by a factor of
-    {mse[few][0] / mse[many][0]:.1f}; {many / few:.0f} is expected, because variance falls as one over the number of
-    samples. MSE is over pixels and channels; relative standard errors {mse[few][1] / mse[few][0]:.0%} and
+    f"""{scene.name} with (a) {few} and (b) {many} camera samples per pixel, each with
+    one light and one BRDF sample, balance heuristic. The mean squared error falls from
+    {mse[few][0]:.2e} to {mse[many][0]:.2e}, by a factor of
+    {mse[few][0] / mse[many][0]:.1f}; {many / few:.0f} is expected, because variance
+    falls as one over the number of samples. MSE is over pixels and channels; relative
+    standard errors {mse[few][1] / mse[few][0]:.0%} and
     {mse[many][1] / mse[many][0]:.0%}.""",
 )

@@ -2,9 +2,10 @@
 Figure 3.1: the pilot
 =====================
 
-The thesis's precomputation, called pilot here. The rule first renders the scene with two samples per pixel of each of
-three strategies: BRDF sampling alone (share of light samples w = 0), both techniques with the balance heuristic
-(w = 1/2), and light sampling alone (w = 1). It learns from the noise of these images and from nothing else.
+The thesis's precomputation, called pilot here. The rule first renders the scene with
+two samples per pixel of each of three strategies: BRDF sampling alone (share of light
+samples w = 0), both techniques with the balance heuristic (w = 1/2), and light sampling
+alone (w = 1). It learns from the noise of these images and from nothing else.
 """
 
 import numpy as np
@@ -19,12 +20,17 @@ from dmis.experiment.gallery import SCENES, options, print_canvas
 opts, _ = options("plot_fig_3_1_precomputation", __doc__)
 PATCH = opts.pick(4, 16)
 NAMES = ("teapot-area-light", "killeroo-diffuse", "killeroo-gold")
-STRATEGIES = {0: "BRDF sampling, w = 0", 0.5: "balance heuristic, w = ½", 1: "light sampling, w = 1"}
+STRATEGIES = {
+    0: "BRDF sampling, w = 0",
+    0.5: "balance heuristic, w = ½",
+    1: "light sampling, w = 1",
+}
 
 # %%
-# **Step 1, the pilot.** A camera sample takes S = 2 directions at a surface. Light sampling draws a share w of them,
-# BRDF sampling the share 1 - w. The balance heuristic combines both: a direction with the contribution f counts f / (w
-# p_l + (1 - w) p_b), with the densities p_l and p_b of the two techniques.
+# **Step 1, the pilot.** A camera sample takes S = 2 directions at a surface. Light
+# sampling draws a share w of them, BRDF sampling the share 1 - w. The balance heuristic
+# combines both: a direction with the contribution f counts f / (w p_l + (1 - w) p_b),
+# with the densities p_l and p_b of the two techniques.
 scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in NAMES}
 pilots = {
     (name, w): dmis.render(scene, f"fixed:{w}", 2, seed=k, preset="thesis")
@@ -33,33 +39,48 @@ pilots = {
 }
 
 # %%
-# **Step 2, the variance.** With n = 2 samples x of a pixel, their sample variance is y = Σ (x - mean)² / (n - 1).
-# `Result.variance` is the variance of the pixel, which is the mean of n samples: y / n. The sample variance of a single
-# pixel is very noisy itself, so the thesis averages it over patches.
-variances = {key: patch_mean(2 * luminance(pilot.variance), PATCH) for key, pilot in pilots.items()}
+# **Step 2, the variance.** With n = 2 samples x of a pixel, their sample variance is y
+# = Σ (x - mean)² / (n - 1). `Result.variance` is the variance of the pixel, which is
+# the mean of n samples: y / n. The sample variance of a single pixel is very noisy
+# itself, so the thesis averages it over patches.
+variances = {
+    key: patch_mean(2 * luminance(pilot.variance), PATCH)
+    for key, pilot in pilots.items()
+}
 for (name, w), y in variances.items():
-    print(f"{name:18} w = {w:3g}: mean variance of a sample {y.mean():.4g} (luminance²)")
+    print(
+        f"{name:18} w = {w:3g}: mean variance of a sample {y.mean():.4g} (luminance²)"
+    )
 
 # %%
-# The teapot's pilots, their variances by patch, and the pilots of the two killeroo scenes.
+# The teapot's pilots, their variances by patch, and the pilots of the two killeroo
+# scenes.
 figure, axes = print_canvas(4, 3, 8.1, height_ratios=[1, 1, 0.75, 0.75])
 teapot = [variances[NAMES[0], w] for w in STRATEGIES]
 scale = LogNorm(1e-5, plot.shared_scale(teapot, 0.999))
 for column, (w, title) in enumerate(STRATEGIES.items()):
     plot.picture(axes[0, column], pilots[NAMES[0], w].image, title)
     height, width = pilots[NAMES[0], w].image.shape[:2]
-    shown = plot.heat(axes[1, column], np.maximum(teapot[column], 1e-5), norm=scale, cmap="viridis")
+    shown = plot.heat(
+        axes[1, column], np.maximum(teapot[column], 1e-5), norm=scale, cmap="viridis"
+    )
     for line, name in ((axes[2], NAMES[1]), (axes[3], NAMES[2])):
-        plot.picture(line[column], pilots[name, w].image, SCENES[name].title if column == 1 else "")
+        plot.picture(
+            line[column],
+            pilots[name, w].image,
+            SCENES[name].title if column == 1 else "",
+        )
 for axis in axes.flat:
     axis.set_axis_off()
 figure.colorbar(shown, ax=axes[1], label="variance of a sample (luminance²)", pad=0.01)
 opts.save_for_print(
     figure,
     "Figure 3.1: the pilot",
-    f"""TEAPOT AREA LIGHT, {width}x{height} pixels: pilots of 2 camera samples per pixel with each strategy (top), and
-    their sample variances, averaged over patches of {PATCH}x{PATCH} pixels (second row; darkest: 10⁻⁵ or less).
-    Light sampling is the least noisy nearly everywhere. Below, the pilots of KILLEROO DIFFUSE and KILLEROO GOLD, where
-    BRDF sampling sees the gold's reflections of the light, and hardly finds it from the walls.""",
+    f"""TEAPOT AREA LIGHT, {width}x{height} pixels: pilots of 2 camera samples per pixel
+    with each strategy (top), and their sample variances, averaged over patches of
+    {PATCH}x{PATCH} pixels (second row; darkest: 10⁻⁵ or less). Light sampling is the
+    least noisy nearly everywhere. Below, the pilots of KILLEROO DIFFUSE and KILLEROO
+    GOLD, where BRDF sampling sees the gold's reflections of the light, and hardly finds
+    it from the walls.""",
     panel=axes[1, 0],
 )

@@ -2,10 +2,11 @@
 Figure 3.4: the learned weights
 ===============================
 
-The weight map of each scene before the filter. Red patches give their samples to BRDF sampling, blue ones to light
-sampling, white ones half to each. The parabola has a minimum inside [0, 1] only in some of the patches. The thesis does
-not say what to do in the others. dmis takes the nearer end, or, if the parabola is not convex, the best of the three
-pilots.
+The weight map of each scene before the filter. Red patches give their samples to BRDF
+sampling, blue ones to light sampling, white ones half to each. The parabola has a
+minimum inside [0, 1] only in some of the patches. The thesis does not say what to do in
+the others. dmis takes the nearer end, or, if the parabola is not convex, the best of
+the three pilots.
 """
 
 import numpy as np
@@ -22,52 +23,68 @@ PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w = 0, 1/2, 1: an image of BRDF
-# sampling, of the balance heuristic, and of light sampling. A direction of contribution f counts as
-# f / (w p_l + (1 - w) p_b).
+# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
+# = 0, 1/2, 1: an image of BRDF sampling, of the balance heuristic, and of light
+# sampling. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
 scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in SCENES}
 pilots = {
-    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis") for k, w in enumerate(STRATEGIES, 1)]
+    name: [
+        dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
+        for k, w in enumerate(STRATEGIES, 1)
+    ]
     for name, scene in scenes.items()
 }
 
 # %%
-# **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a pixel, averaged over a patch.
-# `Result.variance` is that of the pixel, y / n; the factor n does not move a minimum.
+# **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a
+# pixel, averaged over a patch. `Result.variance` is that of the pixel, y / n; the
+# factor n does not move a minimum.
 variances = {
-    name: np.stack([patch_mean(luminance(pilot.variance), PATCH) for pilot in three]) for name, three in pilots.items()
+    name: np.stack([patch_mean(luminance(pilot.variance), PATCH) for pilot in three])
+    for name, three in pilots.items()
 }
 
 # %%
-# **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of each patch (Eqs. 3.2-3.4) has
-# its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). The status marks the patches where this is no minimum inside [0, 1].
+# **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of
+# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). The status
+# marks the patches where this is no minimum inside [0, 1].
 fits = {name: parabola_minimum(STRATEGIES, y) for name, y in variances.items()}
 for name, (_, status) in fits.items():
-    shares = (f"{meaning} {np.mean(status == code):.1%}" for code, meaning in STATUS.items())
+    shares = (
+        f"{meaning} {np.mean(status == code):.1%}" for code, meaning in STATUS.items()
+    )
     print(f"{name:18} {', '.join(shares)}")
 
 # %%
-# Figure 3.5 has the next steps, the filter and the final pass. This figure shows the weights of the fit beside the mean
-# of the three pilots.
+# Figure 3.5 has the next steps, the filter and the final pass. This figure shows the
+# weights of the fit beside the mean of the three pilots.
 figure, axes = print_canvas(4, 2, 8.6, width=6, height_ratios=[1.25, 1, 1, 0.75])
 for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     image = np.mean([pilot.image for pilot in pilots[name]], axis=0)
     plot.picture(line[0], image, SCENES[name].title)
     per_pixel = patch_spread(weight, PATCH, image.shape[:2])
-    shown = plot.weights(line[1], per_pixel, f"minimum inside [0, 1]: {np.mean(status == 0):.0%} of the patches")
+    shown = plot.weights(
+        line[1],
+        per_pixel,
+        f"minimum inside [0, 1]: {np.mean(status == 0):.0%} of the patches",
+    )
 for axis in axes.flat:
     axis.set_axis_off()
 plot.weight_bar(figure, shown, axes, shrink=0.4, location="bottom", pad=0.01)
-least = {name: np.mean((status == 1) | (status == 2)) for name, (_, status) in fits.items()}
+least = {
+    name: np.mean((status == 1) | (status == 2)) for name, (_, status) in fits.items()
+}
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: the four scenes, mean of the three pilots of 2 camera samples per pixel, at
-    {"half" if opts.size == "default" else opts.size + " size of"} the thesis's side length. Right: the share of light
-    samples that the thesis's rule learns from them in patches of {PATCH}x{PATCH} pixels, before the filter. White
-    patches beside the pot see nothing and keep w = 1/2. Where the lamp does not shine, on the pot and in the darkest
-    shadow, the three variances are those of the headlight within a pixel, equal but for noise, and the weight is
-    chance. The minimum is outside [0, 1], or the parabola not convex, in
-    {", ".join(f"{share:.0%}" for share in least.values())} of the patches (from the top).""",
+    f"""Left: the four scenes, mean of the three pilots of 2 camera samples per pixel,
+    at {"half" if opts.size == "default" else opts.size + " size of"} the thesis's side
+    length. Right: the share of light samples that the thesis's rule learns from them in
+    patches of {PATCH}x{PATCH} pixels, before the filter. White patches beside the pot
+    see nothing and keep w = 1/2. Where the lamp does not shine, on the pot and in the
+    darkest shadow, the three variances are those of the headlight within a pixel, equal
+    but for noise, and the weight is chance. The minimum is outside [0, 1], or the
+    parabola not convex, in {", ".join(f"{share:.0%}" for share in least.values())} of
+    the patches (from the top).""",
     panel=axes[2, 1],
 )

@@ -2,9 +2,10 @@
 Figure 3.5: the filter
 ======================
 
-Few samples decide the weight of a patch, so weights jump from patch to patch. The thesis smooths them with a 5x5
-Gaussian over patches. This helps where neighbours should agree. It also blurs weights across the edges of shadows and
-materials, where neighbours should differ.
+Few samples decide the weight of a patch, so weights jump from patch to patch. The
+thesis smooths them with a 5x5 Gaussian over patches. This helps where neighbours should
+agree. It also blurs weights across the edges of shadows and materials, where neighbours
+should differ.
 """
 
 import numpy as np
@@ -28,34 +29,39 @@ CROPS = {  # rows and columns, in shares of the image
 }
 
 # %%
-# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w = 0, 1/2, 1. A direction of
-# contribution f counts as f / (w p_l + (1 - w) p_b).
+# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
+# = 0, 1/2, 1. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
 scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in CROPS}
 pilots = {
-    name: [dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis") for k, w in enumerate(STRATEGIES, 1)]
+    name: [
+        dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
+        for k, w in enumerate(STRATEGIES, 1)
+    ]
     for name, scene in scenes.items()
 }
 
 # %%
-# **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a pixel, averaged over a patch.
-# `Result.variance` is that of the pixel, y / n; the factor n does not move a minimum.
+# **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a
+# pixel, averaged over a patch. `Result.variance` is that of the pixel, y / n; the
+# factor n does not move a minimum.
 variances = {
-    name: np.stack([patch_mean(luminance(pilot.variance), PATCH) for pilot in three]) for name, three in pilots.items()
+    name: np.stack([patch_mean(luminance(pilot.variance), PATCH) for pilot in three])
+    for name, three in pilots.items()
 }
 
 # %%
-# **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of each patch (Eqs. 3.2-3.4) has
-# its minimum at w = -a₁ / (2 a₂) (Eq. 3.5).
+# **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of
+# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5).
 raw = {name: parabola_minimum(STRATEGIES, y)[0] for name, y in variances.items()}
 
 # %%
-# **Step 4, the filter.** The weight of patch p becomes Σ_q g(p - q) w_q over 5x5 patches q, with
-# g ~ exp(-d² / 2) at a distance of d patches.
+# **Step 4, the filter.** The weight of patch p becomes Σ_q g(p - q) w_q over 5x5
+# patches q, with g ~ exp(-d² / 2) at a distance of d patches.
 filtered = {name: gaussian(weight, sigma=1, radius=2) for name, weight in raw.items()}
 
 # %%
-# **Step 5, the final pass.** Each pixel takes the weight of its patch. The rule has 122 of the 128 samples left. The
-# balance heuristic needs no pilot and takes all of them.
+# **Step 5, the final pass.** Each pixel takes the weight of its patch. The rule has 122
+# of the 128 samples left. The balance heuristic needs no pilot and takes all of them.
 SHAPES = {name: scene.camera.resolution[::-1] for name, scene in scenes.items()}
 maps = {
     (name, title): patch_spread(weight[name], PATCH, SHAPES[name])
@@ -63,26 +69,37 @@ maps = {
     for title, weight in (("without the filter", raw), ("with the filter", filtered))
 }
 final = {
-    (name, title): dmis.render(scenes[name], dmis.Given(weight=weight), opts.spp - 6, seed=4, preset="thesis")
+    (name, title): dmis.render(
+        scenes[name], dmis.Given(weight=weight), opts.spp - 6, seed=4, preset="thesis"
+    )
     for (name, title), weight in maps.items()
 }
-balance = {name: dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis") for name, scene in scenes.items()}
+balance = {
+    name: dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis")
+    for name, scene in scenes.items()
+}
 
 # %%
-# Does it help? Compute the mean squared error over that of the balance heuristic, against two halves of a reference.
+# Does it help? Compute the mean squared error over that of the balance heuristic,
+# against two halves of a reference.
 ratios = {}
 for name, scene in scenes.items():
     reference = opts.reference(scene, opts.pick(64, 128))
     errors = squared_error(balance[name].image, reference.first, reference.second)
     for title in ("without the filter", "with the filter"):
-        ours = squared_error(final[name, title].image, reference.first, reference.second)
+        ours = squared_error(
+            final[name, title].image, reference.first, reference.second
+        )
         ratios[name, title] = ratio_over_blocks(ours, errors)
         value, half = ratios[name, title]
-        print(f"{name:18} {title:18} MSE / MSE of the balance heuristic {value:.3f} ± {half:.3f}")
+        print(
+            f"{name:18} {title:18} MSE / MSE of the balance heuristic {value:.3f} ±"
+            f" {half:.3f}"
+        )
 
 # %%
-# The thesis's four panels: (a, b) the maps without and with the filter, (c, d) the framed part of them. Then the noise
-# of that part of the image.
+# The thesis's four panels: (a, b) the maps without and with the filter, (c, d) the
+# framed part of them. Then the noise of that part of the image.
 figure, axes = print_canvas(3, 6, 4.1, width_ratios=[1.3, 1.3, 1, 1, 1, 1])
 for line, name in zip(axes, scenes, strict=True):
     part = window(scenes[name], *CROPS[name])
@@ -92,24 +109,42 @@ for line, name in zip(axes, scenes, strict=True):
         inside = maps[name, title][slice(*part[0]), slice(*part[1])]
         plot.weights(line[2 + k], inside, "", part)
         plot.picture(line[4 + k], final[name, title].image, "", part)
-    line[0].text(-0.04, 0.5, SCENES[name].title, rotation=90, transform=line[0].transAxes, ha="right", va="center")
-titles = "(a) without filter", "(b) with filter", "(c) part of (a)", "(d) part of (b)", "image by (a)", "image by (b)"
+    line[0].text(
+        -0.04,
+        0.5,
+        SCENES[name].title,
+        rotation=90,
+        transform=line[0].transAxes,
+        ha="right",
+        va="center",
+    )
+titles = (
+    "(a) without filter",
+    "(b) with filter",
+    "(c) part of (a)",
+    "(d) part of (b)",
+    "image by (a)",
+    "image by (b)",
+)
 for axis, title in zip(axes[0], titles, strict=True):
     axis.set_title(title)
 for axis in axes.flat:
     axis.set_axis_off()
 plot.weight_bar(figure, shown, axes, shrink=0.5, aspect=40, location="bottom", pad=0.01)
 told = "; ".join(
-    f"{SCENES[name].title} {ratios[name, 'without the filter'][0]:.3f} ± {ratios[name, 'without the filter'][1]:.3f} "
-    f"without and {ratios[name, 'with the filter'][0]:.3f} ± {ratios[name, 'with the filter'][1]:.3f} with it"
+    f"{SCENES[name].title} {ratios[name, 'without the filter'][0]:.3f} ±"
+    f" {ratios[name, 'without the filter'][1]:.3f} without and"
+    f" {ratios[name, 'with the filter'][0]:.3f} ±"
+    f" {ratios[name, 'with the filter'][1]:.3f} with it"
     for name in scenes
 )
 opts.save_for_print(
     figure,
     "Figure 3.5: weights without and with the filter",
-    f"""Share of light samples in patches of {PATCH}x{PATCH} pixels (a) as it comes out of the fit and (b) after the 5x5
-    Gaussian; (c, d) the framed part, and that part of the final images of {opts.spp - 6} camera samples per pixel.
-    Mean squared error over that of the balance heuristic with {opts.spp} samples, one seed, 95 % intervals over blocks
-    of pixels: {told}.""",
+    f"""Share of light samples in patches of {PATCH}x{PATCH} pixels (a) as it comes out
+    of the fit and (b) after the 5x5 Gaussian; (c, d) the framed part, and that part of
+    the final images of {opts.spp - 6} camera samples per pixel. Mean squared error over
+    that of the balance heuristic with {opts.spp} samples, one seed, 95 % intervals over
+    blocks of pixels: {told}.""",
     panel=axes[2, 1],
 )

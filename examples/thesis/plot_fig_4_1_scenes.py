@@ -2,9 +2,9 @@
 Figure 4.1: the four scenes
 ===========================
 
-The four scenes of the thesis, rendered with its rule. Cameras, lights and materials are the thesis's. The meshes that
-come with dmis are its own, because the killeroo and the car may not be redistributed. ``--scene-dir`` renders the
-original files.
+The four scenes of the thesis, rendered with its rule. Cameras, lights and materials are
+the thesis's. The meshes that come with dmis are its own, because the killeroo and the
+car may not be redistributed. ``--scene-dir`` renders the original files.
 """
 
 import dmis
@@ -16,16 +16,22 @@ SPP = opts.pick(16, 32, 128)
 INTEGRATOR = {"killeroo-gold": "path"}
 
 # %%
-# The rule ``thesis`` has 6 samples in its pilot. Gold reflects little but its surroundings. By direct light alone it
-# would be black except for reflections of the light, so KILLEROO GOLD is rendered by paths.
+# The rule ``thesis`` has 6 samples in its pilot. Gold reflects little but its
+# surroundings. By direct light alone it would be black except for reflections of the
+# light, so KILLEROO GOLD is rendered by paths.
 results = {}
 for name, about in SCENES.items():
     scene = opts.scene(name, opts.pick(16, min(about.size) / 800, 1))
     more = {"preset": "thesis", "integrator": INTEGRATOR.get(name, "direct")}
-    results[about.title] = dmis.render(scene, "thesis", SPP, seed=1, progress=opts.progress, **more)
+    results[about.title] = dmis.render(
+        scene, "thesis", SPP, seed=1, progress=opts.progress, **more
+    )
     triangles = len(scene.plan.face_row)
     width, height = scene.camera.resolution
-    print(f"{scene.name:20} {width}x{height}, {triangles:,} triangles, {len(scene.lights)} lights")
+    print(
+        f"{scene.name:20} {width}x{height}, {triangles:,} triangles,"
+        f" {len(scene.lights)} lights"
+    )
 
 # %%
 # Draw the images with 800 dots or more on the shorter side of each.
@@ -36,12 +42,15 @@ for axis, (title, result) in zip(axes.flat, results.items(), strict=True):
 opts.save_for_print(
     figure,
     "Figure 4.1: the four scenes",
-    f"""The thesis's scenes, rendered with its rule at {SPP} camera samples per pixel. TEAPOT AREA LIGHT: a plastic pot
-    on a plastic board, under a disk of radius 2 that is partly in view, with a point light at the camera. KILLEROO
-    DIFFUSE and KILLEROO GOLD: a creature on a gridded floor before two gridded walls, under a disk of radius 150 at
-    height 800, with a headlight, a distant light along the view direction. TT: a car under a sky, with a small point
-    light in the closed cabin. Direct lighting, KILLEROO GOLD by paths. sRGB without tone mapping: values above 1 are
-    clipped. The script's PNG has 800 dots or more on the shorter side of each scene; copies on pages have fewer.""",
+    f"""The thesis's scenes, rendered with its rule at {SPP} camera samples per pixel.
+    TEAPOT AREA LIGHT: a plastic pot on a plastic board, under a disk of radius 2 that
+    is partly in view, with a point light at the camera. KILLEROO DIFFUSE and KILLEROO
+    GOLD: a creature on a gridded floor before two gridded walls, under a disk of radius
+    150 at height 800, with a headlight, a distant light along the view direction. TT: a
+    car under a sky, with a small point light in the closed cabin. Direct lighting,
+    KILLEROO GOLD by paths. sRGB without tone mapping: values above 1 are clipped. The
+    script's PNG has 800 dots or more on the shorter side of each scene; copies on pages
+    have fewer.""",
     panel=axes[1, 1],
     dpi=430,
 )
