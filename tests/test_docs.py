@@ -7,7 +7,6 @@ import re
 import runpy
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -130,23 +129,71 @@ def test_readme_lists_the_figures_of_a_section(section):
 
 
 def test_published_figures():
-    """Each figure of the thesis is small, has a caption that says how it was made, and is on the page."""
+    """Each script has a small figure with a caption that says how it was made; the thesis's are on their page."""
     folder, page = ROOT / "docs" / "figures", (ROOT / "docs" / "thesis-figures.md").read_text("utf-8")
     captions = json.loads((folder / "captions.json").read_text("utf-8"))
-    scripts = {path.stem for path in (ROOT / "examples" / "thesis").glob("plot_*.py")}
-    assert scripts <= set(captions) == {path.stem for path in folder.glob("*.webp")}
+    scripts = {path.stem: path.parent.name for path in (ROOT / "examples").glob("*/plot_*.py")}
+    assert set(scripts) == set(captions) == {path.stem for path in folder.glob("*.webp")}
     for stem, about in captions.items():
         assert (folder / f"{stem}.webp").stat().st_size <= 150_000
         assert re.fullmatch(r"\d{4}-\d\d-\d\d, commit [0-9a-f]{7,}, \d+ CPU seconds", about["made"])
-        if stem in scripts:
+        left, top, right, bottom = about["panel"]
+        assert 0 <= left < right <= 1 and 0 <= top < bottom <= 1
+        if scripts[stem] == "thesis":
             assert f"![{about['title']}](figures/{stem}.webp)" in page and about["caption"] in page
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/index.md"])
-def test_front_pages_have_the_data_flow_of_the_code_page(page):
-    """The same lines in all three."""
-    flow = re.search(r"(?:^    .*\n)*^    .*─▶.*\n(?:^    .*\n)*", (ROOT / "docs" / "code.md").read_text("utf-8"), re.M)
-    assert flow is not None and flow[0].count("\n") == 4 and flow[0] in (ROOT / page).read_text("utf-8")
+def test_data_flow_has_the_steps_of_the_readme():
+    """The picture of two pages names the same steps as the lines of README.md, and its boxes of code exist."""
+    import xml.etree.ElementTree as xml
+
+    lines = re.findall(r"^    .*─▶.*$", (ROOT / "README.md").read_text("utf-8"), re.M)
+    assert len(lines) == 4
+    steps = {step.strip() for line in lines for step in re.split(r"─▶|─", line)}
+    picture = xml.parse(ROOT / "docs" / "images" / "data-flow.svg").getroot()
+    texts = [text.text for text in picture.iter("{http://www.w3.org/2000/svg}text")]
+    boxes = list(picture.iter("{http://www.w3.org/2000/svg}rect"))
+    assert set(texts) == steps and len(texts) == len(boxes)
+    modules = {path.stem for path in (ROOT / "dmis").rglob("*")}
+    code = [re.match(r"\w+", text)[0] for text, box in zip(texts, boxes) if box.get("class") == "code"]
+    assert len(code) == 8 and {name.removesuffix("s") if name == "techniques" else name for name in code} <= modules
+    for page in ("code.md", "index.md"):
+        assert "](images/data-flow.svg)" in (ROOT / "docs" / page).read_text("utf-8")
+
+
+def code_of_page(page: Path) -> list[tuple[int, str]]:
+    """Lines of the blocks of code of a page, fenced or indented, with their numbers."""
+    fenced, code = False, []
+    for number, line in enumerate(page.read_text("utf-8").split("\n"), 1):
+        if line.lstrip().startswith("```"):
+            fenced = not fenced
+        elif fenced or line.startswith("    "):
+            code.append((number, line))
+    return code
+
+
+def code_of_script(script: Path) -> list[tuple[int, str]]:
+    """Lines of a script, with their numbers, without what its page shows as text: docstring, blocks of ``# %%``."""
+    source = script.read_text("utf-8")
+    prose, code = True, []
+    first = source.index('"""', 3) if source.startswith('"""') else 0
+    for number, line in enumerate(source.split("\n"), 1):
+        prose = line.startswith("# %%") or (prose and line.startswith("#"))
+        if number > source.count("\n", 0, first) + 1 and not prose:
+            code.append((number, line))
+    return code
+
+
+SCRIPTS = sorted((ROOT / "examples").glob("*/plot_*.py"))
+SHOWN = {page: code_of_page for page in PAGES if page.name != "README.md"}
+SHOWN |= dict.fromkeys([*TUTORIALS, *SCRIPTS], code_of_script)
+
+
+@pytest.mark.parametrize("page", SHOWN, ids=lambda page: page.name)
+def test_code_fits_a_page(page):
+    """Lines of code have at most 88 columns: more would scroll beside the table of contents."""
+    wide = [f"{page.relative_to(ROOT)}:{n}: {len(line)} columns" for n, line in SHOWN[page](page) if len(line) > 88]
+    assert not wide, "\n".join(wide)
 
 
 def anchors(page: Path) -> set[str]:
@@ -168,17 +215,16 @@ def test_links_lead_somewhere(page):
 
 
 def test_public_names_are_in_the_reference():
-    """The page about them lists each where it lives, and nothing else; each has a docstring of its own."""
+    """The page about them lists each once, and nothing else; each has a docstring of its own."""
     import dmis
 
     pytest.importorskip("matplotlib")  # of `plot`
-    listed = re.findall(r"^   ~(dmis[\w.]*)\.(\w+)$", (ROOT / "docs" / "api.rst.txt").read_text("utf-8"), re.M)
-    assert sorted(name for _, name in listed) == dmis.__all__
-    for home, name in listed:
-        value = getattr(import_module(home), name)
-        assert value is getattr(dmis, name)
+    listed = re.findall(r"^   dmis\.(\w+)$", (ROOT / "docs" / "api.rst.txt").read_text("utf-8"), re.M)
+    assert sorted(listed) == dmis.__all__
+    for name in listed:
+        value = getattr(dmis, name)
         if inspect.isclass(value) or inspect.isfunction(value):
-            assert value.__module__ == home and len(value.__doc__) > 40
+            assert value.__module__ == dmis._HOMES[name] and len(value.__doc__) > 40
 
 
 def test_every_module_is_in_the_page_about_the_code():
