@@ -64,7 +64,7 @@ $(DOCS)/.installed: pyproject.toml
 	$(DOCS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[docs]"
 	@touch $(DOCS)/.installed
 
-docs: $(DOCS)/.installed  ## build the site into docs/_build/html, tutorials and figures included (minutes); GALLERY=0: text only
+docs: $(DOCS)/.installed  ## build the site into docs/_build/html and run its tutorials (minutes); GALLERY=0: without their pictures
 	$(DOCS)/bin/python -m sphinx -E -q -W --keep-going -D sphinx_gallery_conf.plot_gallery=$(GALLERY) docs docs/_build/html
 	@echo docs/_build/html/index.html
 

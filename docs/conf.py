@@ -18,6 +18,7 @@ import dmis
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS))
 import gallery  # noqa: E402
+import links  # noqa: E402
 import reference  # noqa: E402
 
 os.environ.setdefault("DMIS_CACHE", str(DOCS / "_build" / "cache"))
@@ -217,6 +218,7 @@ def setup(app) -> None:
     app.connect("source-read", source_read)
     app.connect("missing-reference", reference.find_public_name)
     app.connect("autodoc-skip-member", skip_aliases)
+    app.connect("build-finished", links.warn_of_broken_links)
 
 
 html_math_renderer = "mathml"
