@@ -193,3 +193,28 @@ def test_report(cache, tmp_path):
     tables = {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}
     run(script, cache, "-o", tmp_path / "any.png", "--seeds", "1")
     assert tables == {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}
+
+
+def test_stability_figure(cache, tmp_path):
+    """Float32 against float64, which is a process of its own."""
+    picture = tmp_path / "figure.png"
+    assert run(ROOT / "examples" / "make_stability_figure.py", cache, "-o", picture).rstrip().endswith(str(picture))
+    check(picture)
+
+
+def test_printed_tables_are_published(tmp_path):
+    """Each table goes between the marks of its page, with the line behind it; too few tables are an error."""
+    script, page = tmp_path / "script.py", tmp_path / "page.md"
+    script.write_text(
+        'import sys\nprint("text")\nprint("| a |", "|---|", "| 1 |", "2 seeds.", *sys.argv[1:], "", sep="\\n")\n'
+    )
+    page.write_text("before\n<!-- mine: begin -->\nold\n<!-- mine: end -->\nafter\n", "utf-8")
+    command = [sys.executable, ROOT / "examples" / "publish.py", f"{page}: mine", script, "--full"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    text = page.read_text("utf-8")
+    assert text.startswith("before\n<!-- mine: begin -->\n| a |\n|---|\n| 1 |\n\n2 seeds. Made on ")
+    assert text.endswith("<!-- mine: end -->\nafter\n") and "old" not in text and "--full; " in text
+    command.insert(2, f"{page}: other")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "must print 2 tables" in done.stderr and page.read_text("utf-8") == text
