@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, z_score
+from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
@@ -15,6 +15,7 @@ from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.rounds import Rounds
 from dmis.pipeline import tile as tiles
+from dmis.testing.statistics import z_score
 from dmis.variance.replicates import replicate_seed
 
 SEEDS = 24

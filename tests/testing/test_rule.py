@@ -84,6 +84,8 @@ def test_a_rule_of_another_mean_is_found() -> None:
     assert "renders" in found.name and found.message.startswith("mean radiance balance 0.")
 
 
-@pytest.mark.parametrize("right", [rule(quieter), "thesis:patch=4", "auto", dmis.Given(weight=0.3)], ids=repr)
+@pytest.mark.parametrize(
+    "right", [rule(quieter), "thesis:patch=4", "auto", dmis.Given(weight=0.3)], ids=("own", "thesis", "auto", "given")
+)
 def test_right_rules_pass(right: Any) -> None:
     require(check_rule(right))
