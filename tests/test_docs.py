@@ -119,9 +119,9 @@ def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("section", ["thesis", "explained", "measured"])
-def test_readme_lists_the_figures_of_a_section(section):
-    """Each script once, in the table below the name of its folder."""
-    text = (ROOT / "README.md").read_text("utf-8").partition(f"\n`{section}/` ")[2]
+def test_page_lists_the_figures_of_a_section(section):
+    """Each script once, in the table below the heading of its folder."""
+    text = (ROOT / "docs" / "scripts.md").read_text("utf-8").partition(f"\n## {section.capitalize()}\n")[2]
     table = re.search(r"(?:^\|.*\n)+", text, re.M)
     assert table is not None
     scripts = sorted(path.name for path in (ROOT / "examples" / section).glob("plot_*.py"))
@@ -143,17 +143,14 @@ def test_published_figures():
             assert f"![{about['title']}](figures/{stem}.webp)" in page and about["caption"] in page
 
 
-def test_data_flow_has_the_steps_of_the_readme():
-    """The picture of two pages names the same steps as the lines of README.md, and its boxes of code exist."""
+def test_data_flow_names_modules():
+    """The picture is on two pages, each of its steps is in a box, and its boxes of code are modules."""
     import xml.etree.ElementTree as xml
 
-    lines = re.findall(r"^    .*─▶.*$", (ROOT / "README.md").read_text("utf-8"), re.M)
-    assert len(lines) == 4
-    steps = {step.strip() for line in lines for step in re.split(r"─▶|─", line)}
     picture = xml.parse(ROOT / "docs" / "images" / "data-flow.svg").getroot()
     texts = [text.text for text in picture.iter("{http://www.w3.org/2000/svg}text")]
     boxes = list(picture.iter("{http://www.w3.org/2000/svg}rect"))
-    assert set(texts) == steps and len(texts) == len(boxes)
+    assert len(texts) == len(boxes) == len(set(texts))
     modules = {path.stem for path in (ROOT / "dmis").rglob("*")}
     code = [re.match(r"\w+", text)[0] for text, box in zip(texts, boxes) if box.get("class") == "code"]
     assert len(code) == 8 and {name.removesuffix("s") if name == "techniques" else name for name in code} <= modules
