@@ -44,6 +44,7 @@ dr.set_thread_count(1)
 
 import mitsuba_scene
 from common import SCENES, TABLES, machine, replace_table
+from front_table import write_front_table
 
 import dmis
 from dmis.base.atomic_files import replacing
@@ -365,6 +366,8 @@ def main() -> None:
         print("\n".join(lines))
         if page is not None:
             replace_table(page, kind, *lines)
+    if page == PAGE and "mitsuba-errors" in tables:
+        write_front_table()
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 """
-The table of filters in docs/rules.md
+The table of filters in docs/measurements.md
 =====================================
 
 How curves are shared between patches: for each way, the share of the oracle's saving that learned weights reach, and
@@ -20,7 +20,7 @@ from common import ROOT, TABLES, machine, options, replace_table, show
 import dmis
 from dmis.experiment.oracle import make_oracle
 
-PAGE = ROOT / "docs" / "rules.md"
+PAGE = ROOT / "docs" / "measurements.md"
 WAYS = {
     "none": "filter=none,shrink=no",
     "Gaussian": "filter=gaussian,shrink=no",

@@ -22,7 +22,7 @@ opts, given = options(
     __file__,
     "the rules against the balance heuristic at the thesis's resolution",
     seeds={"type": int, "default": 1, "help": "number of seeds (default 1)"},
-    page={"type": Path, "default": ROOT / "docs" / "rules.md", "help": "the page whose table is replaced"},
+    page={"type": Path, "default": ROOT / "docs" / "measurements.md", "help": "the page whose table is replaced"},
 )
 BASE, *RULES = "balance", "thesis", "second-moment", "auto"
 

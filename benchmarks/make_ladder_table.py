@@ -1,5 +1,5 @@
 """
-The ladder of bounds: a table of docs/rules.md
+The ladder of bounds: a table of docs/measurements.md
 ==============================================
 
 How small the error could be in equal time with one freedom of the estimator after another, on the four scenes, as
@@ -17,7 +17,7 @@ from common import ROOT, TABLES, machine, options, replace_table, show
 from dmis.experiment.ladder import EVEN_SEEDS, EVEN_SPP, RUNGS, make_ladder, measure_evenness
 from dmis.experiment.oracle import make_oracle
 
-PAGE = ROOT / "docs" / "rules.md"
+PAGE = ROOT / "docs" / "measurements.md"
 
 opts, given = options(
     __file__,

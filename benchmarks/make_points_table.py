@@ -21,12 +21,13 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, TABLES, bold, machine, options, replace_table, show
+from front_table import write_front_table
 
 import dmis
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import Run, measure
 
-PAGE = ROOT / "docs" / "rules.md"
+PAGE = ROOT / "docs" / "measurements.md"
 RESULTS = ROOT / "docs" / "tables" / "points.csv"
 HELD_OUT = {"veach-mis": 2, "ten-lights": 2}
 """Held-out scenes, and how much smaller than by default they are rendered."""
@@ -45,7 +46,7 @@ opts, given = options(
     budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 128 16 32 64)"},
     scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes"},
     csv={"type": Path, "default": RESULTS, "help": "results; those in it are not measured again"},
-    page={"type": Path, "help": "docs/rules.md gets the tables between its marks 'points', and README its own"},
+    page={"type": Path, "help": "docs/measurements.md gets the tables between its marks 'points', and README its own"},
 )
 BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64))
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
@@ -132,10 +133,6 @@ for mark, baseline, rules in (("points", PINNED, others), ("points strong", SOBO
         replace_table(given.page, mark, about, "", *lines)
 
 # %%
-# For README, the first table at 128 samples alone, a column for each rule.
+# For README, what `auto` saves at 128 samples.
 if given.page is not None and given.page.resolve() == PAGE and 128 in BUDGETS:
-    short = ["| scene | " + " | ".join(RULES[rule] for rule in others) + " |", "|---|" + "---|" * len(others)]
-    for name in given.scenes:
-        cells = [bold(*ratio(efficiency[name, rule, 128], efficiency[name, PINNED, 128])) for rule in others]
-        short.append(f"| {name} {sizes[name]}{', held out' if name in HELD_OUT else ''} | " + " | ".join(cells) + " |")
-    replace_table(ROOT / "README.md", "equal time", *short, "", about)
+    write_front_table()

@@ -1,5 +1,5 @@
 """
-Several techniques: the table of docs/rules.md
+Several techniques: the table of docs/measurements.md
 ==============================================
 
 Does a third technique pay? Light, BRDF and resampled light samples with shares that are learned, or given, against the
@@ -18,7 +18,7 @@ from common import ROOT, cell, machine, options, replace_table, show
 
 from dmis.experiment.runs import measure, median_seconds, on_cpu
 
-PAGE = ROOT / "docs" / "rules.md"
+PAGE = ROOT / "docs" / "measurements.md"
 
 opts, given = options(
     __file__,

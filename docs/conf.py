@@ -80,22 +80,25 @@ sphinx_gallery_conf = {
 # The table of contents ------------------------------------------------------------------------------------------------
 
 CONTENTS = {
-    "Begin": ["quickstart", "generated/tutorials/index", "choosing", "faq"],
+    "Begin": ["quickstart", "generated/tutorials/index", "syllabus", "checks", "rules", "settings", "faq", "glossary"],
     "Know": [
         "theory",
         "theory-extensions",
         "thesis",
         "estimator",
+        "learned-rules",
+        "simplex",
         "sampling",
-        "rules",
         "brdfs",
         "paths",
         "plan",
         "conventions",
     ],
-    "Use": ["cli", "scenes", "report", "cluster", "checks"],
+    "Use": ["cli", "scenes", "pbrt", "report", "reading-reports", "cluster"],
     "Measured": [
+        "measurements",
         "generated/figures/index",
+        "scripts",
         "reproduction",
         "why",
         "thesis-figures",
@@ -105,7 +108,6 @@ CONTENTS = {
         "fireflies",
     ],
     "Look up": [
-        "glossary",
         "references",
         "generated/api/index",
         "generated/internals/index",

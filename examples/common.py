@@ -23,7 +23,7 @@ from dmis.experiment.runs import Run
 
 ROOT = Path(__file__).resolve().parent.parent
 TABLES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}
-"""The same for the tables of docs/rules.md."""
+"""The same for the tables of docs/measurements.md."""
 
 
 def options(script: str, description: str, **more: dict) -> tuple[Options, argparse.Namespace]:

@@ -90,8 +90,7 @@ for name, about in SCENES.items():
     )
 
 # %%
-# Write the table with the thesis's numbers in parentheses, and the short one of the
-# README.
+# Write the table, with the thesis's numbers in parentheses.
 lines = [
     (
         "| scene | balance: s (thesis) | MSE | ours / balance, equal samples (thesis) |"
@@ -99,13 +98,6 @@ lines = [
         " (thesis) | time / balance |"
     ),
     "|---" * 8 + "|",
-]
-short = [
-    (
-        "| scene | thesis, equal samples | ours, equal samples | thesis, equal time |"
-        " ours, equal time |"
-    ),
-    "|---" * 5 + "|",
 ]
 for row in rows:
     about, equal, fair = row["about"], row["equal samples"], row["equal time"]
@@ -115,13 +107,8 @@ for row in rows:
         f" {row['overhead']:+.1%} ({about.overhead:+.1%}) | {row['spp']} (125) |"
         f" {fair[0]:.3f} ± {fair[1]:.3f} ({about.equal_time:.3f}) | {row['time']:.3f} |"
     )
-    short.append(
-        f"| {row['scene']} | {about.equal_samples:.3f} | {equal[0]:.3f} ±"
-        f" {equal[1]:.3f} | {about.equal_time:.3f} | {fair[0]:.3f} ± {fair[1]:.3f}"
-        f" (time × {row['time']:.2f}) |"
-    )
 seeds = f"{len(SEEDS)} seed{'s' * (len(SEEDS) > 1)}."
-print("", *lines, seeds, "", *short, seeds, "", sep="\n")
+print("", *lines, seeds, "", sep="\n")
 
 # %%
 # Draw the same numbers: below 1 the rule wins.

@@ -1,0 +1,57 @@
+"""
+The table of README: what the rule auto saves
+=============================================
+
+The table is put together from tables that are on other pages, so nothing is rendered: error times CPU seconds of `auto`
+over that of the balance heuristic with independent and with Sobol points (docs/measurements.md), and over that of
+Mitsuba's best sampler (docs/performance.md). The scripts that measure those tables write this one, too.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
+from common import ROOT, replace_table
+
+DOCS = ROOT / "docs"
+POINTS = DOCS / "measurements.md"
+MITSUBA = DOCS / "performance.md"
+COLUMNS = ("balance, independent points", "balance, Sobol points", "Mitsuba's best sampler")
+
+
+def read_rows(page: Path, mark: str) -> list[dict[str, str]]:
+    """Return the rows of the table between the marks of a page, cells by the titles of their columns."""
+    _, _, rest = page.read_text("utf-8").partition(f"<!-- {mark}: begin -->")
+    block, end, _ = rest.partition(f"<!-- {mark}: end -->")
+    if not end:
+        raise ValueError(f"{page} must have a table between <!-- {mark}: begin --> and <!-- {mark}: end -->")
+    lines = [line for line in block.split("\n") if line.startswith("|")]
+    titles, _, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return [dict(zip(titles, row, strict=True)) for row in rows]
+
+
+def front_rows(points: Path = POINTS, mitsuba: Path = MITSUBA) -> list[str]:
+    """Return the lines of the table; a ratio that was not measured is a dash.
+
+    Of the lines that the table of Mitsuba has for a scene the last is taken: its best sampler of all.
+    """
+    over = [
+        {row["scene"]: row["128 spp"] for row in read_rows(points, mark) if row["rule"] == "auto"}
+        for mark in ("points", "points strong")
+    ]
+    best = {row["scene"]: row.get("`auto`, sobol", "–") for row in read_rows(mitsuba, "mitsuba-errors")}
+    lines = [f"| scene | {' | '.join(COLUMNS)} |", "|---" * (1 + len(COLUMNS)) + "|"]
+    for scene in over[0]:
+        cells = (over[0][scene], over[1][scene], best.get(scene.split()[0], "–"))
+        lines.append(f"| {scene} | {' | '.join(cells)} |")
+    return lines
+
+
+def write_front_table(page: Path = ROOT / "README.md") -> None:
+    """Put the table between the marks 'equal time' of README."""
+    replace_table(page, "equal time", *front_rows())
+
+
+if __name__ == "__main__":
+    write_front_table()
