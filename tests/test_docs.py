@@ -253,3 +253,17 @@ def test_demo_reference_states_its_error():
     layers, attributes = dmis.read_exr(ROOT / "examples" / "data" / "teapot-area-light-400x400.exr")
     assert layers["first"].shape == layers["second"].shape == (400, 400, 3)
     assert 0 < float(attributes["mse"]) < 1e-5
+
+
+def test_every_option_is_in_the_page_about_the_command_line():
+    """docs/cli.md names each command and each option of the parser."""
+    import argparse
+
+    from dmis.cli.arguments import make_parser
+
+    page = (ROOT / "docs" / "cli.md").read_text("utf-8")
+    subparsers = next(x for x in make_parser()._actions if isinstance(x, argparse._SubParsersAction)).choices
+    options = {name for parser in subparsers.values() for action in parser._actions for name in action.option_strings}
+    assert {"-o", "--rules", "--plugin"} < options
+    names = [*subparsers, *(options - {"-h", "--help"})]
+    assert [name for name in names if not re.search(rf"`{re.escape(name)}[` ]", page)] == []
