@@ -100,8 +100,8 @@ def count(path: Path, codes: set[CodeType]) -> tuple[int, int]:
 
 def reading_path(page: Path = PAGE) -> list[str]:
     """Return the files that docs/code.md says to read for such a render, in its order."""
-    paragraph = page.read_text("utf-8").partition("take the files in this order:")[2].partition("\n\n")[0]
-    return re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", paragraph)
+    steps = page.read_text("utf-8").partition("take the files in this order:\n\n")[2].partition("\n\n")[0]
+    return re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", steps)
 
 
 def main() -> None:
