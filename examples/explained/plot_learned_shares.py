@@ -2,8 +2,9 @@
 What three rules learn on one scene
 ===================================
 
-The share of light samples that the thesis's rule, the second-moment rule and auto learn on KILLEROO GOLD, and the
-camera samples per pixel that auto takes. The first two learn shares alone; auto divides camera samples, too.
+The share of light samples that the thesis's rule, the second-moment rule and auto learn
+on KILLEROO GOLD, and the camera samples per pixel that auto takes. The first two learn
+shares alone; auto divides camera samples, too.
 """
 
 import sys
@@ -23,7 +24,8 @@ scene = opts.scene("killeroo-gold", opts.pick(24, 4, 1))
 TITLES = {"thesis": "share, thesis", "second-moment": "share, second-moment", "auto": "share, auto"}
 
 # %%
-# One render for each rule and for the balance heuristic, with the same budget and the same points.
+# One render for each rule and for the balance heuristic, with the same budget and the
+# same points.
 results = {
     rule: dmis.render(scene, rule, opts.spp, seed=1, sampler="sobol", parallel=opts.threads)
     for rule in ("balance", *TITLES)
@@ -32,7 +34,8 @@ samples = results["auto"].samples
 noise = np.log10(np.maximum(luminance(results["balance"].deviation), 1e-4))
 
 # %%
-# Image, noise and numbers of samples (powers of two) above the three share maps, which have one scale.
+# Image, noise and numbers of samples (powers of two) above the three share maps, which
+# have one scale.
 width, height = scene.camera.resolution
 figure, axes = plot.canvas(2, 3, 15, 8 * height / width + 2)
 plot.picture(axes[0, 0], results["auto"].image, "image, auto")
@@ -47,10 +50,12 @@ print(*(f"{rule}: {100 * result.weight.mean():.0f} % light samples" for rule, re
 opts.save(
     figure,
     "What three rules learn on one scene",
-    f"""KILLEROO GOLD, {width}x{height} pixels, {opts.spp} camera samples per pixel, pilot included. Blue: more light
-    samples than BRDF samples; red: fewer; white: equal shares. The gold reflects the lamp, so rules give its bright
-    parts BRDF samples. Patches of thesis have 16x16 pixels and are blurred by a 5x5 Gaussian. Patches of second-moment
-    have 4x4 pixels and a filter that stops at edges; where its pilot is not sure of a gain, they stay white. Auto gives
-    each pixel one of a few patterns, such as 4 light samples and 1 BRDF sample, and {samples.min():.0f} to
-    {samples.max():.0f} camera samples.""",
+    f"""KILLEROO GOLD, {width}x{height} pixels, {opts.spp} camera samples per pixel,
+    pilot included. Blue: more light samples than BRDF samples; red: fewer; white:
+    equal shares. The gold reflects the lamp, so rules give its bright parts BRDF
+    samples. Patches of thesis have 16x16 pixels and are blurred by a 5x5 Gaussian.
+    Patches of second-moment have 4x4 pixels and a filter that stops at edges; where
+    its pilot is not sure of a gain, they stay white. Auto gives each pixel one of a
+    few patterns, such as 4 light samples and 1 BRDF sample, and {samples.min():.0f}
+    to {samples.max():.0f} camera samples.""",
 )
