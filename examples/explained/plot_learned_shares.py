@@ -21,13 +21,19 @@ from dmis.base.color import luminance
 
 opts, _ = options(__file__, __doc__)
 scene = opts.scene("killeroo-gold", opts.pick(24, 4, 1))
-TITLES = {"thesis": "share, thesis", "second-moment": "share, second-moment", "auto": "share, auto"}
+TITLES = {
+    "thesis": "share, thesis",
+    "second-moment": "share, second-moment",
+    "auto": "share, auto",
+}
 
 # %%
 # One render for each rule and for the balance heuristic, with the same budget and the
 # same points.
 results = {
-    rule: dmis.render(scene, rule, opts.spp, seed=1, sampler="sobol", parallel=opts.threads)
+    rule: dmis.render(
+        scene, rule, opts.spp, seed=1, sampler="sobol", parallel=opts.threads
+    )
     for rule in ("balance", *TITLES)
 }
 samples = results["auto"].samples
@@ -39,14 +45,24 @@ noise = np.log10(np.maximum(luminance(results["balance"].deviation), 1e-4))
 width, height = scene.camera.resolution
 figure, axes = plot.canvas(2, 3, 15, 8 * height / width + 2)
 plot.picture(axes[0, 0], results["auto"].image, "image, auto")
-mappable = plot.heat(axes[0, 1], noise, "standard error, balance heuristic", cmap="magma")
+mappable = plot.heat(
+    axes[0, 1], noise, "standard error, balance heuristic", cmap="magma"
+)
 figure.colorbar(mappable, ax=axes[0, 1], label="log10 of luminance", shrink=0.8)
-mappable = plot.heat(axes[0, 2], np.log2(samples), "camera samples, auto", cmap="viridis")
+mappable = plot.heat(
+    axes[0, 2], np.log2(samples), "camera samples, auto", cmap="viridis"
+)
 figure.colorbar(mappable, ax=axes[0, 2], label="log2 of samples per pixel", shrink=0.8)
 for axis, (rule, title) in zip(axes[1], TITLES.items(), strict=True):
     mappable = plot.weights(axis, results[rule].weight, title)
 plot.weight_bar(figure, mappable, axes[1, 2], shrink=0.8)
-print(*(f"{rule}: {100 * result.weight.mean():.0f} % light samples" for rule, result in results.items()), sep="\n")
+print(
+    *(
+        f"{rule}: {100 * result.weight.mean():.0f} % light samples"
+        for rule, result in results.items()
+    ),
+    sep="\n",
+)
 opts.save(
     figure,
     "What three rules learn on one scene",
