@@ -1,0 +1,124 @@
+"""Checks of exercises 19 to 21, of tutorial 6: numbers of samples, a lobe, a rule of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.brdf.cosines import Directions
+from dmis.fit.rule import Rule, complete_rule
+from dmis.formats.load_scene import load_scene
+from dmis.pipeline.render import render
+from dmis.scene.scene import Scene
+from dmis.testing.exercises.grading import (
+    Failed,
+    at_most,
+    call,
+    call_object,
+    check_directions,
+    compare,
+    exercise,
+)
+from dmis.testing.outcome import Outcome
+from dmis.testing.sphere import columns, sphere_rule, uniforms
+
+_SEEDS = range(8)
+_SPP = 32
+_RATIO = 0.85
+"""Largest error of a rule over that of the balance heuristic, at the upper end of its interval."""
+
+
+@exercise
+def sample_counts(module: ModuleType) -> Iterator[Outcome]:
+    """Exercise 19: numbers of samples by variance and cost."""
+    variance = np.array([[1.0, 4.0], [0.25, 9.0]])
+    (n,) = call(module, "sample_counts", variance, np.ones((2, 2)), 65.0, shapes=[(2, 2)])
+    yield compare("equal costs: in proportion to the root", n, np.array([[10.0, 20], [5, 30]]), 1e-6)
+    rng = np.random.default_rng(1)
+    variance, cost = rng.exponential(1, (2, 20, 30))
+    (n,) = call(module, "sample_counts", variance, cost, 5000.0, shapes=[(20, 30)])
+    yield compare("the budget is spent", np.array((n * cost).sum()), 5000.0, 1e-6)
+    best = np.sqrt(variance * cost).sum() ** 2 / 5000
+    error = float((variance / np.maximum(n, 1e-12)).sum())
+    yield at_most("the error is least", error, 1.0001 * best, "the sum of V / n", "Costly pixels get fewer samples")
+
+
+@exercise
+def velvet(module: ModuleType) -> Iterator[Outcome]:
+    """Exercise 20: a lobe with a density of its own."""
+    lobe = call_object("Velvet", getattr(module, "Velvet", None), 3.0)
+    n = 100_000
+    wo = np.array([np.sin(1.2), 0, np.cos(1.2)], np.float32)
+    wi = np.asarray(call_object("Velvet.sample", getattr(lobe, "sample", None), _surface(wo, n), uniforms(n, 1)))
+    if wi.shape != (3, n):
+        raise Failed("Velvet.sample has the right shape", f"sample must return shape (3, {n}); got {wi.shape}")
+    yield compare("directions are unit vectors", (wi * wi).sum(axis=0), 1.0, 1e-4)
+    yield from check_directions("Velvet", wi, lambda directions: _pdf(lobe, wo, directions))
+
+    # furnace: under light of 1 from everywhere, the mean of f cos / p is the albedo, whatever the density
+    grid, solid_angles = sphere_rule()
+    albedo = float(_reflected(lobe, wo, grid) @ solid_angles)
+    values = _reflected(lobe, wo, wi) / np.maximum(_pdf(lobe, wo, wi), 1e-9)
+    rim = 1 - float(wo[2])
+    yield compare("eval is that of velvet", np.array(albedo), 3 * rim**2 / 6, 0.01, "Leave eval as it is")
+    z = (values.mean() - albedo) / max(values.std() / np.sqrt(n), 1e-3 * albedo)
+    yield at_most("furnace: samples give the albedo", float(abs(z)), 4.0, f"|z| of {values.mean():.4f} - {albedo:.4f}")
+    relative = float(values.var() / values.mean() ** 2)
+    yield at_most("less noise than cos / pi, which has 1.4", relative, 0.8, "the relative variance of f cos / p")
+
+
+@exercise
+def own_rule(module: ModuleType) -> Iterator[Outcome]:
+    """Exercise 21: a rule that has less error than the balance heuristic at equal samples."""
+    mine = complete_rule(call_object("Mine", getattr(module, "Mine", None)))
+    # the teapot below its lamp, whose edge has noise that no share can help
+    scene = load_scene("teapot-area-light", resolution=(64, 64)).crop((26, 64), (0, 64))
+    reference = render(scene, "auto", 256, seed=1000, sampler="sobol").image
+    errors, means = np.zeros((2, len(_SEEDS))), np.zeros((2, len(_SEEDS)))
+    for k, name in enumerate((mine, "balance")):
+        for seed in _SEEDS:
+            image = call_object("Mine", _image, scene, name, seed)
+            errors[k, seed] = ((image - reference) ** 2).mean()
+            means[k, seed] = image.mean()
+    error = np.sqrt(means.var(axis=1, ddof=1).sum() / len(_SEEDS))
+    z = float((means[0] - means[1]).mean() / error)
+    yield at_most("the image is unbiased", abs(z), 4.0, "|z| of its mean, against the balance heuristic")
+    ratio = errors[0].mean() / errors[1].mean()
+    deviation = (errors[0] - ratio * errors[1]).std(ddof=1) / np.sqrt(len(_SEEDS)) / errors[1].mean()
+    half = 2.36 * deviation  # Student's 95 % interval of 8 seeds
+    what = f"the upper end of the error over that of balance, {ratio:.2f} ± {half:.2f},"
+    yield at_most("less error at equal samples", float(ratio + half), _RATIO, what)
+
+
+def _image(scene: Scene, rule: Rule | str, seed: int) -> Array:
+    """Return an image with independent points, in which errors of equal samples are compared."""
+    return render(scene, rule, _SPP, seed=seed, sampler="independent").image
+
+
+def _surface(wo: Array, n: int) -> SimpleNamespace:
+    """Return n points with the normal +z that are seen from `wo`."""
+    normal, views = columns((0, 0, 1), n), columns(wo, n)
+    return SimpleNamespace(n=normal, wo=views, cos_o=views[2])
+
+
+def _pdf(lobe: Any, wo: Array, wi: Array) -> Array:
+    """Return the density of a reader's lobe, ``(N,)``."""
+    directions = Directions(_surface(wo, wi.shape[1]), np.ascontiguousarray(wi, np.float32))
+    density = np.asarray(call_object("Velvet.pdf", lobe.pdf, directions), np.float64)
+    if density.shape != (wi.shape[1],):
+        raise Failed("Velvet.pdf has the right shape", f"pdf must return shape ({wi.shape[1]},); got {density.shape}")
+    return density
+
+
+def _reflected(lobe: Any, wo: Array, wi: Array) -> Array:
+    """Return f cos of the first channel above the surface, ``(N,)``."""
+    directions = Directions(_surface(wo, wi.shape[1]), np.ascontiguousarray(wi, np.float32))
+    value = np.atleast_2d(np.asarray(call_object("Velvet.eval", lobe.eval, directions), np.float64))[0]
+    return value * np.maximum(wi[2], 0)
+
+
+CHECKS = {19: sample_counts, 20: velvet, 21: own_rule}

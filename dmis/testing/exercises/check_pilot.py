@@ -1,0 +1,77 @@
+"""Checks of exercises 16 to 18, of tutorial 5: missed spikes, second moments, an unbiased variance curve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.testing.exercises.check_mis import densities, exact_variance, integrand
+from dmis.testing.exercises.grading import call, compare, exercise, z_test
+from dmis.testing.outcome import Outcome
+
+_X = np.linspace(-4, 4, 20_001)
+_W = np.array([0.05, 0.25, 0.5, 0.75, 0.95])
+
+
+@exercise
+def samples_needed(module: ModuleType) -> Iterator[Outcome]:
+    """Exercise 16: the chance to miss a spike, and the samples that make it small."""
+    p, n = np.array([0.01, 0.01, 0.5, 1e-12]), np.array([32, 512, 3, 10**12])
+    (chance,) = call(module, "chance_of_no_hit", p, n, shapes=[(4,)])
+    expected = np.array([0.7249803, 0.0058235, 0.125, np.exp(-1)])
+    yield compare("chance of no hit", chance, expected, 1e-5, "For tiny p take the logarithm: numpy.log1p")
+    for p_one, wanted, number in ((0.5, 0.125, 3), (0.01, 0.01, 459), (1e-3, 0.5, 693), (0.25, 1.0, 0)):
+        (needed,) = call(module, "samples_needed", p_one, wanted, shapes=[()])
+        yield compare(f"p = {p_one}, chance {wanted}: least number", needed, float(number), 1e-9, "Whole, rounded up")
+
+
+@exercise
+def second_moment(module: ModuleType) -> Iterator[Outcome]:
+    """Exercise 17: the second moment at every share, from samples of the mixture of both techniques alike."""
+    x_l, d_l, x_b, d_b = _pilot(20_000, 1)
+    x, d = np.concatenate([x_l, x_b]), np.concatenate([d_l, d_b])
+    p_l, p_b = densities(_X)
+    exact = [float((integrand(_X) ** 2 / (w * p_l + (1 - w) * p_b)).sum() * (_X[1] - _X[0])) for w in _W]
+    moments = np.stack([call(module, "second_moment", x[:, k], d[:, k], _W, shapes=[_W.shape])[0] for k in range(500)])
+    for k, w in enumerate(_W):
+        yield z_test(f"w = {w}", moments[:, k], exact[k], "A sample at w is worth X q / p_w, and is drawn from q")
+    ends = call(module, "second_moment", np.zeros(4), np.array([1.0, -1, 1, -1]), np.array([0.0, 1]), shapes=[(2,)])
+    yield compare("samples of value 0 at the ends", ends[0] + 1, 1.0, 1e-6, "Where m is 0, a value of 0 stays 0")
+
+
+@exercise
+def variance_curve(module: ModuleType) -> Iterator[Outcome]:
+    """Exercise 18: an unbiased curve of variances from four samples."""
+    pixels = 3000
+    x_l, d_l, x_b, d_b = _pilot(pixels, 2, samples=2)
+    curves = np.stack(
+        [
+            call(module, "variance_curve", x_l[:, k], d_l[:, k], x_b[:, k], d_b[:, k], _W, shapes=[_W.shape])[0]
+            for k in range(pixels)
+        ]
+    )
+    for k, w in enumerate(_W):
+        exact = exact_variance(float(w), _X)
+        yield z_test(
+            f"w = {w}: two samples of each technique", curves[:, k], exact, "Mean squares of n samples need n - 1"
+        )
+    x = np.full(3, 2.0)
+    curve = call(module, "variance_curve", x, 0 * x, x, 0 * x, _W, shapes=[_W.shape])[0]
+    yield compare("equal samples have no variance", curve + 1, 1.0, 1e-6)
+
+
+def _pilot(pixels: int, seed: int, samples: int = 20) -> tuple[Array, Array, Array, Array]:
+    """Return X and d of light and of BRDF samples, ``(samples, pixels)`` each; the pilot has w = 1/2."""
+    rng = np.random.default_rng(seed)
+    out = []
+    for sigma in (0.1, 0.5):
+        x = rng.normal(0, sigma, (samples, pixels))
+        p_l, p_b = densities(x)
+        out += [integrand(x) * 2 / (p_l + p_b), (p_l - p_b) / (p_l + p_b)]
+    return out[0], out[1], out[2], out[3]
+
+
+CHECKS = {16: samples_needed, 17: second_moment, 18: variance_curve}

@@ -1,0 +1,162 @@
+"""Tools of the exercises' checks: calls of a reader's functions, and comparisons that return an `Outcome`.
+
+A check is a generator of outcomes. `exercise` turns it into a function that returns their list. Where the reader's
+code is missing, raises an exception or returns the wrong shape, the list ends with an outcome that says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import wraps
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.testing.chi_square import compare_directions
+from dmis.testing.outcome import Outcome, raised
+from dmis.testing.statistics import chi2_p
+
+Z_LIMIT = 4.0
+"""Largest z of a right solution; a normal deviate is beyond it once in 16,000 tests. All seeds are fixed."""
+LEAST_P = 1e-4
+"""Least p-value of a chi-square test of a right solution."""
+Check = Callable[[ModuleType], list[Outcome]]
+
+
+class Failed(Exception):
+    """Ends a check; `outcome` says why."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.outcome = Outcome(name, False, message)
+
+
+def exercise(check: Callable[[ModuleType], Iterator[Outcome]]) -> Check:
+    """Return a function that lists the outcomes of `check`, up to the first thing that ends it."""
+
+    @wraps(check)
+    def outcomes(module: ModuleType) -> list[Outcome]:
+        results: list[Outcome] = []
+        try:
+            results.extend(check(module))
+        except Failed as failed:
+            results.append(failed.outcome)
+        return results
+
+    return outcomes
+
+
+def call(module: ModuleType, name: str, *arguments: Any, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
+    """Return the arrays that a function of a reader returns, after a check of their number, shapes and values.
+
+    Parameters
+    ----------
+    name
+        Name of the function in `module`.
+    shapes
+        Shape of each array; one shape stands for a single array that is not in a tuple.
+
+    Raises
+    ------
+    Failed
+        If there is no such function, it raises an exception, or it returns something else or values that are not
+        finite.
+    """
+    returned = call_object(f"{name}", getattr(module, name, None), *arguments)
+    values = (returned,) if len(shapes) == 1 else returned
+    if not isinstance(values, tuple | list) or len(values) != len(shapes):
+        raise Failed(
+            f"{name} runs", f"{name} must return {len(shapes)} arrays as a tuple; got {type(returned).__name__}"
+        )
+    arrays = []
+    for value, shape in zip(values, shapes, strict=True):
+        try:
+            array = np.asarray(value, np.float64)
+        except (TypeError, ValueError):
+            raise Failed(f"{name} runs", f"{name} must return numbers of shape {shape}; got {value!r:.80}") from None
+        if array.shape != shape:
+            raise Failed(f"{name} has the right shape", f"{name} must return shape {shape}; got {array.shape}")
+        if not np.isfinite(array).all():
+            bad = np.count_nonzero(~np.isfinite(array))
+            raise Failed(f"{name} is finite", f"{name} must return finite numbers; {bad} of {array.size} are not")
+        arrays.append(array)
+    return arrays
+
+
+def call_object(name: str, function: Any, *arguments: Any) -> Any:
+    """Return what a reader's `function` returns; an exception that it raises ends the check.
+
+    Raises
+    ------
+    Failed
+        If it is no function, or raises an exception; the message has the line.
+    """
+    if not callable(function):
+        raise Failed(f"{name} exists", f"the file must define {name}; it has none. Keep the starter's name")
+    try:
+        with np.errstate(all="ignore"):
+            return function(*arguments)
+    except NotImplementedError:
+        raise Failed(f"{name} is written", f"{name} raises NotImplementedError: replace its body") from None
+    except Exception as error:
+        raise Failed(f"{name} runs", raised(error)) from None
+
+
+def compare(name: str, values: Array, expected: Array | float, tolerance: float, advice: str = "") -> Outcome:
+    """Return whether values are the expected ones within a tolerance, relative to the largest expected value.
+
+    Parameters
+    ----------
+    values, expected
+        Arrays of shapes that broadcast.
+    advice
+        Sentence for the message of a failure.
+    """
+    values, expected = np.broadcast_arrays(np.asarray(values, np.float64), np.asarray(expected, np.float64))
+    difference = np.abs(values - expected)
+    worst = np.unravel_index(difference.argmax(), difference.shape)
+    passed = bool(difference[worst] <= tolerance * max(np.abs(expected).max(), 1e-30))
+    where = f" at {tuple(int(i) for i in worst)}" if difference.size > 1 else ""
+    message = f"expected {expected[worst]:.6g}{where}, got {values[worst]:.6g}"
+    return Outcome(name, passed, message if passed or not advice else f"{message}. {advice}")
+
+
+def z_test(name: str, estimates: Array, exact: float, advice: str = "") -> Outcome:
+    """Return whether the mean of independent estimates ``(K,)`` agrees with the exact value."""
+    estimates = np.asarray(estimates, np.float64)
+    error = float(estimates.std(ddof=1) / np.sqrt(len(estimates)))
+    # rounding is not noise: an estimate without variance may be off by it
+    z = float((estimates.mean() - exact) / max(error, 1e-6 * abs(exact), 1e-30))
+    message = f"mean {estimates.mean():.6g} ± {error:.2g}, exact {exact:.6g}, z = {z:.1f}"
+    passed = abs(z) <= Z_LIMIT
+    return Outcome(name, passed, message if passed or not advice else f"{message}. {advice}")
+
+
+def at_most(name: str, value: float, limit: float, what: str, advice: str = "") -> Outcome:
+    """Return whether a number `what`, such as a variance, is at most `limit`."""
+    message = f"{what} is {value:.4g}, at most {limit:.4g} is allowed"
+    passed = bool(value <= limit)
+    return Outcome(name, passed, message if passed or not advice else f"{message}. {advice}")
+
+
+def chi_square(name: str, counts: Array, expected: Array) -> Outcome:
+    """Return whether counts agree with expected counts by Pearson's test; cells that expect 0 must be empty."""
+    counts, expected = np.ravel(counts), np.ravel(expected)
+    stray = counts[expected <= 0].sum()
+    if stray > 0:
+        return Outcome(name, False, f"{stray:.0f} samples lie where the density is 0")
+    p = chi2_p(counts[expected > 0], expected[expected > 0])
+    return Outcome(name, p >= LEAST_P, f"p = {p:.2g} by the chi-square test, at least {LEAST_P:g} is needed")
+
+
+def check_directions(name: str, wi: Array, density: Callable[[Array], Array]) -> Iterator[Outcome]:
+    """Yield whether a density over directions integrates to 1, and whether directions `wi` ``(3, N)`` follow it."""
+    comparison = compare_directions(wi.astype(np.float32), density)
+    mass = np.array(comparison.mass)
+    tolerance = 0.005 + 3 * comparison.mass_error
+    yield compare(f"{name}: the density integrates to 1", mass, 1.0, tolerance, "Which factor is missing?")
+    title = f"{name}: samples follow the density"
+    message = f"p = {comparison.p:.2g} by the chi-square test, at least {LEAST_P:g} is needed"
+    yield Outcome(title, comparison.p >= LEAST_P, message, lambda: comparison.figure(title))

@@ -1,0 +1,15 @@
+"""Exercise 1 (easy): mirror the directions of a batch.
+
+Check your file with ``python -m dmis check 01_mirror.py --exercise 1``.
+"""
+
+
+def mirror(wo, n):
+    """Return the directions `wo` mirrored at the normals `n`, ``(3, N)``.
+
+    Parameters
+    ----------
+    wo, n
+        Unit vectors that point away from the surface, ``(3, N)``.
+    """
+    raise NotImplementedError

@@ -1,0 +1,26 @@
+"""Exercise 2 (medium): the density of a point on a light, per solid angle.
+
+A point on a light of area A is picked evenly, so its density is 1 / A per area. The
+estimator needs it per solid angle: multiply by r^2 / cos. Here r is the distance
+from p to x, and cos is that of the angle between the light's normal and the
+direction from x to p.
+
+Check your file with ``python -m dmis check 02_light_density.py --exercise 2``.
+"""
+
+import numpy as np
+
+
+def light_density(p, x, normal, area):
+    """Return the density of the points `x`, seen from `p`, per solid angle, ``(N,)``.
+
+    Parameters
+    ----------
+    p, x
+        Shading points, and points on the light, ``(3, N)``.
+    normal
+        Unit normal ``(3,)`` of the side that shines; the density is 0 behind it.
+    area
+        Area of the light.
+    """
+    return np.full(p.shape[1], 1 / area)  # wrong: this is the density per area

@@ -1,0 +1,33 @@
+"""Exercise 3 (hard): direct light, one light sample for each point.
+
+A matte surface has the BRDF albedo / pi. Nothing stands between point and light. An
+estimate is f / p: BRDF times radiance times cosine, over the density per solid
+angle.
+
+Check your file with ``python -m dmis check 03_direct_light.py --exercise 3``.
+"""
+
+import numpy as np
+
+from dmis.base.vectors import dot
+
+
+def direct_light(p, n, albedo, light, u):
+    """Return one estimate of the reflected radiance at each point, ``(3, N)``.
+
+    Parameters
+    ----------
+    p, n
+        Points and unit normals, ``(3, N)``.
+    albedo
+        Share of the light that the surface reflects, by channel, ``(3, 1)``.
+    light
+        A `dmis.QuadLight`. ``light.sample(p, u)`` has ``wi`` ``(3, N)``,
+        ``radiance`` ``(3, N)`` or ``(3, 1)``, ``emits`` and ``pdf`` ``(N,)``.
+    u
+        Uniform numbers, ``(2, N)``.
+    """
+    sample = light.sample(p, u)
+    return (
+        albedo / np.pi * sample.radiance * dot(n, sample.wi)
+    )  # wrong: what is missing?

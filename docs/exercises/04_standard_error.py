@@ -1,0 +1,17 @@
+"""Exercise 4 (easy): a mean and its standard error.
+
+Check your file with ``python -m dmis check 04_standard_error.py --exercise 4``.
+"""
+
+
+def mean_and_error(samples):
+    """Return the mean of samples, and the standard error of this mean, two ``(...)``.
+
+    The squared error must be unbiased, also for n = 2.
+
+    Parameters
+    ----------
+    samples
+        n independent samples along the first axis, ``(n, ...)``.
+    """
+    return samples.mean(axis=0), samples.std(axis=0)  # wrong: the spread of one sample

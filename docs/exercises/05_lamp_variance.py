@@ -1,0 +1,13 @@
+"""Exercise 5 (medium): the variance of the lamp's integral, by formula.
+
+Tutorial 1 estimates the light of a round lamp from even directions. One sample is
+X = 2 pi u where u > cos T, else 0, with u even in [0, 1). Its variance is
+E[X^2] - E[X]^2, and both are integrals over u that you can solve.
+
+Check your file with ``python -m dmis check 05_lamp_variance.py --exercise 5``.
+"""
+
+
+def lamp_variance(half_angle):
+    """Return the variance of one sample, for the lamp's half angle T in radians."""
+    raise NotImplementedError

@@ -1,0 +1,24 @@
+"""Exercise 6 (hard): merge the moments of two parts.
+
+A renderer sees its samples in blocks and keeps none of them. It keeps (n, mean, m2):
+their number, their mean, and the sum of their squared deviations from the mean.
+
+Check your file with ``python -m dmis check 06_merge.py --exercise 6``.
+"""
+
+
+def merge(a, b):
+    """Return (n, mean, m2) of the samples of both parts.
+
+    The result must be exact to rounding, also where the mean is far larger than the
+    deviations.
+
+    Parameters
+    ----------
+    a, b
+        Moments (n, mean, m2) of the parts; n is a number, mean and m2 are arrays.
+    """
+    n = a[0] + b[0]
+    mean = (a[0] * a[1] + b[0] * b[1]) / n
+    squares = (a[2] + a[0] * a[1] ** 2) + (b[2] + b[0] * b[1] ** 2)
+    return n, mean, squares - n * mean**2  # right on paper only

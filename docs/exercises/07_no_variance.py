@@ -1,0 +1,29 @@
+"""Exercise 7 (easy): a density without variance.
+
+The desk lamp of tutorial 2 brings cos t from the directions inside of its cone, and
+nothing from the others. A density in proportion to that has no variance.
+
+Check your file with ``python -m dmis check 07_no_variance.py --exercise 7``.
+"""
+
+import numpy as np
+
+from dmis.samplers.warp import cone_pdf, square_to_cone
+
+
+def sample(u, half_angle):
+    """Return directions ``(3, N)`` in the cone about +z, in proportion to cos t.
+
+    Parameters
+    ----------
+    u
+        Uniform numbers in [0, 1), ``(2, N)``.
+    half_angle
+        T, the half angle of the cone in radians.
+    """
+    return square_to_cone(u, np.float32(1 - np.cos(half_angle)))  # even: it has noise
+
+
+def pdf(cos, half_angle):
+    """Return the density per solid angle of directions with this cosine, ``(N,)``."""
+    return np.full_like(cos, cone_pdf(np.float32(1 - np.cos(half_angle))))

@@ -1,0 +1,17 @@
+"""Exercise 10 (easy): the balance heuristic.
+
+Check your file with ``python -m dmis check 10_balance_weight.py --exercise 10``.
+"""
+
+
+def balance_weight(p_l, p_b, w):
+    """Return the MIS weight of a light sample, ``(N,)``; 0 where both densities are 0.
+
+    Parameters
+    ----------
+    p_l, p_b
+        Densities of light and BRDF sampling in the sample's direction, ``(N,)``.
+    w
+        Share of the samples that are light samples, between 0 and 1.
+    """
+    return p_l / (p_l + p_b)  # wrong: this is for w = 1/2, and it divides by zero

@@ -1,0 +1,19 @@
+"""Exercise 11 (medium): an estimate from samples of both techniques.
+
+Check your file with ``python -m dmis check 11_two_techniques.py --exercise 11``.
+"""
+
+
+def estimate(f_l, p_ll, p_bl, f_b, p_lb, p_bb):
+    """Return N estimates of the integral of f by the balance heuristic, ``(N,)``.
+
+    Parameters
+    ----------
+    f_l, p_ll, p_bl
+        At n_l light samples each: the integrand, the density of light sampling and
+        that of BRDF sampling, ``(n_l, N)``.
+    f_b, p_lb, p_bb
+        The same at n_b BRDF samples, ``(n_b, N)``.
+    """
+    # the mean of both techniques by themselves: unbiased, but as noisy as the worse one
+    return ((f_l / p_ll).mean(axis=0) + (f_b / p_bb).mean(axis=0)) / 2

@@ -1,0 +1,21 @@
+"""Exercise 13 (easy): the minimum of a parabola through three variances.
+
+Equation (14) of the theory page has the minimum. Three things may go wrong:
+
+* The minimum is outside of [0, 1]: take the nearer end.
+* The parabola has no minimum: take the best of the three shares.
+* All three variances are equal: take 1/2.
+
+Check your file with ``python -m dmis check 13_parabola.py --exercise 13``.
+"""
+
+
+def best_share(y_0, y_h, y_1):
+    """Return the share of light samples of each patch, in [0, 1].
+
+    Parameters
+    ----------
+    y_0, y_h, y_1
+        Variances at the shares 0, 1/2 and 1, arrays of any one shape.
+    """
+    return (3 * y_0 - 4 * y_h + y_1) / (4 * (y_0 + y_1 - 2 * y_h))

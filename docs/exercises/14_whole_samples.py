@@ -1,0 +1,27 @@
+"""Exercise 14 (medium): shares become whole numbers of samples.
+
+A pixel has S slots for samples, and w S of them should be light samples. w S is
+seldom whole. Each slot alone must be a light sample with probability w, and their
+number must be w S rounded up or down. Equation (12) of the theory page does that
+with one random offset for each pixel.
+
+Check your file with ``python -m dmis check 14_whole_samples.py --exercise 14``.
+"""
+
+import numpy as np
+
+
+def light_slots(w, slots, offset):
+    """Return whether each slot is a light sample, ``(S, N)`` bool.
+
+    Parameters
+    ----------
+    w
+        Share of light samples of each pixel, ``(N,)``.
+    slots
+        S, number of samples of a pixel.
+    offset
+        An even random number in [0, 1) for each pixel, ``(N,)``.
+    """
+    lots = np.random.default_rng(1).random((slots, len(w)))
+    return lots < w  # lots: right on average, but their number varies

@@ -1,0 +1,22 @@
+"""Exercise 16 (easy): how many samples does it take to see a spike?
+
+Check your file with ``python -m dmis check 16_missed.py --exercise 16``.
+"""
+
+
+def chance_of_no_hit(p, samples):
+    """Return the probability that none of n samples hits, ``(K,)``.
+
+    Parameters
+    ----------
+    p
+        Probability that one sample hits, ``(K,)``; it may be as small as 1e-12.
+    samples
+        Their number n, ``(K,)``.
+    """
+    raise NotImplementedError
+
+
+def samples_needed(p, chance):
+    """Return the least n whose chance of no hit is at most `chance`."""
+    raise NotImplementedError

@@ -1,0 +1,23 @@
+"""Exercise 17 (medium): the second moment at every share, from one pilot.
+
+Equations (15) and (16) of the theory page. The pilot has w = 1/2, so its samples
+come from q = (p_l + p_b) / 2. At another share w a sample counts X / m instead of X,
+with m = p_w / q = 1 + (2 w - 1) d.
+
+Check your file with ``python -m dmis check 17_second_moment.py --exercise 17``.
+"""
+
+import numpy as np
+
+
+def second_moment(x, d, w):
+    """Return an unbiased estimate of the integral of f^2 / p_w at each share, ``(G,)``.
+
+    Parameters
+    ----------
+    x, d
+        X = f / q and d = (p_l - p_b) / (p_l + p_b) of the pilot's samples, ``(n,)``.
+    w
+        Shares from 0 to 1, ``(G,)``. Where m is 0 and X is 0, a sample counts 0.
+    """
+    return np.full(len(w), (x**2).mean())  # right for w = 1/2 only

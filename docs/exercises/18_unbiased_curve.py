@@ -1,0 +1,28 @@
+"""Exercise 18 (hard): an unbiased curve of variances.
+
+With fixed numbers of samples the two techniques are two groups. The variance of a
+sample at the share w is w V_l + (1 - w) V_b, where V_l and V_b are the variances of
+f / p_w within the light samples and within the BRDF samples. Estimate it for every w
+from the n light and the n BRDF samples of one pilot at w = 1/2, without bias.
+
+Check your file with ``python -m dmis check 18_unbiased_curve.py --exercise 18``.
+"""
+
+import numpy as np
+
+
+def variance_curve(x_l, d_l, x_b, d_b, w):
+    """Return an unbiased estimate of w V_l + (1 - w) V_b at each share, ``(G,)``.
+
+    Parameters
+    ----------
+    x_l, d_l
+        X and d of the light samples, as in exercise 17, ``(n,)``.
+    x_b, d_b
+        The same of the BRDF samples, ``(n,)``.
+    w
+        Shares between 0 and 1, ``(G,)``.
+    """
+    x, d = np.concatenate([x_l, x_b]), np.concatenate([d_l, d_b])
+    y = x / (1 + (2 * w[:, None] - 1) * d)
+    return y.var(axis=1)  # wrong: one group in place of two, and biased for few samples

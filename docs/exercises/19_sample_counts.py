@@ -1,0 +1,22 @@
+"""Exercise 19 (easy): which pixels deserve more samples?
+
+The error of the image is the sum of V / n over its pixels, its price the sum of n C.
+Equation (20) of the theory page has the best n.
+
+Check your file with ``python -m dmis check 19_sample_counts.py --exercise 19``.
+"""
+
+import numpy as np
+
+
+def sample_counts(variance, cost, budget):
+    """Return numbers of samples (not rounded) whose cost is the budget, ``(H, W)``.
+
+    Parameters
+    ----------
+    variance, cost
+        Variance and cost of a sample of each pixel, above 0, ``(H, W)``.
+    budget
+        The sum of n times cost that is allowed.
+    """
+    return np.full(variance.shape, budget / cost.sum())  # even: not the best

@@ -1,0 +1,39 @@
+"""Exercise 20 (medium): a lobe with a density of its own.
+
+Tutorial 6 samples velvet like a matte surface, by cos / pi. But velvet is bright
+where the cosine is small. Write a density that fits better: its relative variance of
+f cos / p must be 0.8 or less (that of cos / pi is 1.4). Two uniform numbers and the
+inverse of a simple distribution function are enough.
+
+Check your file with ``python -m dmis check 20_velvet.py --exercise 20``.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from dmis.base.vectors import normalise
+from dmis.brdf.lobe import Lobe
+from dmis.samplers.warp import INV_PI, square_to_sphere
+
+
+@dataclass(frozen=True, eq=False)
+class Velvet(Lobe):
+    """Brighter where the view grazes."""
+
+    reflectance: float
+    colours: ClassVar = ("reflectance",)
+
+    def eval(self, directions):
+        """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``. Keep it."""
+        rim = (1 - directions.cos_o) * (1 - directions.cos_i)
+        return self.reflectance * (INV_PI * rim * rim)
+
+    def pdf(self, directions):
+        """Return the density of `sample`, ``(N,)``; 0 below the horizon."""
+        return np.maximum(directions.cos_i_signed, 0) * INV_PI
+
+    def sample(self, surface, u):
+        """Return directions ``(3, N)`` about ``surface.n``, from `u` ``(2, N)``."""
+        return normalise(surface.n + square_to_sphere(u))

@@ -1,0 +1,27 @@
+"""Exercise 21 (hard): a rule that beats the balance heuristic.
+
+Your rule renders the teapot below its lamp, 64 by 38 pixels, with 32 samples per
+pixel, its pilot included. Its error over that of ``balance`` must be below 0.85, with
+the whole 95 % interval, and its image must be unbiased.
+
+Check your file with ``python -m dmis check 21_rule.py --exercise 21``.
+"""
+
+from dataclasses import dataclass
+
+import dmis
+
+
+@dataclass(frozen=True)
+class Mine(dmis.Rule):
+    """Half light samples everywhere: replace it. ``Mine()`` is what is rendered."""
+
+    pilot = {0.0: 2, 1.0: 2}  # camera samples by share
+    settings = {"reuse_pilot": False}
+
+    def fit(self, pilot):
+        """Return a `dmis.Fit` with a share of light samples for each pixel.
+
+        ``pilot[w].moments`` has mean and ``variance()`` of each pixel, ``(H, W, 3)``.
+        """
+        return dmis.Fit(0.5)

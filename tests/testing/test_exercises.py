@@ -1,0 +1,81 @@
+"""Every exercise: its starter fails its check, its solution passes; bad files get a clear message."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from dmis.testing.exercises import EXERCISES
+from dmis.testing.outcome import Outcome
+
+FOLDER = Path(__file__).parents[2] / "docs" / "exercises"
+STARTERS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
+
+
+def load(path: Path) -> ModuleType:
+    """Return a file as a module, as the command ``check`` loads it."""
+    spec = importlib.util.spec_from_file_location(f"exercise_{path.stem}_{path.parent.name}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def outcomes(path: Path) -> list[Outcome]:
+    """Return the outcomes of the exercise whose number begins the name of a file."""
+    return EXERCISES[int(path.name[:2])](load(path))
+
+
+def test_files_and_checks_have_the_same_numbers() -> None:
+    """A starter, a solution and a check for each of 1 to 21."""
+    assert [int(path.name[:2]) for path in STARTERS] == sorted(EXERCISES) == list(range(1, 22))
+    assert [path.name for path in sorted((FOLDER / "solutions").glob("*.py"))] == [path.name for path in STARTERS]
+
+
+@pytest.mark.parametrize("path", STARTERS, ids=lambda path: path.stem)
+def test_starter_fails(path: Path) -> None:
+    """It names what is wrong, and does not end in an exception of the check."""
+    failed = [outcome for outcome in outcomes(path) if not outcome.passed]
+    assert failed and all(len(outcome.message) > 20 for outcome in failed)
+
+
+@pytest.mark.parametrize("path", STARTERS, ids=lambda path: path.stem)
+def test_solution_passes(path: Path) -> None:
+    """All of its outcomes, of which there are several."""
+    results = outcomes(FOLDER / "solutions" / path.name)
+    assert len(results) > 1
+    assert [f"{outcome.name}: {outcome.message}" for outcome in results if not outcome.passed] == []
+
+
+@pytest.mark.parametrize("path", STARTERS, ids=lambda path: path.stem)
+def test_starter_says_how_to_check_it(path: Path) -> None:
+    """The command is in the docstring, and how hard the exercise is."""
+    text = path.read_text("utf-8")
+    assert f"python -m dmis check {path.name} --exercise {int(path.name[:2])}``" in text
+    grades = {1: "easy", 2: "medium", 0: "hard"}
+    assert text.startswith(f'"""Exercise {int(path.name[:2])} ({grades[int(path.name[:2]) % 3]}): ')
+
+
+@pytest.mark.parametrize(
+    "source, message",
+    [
+        ("", "the file must define mirror"),
+        ("mirror = 3", "the file must define mirror"),
+        ("def mirror(wo, n): return wo[:2]", r"mirror must return shape \(3, 1000\); got \(2, 1000\)"),
+        ("def mirror(wo, n): return wo / 0", "mirror must return finite numbers; 3000 of 3000 are not"),
+        ("def mirror(wo, n): return 'up'", r"mirror must return numbers of shape \(3, 1000\)"),
+        ("def mirror(wo, n): return wo @ n", "mirror raised ValueError: .* line 1"),
+        ("def mirror(wo): return wo", "takes 1 positional argument but 2 were given"),
+    ],
+)
+def test_bad_function_gets_a_clear_message(source: str, message: str) -> None:
+    """Missing, of the wrong shape, not finite, or raising an exception."""
+    module = ModuleType("mine")
+    exec(compile(source, "mine.py", "exec"), module.__dict__)
+    *_, last = EXERCISES[1](module)
+    assert not last.passed
+    with pytest.raises(AssertionError, match=message):
+        raise AssertionError(last.message)
