@@ -1,110 +1,185 @@
-"""
-1. Monte Carlo: an image is a guess
-===================================
+r"""
+1. Monte Carlo: an image is an estimate
+=======================================
 
-The light that a pixel receives is an integral, and nobody can solve it with pencil and paper. Monte Carlo integration
-guesses it: look in random directions, and average what you see. This tutorial is about how far such a guess is off,
-why that is the same as noise in an image, and what it costs to have less of it.
+After this tutorial you can
+
+* write a Monte Carlo estimate of an integral, and say why it is unbiased;
+* predict how its variance falls with the number of samples;
+* estimate the variance from the samples themselves, and say what two of them tell;
+* measure the error of an image against a reference, with an interval.
+
+The light that a pixel receives is an integral, and hardly any of these can be solved by
+formula. Monte Carlo integration estimates it: look in random directions, and average
+what you see. The error of such an estimate is the noise in an image.
 """
+
+import os
 
 import matplotlib.pyplot as plt
 import numpy as np
-from plates import plates
 
 import dmis
 from dmis import plot
-from dmis.experiment.metrics import mean_and_error, squared_error
+from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.variance.moments import Moments
+
+QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
+RESOLUTION = (80, 80) if QUICK else (320, 320)
 
 # %%
 # An integral as an average
 # -------------------------
-# How much light arrives at a desk below a round lamp? A direction at the angle t from upright brings L cos t, and L
-# is 1 inside the lamp's cone, 0 outside. If directions are picked evenly over the hemisphere, cos t is an even random
-# number between 0 and 1, so the integral over all directions is 2 pi times the average of f(u) = u where u > cos T,
-# else 0, with T the lamp's half angle. We know the answer, pi sin² T, so that we can see how wrong each guess is.
+# How much light arrives at a desk below a round lamp? Let t be the angle of a direction
+# from upright, and T the half angle of the cone that the lamp fills. The radiance is 1
+# inside of this cone and 0 outside. So the desk receives
+#
+# .. math::
+#
+#    I = \int_{\mathrm{cone}} \cos t \,\mathrm{d}\omega
+#      = 2 \pi \int_{\cos T}^{1} u \,\mathrm{d}u = \pi \sin^2 T
+#
+# with :math:`u = \cos t`. If directions are picked evenly over the hemisphere, u is an
+# even random number between 0 and 1. Their density is :math:`1 / 2 \pi` per solid
+# angle. The Monte Carlo estimate from n directions is the mean of integrand over
+# density:
+#
+# .. math::
+#
+#    \hat I = \frac{1}{n} \sum_{i=1}^{n} X_i, \qquad
+#    X_i = \frac{f(\omega_i)}{p(\omega_i)} = 2 \pi u_i\ \mbox{ where } u_i > \cos T,
+#    \mbox{ else } 0
+#
+# We know the answer here, so we can see how wrong each estimate is.
 half_angle = np.radians(25)
 exact = np.pi * np.sin(half_angle) ** 2
 rng = np.random.default_rng(1)
 
 
-def guesses(n, times):
-    """Estimates of the integral from n random directions each."""
+def samples_of(n, times):
+    """Return n samples of the integral for each of so many estimates."""
     u = rng.random((n, times))
-    return (2 * np.pi * np.where(u > np.cos(half_angle), u, 0)).mean(axis=0)
+    return 2 * np.pi * np.where(u > np.cos(half_angle), u, 0)
 
 
 counts = 4 ** np.arange(1, 7)
-spread = {int(n): guesses(n, 2000) for n in counts}
-for n, found in spread.items():
-    print(f"{n:5d} directions: mean of 2000 guesses {found.mean():.4f} (exact {exact:.4f}), variance {found.var():.6f}")
+estimates = {int(n): samples_of(n, 2000).mean(axis=0) for n in counts}
+print(f"exact integral {exact:.4f}")
+for n, values in estimates.items():
+    print(f"{n:5d} directions: mean {values.mean():.4f}, variance {values.var():.6f}")
 
 # %%
-# The guesses are right on average, however few directions they use: they are *unbiased*. What changes is their
-# *variance*, the mean of their squared distance from that average. Four times as many directions leave a quarter of
-# it: the variance of a mean of n independent samples is that of one sample, divided by n.
+# The estimates are right on average, however few directions they use. This is what
+# *unbiased* means: :math:`\mathrm{E}[\hat I] = I`. What changes is their *variance*,
+# the mean of their squared distance from I:
+#
+# .. math::
+#
+#    \mathrm{Var}[\hat I] = \frac{1}{n}
+#    \left( \int \frac{f^2}{p} \,\mathrm{d}\omega - I^2 \right)
+#
+# Four times as many directions leave a quarter of it. On logarithmic axes that is a
+# line with the slope -1. Does the measurement agree?
+variances = np.array([values.var() for values in estimates.values()])
+fit, covariance = np.polyfit(np.log(counts), np.log(variances), 1, cov=True)
+half = 2.78 * np.sqrt(covariance[0, 0])  # Student's t for 6 points less 2 parameters
+print(f"slope of the variance {fit[0]:.3f} ± {half:.3f}")
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
-left.violinplot([spread[int(n)] for n in counts], showextrema=False)
+left.violinplot(list(estimates.values()), showextrema=False)
 left.set_xticks(range(1, len(counts) + 1), labels=counts)
 left.axhline(exact, color="black", linewidth=1, label="exact")
 left.set_xlabel("directions n")
-left.set_ylabel("2000 guesses of the integral")
+left.set_ylabel("2000 estimates of the integral")
 left.legend()
-right.loglog(counts, [spread[int(n)].var() for n in counts], "o", label="measured")
-right.loglog(counts, guesses(1, 100_000).var() / counts, label="variance of one / n")
+right.loglog(counts, variances, "o", label="measured")
+right.loglog(counts, samples_of(1, 100_000).var() / counts, label="variance of one / n")
 right.set_xlabel("directions n")
-right.set_ylabel("variance of a guess")
+right.set_ylabel("variance of an estimate")
 right.legend()
 
 # %%
 # Variance, from the samples themselves
 # -------------------------------------
-# In practice nobody knows the answer, but the samples know their own spread: their squared distances from their mean,
-# over n - 1, are on average the variance of one sample. `dmis.variance.moments.Moments` is that sum, kept so that
-# parts can be merged in any order. From two samples the estimate is right on average, and useless by itself; remember
-# that for the fifth tutorial.
+# In practice nobody knows I. But the spread of the samples tells their variance:
+#
+# .. math::
+#
+#    s^2 = \frac{1}{n - 1} \sum_{i=1}^{n} (X_i - \hat I)^2, \qquad
+#    \mathrm{E}[s^2] = \mathrm{Var}[X]
+#
+# The standard error of the mean is then :math:`s / \sqrt{n}`. The interval
+# :math:`\hat I \pm 1.96\, s / \sqrt{n}` holds the truth in about 95 % of all cases, if
+# n is large. `dmis.variance.moments.Moments` keeps n, the mean and the sum of squared
+# deviations. It can merge parts in any order.
 for n in (2, 16, 1024):
-    u = rng.random((n, 20_000))
-    estimates = Moments.of(2 * np.pi * np.where(u > np.cos(half_angle), u, 0)).variance()
-    print(f"variance of one sample from {n:4d}: {estimates.mean():.3f}, give or take {estimates.std():.3f}")
+    values = Moments.of(samples_of(n, 20_000)).variance()
+    print(f"{n:4d} samples: variance {values.mean():.3f}, spread {values.std():.3f}")
 
 # %%
+# Also from two samples the estimate is right on average. But its spread is twice the
+# variance itself. Remember this for tutorial 5.
+#
 # The same in an image
 # --------------------
-# `plates` (in ``plates.py`` beside this script) is a classic scene: four metal plates, smooth to rough from back to
-# front, and four lamps, small to large. The rule ``uniform`` is the naive method from above: even random directions
-# at every point. Each pixel is a guess of its own, and neighbours guess differently: that is the noise. The sampler
-# ``independent`` draws them independently of each other; the default one spreads them more evenly (tutorial 5).
-scene = plates()
-images = {n: dmis.render(scene, "uniform", n, seed=1, sampler="independent") for n in (4, 16, 64)}
-figure, axes = plt.subplots(1, 3, figsize=(12, 3.4), layout="constrained")
-for axis, (n, result) in zip(axes, images.items()):
+# The scene ``teapot-area-light`` is a pot under a round lamp. The rule ``uniform`` is
+# the method from above: even random directions at each point. Each pixel is an estimate
+# of its own, and neighbours differ: that is the noise.
+#
+# The formulas of this tutorial are for independent samples. So we name the sampler: the
+# default has points that are more even.
+scene = dmis.load_scene("teapot-area-light", resolution=RESOLUTION)
+images = {
+    n: dmis.render(scene, "uniform", n, seed=1, sampler="independent")
+    for n in (4, 16, 64)
+}
+figure, axes = plt.subplots(1, 3, figsize=(13, 4.4), layout="constrained")
+for axis, (n, result) in zip(axes, images.items(), strict=True):
     plot.picture(axis, result.image, f"{n} samples per pixel")
 
 # %%
-# How far are these from the truth? A `dmis.Reference` holds two independent images with many samples. With two, the
-# reference's own noise cancels: (x - r₁)(x - r₂) is on average (x - r)² with the exact r. References are kept on
-# disk, so that the next tutorials find this one.
-reference = dmis.make_reference(scene, 64)
+# How large is the error?
+# -----------------------
+# A `dmis.Reference` has two independent images :math:`r_1` and :math:`r_2` with many
+# samples. With two of them the noise of the reference cancels on average:
+#
+# .. math::
+#
+#    \mathrm{E}[(x - r_1)(x - r_2)] = \mathrm{E}[(x - r)^2]
+#
+# with the exact r. The mean of that over the image is its *mean squared error*. A
+# reference is kept on disk, so the next run finds it there.
+#
+# The mean squared error of an unbiased image is its mean variance. So the renderer's
+# own estimate, `Result.variance`, has to agree with the measured error. Their ratio
+# must be 1, within its 95 % interval.
+reference = dmis.make_reference(scene, 32)
 for n, result in images.items():
-    error, uncertainty = mean_and_error(squared_error(result.image, reference.first, reference.second))
-    print(f"{n:3d} samples: squared error {error:.2f} ± {uncertainty:.2f}, own estimate {result.variance.mean():.2f}")
+    measured = squared_error(result.image, reference.first, reference.second)
+    own = result.variance.mean(axis=-1)
+    value, half = ratio_over_blocks(measured, own)
+    print(
+        f"{n:2d} samples: mean squared error {measured.mean():.4f}, own estimate "
+        f"{own.mean():.4f}, ratio {value:.2f} ± {half:.2f}"
+    )
 
 # %%
-# `Result.variance` is the renderer's own estimate of each pixel's variance, from its samples alone. It agrees with
-# the measured error as far as either is known, since the mean squared error of an unbiased image *is* its mean
-# variance. (Neither is known well here: few directions meet a small lamp, and those that do decide everything.)
-#
-# The price of a clean image is therefore known: for half of the noise that the eye sees, which is the root of the
-# variance, take four times as many samples. Or find better samples, with less variance each: that is what the rest of
-# the tutorials is about.
+# The error falls to a quarter each time, and the renderer knows it from its samples
+# alone. But that is slow. The eye sees the root of the variance: half of the noise
+# takes four times as many samples. Or find better samples, with less variance each. The
+# other tutorials are about these.
 #
 # Exercises
 # ---------
-# * What is the variance of one sample of the lamp's integral, by formula? (Its second moment is an integral that you
-#   can solve.) Compare with the line in the right plot.
-# * Make the lamp smaller. Variance relative to the squared integral grows; how? Why do small lamps hurt this method?
-# * Render with even points, the default: `dmis.render(scene, "uniform", 64, sampler="sobol")`. Is the error lower? Does
-#   `Result.variance` know?
+# The page "Syllabus" links to the starter files and to solutions. Write your code into
+# the file, and check it with ``python -m dmis check FILE --exercise N``.
+#
+# 4. *Easy.* Write a mean and its standard error (``04_standard_error.py``).
+# 5. *Medium.* Solve the variance of one sample of the lamp's integral by formula
+#    (``05_lamp_variance.py``).
+# 6. *Hard.* Merge the moments of two parts, without loss of digits (``06_merge.py``).
+#
+# To think about: make the lamp smaller. The variance over the squared integral grows;
+# how fast? Render with ``sampler="sobol"``: is the error lower, and does
+# `Result.variance` know?
 for path in plot.show("1_monte_carlo"):
     print(path)
