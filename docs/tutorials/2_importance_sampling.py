@@ -1,101 +1,175 @@
-"""
+r"""
 2. Importance sampling: look where the light is
 ===============================================
 
-Even random directions mostly see nothing. If we pick directions with a density p, the average of f / p is still
-right, and its variance is small where p is like f. In a renderer f is a product, light times reflection, and we know
-good densities for each factor alone: aim at the lamp, or follow the reflection. This tutorial tries both, and shows
-where each fails.
+After this tutorial you can
+
+* pick directions with a density, and divide by it;
+* say which density has the least variance, and why it is out of reach;
+* use light sampling and BRDF sampling, and predict where each of them fails;
+* compare two techniques plate by plate, with intervals.
+
+Even random directions mostly see nothing. Importance sampling picks them with a density
+that is like the integrand. In a renderer the integrand is a product: light times
+reflection. Good densities are known for each factor alone.
 """
+
+import os
 
 import matplotlib.pyplot as plt
 import numpy as np
-from plates import LAMPS, ROUGHNESS, plates
 
 import dmis
 from dmis import plot
-from dmis.experiment.metrics import squared_error
-from dmis.samplers.warp import INV_PI, cone_pdf, square_to_cone, square_to_hemisphere
+from dmis.base.color import luminance
+from dmis.base.patches import patch_mean
+from dmis.experiment.metrics import ratio_over_blocks, squared_error
+from dmis.samplers.warp import (
+    INV_PI,
+    cone_pdf,
+    square_to_cone,
+    square_to_cosine,
+    square_to_hemisphere,
+)
+
+QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
+RESOLUTION = (120, 90) if QUICK else (480, 360)
 
 # %%
 # Three densities for one integral
 # --------------------------------
-# The desk lamp of the first tutorial again: f is cos t inside of the lamp's cone, 0 outside. Directions come in three
-# ways: evenly over the hemisphere, density 1 / (2 pi); in proportion to cos t, which is how a matte surface reflects,
-# density cos t / pi; and evenly in the lamp's cone. ``dmis.samplers.warp`` has the maps from pairs of even random
-# numbers to directions ``(3, N)``, z up, and their densities per solid angle.
+# Take any density p that is positive wherever the integrand f is. Then
+#
+# .. math::
+#
+#    \hat I = \frac{1}{n} \sum_{i=1}^{n} \frac{f(\omega_i)}{p(\omega_i)}, \qquad
+#    \mathrm{Var}[\hat I] = \frac{1}{n}
+#    \left( \int \frac{f^2}{p} \,\mathrm{d}\omega - I^2 \right)
+#
+# The estimate is unbiased with each of them. Only its variance differs.
+#
+# Take the desk lamp of tutorial 1 again: f is :math:`\cos t` inside of the lamp's cone
+# and 0 outside. Its half angle is T. Here are three densities per solid angle:
+#
+# * *even*, over the hemisphere: :math:`1 / 2 \pi`;
+# * *BRDF*, as a matte surface reflects: :math:`\cos t / \pi`;
+# * *light*, evenly in the lamp's cone: :math:`1 / (2 \pi (1 - \cos T))`.
+#
+# ``dmis.samplers.warp`` has the maps from pairs of uniform numbers to directions
+# ``(3, N)``, z up, and the densities.
 half_angle = np.radians(25)
 exact = np.pi * np.sin(half_angle) ** 2
 u = np.random.default_rng(1).random((2, 100_000), dtype=np.float32)
 one_minus_cos = np.float32(1 - np.cos(half_angle))
 
+even, cosine = square_to_hemisphere(u)[2], square_to_cosine(u)[2]
+cone = square_to_cone(u, one_minus_cos)[2]
 ways = {
-    "even": (square_to_hemisphere(u)[2], lambda z: np.full_like(z, INV_PI / 2)),
-    "BRDF": (np.sqrt(u[0]), lambda z: z * INV_PI),  # cos t of directions in proportion to cos t
-    "light": (square_to_cone(u, one_minus_cos)[2], lambda z: np.full_like(z, cone_pdf(one_minus_cos))),
+    "even": (even, INV_PI / 2),
+    "BRDF": (cosine, cosine * INV_PI),
+    "light": (cone, cone_pdf(one_minus_cos)),
 }
+print(f"exact {exact:.4f}")
 for name, (z, density) in ways.items():
     f = np.where(z > np.cos(half_angle), z, 0)
-    estimates = f / density(z)
-    print(f"{name:5}: mean {estimates.mean():.4f} (exact {exact:.4f}), variance of one sample {estimates.var():.4f}")
+    x = f / density
+    half = 1.96 * x.std() / np.sqrt(x.size)
+    print(
+        f"{name:5}: {x.mean():.4f} ± {half:.4f}, variance of one sample {x.var():.4f}"
+    )
 
 # %%
-# All three are unbiased. What differs is the variance: for the BRDF's density f / p is pi or 0, for the light's it is
-# nearly constant. A density in exact proportion to f would have no variance at all; but to know it, one would have to
-# know the integral.
+# All three intervals hold the exact value. What differs is their width. With the BRDF's
+# density, f / p is :math:`\pi` or 0. With the light's density it is nearly constant.
+#
+# A density in exact proportion to f has no variance at all: f / p is the same for all
+# directions. But it is :math:`p = f / I`, so one has to know the integral to divide by
+# it.
 #
 # Two techniques in the renderer
 # ------------------------------
-# The rule ``fixed:1`` spends all shading samples on **light sampling**, ``fixed:0`` all on **BRDF sampling**. (The
-# number is w, the share of light samples. It is what everything turns on from here.) Samples are independent, as
-# before.
-scene = plates()
+# The rule ``fixed:1`` spends all shading samples on **light sampling**. The rule
+# ``fixed:0`` spends all of them on **BRDF sampling**. The number is w, the share of
+# light samples.
+#
+# The scene ``veach-mis`` is a classic of Veach and Guibas (1995). Four metal plates
+# mirror four lamps. The plates are smooth at the back and rough in front. The lamps are
+# small at the left and large at the right; all send out the same power.
+scene = dmis.load_scene("veach-mis", resolution=RESOLUTION)
 brdf = dmis.render(scene, "fixed:0", 16, seed=1, sampler="independent")
 light = dmis.render(scene, "fixed:1", 16, seed=1, sampler="independent")
-figure, axes = plt.subplots(1, 2, figsize=(11, 4.3), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(13, 5.3), layout="constrained")
 plot.picture(axes[0], brdf.image, "BRDF sampling, w = 0")
 plot.picture(axes[1], light.image, "light sampling, w = 1")
 
 # %%
-# Follow one lamp down the plates, or one plate across the lamps. BRDF sampling finds large lamps in smooth plates,
-# where all reflected directions meet the lamp; of small lamps it sees sparks. Light sampling is fine for small lamps,
-# and for rough plates and walls; but of all points on a large lamp, few are where a smooth plate reflects, and those
-# few count very much.
+# Follow one lamp down the plates, and one plate across the lamps.
+#
+# BRDF sampling is good for large lamps in smooth plates: all reflected directions meet
+# the lamp. Of small lamps it sees sparks.
+#
+# Light sampling is good for small lamps, for rough plates and for walls. But of all
+# points of a large lamp only a few are where a smooth plate reflects. These few count
+# very much, and their density is low: :math:`f / p_l` is large and rare.
 #
 # Who is better where?
 # --------------------
-# Each pixel's own estimate of its variance is noisy; over a patch of 6×6 pixels it says enough.
-patch = 6
-variance = [dmis.base.patches.patch_mean(dmis.base.color.luminance(r.variance), patch) for r in (brdf, light)]
-figure, axis = plt.subplots(figsize=(7, 4.3), layout="constrained")
-window = (0, scene.camera.resolution[1]), (0, scene.camera.resolution[0])
-ratio = np.log10((variance[0] + 1e-9) / (variance[1] + 1e-9))
-shown = plot.heat(axis, ratio, "red: BRDF sampling has less variance", window, cmap="RdBu", vmin=-3, vmax=3)
+# Each pixel has an estimate of its variance. It is noisy, so we take the mean over
+# patches of 8 by 8 pixels.
+patch = 4 if QUICK else 8
+variance = [patch_mean(luminance(result.variance), patch) for result in (brdf, light)]
+logarithm = np.log10((variance[0] + 1e-9) / (variance[1] + 1e-9))
+window = (0, RESOLUTION[1]), (0, RESOLUTION[0])
+figure, axis = plt.subplots(figsize=(8, 5.2), layout="constrained")
+title = "red: BRDF sampling has less variance"
+shown = plot.heat(axis, logarithm, title, window, cmap="RdBu", vmin=-3, vmax=3)
 figure.colorbar(shown, ax=axis, label="log₁₀ of variance, BRDF / light")
 
 # %%
-# Neither wins everywhere: smooth and large is red, rough or small is blue. (Do not believe the dark red patches at
-# the lower left: there BRDF sampling found no light at all, and nothing but zeros has no variance. This trap is the
-# subject of the fifth tutorial.) Errors against the reference are not fooled. Where each plate mirrors each lamp:
-reference = dmis.make_reference(scene, 64)
-errors = {name: squared_error(r.image, reference.first, reference.second) for name, r in (("0", brdf), ("1", light))}
-rows = ((35, 42), (44, 50), (53, 59), (64, 72))
-columns = ((8, 28), (29, 46), (48, 67), (70, 90))
-print("squared error of BRDF over that of light sampling: rows are plates, columns are lamps by radius")
-print("roughness " + "".join(f"{radius:>10}" for radius in LAMPS))
-for roughness, y in zip(ROUGHNESS, rows, strict=True):
-    cells = [errors["0"][slice(*y), slice(*x)].mean() / errors["1"][slice(*y), slice(*x)].mean() for x in columns]
-    print(f"{roughness:<10}" + "".join(f"{cell:>10.3g}" for cell in cells))
+# Neither wins everywhere. Smooth and large is red; rough or small is blue.
+#
+# Do not believe the dark red patches at the left and around the reflections. There BRDF
+# sampling found no light at all, and samples that are all zero have no variance.
+# Tutorial 5 is about this trap.
+#
+# Errors against a reference are not fooled. Here is the ratio of the mean squared
+# errors where each plate mirrors each lamp, with its 95 % interval.
+reference = dmis.make_reference(scene, 32)
+errors = [
+    squared_error(result.image, reference.first, reference.second)
+    for result in (brdf, light)
+]
+scale = RESOLUTION[0] / 480
+rows = {2000: (122, 158), 500: (170, 206), 125: (222, 262), 33: (282, 332)}
+columns = {0.17: (150, 222), 0.45: (256, 334), 1.0: (350, 460)}
+print("error of BRDF sampling over that of light sampling")
+lamps = "".join(f"{f'lamp of radius {radius:g}':22}" for radius in columns)
+print(f"Blinn's exponent  {lamps.rstrip()}")
+for exponent, y in rows.items():
+    cells = []
+    for x in columns.values():
+        place = tuple(slice(int(a * scale), int(b * scale)) for a, b in (y, x))
+        value, half = ratio_over_blocks(*(error[place] for error in errors))
+        cells.append(f"{value:.2g} ± {half:.1g}")
+    print(f"{exponent:<18}" + "".join(f"{cell:22}" for cell in cells).rstrip())
 
 # %%
-# A renderer that had to choose one technique for the whole image would be bad somewhere in any case. The next
-# tutorial takes both.
+# The ratio goes over several powers of ten in one image. A renderer that had to choose
+# one technique for all of it would be bad somewhere in any case. Tutorial 3 takes both.
 #
 # Exercises
 # ---------
-# * Which density has no variance for the desk lamp? Write its map from a random number to cos t, and check.
-# * Make the BRDF's density 0 for half of the directions, ``lambda z: np.where(u[0] < 0.5, 0, ...)``, and do not
-#   divide by zero: leave such samples out. What is the mean now? When is a density allowed to be zero?
-# * In ``plates.py`` make all lamps equally large. Where is the border between red and blue now?
+# The page "Syllabus" links to the starter files and to solutions. Write your code into
+# the file, and check it with ``python -m dmis check FILE --exercise N``.
+#
+# 7. *Easy.* Write the map and the density without variance for the desk lamp
+#    (``07_no_variance.py``).
+# 8. *Medium.* Write the density of directions that are mirrored at half vectors
+#    (``08_half_vector.py``).
+# 9. *Hard.* Sample a sky: points of a table in proportion to its values
+#    (``09_sky.py``).
+#
+# To think about: make the BRDF's density 0 for half of the directions, and leave out
+# these samples. What is the mean now? When may a density be zero?
 for path in plot.show("2_importance_sampling"):
     print(path)
