@@ -134,7 +134,7 @@ figure.colorbar(shown, ax=axis, label="log₁₀ of variance, BRDF / light")
 #
 # Errors against a reference are not fooled. Here is the ratio of the mean squared
 # errors where each plate mirrors each lamp, with its 95 % interval.
-reference = dmis.make_reference(scene, 32)
+reference = dmis.make_reference(scene, 16)
 errors = [
     squared_error(result.image, reference.first, reference.second)
     for result in (brdf, light)

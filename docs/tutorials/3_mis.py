@@ -1,43 +1,78 @@
-"""
+r"""
 3. Multiple importance sampling: both, weighted
 ===============================================
 
-Light sampling fails on smooth plates, BRDF sampling on small lamps. Multiple importance sampling takes samples of
-both, and gives each sample a weight that says how much it is to be trusted: little, where the other technique would
-have found the same direction more easily. Which weights? And how many samples of each?
+After this tutorial you can
+
+* combine the samples of two techniques without bias;
+* write the balance heuristic, and compare it with others;
+* say what Veach's theorem promises, and what it leaves open;
+* measure how the variance depends on the share of light samples.
+
+Light sampling fails on smooth plates, BRDF sampling on small lamps. Multiple importance
+sampling (MIS) takes samples of both. It gives each sample a weight. The weight is small
+where the other technique would have found the same direction more easily.
 """
+
+import os
 
 import matplotlib.pyplot as plt
 import numpy as np
-from plates import plates
 
 import dmis
 from dmis import plot
 from dmis.estimator import mis
-from dmis.experiment.metrics import mean_and_error, squared_error
+from dmis.experiment.metrics import ratio_over_blocks, squared_error
+
+QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
+RESOLUTION = (120, 90) if QUICK else (480, 360)
 
 # %%
-# Heuristics
-# ----------
-# Two techniques with densities p_l and p_b share the samples: w and 1 - w of them. A sample x of one of them counts
-# as W f / (w p_l), where the two weights W of a direction have to sum to 1, so that nothing is counted twice. The
-# *balance heuristic* takes W = w p_l / (w p_l + (1 - w) p_b). Then a sample counts as f / (w p_l + (1 - w) p_b),
-# whichever technique it comes from: as if it had been drawn from the mixture of both. ``dmis.estimator.mis`` has it,
-# and others that are more radical: the power heuristic squares, the cutoff heuristic drops what is below a tenth, the
-# maximum takes all.
+# Weights
+# -------
+# Take :math:`n_l` samples of the density :math:`p_l` and :math:`n_b` of :math:`p_b`. In
+# each direction choose two weights with :math:`W_l + W_b = 1`, so that nothing is
+# counted twice. Then the sum over both is unbiased (Veach and Guibas 1995):
+#
+# .. math::
+#
+#    \hat I = \frac{1}{n_l} \sum_{i=1}^{n_l} W_l(x_i) \frac{f(x_i)}{p_l(x_i)}
+#           + \frac{1}{n_b} \sum_{j=1}^{n_b} W_b(x_j) \frac{f(x_j)}{p_b(x_j)}
+#
+# A weight must be 0 where its technique has density 0.
+#
+# Let :math:`w = n_l / N` be the share of light samples, of N in all. The *balance
+# heuristic* is
+#
+# .. math::
+#
+#    W_l = \frac{w\, p_l}{p_w}, \qquad p_w = w\, p_l + (1 - w)\, p_b, \qquad
+#    \hat I = \frac{1}{N} \sum_{i=1}^{N} \frac{f(x_i)}{p_w(x_i)}
+#
+# Every sample counts as if it had been drawn from the mixture of both densities.
+#
+# Other heuristics decide more sharply. The power heuristic squares the terms. The
+# cutoff heuristic drops a term that is below a tenth of the larger one. The maximum
+# heuristic takes the larger one alone. Here they are for two densities on a line.
 x = np.linspace(-1, 1, 401, dtype=np.float32)
 p_l = np.exp(-0.5 * (x / 0.1) ** 2) / (0.1 * np.sqrt(2 * np.pi))
 p_b = np.exp(-0.5 * (x / 0.4) ** 2) / (0.4 * np.sqrt(2 * np.pi))
-figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.6), layout="constrained")
-left.plot(x, p_l, label="p_l, narrow")
-left.plot(x, p_b, label="p_b, wide")
-left.set_ylabel("densities")
-heuristics = {"balance": mis.balance, "power": mis.power(2), "cutoff": mis.cutoff(0.1), "maximum": mis.maximum}
+figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.8), layout="constrained")
+left.plot(x, p_l, label="$p_l$, narrow")
+left.plot(x, p_b, label="$p_b$, wide")
+left.set_ylabel("density")
+heuristics = {
+    "balance": mis.balance,
+    "power": mis.power(2),
+    "cutoff": mis.cutoff(0.1),
+    "maximum": mis.maximum,
+}
 for name, heuristic in heuristics.items():
-    own, other = heuristic((p_l, p_b), 0) * p_l, heuristic((p_l, p_b), 1) * p_b  # a heuristic returns W / density
-    assert np.allclose(own + other, 1, atol=1e-3)
-    right.plot(x, own, label=name)
-right.set_ylabel("weight W of a sample from p_l")
+    # a heuristic returns W / density
+    light, brdf = heuristic((p_l, p_b), 0) * p_l, heuristic((p_l, p_b), 1) * p_b
+    assert np.allclose(light + brdf, 1, atol=1e-3)
+    right.plot(x, light, label=name)
+right.set_ylabel("weight $W_l$ of a light sample")
 for axis in (left, right):
     axis.set_xlabel("x")
     axis.legend()
@@ -45,67 +80,107 @@ for axis in (left, right):
 # %%
 # One light and one BRDF sample
 # -----------------------------
-# The rule ``balance`` takes one of each with every camera sample, w = 1/2. It is the baseline of every comparison in
-# dmis. All samples of this tutorial are independent: its theorems are about such.
-independent = dmis.Settings(sampler="independent")
-scene = plates()
-reference = dmis.make_reference(scene, 64)
-below = slice(35, None)  # rows below the lamps: at their edges no choice of directions matters
-half = dmis.render(scene, "balance", 16, seed=1, settings=independent)
-figure, axis = plt.subplots(figsize=(6, 4.5), layout="constrained")
-plot.picture(axis, half.image, "one light + one BRDF sample, balance heuristic")
+# The rule ``balance`` takes one of each with every camera sample, so w = 1/2. It is the
+# baseline of every comparison in dmis. Compare this picture with the two of tutorial 2.
+scene = dmis.load_scene("veach-mis", resolution=RESOLUTION)
+reference = dmis.make_reference(scene, 16)
+
+
+def errors_of(rule, spp=8):
+    """Return the squared error of each pixel, with independent points."""
+    image = dmis.render(scene, rule, spp, seed=1, sampler="independent").image
+    return squared_error(image, reference.first, reference.second)
+
+
+result = dmis.render(scene, "balance", 16, seed=1, sampler="independent")
+figure, axis = plt.subplots(figsize=(8, 6), layout="constrained")
+plot.picture(axis, result.image, "one light + one BRDF sample, balance heuristic")
 
 # %%
-# It is good wherever one of the two techniques is. With as many samples, on the plates (± one standard error over
-# pixels):
-rules = "balance", "fixed:0", "fixed:1", "pbrt", "fixed:0.5,combiner=cutoff", "fixed:0.5,combiner=maximum", "one-sample"
+# It is good wherever one of the two techniques is good. Here are the errors with as
+# many samples, over that of ``balance``, with 95 % intervals. Only the part below the
+# lamps counts: at the lamps' edges no choice of directions matters.
+scale = RESOLUTION[0] / 480
+below = slice(int(60 * scale), None)
+rules = (
+    "fixed:0", "fixed:1", "pbrt", "fixed:0.5,combiner=cutoff",
+    "fixed:0.5,combiner=maximum", "one-sample",
+)  # fmt: skip
+errors = {rule: errors_of(rule) for rule in ("balance", *rules)}
 for rule in rules:
-    image = dmis.render(scene, rule, 16, seed=1, settings=independent).image
-    error, uncertainty = mean_and_error(squared_error(image, reference.first, reference.second)[below])
-    print(f"{rule:27} squared error {error:7.3f} ± {uncertainty:.3f}")
+    value, width = ratio_over_blocks(errors[rule][below], errors["balance"][below])
+    print(f"{rule:27} error over that of balance {value:6.2f} ± {width:.2f}")
 
 # %%
-# Either technique alone loses by far. Heuristics differ little from one another (``pbrt`` is the power heuristic); no
-# choice of non-negative weights can be much better than balance, which is a theorem of Veach's. (Weights below 0 can:
-# the combiner ``optimal`` has such.) ``one-sample``, which draws lots for which technique each sample comes from, shows
-# that *fixed* numbers of samples are worth something by themselves.
+# Either technique alone loses by far. The heuristics differ little (``pbrt`` is the
+# power heuristic). That is a theorem of Veach's: for the same samples no choice of
+# non-negative weights can be much better than balance. Its variance is lower by at most
+#
+# .. math::
+#
+#    \left( \frac{1}{\min(n_l, n_b)} - \frac{1}{N} \right) I^2
+#
+# (Weights below 0 may gain more: the combiner ``optimal`` has such.)
+#
+# ``one-sample`` draws lots for the technique of each sample. It shows that *fixed*
+# numbers of samples are worth something by themselves.
 #
 # How many of each?
 # -----------------
-# What the theorem does not cover is w. The variance of an image is known from a few images with different seeds, so
-# here it is for every share of light samples, where different plates mirror different lamps:
-shares = np.array([0, 0.05, 0.25, 0.5, 0.75, 0.95, 1])
-maps = []
-for w in shares:
-    images = [dmis.render(scene, f"fixed:{w}", 8, seed=seed, settings=independent).image for seed in (1, 2, 3)]
-    maps.append(np.var(images, axis=0, ddof=1).mean(axis=-1))
+# The theorem says nothing about w. With the balance heuristic and fixed numbers, the
+# variance of the mean of N samples is
+#
+# .. math::
+#
+#    V(w) = \frac{1}{N} \left( \int \frac{f^2}{p_w} - I^2 - w (1 - w) D^2 \right),
+#    \qquad p_w = w\, p_l + (1 - w)\, p_b
+#
+# D is the difference between the means of :math:`f / p_w` over light and over BRDF
+# samples. Here is the measured error for several shares, at three places of the image,
+# over that at w = 1/2.
+shares = (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)
+known = {0: "fixed:0", 0.5: "balance", 1: "fixed:1"}
+maps = [errors[known[w]] if w in known else errors_of(f"fixed:{w}") for w in shares]
 places = {
-    "smooth plate, large lamp": (slice(36, 42), slice(74, 85)),
-    "third plate, second lamp": (slice(53, 59), slice(32, 45)),
-    "rough plate, large lamp": (slice(66, 72), slice(70, 90)),
+    "smooth plate, large lamp": ((122, 158), (350, 460)),
+    "second plate, third lamp": ((170, 206), (256, 334)),
+    "third plate, second lamp": ((222, 262), (150, 222)),
 }
-figure, axis = plt.subplots(figsize=(7, 4.3), layout="constrained")
+figure, axis = plt.subplots(figsize=(8, 4.8), layout="constrained")
 for name, place in places.items():
-    curve = np.array([variance[place].mean() for variance in maps])
-    axis.semilogy(shares, curve / curve[shares == 0.5], "o-", label=name)
+    window = tuple(slice(int(a * scale), int(b * scale)) for a, b in place)
+    half = errors["balance"][window]
+    ratios = np.array([ratio_over_blocks(error[window], half) for error in maps])
+    axis.errorbar(shares, *ratios.T, fmt="o-", capsize=3, label=name)
+    best = int(ratios[:, 0].argmin())
+    value, width = ratios[best]
+    print(f"{name}: {value:.2f} ± {width:.2f} at w = {shares[best]}, the best of these")
+axis.set_yscale("log")
 axis.axhline(1, color="0.5", linewidth=1)
 axis.set_xlabel("share of light samples w (0: BRDF only, 1: light only)")
-axis.set_ylabel("variance / variance at w = 1/2")
+axis.set_ylabel("error / error at w = 1/2")
 axis.legend()
 
 # %%
-# w = 1/2 is nowhere bad, and nowhere best. On the smooth plate nearly all samples should be BRDF samples, on rough
-# ones nearly all light samples, and the right choice leaves a fraction of the variance. It is different in every part
-# of the image, and nobody can tell it beforehand; but a few samples, spent in advance, could find out. That is the
-# idea of the thesis.
+# w = 1/2 is nowhere bad, but at two of these places far from the best. On the smooth
+# plate nearly all samples should be BRDF samples, on the third plate nearly all light
+# samples. The right share leaves a part of the error. It is different in each part of
+# the image, and nobody can tell it beforehand. But a few samples, spent in advance,
+# could find it out. This is the idea of the thesis.
 #
 # Exercises
 # ---------
-# * Why are the ends, w = 0 and w = 1, not part of the mixture's safe range? Look at f / (w p_l + (1 - w) p_b) where
-#   p_b = 0.
-# * Show that two light samples with the balance heuristic and w = 1 are not the same as w = 1/2 with four samples,
-#   two of each.
-# * ``fixed:0.5,combiner=optimal`` fits the integrand by both densities (Kondapaneni et al. 2019), and needs many
-#   samples. At which number does it begin to pay on the plates?
+# The page "Syllabus" links to the starter files and to solutions. Write your code into
+# the file, and check it with ``python -m dmis check FILE --exercise N``.
+#
+# 10. *Easy.* Write the balance heuristic (``10_balance_weight.py``).
+# 11. *Medium.* Write the estimate from any numbers of samples of both techniques
+#     (``11_two_techniques.py``).
+# 12. *Hard.* Write V(w) for fixed numbers of samples (``12_variance_curve.py``).
+#
+# To think about: why are w = 0 and w = 1 dangerous? Look at :math:`f / p_w` where
+# :math:`p_b` is 0, or nearly so. The combiner ``optimal`` (Kondapaneni et al. 2019)
+# fits f by both densities and needs many samples: from which number on does it pay
+# here?
 for path in plot.show("3_mis"):
     print(path)
