@@ -1,6 +1,6 @@
 """Exercise 1 (easy): mirror the directions of a batch.
 
-Check your file with ``python -m dmis check 01_mirror.py --exercise 1``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 1``.
 """
 
 

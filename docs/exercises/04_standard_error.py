@@ -1,6 +1,6 @@
 """Exercise 4 (easy): a mean and its standard error.
 
-Check your file with ``python -m dmis check 04_standard_error.py --exercise 4``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 4``.
 """
 
 

@@ -3,7 +3,7 @@
 The desk lamp of tutorial 2 brings cos t from the directions inside of its cone, and
 nothing from the others. A density in proportion to that has no variance.
 
-Check your file with ``python -m dmis check 07_no_variance.py --exercise 7``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 7``.
 """
 
 import numpy as np

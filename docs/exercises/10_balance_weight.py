@@ -1,6 +1,6 @@
 """Exercise 10 (easy): the balance heuristic.
 
-Check your file with ``python -m dmis check 10_balance_weight.py --exercise 10``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 10``.
 """
 
 

@@ -6,7 +6,7 @@ samples, and the balance heuristic, the variance of one sample is
     V(w) = M_2 - w m_l^2 - (1 - w) m_b^2,    M_2 = integral of f^2 / p_w,
     m_l = integral of p_l f / p_w,           m_b = integral of p_b f / p_w.
 
-Check your file with ``python -m dmis check 12_variance_curve.py --exercise 12``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 12``.
 """
 
 import numpy as np

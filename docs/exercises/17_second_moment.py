@@ -4,7 +4,7 @@ Equations (15) and (16) of the theory page. The pilot has w = 1/2, so its sample
 come from q = (p_l + p_b) / 2. At another share w a sample counts X / m instead of X,
 with m = p_w / q = 1 + (2 w - 1) d.
 
-Check your file with ``python -m dmis check 17_second_moment.py --exercise 17``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 17``.
 """
 
 import numpy as np

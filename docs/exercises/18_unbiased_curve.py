@@ -5,7 +5,7 @@ sample at the share w is w V_l + (1 - w) V_b, where V_l and V_b are the variance
 f / p_w within the light samples and within the BRDF samples. Estimate it for every w
 from the n light and the n BRDF samples of one pilot at w = 1/2, without bias.
 
-Check your file with ``python -m dmis check 18_unbiased_curve.py --exercise 18``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 18``.
 """
 
 import numpy as np

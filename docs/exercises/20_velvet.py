@@ -5,7 +5,7 @@ where the cosine is small. Write a density that fits better: its relative varian
 f cos / p must be 0.8 or less (that of cos / pi is 1.4). Two uniform numbers and the
 inverse of a simple distribution function are enough.
 
-Check your file with ``python -m dmis check 20_velvet.py --exercise 20``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 20``.
 """
 
 from dataclasses import dataclass

@@ -4,7 +4,7 @@ Your rule renders the teapot below its lamp, 64 by 38 pixels, with 32 samples pe
 pixel, its pilot included. Its error over that of ``balance`` must be below 0.85, with
 the whole 95 % interval, and its image must be unbiased.
 
-Check your file with ``python -m dmis check 21_rule.py --exercise 21``.
+Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 21``.
 """
 
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from dmis.testing.exercises import EXERCISES
+from dmis.testing.exercises import EXERCISES, LAST, check_exercise
 from dmis.testing.outcome import Outcome
 
 FOLDER = Path(__file__).parents[2] / "docs" / "exercises"
@@ -31,7 +31,7 @@ def outcomes(path: Path) -> list[Outcome]:
 
 def test_files_and_checks_have_the_same_numbers() -> None:
     """A starter, a solution and a check for each of 1 to 21."""
-    assert [int(path.name[:2]) for path in STARTERS] == sorted(EXERCISES) == list(range(1, 22))
+    assert [int(path.name[:2]) for path in STARTERS] == sorted(EXERCISES) == list(range(1, LAST + 1))
     assert [path.name for path in sorted((FOLDER / "solutions").glob("*.py"))] == [path.name for path in STARTERS]
 
 
@@ -54,7 +54,7 @@ def test_solution_passes(path: Path) -> None:
 def test_starter_says_how_to_check_it(path: Path) -> None:
     """The command is in the docstring, and how hard the exercise is."""
     text = path.read_text("utf-8")
-    assert f"python -m dmis check {path.name} --exercise {int(path.name[:2])}``" in text
+    assert f"python -m dmis check mine.py --exercise {int(path.name[:2])}``" in text
     grades = {1: "easy", 2: "medium", 0: "hard"}
     assert text.startswith(f'"""Exercise {int(path.name[:2])} ({grades[int(path.name[:2]) % 3]}): ')
 
@@ -79,3 +79,10 @@ def test_bad_function_gets_a_clear_message(source: str, message: str) -> None:
     assert not last.passed
     with pytest.raises(AssertionError, match=message):
         raise AssertionError(last.message)
+
+
+@pytest.mark.parametrize("number", [0, LAST + 1])
+def test_unknown_exercise(number: int) -> None:
+    """The message has the numbers that there are."""
+    with pytest.raises(ValueError, match=f"from 1 to {LAST}; got {number}"):
+        check_exercise(number, ModuleType("mine"))

@@ -1,7 +1,10 @@
 """Checks of the exercises that the tutorials end with, by their numbers.
 
-Tutorial t has the exercises 3t + 1 to 3t + 3. A starter file of each is in ``docs/exercises``.
+Tutorial t has the exercises 3t + 1 to 3t + 3. A starter file of each is in ``docs/exercises``, and a solution in
+``docs/exercises/solutions``.
 """
+
+from types import ModuleType
 
 from dmis.testing.exercises import (
     check_mis,
@@ -13,7 +16,10 @@ from dmis.testing.exercises import (
     check_sampling,
 )
 from dmis.testing.exercises.grading import Check
+from dmis.testing.outcome import Outcome
 
+LAST = 21
+"""Number of the last exercise."""
 EXERCISES: dict[int, Check] = {
     **check_one_batch.CHECKS,
     **check_monte_carlo.CHECKS,
@@ -24,3 +30,16 @@ EXERCISES: dict[int, Check] = {
     **check_own.CHECKS,
 }
 """Check of each exercise: takes the module of a reader's file, returns its outcomes."""
+
+
+def check_exercise(number: int, module: ModuleType) -> list[Outcome]:
+    """Return the outcomes of the check of an exercise, for a module with a solution.
+
+    Raises
+    ------
+    ValueError
+        If there is no exercise of this number.
+    """
+    if number not in EXERCISES:
+        raise ValueError(f"exercise must be a whole number from 1 to {LAST}; got {number}")
+    return EXERCISES[number](module)
