@@ -1,5 +1,6 @@
 """What the pages, tutorials and examples show runs as it stands; links lead somewhere."""
 
+import ast
 import inspect
 import json
 import os
@@ -48,18 +49,24 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda tutorial: tutorial.stem)
 def test_tutorial_runs(tutorial, cache, tmp_path):
-    """From any folder, without a word on standard error; where there is no screen it leaves its pictures as files."""
+    """Small, in an empty folder, without a word on standard error; without a screen it leaves its pictures as files.
+
+    Its text comes from standard input, as that of a notebook: there are no files beside it, and no ``__file__``.
+    """
     pytest.importorskip("matplotlib")
     from PIL import Image
 
     done = subprocess.run(
-        [sys.executable, tutorial],
+        [sys.executable, "-"],
+        input=tutorial.read_text("utf-8"),
         cwd=tmp_path,
-        env={**os.environ, "DMIS_CACHE": str(cache), "MPLBACKEND": "agg", "PYTHONPATH": str(ROOT)},
+        env={
+            **os.environ, "DMIS_CACHE": str(cache), "DMIS_QUICK": "1", "MPLBACKEND": "agg", "PYTHONPATH": str(ROOT),
+        },
         capture_output=True,
         text=True,
         timeout=1200,
-    )
+    )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     pictures = sorted((tmp_path / "figures" / "tutorials").iterdir())
     assert len(pictures) > 1 and "nan" not in done.stdout
@@ -70,8 +77,9 @@ def test_tutorial_runs(tutorial, cache, tmp_path):
 
 
 def run(stem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """The variables of a tutorial, which is run in an empty folder."""
+    """The variables of a tutorial, which is run at its small size in an empty folder."""
     pytest.importorskip("matplotlib").use("agg")
+    monkeypatch.setenv("DMIS_QUICK", "1")
     monkeypatch.chdir(tmp_path)
     return SimpleNamespace(**runpy.run_path(str(ROOT / "docs" / "tutorials" / f"{stem}.py")))
 
@@ -81,13 +89,40 @@ def test_one_batch_agrees_with_render(tmp_path, monkeypatch):
     import dmis
 
     batch = run("0_one_batch", tmp_path, monkeypatch)
-    result = dmis.render(batch.scene, "balance", 64, seed=5)
+    result = dmis.render(batch.scene, "balance", 64, seed=5, sampler="independent")
     difference = (batch.image - result.image)[..., 0]
     error = np.sqrt(batch.samples[0].var(axis=0, ddof=1) / batch.spp + result.variance[..., 0])
     assert abs(difference.sum() / np.sqrt((error**2).sum())) < Z_LIMIT
     z = difference[error > 0] / error[error > 0]
     assert np.all(difference[error == 0] == 0) and len(z) > 4000
     assert 0.8 < z.std() < 1.1 and np.mean(np.abs(z) > 3) < 0.01
+
+
+def prose(tutorial: Path) -> str:
+    """Return the text of a tutorial: its docstring, and its comments at the start of a line."""
+    text = tutorial.read_text("utf-8")
+    comments = (line[1:] for line in text.split("\n") if line.startswith("#"))
+    return "\n".join([ast.get_docstring(ast.parse(text)) or "", *comments])
+
+
+@pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda tutorial: tutorial.stem)
+def test_tutorial_is_a_lesson(tutorial):
+    """It begins with goals, has formulas and three graded exercises, and is short; its lines fit on the page."""
+    text, number = prose(tutorial), int(tutorial.name[0])
+    assert "After this tutorial you can\n\n* " in text and ".. math::" in text and len(text.split()) <= 1200
+    names = [path.name for k in range(1, 4) for path in (ROOT / "docs" / "exercises").glob(f"{3 * number + k:02}_*.py")]
+    assert re.findall(r"``(\d\d_\w+\.py)``", text) == names and len(names) == 3
+    graded = re.findall(r"^ *(\d+)\. \*(\w+)\.\* ", text, re.M)
+    assert graded == [(str(3 * number + k), grade) for k, grade in enumerate(("Easy", "Medium", "Hard"), 1)]
+    assert max(len(line) for line in tutorial.read_text("utf-8").split("\n")) <= 88
+
+
+def test_syllabus_links_to_every_exercise():
+    """Each starter and each solution, once."""
+    text = (ROOT / "docs" / "syllabus.md").read_text("utf-8")
+    folder = ROOT / "docs" / "exercises"
+    files = [path.relative_to(folder.parent).as_posix() for path in folder.rglob("[0-9][0-9]_*.py")]
+    assert sorted(re.findall(r"\]\((exercises/[^)]*\.py)\)", text)) == sorted(files)
 
 
 def test_one_batch_is_short():
@@ -109,7 +144,7 @@ def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
     pilot = {w: Pilot(moments) for w, moments in zip((0.0, 0.5, 1.0), steps.moments, strict=True)}
     assert dict(rule.pilot) == dict.fromkeys(pilot, 2)
     assert np.array_equal(rule.fit(pilot).weight, steps.weight) and np.ptp(steps.weight) > 0.5
-    result = dmis.render(steps.scene, rule, 32, seed=11)
+    result = dmis.render(steps.scene, rule, 32, seed=11, sampler="independent")
     assert np.array_equal(steps.final.samples + 6, result.samples)  # the pilot's
     difference = (steps.final.image - result.image).mean(axis=-1)
     error = np.sqrt((steps.final.variance + result.variance).mean(axis=-1))

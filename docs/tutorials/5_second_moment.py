@@ -1,15 +1,24 @@
-"""
+r"""
 5. Why it fails, and the second moment
 ======================================
 
-The rule of the thesis loses on two of its four scenes. The idea is right, and with exact variances the parabola would
-win. But two samples of a technique that fails do not say that it fails, and a mistake at the ends is expensive. The
-same six samples can say much more, if each of them is asked about every weight at once.
+After this tutorial you can
+
+* compute the chance that a pilot misses what matters;
+* say what a parabola gets wrong, and why this costs less than one would think;
+* estimate the variance at every share from the samples of one pilot;
+* explain why even points beat better shares, and when both pay.
+
+The rule of the thesis loses on two of its four scenes. Its idea is right: with exact
+variances the parabola would win. But two samples of a technique that fails do not say
+that it fails. The same samples can tell much more, if each of them is asked about every
+share at once.
 """
+
+import os
 
 import matplotlib.pyplot as plt
 import numpy as np
-from plates import plates
 
 import dmis
 from dmis import plot
@@ -18,145 +27,205 @@ from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, HALF
 from dmis.variance.moments import Moments
 
+QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
+RESOLUTION = (120, 90) if QUICK else (480, 360)
+PATCH = 4 if QUICK else 8
 rng = np.random.default_rng(1)
 
 # %%
 # Two samples do not see a spike
 # ------------------------------
-# A small lamp above a matte floor: one BRDF sample in a hundred hits it and brings 100, the others bring 0. The
-# variance is 99. What do two samples say, averaged over a patch of 16 pixels?
+# A small lamp is above a matte floor. One BRDF sample in a hundred meets it and brings
+# 100; the others bring 0. The variance is 99. What do two samples say, averaged over a
+# patch of 16 pixels?
 hits = 100.0 * (rng.random((2, 16, 10_000)) < 0.01)
 reported = Moments.of(hits).variance().mean(axis=0)
-print(f"mean of what patches report {reported.mean():.0f}, and {(reported == 0).mean():.0%} of them report 0")
+error = 1.96 * reported.std() / 100
+print(f"mean of what 10,000 patches report: {reported.mean():.1f} ± {error:.1f}")
+print(f"patches that report 0: {(reported == 0).mean():.0%}")
 
 # %%
-# Right on average; and three patches of four report no variance at all. For a parabola through three points the
-# technique that fails is then the best, and the patch gets nothing but BRDF samples.
+# They are right on average, and three of four patches report no variance at all. For a
+# parabola through three points, the technique that fails is then the best. The patch
+# gets nothing but BRDF samples.
 #
-# How many patches are so misled depends on their size times the number of samples. With n BRDF samples in a patch, and
-# a hit in a hundred, none of them hits with probability 0.99^n:
+# If a sample hits with probability p, a patch of P pixels with two samples each sees no
+# hit with probability
+#
+# .. math::
+#
+#    (1 - p)^{2 P}
 for side in (4, 8, 16):
     n = 2 * side**2
-    print(f"patches of {side:2}x{side:<2}: {n:3} samples, {0.99**n:.1%} of the patches see no hit")
+    print(f"patches of {side:2} by {side:<2}: {n:3} samples, no hit in {0.99**n:.1%}")
 
 # %%
 # A variance is not a parabola
 # ----------------------------
-# That costs less than one would think. The *oracle* renders variance curves from very many samples. Here is what it
-# says of the plates, without the lamps above them (a `crop` is a part of the image), at the place where the third plate
-# mirrors the second lamp:
-scene = plates().crop((32, 72), (0, 96))
-oracle = dmis.make_oracle(scene, 64)
-place = slice(21 // oracle.patch, 27 // oracle.patch), slice(32 // oracle.patch, 45 // oracle.patch)
+# That costs less than one would think. The *oracle* has variance curves from many
+# samples. Here is its curve where the third plate of ``veach-mis`` mirrors the second
+# lamp. The scene is cropped below the lamps.
+plates = dmis.load_scene("veach-mis", resolution=RESOLUTION)
+scale = RESOLUTION[0] / 480
+top = int(64 * scale)
+plates = plates.crop((top, RESOLUTION[1]), (0, RESOLUTION[0]))
+oracle = dmis.make_oracle(plates, 32, PATCH)
+place = tuple(
+    slice(int((a * scale - offset) // PATCH), int((b * scale - offset) // PATCH))
+    for (a, b), offset in zip(((224, 264), (152, 224)), (top, 0), strict=True)
+)
 curve = oracle.variance[:, *place].mean(axis=(1, 2))
 three = curve[[0, HALF, -1]]
 parabola = np.polyfit([0, 0.5, 1], three, 2)
-minimum, _ = parabola_minimum(np.array([0, 0.5, 1]), three)
+minimum = float(parabola_minimum(np.array([0, 0.5, 1]), three)[0])
 w = np.linspace(0, 1, 201)
-figure, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
 for axis in axes:
-    axis.plot(GRID, curve, "o-", color="black", markersize=4, label="true variance")
-    axis.plot(w, np.polyval(parabola, w), color="tab:red", label="parabola through three exact points")
-    axis.axvline(float(minimum), color="tab:red", linestyle=":", label=f"its minimum, w = {float(minimum):.2f}")
+    axis.plot(GRID, curve, "o-", color="black", markersize=4, label="variance")
+    label = "parabola through three exact points"
+    axis.plot(w, np.polyval(parabola, w), color="tab:red", label=label)
+    label = f"its minimum, w = {minimum:.2f}"
+    axis.axvline(minimum, color="tab:red", linestyle=":", label=label)
     axis.set_xlabel("share of light samples w")
 axes[0].set_ylabel("variance of a camera sample")
-axes[1].set_ylim(-0.1 * curve[HALF], 3 * curve[HALF])
+axes[1].set_ylim(-1.5 * curve[HALF], 4 * curve[HALF])
 axes[1].set_title("the same, enlarged")
 axes[0].legend()
 
 # %%
-# A variance is a sum of terms like 1 / (w p_l + (1 - w) p_b): steep at the ends, flat between. Even from exact points
-# the parabola dips below zero, and its minimum is near 3/4 (or 1/4), wherever the best weight is. But on this side of
-# 1/2 the curve is lower than at 1/2. Where a curve falls (or rises) all the way, the exact parabola cannot lose, it
-# only leaves some of the gain (the theory page has the proof):
+# A variance is a sum of terms like :math:`1 / (w\, p_l + (1 - w)\, p_b)`: steep at the
+# ends, and flat between them. Even from exact points the parabola dips below zero. If
+# one end is far above the other points, its minimum is near 3/4 or 1/4, wherever the
+# best share is.
+#
+# But on this side of 1/2 the curve is lower than at 1/2. Where a curve falls all the
+# way (or rises), the exact parabola cannot lose. It only misses a part of the gain. The
+# theory page has the proof.
 half = curve[HALF]
-print(
-    f"variance over that of w = 1/2: at the parabola's minimum {np.interp(minimum, GRID, curve) / half:.2f}, "
-    f"best {curve.min() / half:.2f}, at w = 0 {curve[0] / half:.1f}, at w = 1 {curve[-1] / half:.2f}"
-)
+for name, value in (
+    ("at the parabola's minimum", np.interp(minimum, GRID, curve)),
+    ("best", curve.min()),
+    ("at w = 0", curve[0]),
+    ("at w = 1", curve[-1]),
+):
+    print(f"variance over that at w = 1/2, {name}: {value / half:.2f}")
 
 # %%
 # So what hurts is the pilot, not the parabola.
 #
-# Ask every sample about every weight
-# -----------------------------------
-# Take the pilot at w = 1/2. Its samples come from the density q = (p_l + p_b) / 2, and each is worth X = f / q. At
-# another weight a sample in the same direction would be worth f / p_w = X q / p_w; its square, weighted for having
-# been drawn from q, is an unbiased estimate of the *second moment* at that weight. So the same six samples tell of
-# all weights. And if the BRDF samples miss the lamp, the light samples that hit it know what that would have cost,
-# since they know p_b there. The rule ``second-moment`` does that, for `dmis.variance.curves.GRID`. What a pilot of 6
-# samples learns (``cost=no`` is for samples that all count the same; as it is, the rule weighs variance against the
-# rays that a light sample costs; ``combiner=balance`` is what the oracle has curves of, the rule would choose between
-# balance and power by the curves of both):
+# Ask every sample about every share
+# ----------------------------------
+# Take the pilot at w = 1/2. Its samples come from the density
+# :math:`q = (p_l + p_b) / 2`, and each of them counts :math:`X = f / q`. At another
+# share, a sample in the same direction would count
+#
+# .. math::
+#
+#    \frac{f}{p_w} = \frac{X}{m(w)}, \qquad m(w) = \frac{p_w}{q} = 1 + (2 w - 1)\, d,
+#    \qquad d = \frac{p_l - p_b}{p_l + p_b}
+#
+# and it would be drawn :math:`m(w)` times as often. So the second moment at any share
+# is a mean over the samples of this one pilot:
+#
+# .. math::
+#
+#    M_2(w) = \int \frac{f^2}{p_w} = \mathrm{E}_q \left[ \frac{X^2}{m(w)} \right],
+#    \qquad \frac{X^2}{m(w)} \le \frac{X^2}{2 \min(w, 1 - w)}
+#
+# The bound says that no single term can be much larger than what the balance heuristic
+# itself sees. And both techniques tell of both: if the BRDF samples miss a lamp, the
+# light samples that hit it know :math:`p_b` there. So they know what it would have cost
+# to rely on BRDF samples.
+#
+# The rule ``second-moment`` does that. It averages the *curves* of neighbours that look
+# alike, and then takes the minimum of each patch. It stays at 1/2 where the gain is not
+# sure. Here is what both rules learn from six samples, beside the oracle. (With
+# ``cost=no`` all samples count the same; otherwise the rule weighs variance against the
+# rays of a light sample. The oracle's curves are those of ``combiner=balance``.)
+rules = f"thesis:patch={PATCH}", "second-moment:combiner=balance,cost=no"
 learned = {
-    rule: dmis.render(scene, rule, 16, seed=1).weight
-    for rule in ("thesis:patch=4", "second-moment:combiner=balance,cost=no")
+    rule: dmis.render(plates, rule, 16, seed=1, sampler="independent").weight
+    for rule in rules
 }
-figure, axes = plt.subplots(1, 3, figsize=(14, 2.6), layout="constrained")
-width, height = scene.camera.resolution
+figure, axes = plt.subplots(1, 3, figsize=(15, 3.6), layout="constrained")
+width, height = plates.camera.resolution
 for axis, (rule, weight) in zip(axes, learned.items()):
-    plot.weights(axis, weight, rule)
-shown = plot.weights(axes[2], oracle.best(), "oracle", ((0, height), (0, width)))
+    plot.weights(axis, weight, rule.partition(":")[0])
+window = (0, height), (0, width)
+shown = plot.weights(axes[2], oracle.best(), "oracle", window)
 plot.weight_bar(figure, shown, axes)
 for rule, weight in learned.items():
-    change = oracle.at(weight) / oracle.at(0.5)
-    print(f"{rule:44} variance over that of w = 1/2: median patch {np.median(change):.2f}, worst {change.max():.1f}")
-best = oracle.variance.min(axis=0) / oracle.at(0.5)
-print(f"{'oracle':44} variance over that of w = 1/2: median patch {np.median(best):.2f}, worst {best.max():.1f}")
+    change = oracle.mean(oracle.at(weight)) / oracle.mean(oracle.at(0.5))
+    harm, error = oracle.harm(weight)
+    print(
+        f"{rule}: variance of the image over that of w = 1/2 {change:.2f}, "
+        f"patches made worse {harm:.0%} ± {1.96 * error:.0%}"
+    )
+print(f"best shares: {oracle.limit():.2f}")
 
 # %%
-# Share what was measured, not what was decided: the rule averages *curves* of neighbours that look alike, then each
-# patch takes its own minimum. Where the gain is not sure it stays at 1/2.
-#
 # In numbers
 # ----------
-# On the diffuse killeroo, where light sampling is nearly always better, with several seeds. ``auto`` also puts more
-# samples where the noise is. Samples are independent.
-scene = dmis.load_scene("killeroo-diffuse", resolution=(80, 60))
-reference = dmis.make_reference(scene, 512)
-rules = "balance", "thesis:patch=4", "second-moment", "auto"
-runs = dmis.measure(scene, [(rule, 32) for rule in rules], range(3), reference, sampler="independent")
-baseline = np.array([run.mse for run in runs["balance", 32]])
+# On the diffuse killeroo light sampling is nearly always better, and BRDF sampling has
+# spikes. Here are the errors at equal samples over that of ``balance``, from five
+# seeds.
+side = (80, 60) if QUICK else (160, 120)
+scene = dmis.load_scene("killeroo-diffuse", resolution=side)
+reference = dmis.make_reference(scene, 128)
+rules = "balance", "thesis:patch=8", "second-moment"
+budgets = [(rule, 32) for rule in rules]
+runs = dmis.measure(scene, budgets, range(5), reference, sampler="independent")
+errors = {rule: np.array([run.mse for run in runs[rule, 32]]) for rule in rules}
 for rule in rules[1:]:
-    value, half = ratio(np.array([run.mse for run in runs[rule, 32]]), baseline)
-    print(f"{rule:16} squared error over that of balance {value:.2f} ± {half:.2f}")
+    value, half = ratio(errors[rule], errors["balance"])
+    print(f"{rule:16} mean squared error over that of balance {value:.2f} ± {half:.2f}")
 
 # %%
 # Why evenness beats weights
 # --------------------------
-# All of this shared out *independent* samples, whose squared error is V / n: a better weight makes V smaller. Points
-# that fill each other's gaps change the exponent, to n^-2 for what is smooth, n^-1.5 or so at an edge in the pixel, and
-# n^-1.25 at the edge of a soft shadow. At some n the exponent wins against any factor in V. Here are the slopes: the
-# best single weight against even points, then even points with numbers of samples (``counts``), and with weights too
-# (``auto``).
-spp = np.array([16, 64, 256])
-figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
+# All of this divided *independent* samples. Their error is V / n, and a better share
+# makes V smaller. Points that fill each other's gaps change the exponent. For what is
+# smooth the error may fall like :math:`n^{-2}`. It falls more slowly at edges: like
+# :math:`n^{-1.5}` or so at an edge in the pixel. At some n a better exponent wins
+# against any factor.
+#
+# Here are measured errors with independent points and with Sobol points, which are the
+# default. ``auto`` also learns how many samples of each technique a pixel needs.
+spp = np.array([8, 32, 128])
+figure, axis = plt.subplots(figsize=(7, 4.6), layout="constrained")
 for rule, sampler, style in (
     ("balance", "independent", "o:"),
-    ("fixed:0.9", "independent", "s:"),
+    ("second-moment", "independent", "s:"),
     ("balance", "sobol", "o-"),
-    ("counts", "sobol", "^-"),
     ("auto", "sobol", "v-"),
 ):
-    images = [dmis.render(scene, rule, int(n), seed=1, sampler=sampler).image for n in spp]
-    errors = [dmis.mse(image, reference.first, reference.second) for image in images]
+    budgets = [(rule, int(n)) for n in spp]
+    runs = dmis.measure(scene, budgets, range(1), reference, sampler=sampler)
+    errors = [runs[budget][0].mse for budget in budgets]
     slope = np.polyfit(np.log(spp), np.log(errors), 1)[0]
     axis.loglog(spp, errors, style, label=f"{rule}, {sampler}: $n^{{{slope:.2f}}}$")
-    print(f"{rule:10} {sampler:12} mean squared error {errors[0]:.1e} to {errors[-1]:.1e}, slope {slope:.2f}")
+    print(f"{rule}, {sampler}: {errors[0]:.1e} to {errors[-1]:.1e}, slope {slope:.2f}")
 axis.set_xlabel("camera samples per pixel")
 axis.set_ylabel("mean squared error")
 axis.legend()
 
 # %%
-# Weights still pay once the points are even: they then work on the part that stays, edges and shadows. The page on
-# even points (``docs/sampling.md``) says how such points are made, that on weight rules what ``auto`` does.
+# Shares still pay once the points are even. They then work on the part that is left:
+# edges and shadows. The page "Even points" says how such points are made, and the page
+# "Weight rules" what ``auto`` does.
 #
 # Exercises
 # ---------
-# * Which of the slopes are steeper than -1, and why is none of them -2 on this image?
-# * How many pilot samples would it take until only one patch in a hundred reports no variance at all?
-# * The second moment at w from samples of q is the mean of X² / m with m = p_w / q. How large can a single term be,
-#   in terms of X² and w? Why is w = 1/2 the right place for a pilot?
-# * Take ``filter=none`` and ``guard=0`` from ``second-moment``. Which of the two does more harm?
+# The page "Syllabus" links to the starter files and to solutions. Write your code into
+# the file, and check it with ``python -m dmis check FILE --exercise N``.
+#
+# 16. *Easy.* Compute the chance to miss a spike, and the samples that make it small
+#     (``16_missed.py``).
+# 17. *Medium.* Estimate the second moment at every share (``17_second_moment.py``).
+# 18. *Hard.* Estimate the variance curve without bias, from two samples of each
+#     technique (``18_unbiased_curve.py``).
+#
+# To think about: why is w = 1/2 the right place for a pilot? Which of the slopes are
+# steeper than -1, and why is none of them -2?
 for path in plot.show("5_second_moment"):
     print(path)
