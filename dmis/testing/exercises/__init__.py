@@ -41,5 +41,6 @@ def check_exercise(number: int, module: ModuleType) -> list[Outcome]:
         If there is no exercise of this number.
     """
     if number not in EXERCISES:
-        raise ValueError(f"exercise must be a whole number from 1 to {LAST}; got {number}")
+        known = ", ".join(map(str, sorted(EXERCISES)))
+        raise ValueError(f"exercise must be one that has a check: {known}; got {number}")
     return EXERCISES[number](module)
