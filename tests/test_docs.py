@@ -95,7 +95,8 @@ def test_one_batch_agrees_with_render(tmp_path, monkeypatch):
     assert abs(difference.sum() / np.sqrt((error**2).sum())) < Z_LIMIT
     z = difference[error > 0] / error[error > 0]
     assert np.all(difference[error == 0] == 0) and len(z) > 4000
-    assert 0.8 < z.std() < 1.1 and np.mean(np.abs(z) > 3) < 0.01
+    # a variance of 16 samples makes the tails those of Student's t: |t| > 3 in 0.9 % with 15 degrees of freedom
+    assert 0.8 < z.std() < 1.15 and np.mean(np.abs(z) > 3) < 0.015
 
 
 def prose(tutorial: Path) -> str:
