@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.exercises.grading import at_most, call, compare, exercise, z_test
+from dmis.testing.graded.grading import at_most, call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
 
 _SIGMA = 0.1, 0.5

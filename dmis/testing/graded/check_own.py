@@ -14,7 +14,7 @@ from dmis.fit.rule import Rule, complete_rule
 from dmis.formats.load_scene import load_scene
 from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
-from dmis.testing.exercises.grading import (
+from dmis.testing.graded.grading import (
     Failed,
     at_most,
     call,

@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.exercises.grading import at_most, call, check_directions, chi_square, compare, exercise
+from dmis.testing.graded.grading import at_most, call, check_directions, chi_square, compare, exercise
 from dmis.testing.outcome import Outcome
 from dmis.testing.sphere import columns, uniforms
 

@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 
-from dmis.testing.exercises.grading import Failed, at_most, call, compare, exercise, z_test
+from dmis.testing.graded.grading import Failed, at_most, call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dmis.base.vectors import Array, dot, normalise
 from dmis.light.area import QuadLight
-from dmis.testing.exercises.grading import call, compare, exercise, z_test
+from dmis.testing.graded.grading import call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
 from dmis.testing.sphere import columns, uniforms
 

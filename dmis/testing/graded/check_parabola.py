@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from dmis.fit.thesis import parabola_minimum
-from dmis.testing.exercises.grading import at_most, call, compare, exercise, z_test
+from dmis.testing.graded.grading import at_most, call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
 
 

@@ -6,7 +6,7 @@ Tutorial t has the exercises 3t + 1 to 3t + 3. A starter file of each is in ``do
 
 from types import ModuleType
 
-from dmis.testing.exercises import (
+from dmis.testing.graded import (
     check_mis,
     check_monte_carlo,
     check_one_batch,
@@ -15,7 +15,7 @@ from dmis.testing.exercises import (
     check_pilot,
     check_sampling,
 )
-from dmis.testing.exercises.grading import Check
+from dmis.testing.graded.grading import Check
 from dmis.testing.outcome import Outcome
 
 LAST = 21

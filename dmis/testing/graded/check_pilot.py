@@ -8,8 +8,8 @@ from types import ModuleType
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.exercises.check_mis import densities, exact_variance, integrand
-from dmis.testing.exercises.grading import call, compare, exercise, z_test
+from dmis.testing.graded.check_mis import densities, exact_variance, integrand
+from dmis.testing.graded.grading import call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
 
 _X = np.linspace(-4, 4, 20_001)

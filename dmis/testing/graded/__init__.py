@@ -1,0 +1,1 @@
+"""Checks of the exercises, one file for each tutorial; `dmis.testing.exercises` has them by number."""
