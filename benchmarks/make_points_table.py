@@ -43,12 +43,12 @@ opts, given = options(
     "even points, numbers of samples and weights, in equal time",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     most={"type": int, "default": 5, "help": "number of seeds at 128 samples (default 5)"},
-    budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 128 16 32 64)"},
+    budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 128 16 32 64 512)"},
     scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes"},
     csv={"type": Path, "default": RESULTS, "help": "results; those in it are not measured again"},
     page={"type": Path, "help": "docs/measurements.md gets the tables between its marks 'points', and README its own"},
 )
-BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64))
+BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64, 512))
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
 
 # %%
