@@ -107,7 +107,7 @@ def learn_cells(w: Array, axis: Array) -> Cells:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class DensityComparison:
     """Sampled directions beside their density.
 
     Attributes
@@ -212,7 +212,7 @@ def compare_directions(
     axis: Array | None = None,
     accepted: Array | None = None,
     cells: Cells | None = None,
-) -> Comparison:
+) -> DensityComparison:
     """Compare directions with their density.
 
     A comparison that looks bad is repeated with more quadrature nodes.
@@ -232,8 +232,8 @@ def compare_directions(
 
     Returns
     -------
-    Comparison
-        Its `Comparison.p` is the p-value of the chi-square test.
+    DensityComparison
+        Its `DensityComparison.p` is the p-value of the chi-square test.
     """
     ok = np.ones(w.shape[1], bool) if accepted is None else accepted
     if cells is None:
@@ -249,11 +249,11 @@ def compare_directions(
         cells = learn_cells(some, axis / np.linalg.norm(axis))
     observed, count = cells.count(w[:, ok]), w.shape[1]
     mass, error = cells.integrate(pdf(cells.nodes))
-    coarse = Comparison(cells, observed, mass * count, error * count, count)
+    coarse = DensityComparison(cells, observed, mass * count, error * count, count)
     if coarse.p > _SUSPICIOUS and coarse.mass_agrees(3):
         return coarse
     mass, error = integrate_finely(cells, pdf)
-    return Comparison(cells, observed, mass * count, error * count, count)
+    return DensityComparison(cells, observed, mass * count, error * count, count)
 
 
 def integrate_finely(cells: Cells, function: Density) -> tuple[Array, Array]:

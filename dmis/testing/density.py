@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.chi_square import Cells, Comparison
+from dmis.testing.chi_square import Cells, DensityComparison
 from dmis.testing.outcome import Fault
 from dmis.testing.statistics import z_limit
 
@@ -38,7 +38,7 @@ class DensityView:
         raise NotImplementedError
 
     @property
-    def comparison(self) -> Comparison:
+    def comparison(self) -> DensityComparison:
         """The samples beside their pdf."""
         raise NotImplementedError
 

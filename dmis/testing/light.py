@@ -26,7 +26,7 @@ from dmis.samplers.warp import square_to_sphere
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
-from dmis.testing.chi_square import Comparison, compare_directions, integrate_finely
+from dmis.testing.chi_square import DensityComparison, compare_directions, integrate_finely
 from dmis.testing.density import DensityView, check_chi_square, check_mass
 from dmis.testing.outcome import Fault, Outcome, run_checks
 from dmis.testing.scenes import compare_means
@@ -64,7 +64,7 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
         return form
     if light.delta:
         return form + run_checks(name, [("values are finite", lambda: _check_finite(light))])
-    views = [View(light, p, side) for p, side in receivers(light)]
+    views = [LightView(light, p, side) for p, side in receivers(light)]
     bright = [view for view in views if view.bright]
     checks: list[tuple[str, Callable[[], Outcome | str]]] = [
         ("values are finite and not negative", lambda: _check_finite(light)),
@@ -103,7 +103,7 @@ def placement(mesh: Mesh) -> tuple[Array, Array, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class View(DensityView):
+class LightView(DensityView):
     """A light seen from one receiver: samples and quadrature, computed once for all checks.
 
     Attributes
@@ -158,7 +158,7 @@ class View(DensityView):
         return np.where(hit.emits, np.broadcast_to(hit.radiance, w.shape).max(axis=0), 0)
 
     @cached_property
-    def comparison(self) -> Comparison:
+    def comparison(self) -> DensityComparison:
         """Samples that meet the bright side, against the pdf of `hit`."""
         return compare_directions(self.sample.wi, self.pdf, accepted=self.sample.emits)
 
@@ -207,7 +207,7 @@ def _check_fields(function: str, sample: LightSample, place: str) -> None:
         )
 
 
-def _check_mesh(views: list[View]) -> str:
+def _check_mesh(views: list[LightView]) -> str:
     """Raise a Fault if `hit` sees another surface than the light's mesh."""
     light = views[0].light
     if light.infinite:
@@ -250,7 +250,7 @@ def _cube(count: int) -> Array:
     return np.random.default_rng(6).random((3, count))
 
 
-def _check_hit(views: list[View]) -> str:
+def _check_hit(views: list[LightView]) -> str:
     """Raise a Fault if `hit` says something else of sampled directions than `sample` does."""
     light_hides = bool(views[0].light.hides_itself())  # then `sample` may pick a point that another one hides
     for view in views:
@@ -283,13 +283,13 @@ def _check_hit(views: list[View]) -> str:
     return f"{COUNT} directions"
 
 
-def _guilty(view: View) -> str:
+def _guilty(view: LightView) -> str:
     """Return which of two functions whose pdf differs is wrong: `hit` if its pdf is not the density of the samples."""
     right = view.comparison.mass_agrees(LIMIT) and view.comparison.p > LEVEL
     return "sample: its pdf is not that of hit, which is right" if right else "hit: its pdf is not that of sample"
 
 
-def _check_irradiance(views: list[View]) -> str:
+def _check_irradiance(views: list[LightView]) -> str:
     """Raise a Fault if the radiance of the samples over their pdf is not the integral of the radiance of `hit`."""
     means = []
     for view in views:
@@ -310,7 +310,7 @@ def _check_irradiance(views: list[View]) -> str:
     return f"{', '.join(f'{mean:.4g}' for mean in means)}"
 
 
-def _check_radiance(views: list[View]) -> str:
+def _check_radiance(views: list[LightView]) -> str:
     """Raise a Fault if camera rays would see another radiance than `hit` reports, or more than `brightness`."""
     for view in views:
         light, hit = view.light, view.again

@@ -18,7 +18,7 @@ from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.chi_square import QUADRATURE
 from dmis.testing.delta_lobe import check_delta_lobe
 from dmis.testing.density import check_chi_square, check_mass
-from dmis.testing.lobe_view import COUNT, View
+from dmis.testing.lobe_view import COUNT, LobeView
 from dmis.testing.outcome import Fault, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, BELOW, box_scene, compare_means, surface
 from dmis.testing.sphere import columns, polar, uniforms
@@ -67,12 +67,12 @@ def check_lobe(lobe: Lobe, name: str = "") -> list[Outcome]:
     if not form[0].passed:
         return form
     views = [
-        View(material, degrees, outside)
+        LobeView(material, degrees, outside)
         for outside in ((True, False) if lobe.has_sides() else (True,))
         for degrees in ANGLES
     ]
 
-    def at_all(check: Callable[[View], None], success: str) -> Callable[[], str]:
+    def at_all(check: Callable[[LobeView], None], success: str) -> Callable[[], str]:
         def run() -> str:
             for view in views:
                 check(view)
@@ -96,7 +96,7 @@ def check_lobe(lobe: Lobe, name: str = "") -> list[Outcome]:
 
 def _check_form(material: Material) -> str:
     """Return a message if shapes are right; raise a Fault that names the function whose are not."""
-    view = View(material, 35.0)
+    view = LobeView(material, 35.0)
     for count in (1, 5):
         points = view.points(count)
         wi = np.asarray(points.sample(uniforms(count)))
@@ -145,7 +145,7 @@ def _side(points: ShadingPoints) -> ShadingPoints:
     return points if points.reflection else points.beyond()
 
 
-def _check_side(view: View) -> None:
+def _check_side(view: LobeView) -> None:
     """Raise a Fault if samples, or the density, are on the other side of the surface."""
     points = view.points(_EVEN)
     wi = normalise(np.random.default_rng(5).normal(size=(3, _EVEN)).astype(np.float32))
@@ -158,7 +158,7 @@ def _check_side(view: View) -> None:
         raise Fault(f"sample: all directions are {side} the surface, the wrong side ({view.place})")
 
 
-def _check_furnace(views: list[View]) -> str:
+def _check_furnace(views: list[LobeView]) -> str:
     """Raise a Fault if the samples, weighted by f cos / pdf, do not reflect the integral of f cos."""
     for view in views:
         points = view.points(COUNT)
@@ -190,7 +190,7 @@ def _check_furnace(views: list[View]) -> str:
     return f"albedo {', '.join(f'{view.reflected().albedo.max():.3f}' for view in views)}"
 
 
-def _check_energy(views: list[View]) -> str:
+def _check_energy(views: list[LobeView]) -> str:
     """Raise a Fault if the lobe reflects more light than arrives."""
     worst = max(views, key=lambda view: view.reflected().albedo.max() * view.eta2)
     for fine in (False, True):
@@ -239,7 +239,7 @@ def _moved(material: Material, wo: Array, outside: bool, transmits: bool) -> Sha
     return points.beyond() if transmits else points
 
 
-def _check_weight(view: View) -> None:
+def _check_weight(view: LobeView) -> None:
     """Raise a Fault if `weight` returns something else than f cos / pdf."""
     points = view.points(COUNT)
     if (weight := points.reflection[0].weight()) is None:

@@ -11,7 +11,7 @@ from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import Material
 from dmis.scene.shading_points import ShadingPoints
-from dmis.testing.chi_square import Comparison, compare_directions
+from dmis.testing.chi_square import DensityComparison, compare_directions
 from dmis.testing.density import DensityView
 from dmis.testing.scenes import surface
 from dmis.testing.sphere import polar, uniforms
@@ -41,7 +41,7 @@ class Reflected:
 
 
 @dataclass(frozen=True, eq=False)
-class View(DensityView):
+class LobeView(DensityView):
     """A lobe seen from one angle: samples and quadrature, computed once for all checks."""
 
     material: Material
@@ -90,7 +90,7 @@ class View(DensityView):
         return points.pdf(Directions(points, w))
 
     @cached_property
-    def comparison(self) -> Comparison:
+    def comparison(self) -> DensityComparison:
         """Samples against pdf."""
         return compare_directions(self.wi, self.pdf, accepted=self.accepted)
 

@@ -20,7 +20,7 @@ from dmis.light.environment import EnvironmentLight
 from dmis.light.light import SampledLight
 from dmis.light.light_sample import LightSample
 from dmis.scene.shading_points import ShadingPoints
-from dmis.testing.chi_square import Comparison, compare_directions
+from dmis.testing.chi_square import DensityComparison, compare_directions
 from dmis.testing.density import DensityView, check_chi_square, check_mass
 from dmis.testing.outcome import Fault, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, box_scene, compare_means, surface
@@ -36,7 +36,7 @@ _TILTED = QuadLight((0.4, -0.6, 1.2), (0.3, 1.2, 0.2), (1.0, 0.2, -0.3), (5.0, 4
 
 
 @dataclass(frozen=True, eq=False)
-class View(DensityView):
+class TechniqueView(DensityView):
     """A technique at one surface point under one light."""
 
     technique: Technique
@@ -75,7 +75,7 @@ class View(DensityView):
         return np.asarray(self.technique.pdf(points, Directions(points, w), self.light.hit(points.p, w).pdf))
 
     @cached_property
-    def comparison(self) -> Comparison:
+    def comparison(self) -> DensityComparison:
         """Samples against pdf; a direction is accepted where its own pdf is not 0."""
         w = self.sample.wi
         return compare_directions(w, self.pdf, accepted=self.pdf(w) > 0)
@@ -93,10 +93,10 @@ def check_technique(technique: Technique) -> list[Outcome]:
     """
     name = technique.name
     views = [
-        View(technique, ABOVE, "under a lamp", 35.0, False),
-        View(technique, _TILTED, "beside a lamp", 60.0, True),
-        View(technique, _SKY, "under a sky", 20.0, False),
-        View(technique, _SKY, "under a sky", 75.0, True),
+        TechniqueView(technique, ABOVE, "under a lamp", 35.0, False),
+        TechniqueView(technique, _TILTED, "beside a lamp", 60.0, True),
+        TechniqueView(technique, _SKY, "under a sky", 20.0, False),
+        TechniqueView(technique, _SKY, "under a sky", 75.0, True),
     ]
     form = run_checks(name, [("forms of what sample and pdf return", lambda: _check_form(views))])
     if not form[0].passed:
@@ -113,7 +113,7 @@ def check_technique(technique: Technique) -> list[Outcome]:
     return form + run_checks(name, [*checks, ("renders agree with balance", lambda: _check_renders(technique))])
 
 
-def _check_form(views: list[View]) -> str:
+def _check_form(views: list[TechniqueView]) -> str:
     """Return a message if shapes are right; raise a Fault that names the function whose are not."""
     technique = views[0].technique
     if not 2 <= technique.numbers <= 4:
@@ -133,14 +133,14 @@ def _check_form(views: list[View]) -> str:
     return "shapes are right"
 
 
-def _check_finite(views: list[View]) -> str:
+def _check_finite(views: list[TechniqueView]) -> str:
     """Raise a Fault if a direction or a density is not finite, or a density is negative."""
     edge = np.float32(1 - 2**-24)
     technique = views[0].technique
     u = np.array([[0, 0, edge, edge], [0, edge, 0, edge], [0, edge, edge, 0], [0, 0, edge, edge]], np.float32)
     for view in views:
         for degrees in (0.0, view.degrees, 89.99, 90.0):
-            place = View(technique, view.light, view.lit_by, degrees, view.glossy)
+            place = TechniqueView(technique, view.light, view.lit_by, degrees, view.glossy)
             w = technique.sample(place.points(4), view.light, u[: technique.numbers]).wi
             if not np.isfinite(w).all():
                 raise Fault(f"sample returns wi = {w[:, ~np.isfinite(w).all(axis=0)][:, 0]} ({place.place})")
@@ -155,7 +155,7 @@ def _check_finite(views: list[View]) -> str:
     return f"{len(views)} places"
 
 
-def _check_light_samples(views: list[View]) -> str:
+def _check_light_samples(views: list[TechniqueView]) -> str:
     """Raise a Fault if the light samples of `sample` are not what the light's `hit` says of their directions."""
     for view in views:
         sample = view.sample

@@ -107,7 +107,7 @@ def test_curves_predict_paths() -> None:
         Part(quad((-1.5, -4, 0), (0, 8, 0), (0, 0, 4)), plastic((0.2, 0.5, 0.3), 0.4, 0.02)),
     )
     room = box_scene(plastic(0.5, 0.3, 0.02), (lamp,), walls, resolution=(12, 12)).crop((4, 12), (0, 12))
-    paths = dmis.Settings(integrator="path", max_depth=4)
+    paths = dmis.Settings(integrator="path", max_depth=4, sampler="independent")
     rule = SecondMoment(patch=32, spp=512, filter="none", shrink=False)
     predicted = np.mean(
         [dmis.render(room, rule, 513, seed=s, settings=paths).maps["variances"][:, 0, 0] for s in range(4)], axis=0
@@ -158,10 +158,15 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
 
     floor = box.crop((18, 24), (0, 10))
     rule = SecondMoment(patch=32, spp=256, filter="none", shrink=False, combiner=combiner)
-    fits = [render(floor, rule, 257, seed=s).maps["variances"].mean(axis=(1, 2)) for s in range(6)]
+    fits = [
+        render(floor, rule, 257, seed=s, sampler="independent").maps["variances"].mean(axis=(1, 2)) for s in range(6)
+    ]
     predicted = np.mean(fits, axis=0)[list(GRID).index(np.float32(w))]
     images = np.array(
-        [render(floor, f"fixed:{w},combiner={combiner}", 64, seed=s).image.mean(axis=2) for s in range(96)]
+        [
+            render(floor, f"fixed:{w},combiner={combiner}", 64, seed=s, sampler="independent").image.mean(axis=2)
+            for s in range(96)
+        ]
     )
     measured = images.var(axis=0, ddof=1).mean() * 64
     assert measured == pytest.approx(predicted, rel=0.08)  # four standard errors of both

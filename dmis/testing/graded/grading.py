@@ -96,7 +96,7 @@ def call_object(name: str, function: Any, *arguments: Any) -> Any:
     if not callable(function):
         raise Failed(f"{name} exists", f"the file must define {name}; it has none. Keep the starter's name")
     try:
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
             return function(*arguments)
     except NotImplementedError:
         raise Failed(f"{name} is written", f"{name} raises NotImplementedError: replace its body") from None
