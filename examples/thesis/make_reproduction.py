@@ -7,7 +7,7 @@ writes the table of ``docs/reproduction.md``. The thesis names neither its sampl
 its samples per light, and gives only a range of patch sizes, 4 to 32 pixels. So every
 scene is rendered in two set-ups, with patches of four sizes:
 
-* *as today*: independent points, one light and one BRDF sample at each surface;
+* *one sample each*: independent points, one light and one BRDF sample at each surface;
 * *as in the file*: pbrt-v2's low-discrepancy points, as many light samples as the
   public scene file asks for, and as many BRDF samples. With these points pbrt-v2 rounds
   the 122 samples of the final pass up to 128, and so does this set-up; *6 + 122* takes
@@ -52,10 +52,9 @@ opts, given = options(
         "default": [*SCENES, "tt-overcast"],
         "help": "only these scenes",
     },
-    integrators={
-        "nargs": "+",
-        "default": ["direct", "path"],
-        "help": "direct, or direct and path (default)",
+    finished={
+        "action": "store_true",
+        "help": "render nothing: tables of the settings that are in the results",
     },
     large={
         "type": int,
@@ -120,7 +119,7 @@ def setups(name: str) -> dict[str, dict]:
     """
     in_file = {"sampler": "lowdiscrepancy", "shading_samples": 2 * LIGHT_SAMPLES[name]}
     return {
-        "as today": {"sampler": "independent", "shading_samples": 2},
+        "one sample each": {"sampler": "independent", "shading_samples": 2},
         "as in the file": in_file,
         UNROUNDED: in_file,
     }
@@ -247,6 +246,15 @@ def compare(
                 csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
 
 
+def is_finished(name: str, size: str, setup: str, integrator: str, patch: int) -> bool:
+    """Return whether the results have a line for each seed."""
+    keys = (
+        (name, size, setup, integrator, str(patch), str(seed))
+        for seed in range(given.seeds)
+    )
+    return all(key in rows for key in keys)
+
+
 def pooled(
     name: str,
     size: str,
@@ -343,7 +351,7 @@ verdicts = [
 for name in given.scenes:
     scene, size = scene_of(name, opts.pick(16, SHRINK.get(name, 2), 1))
     settings: dict[tuple, list[tuple]] = {}
-    for integrator in given.integrators if name in BY_PATHS else ("direct",):
+    for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
         reference = reference_of(name, scene, integrator)
         for setup in setups(name):
             tried = {
@@ -351,14 +359,16 @@ for name in given.scenes:
                 for key, values in settings.items()
                 if key[:2] == (setup, "direct")
             }
-            if setup == UNROUNDED:
-                patches = (16,) if integrator == "direct" else ()
+            if integrator == "direct":
+                patches = (16,) if setup == UNROUNDED else PATCHES
             else:
-                patches = (
-                    PATCHES
-                    if integrator == "direct"
-                    else (min(tried, key=tried.__getitem__),)
-                )
+                patches = (min(tried, key=tried.__getitem__),) if tried else ()
+            if setup == UNROUNDED and integrator == "path":
+                continue
+            if given.finished:
+                patches = [
+                    p for p in patches if is_finished(name, size, setup, integrator, p)
+                ]
             compare(name, scene, setup, integrator, patches, reference, given.seeds)
             for patch in patches:
                 values = [
@@ -377,6 +387,8 @@ for name in given.scenes:
                     f" {errors} |"
                 )
                 print(lines[-1], flush=True)
+    if not settings:
+        continue
     setting, measure = nearest(name, settings)
     verdicts.append(verdict(name, size, setting, measure, given.seeds))
     if given.large:
