@@ -100,6 +100,7 @@ CONTENTS = {
         "generated/figures/index",
         "scripts",
         "reproduction",
+        "patch-sizes",
         "why",
         "thesis-figures",
         "performance",
