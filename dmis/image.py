@@ -60,7 +60,7 @@ def write_exr(
     if path.suffix.lower() != ".exr":
         raise ValueError(f"an image file must end in .exr (or .png for a preview); got {path}")
     if not path.resolve().parent.is_dir():
-        raise FileNotFoundError(f"cannot write {path}: its directory does not exist")
+        raise FileNotFoundError(f"cannot write {path}: its directory does not exist; create it first")
     channels = {}
     for name, layer in layers.items():
         if layer.ndim not in (2, 3) or (layer.ndim == 3 and layer.shape[2] != 3):

@@ -25,7 +25,7 @@ def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
         raise IsADirectoryError(f"cannot write {path}: it is a directory")
     folder = path.resolve().parent
     if not folder.is_dir():
-        raise FileNotFoundError(f"cannot write {path}: its directory does not exist")
+        raise FileNotFoundError(f"cannot write {path}: its directory does not exist; create it first")
     if path.exists() and not os.access(path, os.W_OK):
         raise PermissionError(f"cannot write {path}: it is write-protected")
     if path.exists() and not path.is_file():

@@ -293,7 +293,7 @@ def _resolution(text: str) -> tuple[int, int]:
     """Return the width and height of WIDTHxHEIGHT."""
     width, x, height = text.lower().partition("x")
     if not (x and width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 342x256; got {text!r}")
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT with the letter x, such as 342x256; got {text!r}")
     try:
         camera.check_resolution(int(width), int(height))
     except ValueError as error:

@@ -57,7 +57,11 @@ CLUSTER_TIMEOUT = 30.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    options = make_parser().parse_args(arguments)
+    parser = make_parser()
+    options, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        command = options.command
+        parser.error(f"{command} does not take {' '.join(unknown)}; python -m dmis {command} --help lists its options")
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print(f"dmis: warning: {message}", file=sys.stderr)  # type: ignore[assignment]

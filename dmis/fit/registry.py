@@ -139,7 +139,8 @@ def make_rule(text: Rule | str | Any) -> Rule:
     if name not in RULES:
         raise ValueError(
             f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}"
-            f"{did_you_mean(name, RULES) or '.'} dmis.register_rule adds one"
+            f"{did_you_mean(name, RULES) or '.'} dmis.register_rule adds one; on the command line, name the file that "
+            "calls it with --plugin"
         )
     convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
     types, words = _option_types(name, convert), _option_words(name)

@@ -152,7 +152,7 @@ def _pbrt_file(source: Any) -> Path | None:
     raise ValueError(
         f"a scene must be a file ending in {', '.join(('.pbrt', *MESH_SUFFIXES))}, or one of the scenes that come with "
         f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(path)!r}"
-        f"{did_you_mean(str(path), SHIPPED)}"
+        f"{did_you_mean(str(path), SHIPPED, 0.5)}"
     )
 
 

@@ -158,6 +158,7 @@ def test_light_part_of_a_mesh_light_is_its_mesh():
         ("picture.png", {}, ValueError, "got 'picture.png'"),
         ("../scenes/tt", {}, ValueError, "a scene must be a file ending in"),
         ("none.pbrt", {}, FileNotFoundError, r"there is no scene file none\.pbrt"),
+        ("scenes/ttt.pbrt", {}, FileNotFoundError, r"ttt\.pbrt, did you mean 'tt\.pbrt'\?"),
         ("none.ply", {}, FileNotFoundError, r"none\.ply"),
         ("", {}, ValueError, "got '.'"),
         (7, {}, ValueError, "source must be a path, a name, a Mesh, or of trimesh; got int"),

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.cursor import Cursor
 from dmis.formats.pbrt.dialect import DIALECTS, V2, V4
 from dmis.formats.pbrt.parameters import Parameters
@@ -70,7 +71,7 @@ def _unknown(word: str, dialect: str) -> str:
             f"{dialect}: remove the line, or name another dialect (dialect=, --dialect)"
         )
     names = [name for name in _DIRECTIVES if name not in _SPECIAL - DIALECTS[dialect].directives]
-    return f"a directive must be one of {', '.join(names)}"
+    return f"a directive must be one of {', '.join(names)}{did_you_mean(word, names)}"
 
 
 def _include(reader: Reader, token: Token, cursor: Cursor) -> None:

@@ -61,6 +61,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.dialect import DIALECTS, Dialect, detect
 from dmis.formats.pbrt.directives import MAX_FILES, carry_out
 from dmis.formats.pbrt.reader import PbrtWarning, Reader
@@ -137,7 +138,8 @@ def _checked(
     """Return the path and the resolution; raise an error if there is no such file, resolution or dialect."""
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"there is no scene file {path}")
+        others = (file.name for file in path.parent.glob("*.pbrt"))
+        raise FileNotFoundError(f"there is no scene file {path}{did_you_mean(path.name, others)}")
     if dialect is not None and dialect not in DIALECTS:
         raise ValueError(f"dialect must be one of {', '.join(DIALECTS)}; got {dialect!r}")
     return path, None if resolution is None else Camera(np.eye(4), 90.0, resolution).resolution

@@ -813,6 +813,7 @@ def test_no_warning_without_a_reason(read):
 
 # (options, world, line and what the message says); the world begins on line 3
 BAD = {
+    "misspelt directive": ("", "WorldBegn", 3, "did you mean 'WorldBegin'?"),
     "unknown directive": ("", "Foo 1 2", 3, "token Foo: a directive must be one of Include, Identity,"),
     "later dialect": (
         'Renderer "sampler"\nIntegrator "path"',
