@@ -98,8 +98,8 @@ for axis, radius in zip(axes, (0.1, 0.5, 1.0), strict=True):
 #    f_r = \frac{\rho}{\pi} (1 - \cos\theta_o)^2 (1 - \cos\theta_i)^2, \qquad
 #    p_b = \frac{\cos\theta_i}{\pi}
 #
-# The density is that of a matte surface. A point on the unit sphere that touches the
-# surface has it.
+# The density is that of a matte surface. To draw from it, take a point on the unit
+# sphere that touches the surface from above: the direction to it has this density.
 @dataclass(frozen=True, eq=False)
 class Velvet(Lobe):
     """Brighter where the view grazes."""
@@ -217,8 +217,9 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 # own scenes?
 #
 # To use it from the command line, put it into a file ``mine.py``, with its imports
-# above and ``register_rule`` below. Then ``python -m dmis compare teapot-area-light
-# --plugin mine.py --rules quieter,auto -o mine`` knows it by its name.
+# above and ``register_rule`` below. ``python -m dmis check mine.py`` tests it. Then
+# ``python -m dmis compare teapot-area-light --plugin mine.py --rules quieter,auto
+# -o mine`` knows it by its name.
 #
 # Exercises
 # ---------
