@@ -193,7 +193,7 @@ def test_weight_of_a_reused_pilot_does_not_depend_on_numbers_of_samples(box, spr
 
 def _one_pass(scene, number, w, spp, seed):
     settings = dmis.Settings(sampler="independent")  # as those of a pilot
-    with Passes(Job.of(scene, "balance", spp, seed, settings), 1) as passes:
+    with Passes(Job.of(scene, "thesis", 16, seed, settings), 1) as passes:
         return passes.render(number, "pilot", spp, shares_of(w), settings).moments.mean
 
 
