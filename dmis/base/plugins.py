@@ -39,7 +39,10 @@ def load_plugin(file: str | os.PathLike[str]) -> None:
         raise FileNotFoundError(f"no such plugin: {file}; a plugin must be a Python file")
     name = path.stem
     if path.suffix != ".py" or not name.isidentifier():
-        raise ValueError(f"a plugin must be a Python file with a name such as my_rule.py; got {file}")
+        raise ValueError(
+            f"a plugin must be a Python file with a name such as my_rule.py; got {file}. Copy it to a name of letters, "
+            f"digits and underscores that begins with a letter"
+        )
     if (origin := _origin(name)) not in (None, path):
         raise ValueError(f"plugin {file} must have another name, because {name} is a Python module already: {origin}")
     spec = importlib.util.spec_from_file_location(name, path)

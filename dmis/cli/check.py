@@ -20,6 +20,8 @@ def check(options: argparse.Namespace) -> int:
     folder = file.parent if options.output is None else options.output
     if options.output is not None:
         check_folder(folder)
+    if not file.is_file():
+        raise FileNotFoundError(f"no such file: {file}; check needs a Python file with the code to check")
     load_plugin(file)
     module = sys.modules[file.stem]
     outcomes: list[Outcome] = []
@@ -31,7 +33,10 @@ def check(options: argparse.Namespace) -> int:
         for other in skipped:
             print(f"dmis: {other.name} is not checked: {other.reason}", file=sys.stderr)
         if not subjects:
-            raise ValueError(f"{file} must define something to check; it has nothing of: {RECOGNISED}")
+            raise ValueError(
+                f"{file} must define something to check; it has nothing of: {RECOGNISED}. "
+                "For the solution of an exercise, add --exercise N"
+            )
         for subject in subjects:
             print(f"{subject.kind} {subject.name}", flush=True)
             found = attempt(subject.name, subject.check)

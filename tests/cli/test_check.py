@@ -165,8 +165,9 @@ def test_what_is_recognised(
     ("text", "options", "message"),
     [
         ("a = 1", [], r"my_lobe\.py must define something to check; it has nothing of: classes that derive from Lobe"),
+        ("a = 1", [], r"For the solution of an exercise, add --exercise N"),
         ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),
-        (None, [], r"no such plugin: .*my_lobe\.py"),
+        (None, [], r"no such file: .*my_lobe\.py; check needs a Python file"),
         (DUST, ["--exercise", "5"], r"exercise must be one that has a check: 2; got 5"),
         (DUST, ["--exercise", "0"], r"--exercise: must be a whole number from 1 to 21; got '0'"),
         (DUST, ["--exercise", "two"], r"--exercise: must be a whole number from 1 to 21; got 'two'"),

@@ -27,9 +27,9 @@ def mirror(module: ModuleType) -> Iterator[Outcome]:
     yield compare("directions are unit vectors", (wi * wi).sum(axis=0), 1.0, 1e-4)
     yield compare("wi and wo have the same angle to n", (n * wi).sum(axis=0), dot(n, wo), 1e-4)
     across = np.cross(wo, wi, axis=0)
-    yield compare("n, wo and wi lie in one plane", (across * n).sum(axis=0) + 1, 1.0, 1e-4)
+    yield compare("n, wo and wi lie in one plane", (across * n).sum(axis=0), 0.0, 1e-4)
     expected = 2 * dot(n, wo) * n - wo
-    yield compare("wi is on the other side of n", wi, expected, 1e-4, "wo itself has the same angle, too")
+    yield compare("wi is wo mirrored at n", wi, expected, 1e-4, "Keep the part along n, and reverse the part across n")
 
 
 @exercise
@@ -41,7 +41,7 @@ def light_density(module: ModuleType) -> Iterator[Outcome]:
     (density,) = call(module, "light_density", p, x, normal, 2.0, shapes=[(4,)])
     yield compare("straight below: r² / A", density[:2], np.array([2.0, 0.5]), 1e-4)
     yield compare("from the side: r² / (A cos)", density[2], 6.25 / (2 * 0.8), 1e-4, "Divide by the light's cosine")
-    yield compare("behind the light: 0", density[3] + 1, 1.0, 1e-6, "The light shines on one side only")
+    yield compare("behind the light: 0", density[3], 0.0, 1e-6, "The light shines on one side only")
 
     # the mean of 1 / p over samples of p is the solid angle of the light: here of half sides a, b at the height h
     u = np.random.default_rng(2).random((2, 100_000), dtype=np.float32)

@@ -105,7 +105,9 @@ def call_object(name: str, function: Any, *arguments: Any) -> Any:
 
 
 def compare(name: str, values: Array, expected: Array | float, tolerance: float, advice: str = "") -> Outcome:
-    """Return whether values are the expected ones within a tolerance, relative to the largest expected value.
+    """Return whether values are the expected ones within a tolerance.
+
+    The tolerance is relative to the largest expected value; where all expected values are 0 it is absolute.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ def compare(name: str, values: Array, expected: Array | float, tolerance: float,
     values, expected = np.broadcast_arrays(np.asarray(values, np.float64), np.asarray(expected, np.float64))
     difference = np.abs(values - expected)
     worst = np.unravel_index(difference.argmax(), difference.shape)
-    passed = bool(difference[worst] <= tolerance * max(np.abs(expected).max(), 1e-30))
+    passed = bool(difference[worst] <= tolerance * (np.abs(expected).max() or 1.0))
     where = f" at {tuple(int(i) for i in worst)}" if difference.size > 1 else ""
     message = f"expected {expected[worst]:.6g}{where}, got {values[worst]:.6g}"
     return Outcome(name, passed, message if passed or not advice else f"{message}. {advice}")
