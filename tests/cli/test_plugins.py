@@ -119,7 +119,11 @@ def test_every_command_has_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ("name", "text", "message"),
     [
         ("absent.py", None, r"no such plugin: .*absent\.py; a plugin must be a Python file"),
-        ("my_rules.txt", "", r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt\. Copy .*"),
+        (
+            "my_rules.txt",
+            "",
+            r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt\. Copy .*",
+        ),
         ("my-rules.py", "", r"a plugin must be .* with a name such as my_rule\.py; got .*my-rules\.py\. Copy .*"),
         ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: /.*"),
         ("sys.py", "", r"plugin .*sys\.py must have another name, because sys is a Python module already: built-in"),
