@@ -179,9 +179,10 @@ value, half = ratio(thesis * seconds[1], balance * seconds[0])
 print(f"ratio in equal CPU time {value:.2f} ± {half:.2f}")
 
 # %%
-# The whole interval at equal samples is below 1. The rule has a quarter less error,
-# although six of its 32 samples were spent on the pilot. Its light samples need shadow
-# rays, and its pilot and fit take time; the second ratio has all of that.
+# The whole interval at equal samples is below 1. The rule has a quarter less error
+# (with images of full size), although six of its 32 samples were spent on the pilot.
+# Its light samples need shadow rays, and its pilot and fit take time; the second ratio
+# has all of that.
 #
 # On other scenes the rule loses, also at equal samples. The next tutorial is about why
 # it loses, and what to do.
