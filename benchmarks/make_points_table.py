@@ -8,6 +8,8 @@ budgets, pilot included, on the thesis's four scenes and on the two that are hel
 
 Each render is one line of ``docs/tables/points.csv``, written as soon as it is made; a run that was interrupted goes on
 after the last. Remove the file to measure again. The first budget takes the most seeds: it is that of the thesis.
+
+With ``--scene-dir`` the original pbrt-v2 scenes are measured instead, and have a file and tables of their own.
 """
 
 import csv
@@ -29,6 +31,8 @@ from dmis.experiment.runs import Run, measure
 
 PAGE = ROOT / "docs" / "measurements.md"
 RESULTS = ROOT / "docs" / "tables" / "points.csv"
+ORIGINAL = RESULTS.with_name("points-original.csv")
+"""Results of the original scenes."""
 HELD_OUT = {"veach-mis": 2, "ten-lights": 2}
 """Held-out scenes, and how much smaller than by default they are rendered."""
 PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
@@ -44,37 +48,40 @@ opts, given = options(
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     most={"type": int, "default": 5, "help": "number of seeds at 128 samples (default 5)"},
     budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 128 16 32 64 512)"},
-    scenes={"nargs": "+", "default": [*TABLES, *HELD_OUT], "help": "only these scenes"},
-    csv={"type": Path, "default": RESULTS, "help": "results; those in it are not measured again"},
+    scenes={"nargs": "+", "help": "only these scenes (default: all)"},
+    csv={"type": Path, "help": "results; those in it are not measured again (default: docs/tables/points.csv)"},
     page={"type": Path, "help": "docs/measurements.md gets the tables between its marks 'points', and README its own"},
 )
 BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64, 512))
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
+KIND = "" if opts.scene_dir is None else " original"
+results = given.csv or (ORIGINAL if KIND else RESULTS)
+names = given.scenes or [*TABLES, *(() if KIND else HELD_OUT)]
 
 # %%
 # Results of earlier runs are read, and not measured again.
 kinds = {field.name: {"int": int, "float": float, "str": str}[str(field.type)] for field in fields(Run)}
 kept: dict[str, list[Run]] = {}
-given.csv.parent.mkdir(parents=True, exist_ok=True)
-if given.csv.exists():
-    with given.csv.open(newline="", encoding="utf-8") as file:
+results.parent.mkdir(parents=True, exist_ok=True)
+if results.exists():
+    with results.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             kept.setdefault(row.pop("scene"), []).append(Run(**{key: kinds[key](text) for key, text in row.items()}))
 else:
-    given.csv.write_text(",".join(COLUMNS) + "\n", "utf-8")
+    results.write_text(",".join(COLUMNS) + "\n", "utf-8")
 
 
 def write(name: str, run: Run) -> None:
     """Add a run to the results."""
-    with given.csv.open("a", newline="", encoding="utf-8") as file:
+    with results.open("a", newline="", encoding="utf-8") as file:
         csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow({"scene": name, **asdict(run)})
 
 
 # %%
 # One thread, CPU seconds, all rules in turns.
 efficiency: dict[tuple[str, str, int], np.ndarray] = {}
-sizes = {}
-for name in given.scenes:
+sizes, titles = {}, {}
+for name in names:
     if name in TABLES:
         scene = opts.scene(name, TABLES[name] * opts.pick(4, 1))
     else:
@@ -82,6 +89,7 @@ for name in given.scenes:
         shrink = HELD_OUT.get(name, 2) * opts.pick(4, 1)
         scene = dmis.load_scene(name, resolution=(width // shrink, height // shrink))
     sizes[name] = "×".join(map(str, scene.camera.resolution))
+    titles[name] = scene.name if KIND else name
     key, done = f"{name} {sizes[name]}", kept.get(f"{name} {sizes[name]}", [])
     seeds = {
         spp: (given.most if spp == 128 else given.seeds) + MORE_SEEDS.get(name, 0) * (spp == 128) for spp in BUDGETS
@@ -115,18 +123,18 @@ def table(baseline: str, rules: list[str]) -> list[str]:
         "| scene | rule | " + " | ".join(f"{spp} spp" for spp in budgets) + " |",
         "|---|---|" + "---|" * len(budgets),
     ]
-    for name in given.scenes:
+    for name in names:
         for rule in rules:
             cells = [bold(*ratio(efficiency[name, rule, spp], efficiency[name, baseline, spp])) for spp in budgets]
             held_out = ", held out" if name in HELD_OUT else ""
-            lines.append(f"| {name} {sizes[name]}{held_out} | {RULES[rule]} | " + " | ".join(cells) + " |")
+            lines.append(f"| {titles[name]} {sizes[name]}{held_out} | {RULES[rule]} | " + " | ".join(cells) + " |")
     return lines
 
 
 number = f"{given.seeds} seeds ({given.most} or more at 128 spp)"
 about = f"Made on {date.today()} with {number}, one thread, on {machine()}."
 others = list(RULES)[1:]
-for mark, baseline, rules in (("points", PINNED, others), ("points strong", SOBOL, others[1:])):
+for mark, baseline, rules in ((f"points{KIND}", PINNED, others), (f"points strong{KIND}", SOBOL, others[1:])):
     lines = table(baseline, rules)
     print("", about, "", *lines, sep="\n")
     if given.page is not None:
@@ -134,5 +142,5 @@ for mark, baseline, rules in (("points", PINNED, others), ("points strong", SOBO
 
 # %%
 # For README, what `auto` saves at 128 samples.
-if given.page is not None and given.page.resolve() == PAGE and 128 in BUDGETS:
+if given.page is not None and given.page.resolve() == PAGE and 128 in BUDGETS and not KIND:
     write_front_table()
