@@ -3,8 +3,13 @@ Even points, numbers of samples, weights: what each saves
 ==========================================================
 
 The error in equal time of three steps over one light and one BRDF sample with independent points and the balance
-heuristic: Sobol points, numbers of samples per pixel (`counts`), and shares of light samples (`auto`). At several
-budgets, pilot included, on the thesis's four scenes and on the two that are held out: no constant was chosen on those.
+heuristic: Sobol points, numbers of samples per pixel (`counts`), and shares of light samples (`auto`). Two more rows
+have what no pilot is needed for: the power heuristic, and light samples alone. At several budgets, pilot included, on
+the thesis's four scenes and on the two that are held out: no constant was chosen on those.
+
+The error of independent points falls as 1 / time, so over that baseline mean squared error times CPU seconds is the
+ratio in equal time. Over Sobol points, whose error falls faster, it is
+`dmis.experiment.convergence.equal_time_ratio`.
 
 Each render is one line of ``docs/tables/points.csv``, written as soon as it is made; a run that was interrupted goes on
 after the last. Remove the file to measure again. The first budget takes the most seeds: it is that of the thesis.
@@ -14,19 +19,18 @@ With ``--scene-dir`` the original pbrt-v2 scenes are measured instead, and have 
 
 import csv
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from datetime import date
 from pathlib import Path
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-from common import ROOT, TABLES, bold, machine, options, replace_table, show
+from common import ROOT, TABLES, machine, options, replace_table, show
 from front_table import write_front_table
 
 import dmis
-from dmis.experiment.metrics import ratio
+from dmis.experiment.convergence import Interval, equal_time_ratio
 from dmis.experiment.runs import Run, measure
 
 PAGE = ROOT / "docs" / "measurements.md"
@@ -36,8 +40,14 @@ ORIGINAL = RESULTS.with_name("points-original.csv")
 HELD_OUT = {"veach-mis": 2, "ten-lights": 2}
 """Held-out scenes, and how much smaller than by default they are rendered."""
 PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
-COUNTS, AUTO = "counts:sampler=sobol", "auto:sampler=sobol"
-RULES = {PINNED: "balance, independent", SOBOL: "balance, Sobol", COUNTS: "counts", AUTO: "auto"}
+RULES = {
+    PINNED: "balance, independent",
+    SOBOL: "balance, Sobol",
+    "pbrt:sampler=sobol": "power heuristic, Sobol",
+    "fixed:1,sampler=sobol": "light samples alone, Sobol",
+    "counts:sampler=sobol": "counts",
+    "auto:sampler=sobol": "auto",
+}
 """Rules, and what the table calls them."""
 MORE_SEEDS = {"killeroo-gold": 3}
 """Seeds more than for other scenes, where few pixels have most of the error."""
@@ -77,9 +87,25 @@ def write(name: str, run: Run) -> None:
         csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow({"scene": name, **asdict(run)})
 
 
+def over_pinned(name: str, rule: str, spp: int) -> Interval:
+    """Return the error in equal time over the balance heuristic with independent points."""
+    return equal_time_ratio(measured[name, rule, spp], [measured[name, PINNED, spp]])
+
+
+def over_sobol(name: str, rule: str, spp: int) -> Interval:
+    """Return the error in equal time over the balance heuristic with Sobol points."""
+    return equal_time_ratio(measured[name, rule, spp], [measured[name, SOBOL, n] for n in BUDGETS])
+
+
+def cell(value: float, low: float, high: float) -> str:
+    """Return a ratio and its interval, bold if all of it is below 1."""
+    text = f"{value:.3f} ({low:.3f} – {high:.3f})"
+    return f"**{text}**" if high < 1 else text
+
+
 # %%
 # One thread, CPU seconds, all rules in turns.
-efficiency: dict[tuple[str, str, int], np.ndarray] = {}
+measured: dict[tuple[str, str, int], list[Run]] = {}
 sizes, titles = {}, {}
 for name in names:
     if name in TABLES:
@@ -110,14 +136,14 @@ for name in names:
             progress=show(f"{name} {spp} spp"),
         )
         for rule in RULES:
-            own = efficiency[name, rule, spp] = np.array([run.mse * run.cpu_seconds for run in runs[rule, spp]])
-            print(name, spp, RULES[rule], *ratio(own, efficiency[name, PINNED, spp]), flush=True)
+            measured[name, rule, spp] = runs[rule, spp]
+            print(name, spp, RULES[rule], *over_pinned(name, rule, spp), flush=True)
 
 
 # %%
-# Ratios of error times CPU seconds, with 95 % intervals over seeds; bold where the interval is below 1.
-def table(baseline: str, rules: list[str]) -> list[str]:
-    """Return the lines of a table of `rules` over a baseline."""
+# Ratios with 95 % intervals over seeds; bold where the interval is below 1.
+def table(ratio: Callable[[str, str, int], Interval], rules: list[str]) -> list[str]:
+    """Return the lines of a table of `rules`; `ratio` is that of scene, rule and budget."""
     budgets = sorted(BUDGETS)
     lines = [
         "| scene | rule | " + " | ".join(f"{spp} spp" for spp in budgets) + " |",
@@ -125,7 +151,7 @@ def table(baseline: str, rules: list[str]) -> list[str]:
     ]
     for name in names:
         for rule in rules:
-            cells = [bold(*ratio(efficiency[name, rule, spp], efficiency[name, baseline, spp])) for spp in budgets]
+            cells = [cell(*ratio(name, rule, spp)) for spp in budgets]
             held_out = ", held out" if name in HELD_OUT else ""
             lines.append(f"| {titles[name]} {sizes[name]}{held_out} | {RULES[rule]} | " + " | ".join(cells) + " |")
     return lines
@@ -134,8 +160,8 @@ def table(baseline: str, rules: list[str]) -> list[str]:
 number = f"{given.seeds} seeds ({given.most} or more at 128 spp)"
 about = f"Made on {date.today()} with {number}, one thread, on {machine()}."
 others = list(RULES)[1:]
-for mark, baseline, rules in ((f"points{KIND}", PINNED, others), (f"points strong{KIND}", SOBOL, others[1:])):
-    lines = table(baseline, rules)
+for mark, ratio, rules in ((f"points{KIND}", over_pinned, others), (f"points strong{KIND}", over_sobol, others[1:])):
+    lines = table(ratio, rules)
     print("", about, "", *lines, sep="\n")
     if given.page is not None:
         replace_table(given.page, mark, about, "", *lines)
