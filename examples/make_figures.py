@@ -34,6 +34,11 @@ opts, given = options(
 )
 if given.publish is not None and opts.size != "default":
     sys.exit(f"--publish takes figures of the default size; got --{opts.size}")
+if given.publish is not None and opts.scene_dir is not None:
+    sys.exit(
+        "--publish takes figures of the scenes that come with dmis, because their captions name these (TT would be "
+        f"env.pbrt); got the scene folder {opts.scene_dir}. Unset DMIS_PBRT_SCENES, and leave out --scene-dir."
+    )
 folder = opts.output.parent
 folder.mkdir(parents=True, exist_ok=True)
 here = Path(__file__).resolve().parent
