@@ -163,7 +163,7 @@ opts.save_for_print(
     f"""Top: weights of the thesis's rule on TT ({width}x{height} pixels) from one pilot
     of 2 + 2 + 2 camera samples per pixel, with patches of three sizes, and mean squared
     error over that of the balance heuristic, {told} (one seed, {opts.spp} samples).
-    Middle: the framed part of the image. Dark red patches get BRDF samples only,
+    Middle: the framed part of the image. Dark red patches get almost only BRDF samples,
     because the pilot's BRDF samples missed the sun there. Bottom: on the wall of
     KILLEROO DIFFUSE {h:.1%} of the BRDF samples hit the lamp; share of the patches in
     which none of the pilot's does, over {len(hit[1])} pilots. Dashed: (1 - h)^n for n
