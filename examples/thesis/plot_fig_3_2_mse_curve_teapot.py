@@ -182,7 +182,13 @@ for (colour, label), level in zip(labels.items(), (-4.7, -3.7, -4.2), strict=Tru
 axis.set_ylim(-5, 6)
 axis.set_xlabel("share of light samples w  (0: BRDF only, 1: light only)")
 axis.set_ylabel("MSE / MSE at w = ½")
-figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+figure.legend(
+    *axis.get_legend_handles_labels(),
+    loc="outside lower center",
+    ncols=3,
+    columnspacing=1,
+    handlelength=1.5,
+)
 red, blue, green = (curves[colour] for colour in labels)
 width, height = scenes["teapot-area-light"].camera.resolution
 opts.save_for_print(
