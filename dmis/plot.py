@@ -22,7 +22,7 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, Locator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, Locator, LogFormatter, NullFormatter
 except ImportError as missing:
     raise ImportError("figures need matplotlib: pip install 'dmis[plot]'") from missing
 Window = tuple[tuple[int, int], tuple[int, int]]
@@ -140,6 +140,24 @@ def round_ticks(side: Any) -> None:
     side.set_minor_formatter(NullFormatter())
 
 
+def plain_exponents(figure: Figure) -> None:
+    """Write 1e-5 in place of ten to a small raised -5 at the logarithmic axes and colour bars of a figure."""
+    for axes in figure.axes:
+        for side in (axes.xaxis, axes.yaxis):
+            if isinstance(side.get_major_formatter(), LogFormatter):
+                side.set_major_formatter(_PlainLogFormatter())
+            if isinstance(side.get_minor_formatter(), LogFormatter):
+                side.set_minor_formatter(_PlainLogFormatter())
+
+
+class _PlainLogFormatter(LogFormatter):
+    """The tick labels of `LogFormatter`, written by `_number`."""
+
+    def __call__(self, value: float, pos: int | None = None) -> str:
+        """Return the label of a tick; empty where `LogFormatter` has none."""
+        return _number(value) if super().__call__(value, pos) else ""
+
+
 class _RoundTicks(Locator):
     """Ticks at round numbers of a logarithmic axis, as many as their labels have room."""
 
@@ -174,7 +192,8 @@ class _RoundTicks(Locator):
 
 def _number(value: float, _: int = 0) -> str:
     """Return a tick label."""
-    return f"{value:.3g}".replace("e+0", "e").replace("e+", "e") if value >= 1e4 else f"{value:g}"
+    text = f"{value:.3g}" if value >= 1e4 else f"{value:g}"
+    return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
 def _extent(rows: tuple[int, int], columns: tuple[int, int]) -> tuple[float, float, float, float]:

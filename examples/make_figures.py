@@ -5,7 +5,7 @@ All figures and a contact sheet
 Runs every ``plot_*.py`` at the size asked for, and writes ``figures/index.html``, which shows all figures by section
 with their captions. What a script prints goes to ``<script>.txt`` beside its figure. With ``--publish docs`` the
 figures also go to the pages of the project: as WebP files to ``docs/figures``, where the gallery takes them from, and
-those of the thesis with their captions between the marks ``figures`` of ``docs/thesis-figures.md``.
+those of the thesis with their captions to ``docs/thesis-figures.md``, each between marks with the name of its script.
 """
 
 import html
@@ -34,6 +34,11 @@ opts, given = options(
 )
 if given.publish is not None and opts.size != "default":
     sys.exit(f"--publish takes figures of the default size; got --{opts.size}")
+if given.publish is not None and opts.scene_dir is not None:
+    sys.exit(
+        "--publish takes figures of the scenes that come with dmis, because their captions name these (TT would be "
+        f"env.pbrt); got the scene folder {opts.scene_dir}. Unset DMIS_PBRT_SCENES, and leave out --scene-dir."
+    )
 folder = opts.output.parent
 folder.mkdir(parents=True, exist_ok=True)
 here = Path(__file__).resolve().parent
@@ -52,7 +57,7 @@ def publish(picture: Path, seconds: float) -> None:
     to.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(picture) as image:
         about, pixels = image.info, image.convert("RGB")
-    for scale, quality in itertools.product((1, 0.75, 0.5), (90, 75, 60, 45)):  # noise needs many bytes
+    for scale, quality in itertools.product((1, 0.75, 0.6, 0.5, 0.4), (90, 75, 60, 45, 30)):  # noise needs many bytes
         pixels.resize([round(side * scale) for side in pixels.size]).save(to, quality=quality, method=6)
         if to.stat().st_size <= LARGEST:
             break
@@ -97,16 +102,15 @@ for k, script in enumerate(scripts, 1):
     print(f"{time.perf_counter() - begin:6.1f} s ({cpu:6.1f} s CPU)  {end}", flush=True)
 
 # %%
-# The page of the thesis shows its figures in the order of their numbers.
+# On the page of the thesis each figure has its own marks, with the command, date and commit that drew it.
 if given.publish is not None:
     captions = json.loads((given.publish / "figures" / "captions.json").read_text("utf-8"))
-    lines = []
-    for stem in sorted((script.stem for script in sections["thesis"]), key=lambda stem: stem.split("_")[2:4]):
-        if stem in captions:
-            title, caption, made = (captions[stem][key] for key in ("title", "caption", "made"))
-            lines += [f"### {title}", "", f"![{title}](figures/{stem}.webp)", ""]
-            lines += [f"{caption} ([`{stem}.py`](../examples/thesis/{stem}.py); {made}.)", ""]
-    replace_table(given.publish / "thesis-figures.md", "figures", "", *lines)
+    drawn = [script.stem for script in scripts if script.parent.name == "thesis" and script.stem not in failed]
+    for stem in drawn:
+        title, caption, made = (captions[stem][key] for key in ("title", "caption", "made"))
+        lines = ["", f"### {title}", "", f"![{title}](figures/{stem}.webp)", ""]
+        lines += [f"{caption} ([`{stem}.py`](../examples/thesis/{stem}.py); {made}.)", ""]
+        replace_table(given.publish / "thesis-figures.md", stem, *lines)
 
 # %%
 # The contact sheet shows the pictures of this run and of earlier ones: titles and captions are in their metadata.

@@ -100,6 +100,22 @@ def test_quick_figures_are_not_published(cache, tmp_path):
     assert done.returncode == 1 and "default size; got --quick" in done.stderr and not (tmp_path / "docs").exists()
 
 
+@pytest.mark.parametrize("by_option", [True, False])
+def test_figures_of_original_scenes_are_not_published(by_option, tmp_path):
+    """Captions name the scenes that come with dmis; the folder may come from the environment."""
+    script = ROOT / "examples" / "make_figures.py"
+    environment = {name: value for name, value in os.environ.items() if name not in ("DMIS_PBRT_SCENES", "DMIS_QUICK")}
+    arguments = ["-o", tmp_path / "any.png", "--publish", tmp_path / "docs"]
+    if by_option:
+        arguments += ["--scene-dir", tmp_path]
+    else:
+        environment["DMIS_PBRT_SCENES"] = str(tmp_path)
+    command = [sys.executable, script, *arguments]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and f"got the scene folder {tmp_path}. Unset DMIS_PBRT_SCENES" in done.stderr
+    assert not (tmp_path / "docs").exists() and not list(tmp_path.iterdir())
+
+
 def test_reproduction_grid_is_resumed(cache, tmp_path):
     """A line for each comparison; a second run makes none again, and its table is the same."""
     page, results = tmp_path / "page.md", tmp_path / "rows.csv"

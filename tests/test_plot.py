@@ -52,6 +52,25 @@ def test_shared_scale_ignores_spikes():
     assert plot.shared_scale([values, values / 2]) == 1
 
 
+def test_exponents_are_as_large_as_their_labels():
+    """Logarithmic axes and colour bars have 1e-5 in place of ten to a raised -5, on the same ticks."""
+    from matplotlib.colors import LogNorm
+
+    figure, axes = plot.canvas(1, 3, 9, 3)
+    axes[0, 0].loglog([1e-6, 1e3], [2, 6])
+    figure.colorbar(plot.heat(axes[0, 1], np.ones((2, 2)), norm=LogNorm(1e-7, 1e2)), ax=axes[0, 1])
+    axes[0, 2].plot([1, 2], [0.001, 0.002])
+    figure.draw_without_rendering()
+    places = [axes.get_yticks().tolist() for axes in figure.axes]
+    plot.plain_exponents(figure)
+    figure.draw_without_rendering()
+    assert [axes.get_yticks().tolist() for axes in figure.axes] == places
+    texts = [label.get_text() for axes in figure.axes for label in (*axes.get_xticklabels(), *axes.get_yticklabels())]
+    assert not any("^" in text for text in texts) and {"1e-6", "0.01", "100", "0.0010"} <= set(texts), texts
+    minor = [label.get_text() for label in figure.axes[0].get_yticklabels(minor=True)]
+    assert {"2", "3", "4", "6"} <= set(minor)  # less than a decade: ticks between powers of ten have labels
+
+
 def test_figures_for_files_leave_pyplot_alone(tmp_path):
     """Backend, open figures and settings of the process are the same before and after; ``pyplot`` is not imported.
 

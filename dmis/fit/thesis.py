@@ -63,8 +63,9 @@ class Thesis(Rule):
     Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance. The
     thesis does not say what happens without a minimum in [0, 1] (here: `STATUS`), which variance of a colour is meant,
     what the sigma of the Gaussian is, or whether the pilot's samples enter the image: hence the options. With
-    their defaults the rule wins on two scenes as in the thesis's Table 4.1, and draws on the two that it loses there;
-    see ``docs/reproduction.md``.
+    their defaults, in direct lighting with independent points and one light and one BRDF sample, the rule wins on two
+    scenes at equal samples as in the thesis's Table 4.1, and draws on the two that it loses there. With other patches,
+    points or numbers of samples it loses on these, too: ``docs/reproduction.md``.
     """
 
     patch: int | Literal["auto"] = 16

@@ -25,32 +25,51 @@ PATCHES = (4, 8, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# **Steps 1 to 5** of the thesis's rule on TT: pilot, variance, fit, filter, final pass,
-# with three sizes of patches. The pilot is the same: two samples per pixel for each
-# share of light samples w = 0, 1/2, 1.
+# The thesis's rule on TT, step by step, with three sizes of patches. **Step 1, the
+# pilot**, is the same for all: two camera samples per pixel for each share of light
+# samples w = 0, 1/2, 1. A direction of contribution f counts as f / (w p_l + (1 - w)
+# p_b).
 scene = opts.scene("tt", opts.pick(16, 4, 1))
 pilots = [
     dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
     for k, w in enumerate(STRATEGIES, 1)
 ]
 shape = pilots[0].image.shape[:2]
-variance = np.stack(
-    [luminance(pilot.variance) for pilot in pilots]
-)  # y = Σ (x - mean)² / (n - 1) / n of pixels
-weights, images = {}, {}
-for patch in PATCHES:
-    raw, status = parabola_minimum(
-        STRATEGIES, patch_mean(variance, patch)
-    )  # w = -a₁ / (2 a₂)   (Eqs. 3.2-3.5)
-    weights[patch] = patch_spread(
-        gaussian(raw), patch, shape
-    )  # Σ_q g(p - q) w_q over 5x5 patches   (Sec. 3.4)
-    images[patch] = dmis.render(
-        scene, dmis.Given(weight=weights[patch]), opts.spp - 6, seed=4, preset="thesis"
-    ).image
 
 # %%
-# The mean squared error over that of the balance heuristic.
+# **Step 2, the variance.** y = Σ (x - mean)² / (n - 1) over the n = 2 samples x of a
+# pixel, averaged over a patch. `Result.variance` is that of the pixel, y / n; the
+# factor n does not move a minimum.
+variance = np.stack([luminance(pilot.variance) for pilot in pilots])
+variances = {patch: patch_mean(variance, patch) for patch in PATCHES}
+
+# %%
+# **Step 3, the fit.** The parabola a₂ w² + a₁ w + a₀ through the three points (w, y) of
+# each patch (Eqs. 3.2-3.4) has its minimum at w = -a₁ / (2 a₂) (Eq. 3.5). If y(0) is
+# almost zero because no BRDF sample met the sun, the minimum is at or near w = 0.
+raw = {patch: parabola_minimum(STRATEGIES, y)[0] for patch, y in variances.items()}
+
+# %%
+# **Step 4, the filter.** The weight of patch p becomes Σ_q g(p - q) w_q over 5x5
+# patches q, with g ~ exp(-d² / 2) at a distance of d patches.
+filtered = {patch: gaussian(w, sigma=1, radius=2) for patch, w in raw.items()}
+
+# %%
+# **Step 5, the final pass.** Each pixel takes the weight of its patch. Of S = 2 samples
+# at a surface, n_l = w S are light samples on average, and n_b = (1 - w) S are BRDF
+# samples. The balance heuristic with these numbers adds f / (n_l p_l + n_b p_b) for
+# each. The pilot has used 6 of the 128 camera samples.
+weights = {patch: patch_spread(w, patch, shape) for patch, w in filtered.items()}
+images = {
+    patch: dmis.render(
+        scene, dmis.Given(weight=w), opts.spp - 6, seed=4, preset="thesis"
+    ).image
+    for patch, w in weights.items()
+}
+
+# %%
+# **The error**, the mean of (x - r₁)(x - r₂) with two independent halves r₁, r₂ of a
+# reference, over that of the balance heuristic with w = 1/2 and all 128 samples.
 reference = opts.reference(scene, opts.pick(64, 128))
 balance = dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis").image
 errors = squared_error(balance, reference.first, reference.second)
@@ -144,7 +163,7 @@ opts.save_for_print(
     f"""Top: weights of the thesis's rule on TT ({width}x{height} pixels) from one pilot
     of 2 + 2 + 2 camera samples per pixel, with patches of three sizes, and mean squared
     error over that of the balance heuristic, {told} (one seed, {opts.spp} samples).
-    Middle: the framed part of the image. Dark red patches get BRDF samples only,
+    Middle: the framed part of the image. Dark red patches get almost only BRDF samples,
     because the pilot's BRDF samples missed the sun there. Bottom: on the wall of
     KILLEROO DIFFUSE {h:.1%} of the BRDF samples hit the lamp; share of the patches in
     which none of the pilot's does, over {len(hit[1])} pilots. Dashed: (1 - h)^n for n

@@ -3,10 +3,10 @@ Figure 3.2: error against weight, TEAPOT AREA LIGHT
 ===================================================
 
 How does the error of a patch depend on the share w of light samples? This figure
-measures it in two patches of the teapot whose curves have different shapes. The teapot
-has no patch where BRDF sampling is better, so a third patch is from KILLEROO GOLD. Then
-it shows what the thesis makes of three points of each curve: a parabola and its
-minimum.
+measures it in two patches of the teapot whose curves have different shapes. BRDF
+sampling is better in no noisy patch of the teapot, so a third patch is from KILLEROO
+GOLD. Then it shows what the thesis makes of three points of each curve: a parabola and
+its minimum.
 """
 
 import numpy as np
@@ -129,11 +129,10 @@ for colour, curve in curves.items():
     )
 
 # %%
-# **Has the teapot no patch where BRDF sampling is better?** The variances y₀ and y₁ of
-# all patches of its picture, from as many samples as the thesis has. Two kinds of
-# patches are left out: the edge of the lamp, where both variances are equal but for
-# noise (the lamp has the radiance 8, all else less than 4), and patches with hardly any
-# variance.
+# **Is BRDF sampling better in any noisy patch?** The variances y₀ and y₁ of all patches
+# of the teapot's picture, from as many samples as the thesis has. Two kinds of patches
+# are left out: the edge of the lamp, where both variances are equal but for noise (the
+# lamp has the radiance 8, all else less than 4), and patches with hardly any variance.
 whole = {
     w: dmis.render(
         scenes["teapot-area-light"],
@@ -183,7 +182,13 @@ for (colour, label), level in zip(labels.items(), (-4.7, -3.7, -4.2), strict=Tru
 axis.set_ylim(-5, 6)
 axis.set_xlabel("share of light samples w  (0: BRDF only, 1: light only)")
 axis.set_ylabel("MSE / MSE at w = ½")
-figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+figure.legend(
+    *axis.get_legend_handles_labels(),
+    loc="outside lower center",
+    ncols=3,
+    columnspacing=1,
+    handlelength=1.5,
+)
 red, blue, green = (curves[colour] for colour in labels)
 width, height = scenes["teapot-area-light"].camera.resolution
 opts.save_for_print(
@@ -195,7 +200,7 @@ opts.save_for_print(
     ({width}x{height} pixels) light sampling is better in both, a little at the spout
     (red: {red[0]:.1f} at w = 0, {red[-1]:.2f} at w = 1) and much on the floor (blue:
     {blue[0]:.0f} and {blue[-1]:.2f}; the curve leaves the frame). BRDF sampling is
-    better nowhere on the teapot: in all {noisy.sum()} patches whose samples have a
+    better in no noisy patch of the teapot: in all {noisy.sum()} whose samples have a
     variance above 10⁻³ (luminance²), the edge of the lamp left out, V(0) is at least
     {least:.1f} V(1). So the third shape is from KILLEROO GOLD (green: {green[0]:.2f}
     and {green[-1]:.2f}). Dashed: the parabola through three exact points of each, and

@@ -60,8 +60,11 @@ raw = {name: parabola_minimum(STRATEGIES, y)[0] for name, y in variances.items()
 filtered = {name: gaussian(weight, sigma=1, radius=2) for name, weight in raw.items()}
 
 # %%
-# **Step 5, the final pass.** Each pixel takes the weight of its patch. The rule has 122
-# of the 128 samples left. The balance heuristic needs no pilot and takes all of them.
+# **Step 5, the final pass.** Each pixel takes the weight of its patch. Of S = 2 samples
+# at a surface, n_l = w S are light samples on average, and n_b = (1 - w) S are BRDF
+# samples. The balance heuristic with these numbers adds f / (n_l p_l + n_b p_b) for
+# each. The rule has 122 of the 128 camera samples left. The other image, with w = 1/2
+# everywhere, needs no pilot and takes all of them.
 SHAPES = {name: scene.camera.resolution[::-1] for name, scene in scenes.items()}
 maps = {
     (name, title): patch_spread(weight[name], PATCH, SHAPES[name])

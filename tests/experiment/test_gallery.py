@@ -7,7 +7,9 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from dmis.experiment.gallery import SCENES, options
+from matplotlib.text import Text
+
+from dmis.experiment.gallery import SCENES, options, print_canvas
 
 
 @pytest.fixture(autouse=True)
@@ -52,3 +54,18 @@ def test_scenes_shrink(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, about in SCENES.items():
         assert opts.scene(name).camera.resolution == tuple(round(side / 16) for side in about.size)
     assert opts.scene("tt", 100).camera.resolution == (15, 8)
+
+
+def test_letters_of_printed_figures_are_readable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A figure of 7 inches has 7 points or more in a column of 6.3 inches, raised exponents included."""
+    monkeypatch.setattr("sys.argv", ["plot_any.py"])
+    opts, _ = options("plot_any", "Title")
+    figure, axes = print_canvas(1, 1, 3)
+    axes[0, 0].loglog([1e-6, 1], [1e-6, 1], label="label")
+    axes[0, 0].legend()
+    axes[0, 0].set(title="title", xlabel="abscissa", ylabel="ordinate")
+    opts.save_for_print(figure, "Title", "Caption.")
+    texts = [text for text in figure.findobj(Text) if text.get_text()]
+    assert min(text.get_fontsize() for text in texts) * 6.3 / 7 >= 7
+    assert {"1e-6", "label", "title"} <= {text.get_text() for text in texts}
+    assert not any("^" in text.get_text() for text in texts)
