@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import importlib.util
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+from dmis.fit.registry import RULES
 from dmis.testing.exercises import EXERCISES, LAST, check_exercise
 from dmis.testing.outcome import Outcome
 
 FOLDER = Path(__file__).parents[2] / "docs" / "exercises"
 STARTERS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
+
+
+@pytest.fixture(autouse=True)
+def forget_rules() -> Iterator[None]:
+    """Starter and solution register the same name."""
+    known = dict(RULES)
+    yield
+    RULES.clear()
+    RULES.update(known)
 
 
 def load(path: Path) -> ModuleType:
@@ -48,6 +60,54 @@ def test_solution_passes(path: Path) -> None:
     results = outcomes(FOLDER / "solutions" / path.name)
     assert len(results) > 1
     assert [f"{outcome.name}: {outcome.message}" for outcome in results if not outcome.passed] == []
+
+
+WRONG: dict[str, tuple[int, str, str, str]] = {
+    "density per area": (
+        2,
+        "return np.where",
+        "return np.full(p.shape[1], 1 / area) + 0 * np.where",
+        "expected 0\\.4347\\d* on average, got 2 in each of 100000 estimates",
+    ),
+    "emits ignored": (3, "sample.emits", "sample.pdf > 0", "count 0 where sample.emits is False"),
+    "no density": (3, "np.maximum(sample.pdf, 1e-12)", "1", "divide by sample.pdf"),
+    "no cosine": (3, "radiance * cos", "radiance", "The cosine between n and sample.wi is missing"),
+    "no horizon": (3, "cos = np.maximum(", "cos = np.add(", "below the surface counts 0"),
+    "no pi": (3, "albedo / np.pi", "albedo", "albedo / pi"),
+    "equal numbers": (
+        11,
+        "return light.sum(axis=0) + brdf.sum(axis=0)",
+        "return (f_l / (p_ll + p_bl)).mean(axis=0) + (f_b / (p_lb + p_bb)).mean(axis=0)",
+        r"A sample counts f / \(n_l p_l \+ n_b p_b\)",
+    ),
+    "a little too dark": (15, "return share", "return 0.999 * share", "weights of both passes must sum to 1"),
+    "weights from the image": (
+        15,
+        "share = len(pilot) / (len(pilot) + len(final))",
+        "a, b = (len(x) / (x.var() + 1e-9) for x in (pilot, final)); share = a / (a + b)",
+        "Fix them before any sample is seen",
+    ),
+    "biased variances": (18, "ddof=1", "ddof=0", "need n - 1"),
+    "swapped shares": (18, "w * v_l + (1 - w) * v_b", "(1 - w) * v_l + w * v_b", "The shares are swapped"),
+}
+
+
+@pytest.mark.parametrize(("number", "right", "wrong", "message"), WRONG.values(), ids=WRONG)
+def test_wrong_answer_fails(number: int, right: str, wrong: str, message: str) -> None:
+    """A solution with a likely mistake; the message names it."""
+    (path,) = (FOLDER / "solutions").glob(f"{number:02}_*.py")
+    text = path.read_text("utf-8")
+    assert right in text
+    module = ModuleType("mine")
+    exec(compile(text.replace(right, wrong), "mine.py", "exec", dont_inherit=True), module.__dict__)
+    failed = [outcome.message for outcome in EXERCISES[number](module) if not outcome.passed]
+    assert failed and re.search(message, " ".join(failed)), failed
+
+
+def test_starter_of_a_variance_curve_gets_its_own_advice() -> None:
+    """One group in place of two is another mistake than n in place of n - 1."""
+    (first, *_) = [outcome for outcome in outcomes(FOLDER / "18_unbiased_curve.py") if not outcome.passed]
+    assert "One variance over all samples" in first.message
 
 
 @pytest.mark.parametrize("path", STARTERS, ids=lambda path: path.stem)

@@ -65,6 +65,9 @@ def estimate(module: ModuleType) -> Iterator[Outcome]:
         expected = exact_variance(n_l / total, x) / total
         advice = "Weigh each sample by both densities, times their numbers"
         yield at_most(f"{name}: noise", float(values.var()), 1.05 * expected, "the variance", advice)
+        right = sum((f / (n_l * p_l + n_b * p_b)).sum(axis=0) for f, p_l, p_b in (arguments[:3], arguments[3:]))
+        advice = "A sample counts f / (n_l p_l + n_b p_b), whichever technique drew it"
+        yield compare(f"{name}: values", values, np.asarray(right), 1e-5, advice)
 
 
 @exercise

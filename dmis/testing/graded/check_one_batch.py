@@ -9,7 +9,7 @@ import numpy as np
 
 from dmis.base.vectors import Array, dot, normalise
 from dmis.light.area import QuadLight
-from dmis.testing.graded.grading import call, compare, exercise, z_test
+from dmis.testing.graded.grading import call, compare, exercise, likely_mistake, z_test
 from dmis.testing.outcome import Outcome
 from dmis.testing.sphere import columns, uniforms
 
@@ -54,20 +54,47 @@ def light_density(module: ModuleType) -> Iterator[Outcome]:
 @exercise
 def direct_light(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 3: one light sample of the radiance that a matte point reflects."""
-    n = 100_000
+    n = 50_000
     albedo = np.array([[0.8], [0.5], [0.2]], np.float32)
     for name, p, normal in (
         ("below the light", (0.2, 0.1, 0.0), (0.0, 0.0, 1.0)),
         ("where a part of the light is below the horizon", (0.0, 0.0, 0.0), (0.95, 0.0, 0.312)),
+        ("behind the light", (0.3, 0.2, 3.0), (0.0, 0.0, -1.0)),
+        ("beside and behind the light", (2.5, 0.4, 2.2), (-1.0, 0.0, 0.0)),
     ):
         points, normals = columns(p, n), columns(normalise(np.array(normal)), n)
         arguments = points, normals, albedo, _LIGHT, uniforms(n, 3)
         (radiance,) = call(module, "direct_light", *arguments, shapes=[(3, n)])
+        advice = likely_mistake(radiance, _mistakes(*arguments), "Look at sample.pdf, sample.emits and the cosine")
+        if p[2] > 2:
+            yield compare(f"{name}: no light", radiance, 0.0, 1e-6, advice)
+            continue
         exact = _reflected(np.array(p), normals[:, 0].astype(float)) * albedo[:, 0] * np.array([3.0, 2.0, 1.0])
         for channel, colour in enumerate(("red", "green", "blue")):
-            yield z_test(f"{name}, {colour}", radiance[channel], float(exact[channel]))
+            yield z_test(f"{name}, {colour}", radiance[channel], float(exact[channel]), advice)
         if (radiance < 0).any():
-            yield Outcome(name, False, f"radiance is never negative; got {radiance.min():.3g}")
+            yield Outcome(name, False, f"radiance is never negative; got {radiance.min():.3g}. {advice}")
+
+
+def _mistakes(p: Array, n: Array, albedo: Array, light: QuadLight, u: Array) -> list[tuple[str, Array]]:
+    """Return advice on what may be missing, and what the estimates are without it."""
+    sample = light.sample(p, u)
+    cos, pdf = dot(n, sample.wi), np.maximum(sample.pdf, 1e-12)
+    radiance = albedo / np.pi * sample.radiance
+    emitted, lit = radiance * sample.emits, np.maximum(cos, 0)
+    density = "The density is missing: divide by sample.pdf"
+    one_side = "The light shines on one side: count 0 where sample.emits is False"
+    below = "Light from below the surface counts 0: there the cosine is negative"
+    return [
+        (density, radiance * cos),
+        (density, emitted * lit),
+        (below, emitted * cos / pdf),
+        (below, emitted * np.abs(cos) / pdf),
+        (one_side, radiance * lit / pdf),
+        (one_side, radiance * cos / pdf),
+        ("The cosine between n and sample.wi is missing", emitted / pdf),
+        ("The BRDF of a matte surface is albedo / pi", emitted * np.pi * lit / pdf),
+    ]
 
 
 def _reflected(p: Array, n: Array, side: int = 600) -> float:

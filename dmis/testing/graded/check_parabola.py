@@ -63,6 +63,12 @@ def combine(module: ModuleType) -> Iterator[Outcome]:
     (values,) = call(module, "combine", spikes[:6], spikes[6:], shapes=[(n,)])
     advice = "A pilot that missed the spike looks quiet: its own noise must not decide how it counts"
     yield z_test("mean, one sample in fifty is a spike", values, 1.0, advice)
+    # a P + (1 - a) F of the two means, with the same a for all samples
+    (share,) = call(module, "combine", np.ones((6, n)), np.zeros((26, n)), shapes=[(n,)])
+    fixed = share * spikes[:6].mean(axis=0) + (1 - share) * spikes[6:].mean(axis=0)
+    yield compare("weights do not depend on the samples", values, fixed, 1e-6, "Fix them before any sample is seen")
+    (values,) = call(module, "combine", np.ones((6, n)), np.ones((26, n)), shapes=[(n,)])
+    yield compare("samples of 1 give 1", values, 1.0, 1e-6, "The weights of both passes must sum to 1")
 
 
 CHECKS = {13: best_share, 14: light_slots, 15: combine}

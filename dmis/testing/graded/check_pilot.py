@@ -9,7 +9,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.testing.graded.check_mis import densities, exact_variance, integrand
-from dmis.testing.graded.grading import call, compare, exercise, z_test
+from dmis.testing.graded.grading import call, compare, exercise, likely_mistake, z_test
 from dmis.testing.outcome import Outcome
 
 _X = np.linspace(-4, 4, 20_001)
@@ -53,14 +53,28 @@ def variance_curve(module: ModuleType) -> Iterator[Outcome]:
             for k in range(pixels)
         ]
     )
+    advice = likely_mistake(curves, _mistakes(x_l, d_l, x_b, d_b), "The two groups have variances of their own")
     for k, w in enumerate(_W):
         exact = exact_variance(float(w), _X)
-        yield z_test(
-            f"w = {w}: two samples of each technique", curves[:, k], exact, "Mean squares of n samples need n - 1"
-        )
+        yield z_test(f"w = {w}: two samples of each technique", curves[:, k], exact, advice)
     x = np.full(3, 2.0)
     curve = call(module, "variance_curve", x, 0 * x, x, 0 * x, _W, shapes=[_W.shape])[0]
     yield compare("equal samples have no variance", curve, 0.0, 1e-6)
+
+
+def _mistakes(x_l: Array, d_l: Array, x_b: Array, d_b: Array) -> list[tuple[str, Array]]:
+    """Return advice on a wrong curve, and the curves of each pixel that the mistake gives, ``(pixels, G)``."""
+    y_l, y_b = (x[..., None] / (1 + (2 * _W - 1) * d[..., None]) for x, d in ((x_l, d_l), (x_b, d_b)))
+    v_l, v_b = (y.var(axis=0, ddof=1) for y in (y_l, y_b))
+    one = np.concatenate([y_l, y_b])
+    groups = "One variance over all samples: take that of the light samples and that of the BRDF samples apart"
+    return [
+        (groups, one.var(axis=0)),
+        (groups, one.var(axis=0, ddof=1)),
+        ("The shares are swapped: w is that of the light samples", (1 - _W) * v_l + _W * v_b),
+        ("The variances have no shares: w V_l + (1 - w) V_b", v_l + v_b),
+        ("Mean squares of n samples need n - 1", (_W * v_l + (1 - _W) * v_b) / 2),
+    ]
 
 
 def _pilot(pixels: int, seed: int, samples: int = 20) -> tuple[Array, Array, Array, Array]:

@@ -6,7 +6,7 @@ code is missing, raises an exception or returns the wrong shape, the list ends w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import wraps
 from types import ModuleType
 from typing import Any
@@ -131,9 +131,26 @@ def z_test(name: str, estimates: Array, exact: float, advice: str = "") -> Outco
     error = float(estimates.std(ddof=1) / np.sqrt(len(estimates)))
     # rounding is not noise: an estimate without variance may be off by it
     z = float((estimates.mean() - exact) / max(error, 1e-6 * abs(exact), 1e-30))
-    message = f"mean {estimates.mean():.6g} ± {error:.2g}, exact {exact:.6g}, z = {z:.1f}"
     passed = abs(z) <= Z_LIMIT
+    if passed or error > 1e-6 * abs(estimates.mean()):
+        message = f"mean {estimates.mean():.6g} ± {error:.2g}, exact {exact:.6g}, z = {z:.1f}"
+    else:
+        message = f"expected {exact:.6g} on average, got {estimates.mean():.6g} in each of {len(estimates)} estimates"
     return Outcome(name, passed, message if passed or not advice else f"{message}. {advice}")
+
+
+def likely_mistake(values: Array, mistakes: Iterable[tuple[str, Array]], otherwise: str = "") -> str:
+    """Return the advice whose mistake gives the values of a reader; `otherwise` if none does.
+
+    Parameters
+    ----------
+    values
+        What the reader's function returned.
+    mistakes
+        Advice, and the values that the mistake gives, of the same shape.
+    """
+    alike = (advice for advice, wrong in mistakes if np.allclose(values, wrong, rtol=1e-4, atol=1e-7))
+    return next(alike, otherwise)
 
 
 def at_most(name: str, value: float, limit: float, what: str, advice: str = "") -> Outcome:
