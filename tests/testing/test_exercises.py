@@ -89,6 +89,18 @@ WRONG: dict[str, tuple[int, str, str, str]] = {
     ),
     "biased variances": (18, "ddof=1", "ddof=0", "need n - 1"),
     "swapped shares": (18, "w * v_l + (1 - w) * v_b", "(1 - w) * v_l + w * v_b", "The shares are swapped"),
+    "a constant share": (
+        21,
+        "return dmis.Fit(",
+        "return dmis.Fit(0.75) or dmis.Fit(",
+        "No share is good on both scenes",
+    ),
+    "a shipped fit": (
+        21,
+        "\n\ndmis.register_rule",
+        '\n\nclass Mine(type(dmis.make_rule("second-moment"))):\n    pass\n\n\ndmis.register_rule',
+        r"Mine must define fit\(self, pilot\); it has that of dmis\.fit\.second_moment",
+    ),
 }
 
 

@@ -31,3 +31,6 @@ class Mine(dmis.Rule):
         )
         w = np.clip((brdf + 1e-9) / (brdf + light + 2e-9), 0.1, 0.95)
         return dmis.Fit(patch_spread(w, self.patch, pilot[0.0].moments.mean.shape[:2]))
+
+
+dmis.register_rule("mine", Mine)
