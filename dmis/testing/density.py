@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.chi_square import Cells, DensityComparison
+from dmis.testing.chi_square import Cells, Density, DensityComparison
 from dmis.testing.outcome import Fault
-from dmis.testing.statistics import z_limit
+from dmis.testing.statistics import chi2_p, z_limit
 
 _CONSTANT = 0.05
 """Spread of observed / expected counts from cell to cell up to which they are called proportional."""
 _NORMALISED = 5e-3
 """Difference of an integral from the right one up to which a pdf is called normalised."""
+_LEAST_P = 1e-3
+"""Least p-value of samples that are said to follow a density."""
+_FEW = 50
+"""Least number of accepted samples that are compared with a density."""
+_ALIKE = 0.02
+"""Part of the directions by which two densities may differ and still are called the same."""
 
 
 class DensityView:
@@ -46,6 +52,10 @@ class DensityView:
         """Return the pdf of directions ``(3, M)``, ``(M,)``."""
         raise NotImplementedError
 
+    def laws(self) -> dict[str, Density]:
+        """Return densities of any scale that a right `sample` may follow, by name, the likeliest first."""
+        return {}
+
     def integral(self) -> float:
         """Return the integral of the pdf; by cells of its own where those of the samples do not resolve it."""
         if self.comparison.mass_error < _NORMALISED:
@@ -69,15 +79,11 @@ def check_mass(views: Sequence[DensityView], level: float) -> str:
             continue
         integral, accepted = view.integral(), comparison.accepted
         ratio, spread = comparison.ratio
-        if accepted and spread < _CONSTANT:
-            verdict = f"{pdf} is {1 / ratio:.3f} times the density of sample"
-        elif abs(integral - 1) < _NORMALISED:
-            verdict = f"sample does not follow {pdf}, or picks the wrong side"
-        else:
-            verdict = f"{pdf} is not the density of sample"
+        constant = accepted and spread < _CONSTANT
+        verdict = f"{pdf} is {1 / ratio:.3f} times the density of sample" if constant else _verdict(view, integral)
         raise Fault(
-            f"{verdict}: {pdf} integrates to {integral:.4f}, and {accepted:.4f} of the directions of sample are "
-            f"accepted ({view.place})",
+            f"{verdict}: {pdf} integrates to {integral:.4f}, and {accepted:.4f} of the directions of "
+            f"sample are accepted ({view.place})",
             view.figure(),
         )
     return f"integrals {', '.join(f'{view.comparison.mass:.3f}' for view in views)}"
@@ -86,18 +92,34 @@ def check_mass(views: Sequence[DensityView], level: float) -> str:
 def check_chi_square(views: Sequence[DensityView], level: float) -> str:
     """Raise a Fault unless the samples follow each pdf; return the p-values."""
     for view in views:
-        comparison, pdf = view.comparison, view.pdf_name
+        comparison = view.comparison
         if comparison.p > level:
             continue
         integral = view.integral()
-        if min(abs(integral - 1), abs(integral - comparison.accepted)) < _NORMALISED:
-            verdict = f"sample does not follow {pdf}, whose integral is right ({integral:.3f}): look at sample first"
-        else:
-            verdict = f"{pdf} is not the density of sample; its integral is wrong ({integral:.3f}): look at it first"
         ratio, spread = comparison.ratio
         raise Fault(
-            f"{verdict}. p = {comparison.p:.1g} ({view.place}); observed / expected is {ratio:.3f} on average, and "
-            f"varies by {spread:.3f} from cell to cell",
+            f"{_verdict(view, integral)}. The integral of {view.pdf_name} is {integral:.3f}, p = {comparison.p:.1g} "
+            f"({view.place}); observed / expected is {ratio:.3f} on average, and varies by {spread:.3f} from cell to cell",
             view.figure(),
         )
     return f"p = {', '.join(f'{view.comparison.p:.2g}' for view in views)}"
+
+
+def _verdict(view: DensityView, integral: float) -> str:
+    """Return which function is wrong of samples and a pdf that disagree, or that either may be."""
+    comparison, pdf = view.comparison, view.pdf_name
+    if min(abs(integral - 1), abs(integral - comparison.accepted)) > _NORMALISED:
+        return f"{pdf} is not the density of sample; its integral is wrong: look at {pdf} first"
+    observed, expected = comparison.observed.sum(), comparison.expected.sum()
+    for name, law in view.laws().items():
+        mass, error = comparison.cells.integrate(law(comparison.cells.nodes))
+        if not mass.sum():
+            continue
+        scale = observed / mass.sum()
+        if observed >= _FEW and chi2_p(comparison.observed, mass * scale, (error * scale) ** 2) > _LEAST_P:
+            return f"{pdf} is not the density of sample: sample follows {name}, so look at {pdf} first"
+        # half of the sum of |a - b| is the part of the directions in which two densities differ
+        difference = np.abs(mass / mass.sum() - comparison.expected / max(expected, 1e-30)).sum() / 2
+        if difference < _ALIKE:
+            return f"sample does not follow {pdf}, which is {name} with the right integral: look at sample first"
+    return f"sample does not follow {pdf}, whose integral is right: either may be wrong"

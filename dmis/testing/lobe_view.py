@@ -11,7 +11,7 @@ from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import Material
 from dmis.scene.shading_points import ShadingPoints
-from dmis.testing.chi_square import DensityComparison, compare_directions
+from dmis.testing.chi_square import Density, DensityComparison, compare_directions
 from dmis.testing.density import DensityView
 from dmis.testing.scenes import surface
 from dmis.testing.sphere import polar, uniforms
@@ -88,6 +88,20 @@ class LobeView(DensityView):
         """Return the pdf of directions ``(3, M)``."""
         points = self.points(w.shape[1])
         return points.pdf(Directions(points, w))
+
+    def laws(self) -> dict[str, Density]:
+        """Return eval times the cosine, and the cosine alone, on the side of the lobe."""
+
+        def cosine(w: Array) -> Array:
+            directions = Directions(self.points(w.shape[1]), w)
+            return (directions.cos_i * directions.above).astype(float)
+
+        def reflected(w: Array) -> Array:
+            points = self.points(w.shape[1])
+            value = np.atleast_2d(points.eval(Directions(points, w))).max(axis=0)
+            return np.broadcast_to(value, w.shape[1:]) * cosine(w)
+
+        return {"eval times the cosine": reflected, "the cosine": cosine}
 
     @cached_property
     def comparison(self) -> DensityComparison:

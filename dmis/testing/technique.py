@@ -20,7 +20,7 @@ from dmis.light.environment import EnvironmentLight
 from dmis.light.light import SampledLight
 from dmis.light.light_sample import LightSample
 from dmis.scene.shading_points import ShadingPoints
-from dmis.testing.chi_square import DensityComparison, compare_directions
+from dmis.testing.chi_square import Density, DensityComparison, compare_directions
 from dmis.testing.density import DensityView, check_chi_square, check_mass
 from dmis.testing.outcome import Fault, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, box_scene, compare_means, surface
@@ -73,6 +73,17 @@ class TechniqueView(DensityView):
         """Return the pdf of directions ``(3, M)``."""
         points = self.points(w.shape[1])
         return np.asarray(self.technique.pdf(points, Directions(points, w), self.light.hit(points.p, w).pdf))
+
+    def laws(self) -> dict[str, Density]:
+        """Return the cosine, and the density of light samples."""
+
+        def cosine(w: Array) -> Array:
+            return np.maximum(Directions(self.points(w.shape[1]), w).cos_i_signed, 0).astype(float)
+
+        def light(w: Array) -> Array:
+            return np.asarray(self.light.hit(self.points(w.shape[1]).p, w).pdf, float)
+
+        return {"the cosine": cosine, "the density of light samples": light}
 
     @cached_property
     def comparison(self) -> DensityComparison:

@@ -55,7 +55,24 @@ FAULTS: dict[str, tuple[str, Callable[..., Any], str, str]] = {
         "pdf integrates",
         r"^pdf is 0\.9[23]\d times the density of sample",
     ),
-    "pdf without cosine": ("pdf", lost_cosine, "pdf integrates", r"^pdf is not the density of sample: pdf integrates"),
+    "pdf without cosine": (
+        "pdf",
+        lost_cosine,
+        "pdf integrates",
+        r"^pdf is not the density of sample; its integral is wrong: look at pdf first: pdf integrates to ",
+    ),
+    "pdf without cosine, normalised": (
+        "pdf",
+        lambda pdf, d: d.above / np.float32(2 * np.pi),
+        "chi-square",
+        r"^pdf is not the density of sample: sample follows eval times the cosine, so look at pdf first\. The integral",
+    ),
+    "pdf on the wrong side": (
+        "pdf",
+        lambda pdf, d: np.maximum(-d.cos_i_signed, 0) * INV_PI,
+        "chi-square",
+        r"^pdf is not the density of sample: sample follows eval times the cosine, so look at pdf first",
+    ),
     "pdf on both sides": (
         "pdf",
         lambda pdf, d: pdf + np.maximum(-d.cos_i_signed, 0) * INV_PI,
@@ -73,7 +90,13 @@ FAULTS: dict[str, tuple[str, Callable[..., Any], str, str]] = {
         "sample",
         lambda wi, surface, u: to_world(square_to_hemisphere(u), surface.n),
         "chi-square",
-        r"(^sample does not follow pdf|^pdf is not the density of sample).* p = ",
+        r"^sample does not follow pdf, which is eval times the cosine with the right integral: look at sample first",
+    ),
+    "sample turned": (
+        "sample",
+        lambda wi, surface, u: np.abs(wi),
+        "chi-square",
+        r"^sample does not follow pdf, which is eval times the cosine with the right integral: look at sample first",
     ),
     "sample not of unit length": (
         "sample",
@@ -147,6 +170,17 @@ def test_renders_find_what_sample_does() -> None:
     uniform = with_fault(BASES["lambert"], "sample", FAULTS["sample uniform"][1])
     (found,) = [outcome for outcome in check_lobe(uniform) if "renders" in outcome.name]
     assert not found.passed and "sample or pdf: light samples need eval alone" in found.message
+
+
+def test_the_cosine_is_the_second_guess() -> None:
+    """Of a lobe that is sampled by the cosine, whatever its eval is; without any guess either may be wrong."""
+    dark = with_fault(BASES["lambert"], "eval", lambda f, d: f * (1 - d.cos_o) * (1 - d.cos_i))
+    flat = with_fault(dark, "pdf", lambda pdf, d: d.above / np.float32(2 * np.pi))
+    texts = [outcome.message for outcome in failures(check_lobe(flat)) if "chi-square" in outcome.name]
+    assert texts and texts[0].startswith("pdf is not the density of sample: sample follows the cosine, so look at pdf")
+    turned = with_fault(flat, "sample", lambda wi, surface, u: np.abs(wi))
+    texts = [outcome.message for outcome in failures(check_lobe(turned)) if "chi-square" in outcome.name]
+    assert texts and texts[0].startswith("sample does not follow pdf, whose integral is right: either may be wrong")
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,17 +47,17 @@ FAULTS: dict[str, tuple[dict[str, Any], str, str]] = {
     "pdf without cosine": (
         {"pdf": lambda s, d, p: d.above * INV_PI},
         "integrates",
-        r"^pdf is not the density of sample: pdf integrates to 2\.00",
+        r"^pdf is not the density of sample; its integral is wrong: look at pdf first: pdf integrates to 2\.00",
     ),
     "pdf of other samples": (
         {"pdf": lambda s, d, p: d.above / np.float32(2 * np.pi)},
         "chi-square",
-        r"^sample does not follow pdf, whose integral is right \(1\.000\): look at sample first",
+        r"^pdf is not the density of sample: sample follows the cosine, so look at pdf first",
     ),
     "sample on the wrong side": (
         {"sample": behind},
         "integrates",
-        r"^sample does not follow pdf, or picks the wrong side",
+        r"^sample does not follow pdf, which is the cosine with the right integral: look at sample first",
     ),
     "light samples of other directions": (
         {"sample": elsewhere},
