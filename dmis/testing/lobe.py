@@ -197,7 +197,7 @@ def _check_energy(views: list[LobeView]) -> str:
         reflected = worst.reflected(fine)
         share = reflected.albedo * worst.eta2
         if (share <= 1 + 2 * QUADRATURE + 3 * reflected.error).all():
-            return f"at most {share.max():.3f} of the light ({worst.place})"
+            return f"at most {share.max():.3f} of the light ({worst.place}); nothing else bounds the scale of eval"
     raise Fault(
         f"eval reflects {share.max():.4f} of the light that arrives ({worst.place}); at most 1 is allowed with colours "
         f"of at most 1. eval must not contain the cosine, and is 1 / pi for a white diffuse lobe"
@@ -225,9 +225,13 @@ def _check_reciprocity(material: Material) -> str:
     wrong = (difference > _RECIPROCITY).any(axis=0)
     if wrong.sum() > 0.02 * ok.sum():
         k = int(difference.max(axis=0).argmax())
+        # f(wo, wi) cos_o = f(wi, wo) cos_i if f is a reciprocal function times cos_i
+        sides = one * np.abs(a[2]), other * np.abs(b[2])
+        cosine = np.isclose(*sides, rtol=2 * _RECIPROCITY, atol=1e-5 * sides[0].max()).all(axis=0)
+        advice = ". Is cos_i a factor of eval? The estimator multiplies by it" if cosine[ok].mean() > 0.98 else ""
         raise Fault(
             f"eval is not reciprocal in {wrong.sum() / ok.sum():.0%} of the pairs: f(wo, wi) = {one[:, k].max():.4g}, "
-            f"f(wi, wo) = {other[:, k].max():.4g} for wo = {_text(a[:, k])}, wi = {_text(b[:, k])}"
+            f"f(wi, wo) = {other[:, k].max():.4g} for wo = {_text(a[:, k])}, wi = {_text(b[:, k])}{advice}"
         )
     return f"{ok.sum()} pairs of directions, within {_RECIPROCITY:.0%}"
 
