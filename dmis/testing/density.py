@@ -79,7 +79,7 @@ def check_mass(views: Sequence[DensityView], level: float) -> str:
             continue
         integral, accepted = view.integral(), comparison.accepted
         ratio, spread = comparison.ratio
-        constant = accepted and spread < _CONSTANT
+        constant = ratio > 0 and spread < _CONSTANT
         verdict = f"{pdf} is {1 / ratio:.3f} times the density of sample" if constant else _verdict(view, integral)
         raise Fault(
             f"{verdict}: {pdf} integrates to {integral:.4f}, and {accepted:.4f} of the directions of "
@@ -99,7 +99,8 @@ def check_chi_square(views: Sequence[DensityView], level: float) -> str:
         ratio, spread = comparison.ratio
         raise Fault(
             f"{_verdict(view, integral)}. The integral of {view.pdf_name} is {integral:.3f}, p = {comparison.p:.1g} "
-            f"({view.place}); observed / expected is {ratio:.3f} on average, and varies by {spread:.3f} from cell to cell",
+            f"({view.place}); observed / expected is {ratio:.3f} on average, and varies by {spread:.3f} from cell to "
+            f"cell",
             view.figure(),
         )
     return f"p = {', '.join(f'{view.comparison.p:.2g}' for view in views)}"
@@ -115,6 +116,9 @@ def _verdict(view: DensityView, integral: float) -> str:
         mass, error = comparison.cells.integrate(law(comparison.cells.nodes))
         if not mass.sum():
             continue
+        empty = mass == 0
+        if comparison.expected[empty].sum() > _ALIKE * expected and not comparison.observed[empty].any():
+            return f"{pdf} is not the density of sample: it is not 0 where {name} is 0, so look at {pdf} first"
         scale = observed / mass.sum()
         if observed >= _FEW and chi2_p(comparison.observed, mass * scale, (error * scale) ** 2) > _LEAST_P:
             return f"{pdf} is not the density of sample: sample follows {name}, so look at {pdf} first"
