@@ -38,10 +38,10 @@ def load_plugin(file: str | os.PathLike[str]) -> None:
     if not path.is_file():
         raise FileNotFoundError(f"no such plugin: {file}; a plugin must be a Python file")
     name = path.stem
-    if path.suffix != ".py" or not name.isidentifier():
+    if path.suffix != ".py" or "." in name:
         raise ValueError(
-            f"a plugin must be a Python file with a name such as my_rule.py; got {file}. Copy it to a name of letters, "
-            f"digits and underscores that begins with a letter"
+            f"a plugin must be a Python file with a name such as my_rule.py; got {file}. Copy it to a name that ends "
+            f"in .py and has no other point"
         )
     if (origin := _origin(name)) not in (None, path):
         raise ValueError(f"plugin {file} must have another name, because {name} is a Python module already: {origin}")

@@ -202,7 +202,7 @@ def test_an_exercise(
 ) -> None:
     """The function of its number gets the module; what the module defines is not checked."""
     monkeypatch.setitem(EXERCISES, 21, lambda module: [Outcome("answer", passed, f"{module.ANSWER}")])
-    file = write(tmp_path, "ANSWER = 42\n", "my_answer.py")
+    file = write(tmp_path, "ANSWER = 42\n", "my_21-answer (2).py")
     assert main(["check", file, "--exercise", "21"]) == (not passed)
     lines = capsys.readouterr().out.splitlines()
     assert lines == (

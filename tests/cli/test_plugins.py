@@ -115,6 +115,13 @@ def test_every_command_has_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert capsys.readouterr().out.startswith("second\ndmis ")
 
 
+@pytest.mark.parametrize("name", ["my_1 (2).py", "my_-rules.py", "my_07_mirror.py"])
+def test_a_name_need_not_be_one_of_python(tmp_path: Path, name: str) -> None:
+    """As those of hand-ins; the class's module has that name, too."""
+    assert main(["info", "--plugin", write(tmp_path, name=name)]) == 0
+    assert RULES["third"].__module__ == name[:-3]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
@@ -124,7 +131,7 @@ def test_every_command_has_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             "",
             r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt\. Copy .*",
         ),
-        ("my-rules.py", "", r"a plugin must be .* with a name such as my_rule\.py; got .*my-rules\.py\. Copy .*"),
+        ("my.rules.py", "", r"a plugin must be .* with a name such as my_rule\.py; got .*my\.rules\.py\. Copy .*"),
         ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: /.*"),
         ("sys.py", "", r"plugin .*sys\.py must have another name, because sys is a Python module already: built-in"),
         ("my_rules.py", "a = 1\nb = = 2\n", r"plugin .*my_rules\.py, line 2, is not Python: invalid syntax"),
