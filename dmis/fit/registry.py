@@ -9,6 +9,7 @@ from functools import partial
 from inspect import Parameter, signature
 from typing import Any
 
+from dmis.base.plugins import loaded_plugins
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.fixed import Fixed
@@ -137,10 +138,13 @@ def make_rule(text: Rule | str | Any) -> Rule:
         return complete_rule(text)
     name, _, rest = text.strip().partition(":")
     if name not in RULES:
+        how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
+        if loaded_plugins() and RULES.keys() == _SHIPPED:
+            files = " and ".join(path.name for path in loaded_plugins())
+            how = f"{files} registered no rule: end it with dmis.register_rule({name!r}, ...), and the rule's class"
         raise ValueError(
             f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}"
-            f"{did_you_mean(name, RULES) or '.'} dmis.register_rule adds one; on the command line, name the file that "
-            "calls it with --plugin"
+            f"{did_you_mean(name, RULES) or '.'} {how}"
         )
     convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
     types, words = _option_types(name, convert), _option_words(name)

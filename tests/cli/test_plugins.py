@@ -115,6 +115,18 @@ def test_every_command_has_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert capsys.readouterr().out.startswith("second\ndmis ")
 
 
+def test_a_plugin_without_a_rule_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It may define one and forget `register_rule`; a plugin with a rule is not blamed for a misspelt name."""
+    silent = write(tmp_path, PLUGIN.replace("dmis.register_rule", "print"))
+    options = ("render", "teapot-area-light", "--rule", "thrid", "-o", str(tmp_path / "a.exr"), *SMALL)
+    assert main([*options, silent]) == 2
+    advice = "my_rules.py registered no rule: end it with dmis.register_rule('thrid', ...), and the rule's class"
+    assert advice in capsys.readouterr().err
+    assert main([*options, write(tmp_path, name="my_other.py")]) == 2
+    error = capsys.readouterr().err
+    assert "registered no rule" not in error and "dmis.register_rule adds one" in error
+
+
 @pytest.mark.parametrize("name", ["my_1 (2).py", "my_-rules.py", "my_07_mirror.py"])
 def test_a_name_need_not_be_one_of_python(tmp_path: Path, name: str) -> None:
     """As those of hand-ins; the class's module has that name, too."""
