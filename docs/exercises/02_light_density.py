@@ -1,6 +1,6 @@
 """Exercise 2 (medium): the density of a point on a light, per solid angle.
 
-A point on a light of area A is picked evenly, so its density is 1 / A per area. The
+A point on a light of area A is picked uniformly, so its density is 1 / A per area. The
 estimator needs it per solid angle: multiply by r^2 / cos. Here r is the distance
 from p to x, and cos is that of the angle between the light's normal and the
 direction from x to p.

@@ -21,7 +21,7 @@ def light_slots(w, slots, offset):
     slots
         S, number of samples of a pixel.
     offset
-        An even random number in [0, 1) for each pixel, ``(N,)``.
+        A uniform random number in [0, 1) for each pixel, ``(N,)``.
     """
     lots = np.random.default_rng(1).random((slots, len(w)))
     return lots < w  # lots: right on average, but their number varies

@@ -39,8 +39,8 @@ RESOLUTION = (80, 80) if QUICK else (320, 320)
 #    I = \int_{\mathrm{cone}} \cos t \,\mathrm{d}\omega
 #      = 2 \pi \int_{\cos T}^{1} u \,\mathrm{d}u = \pi \sin^2 T
 #
-# with :math:`u = \cos t`. If directions are picked evenly over the hemisphere, u is an
-# even random number between 0 and 1. Their density is :math:`1 / 2 \pi` per solid
+# with :math:`u = \cos t`. If directions are uniform over the hemisphere, u is a uniform
+# random number between 0 and 1. Their density is :math:`1 / 2 \pi` per solid
 # angle. The Monte Carlo estimate from n directions is the mean of integrand over
 # density:
 #
@@ -122,7 +122,7 @@ for n in (2, 16, 1024):
 # The same in an image
 # --------------------
 # The scene ``teapot-area-light`` is a pot under a round lamp. The rule ``uniform`` is
-# the method from above: even random directions at each point. Each pixel is an estimate
+# the method from above: uniform directions at each point. Each pixel is an estimate
 # of its own, and neighbours differ: that is the noise.
 #
 # The formulas of this tutorial are for independent samples. So we name the sampler: the
