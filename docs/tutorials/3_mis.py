@@ -112,15 +112,17 @@ for rule in rules:
     print(f"{rule:27} error over that of balance {value:6.2f} ± {width:.2f}")
 
 # %%
-# Either technique alone loses by far. The heuristics differ little (``pbrt`` is the
-# power heuristic). That is a theorem of Veach's: for the same samples no choice of
-# non-negative weights can be much better than balance. Its variance is lower by at most
+# Either technique alone loses by far. The power heuristic (``pbrt``) and ``cutoff``
+# differ little from balance; ``maximum`` is worse. A theorem of Veach's bounds one side
+# of this: for the same samples, no *non-negative* weights have a variance that is lower
+# than that of balance by more than
 #
 # .. math::
 #
 #    \left( \frac{1}{\min(n_l, n_b)} - \frac{1}{N} \right) I^2
 #
-# (Weights below 0 may gain more: the combiner ``optimal`` has such.)
+# It does not bound how much worse other weights are. (Weights below 0 may gain more:
+# the combiner ``optimal`` has such.)
 #
 # ``one-sample`` draws lots for the technique of each sample. It shows that *fixed*
 # numbers of samples are worth something by themselves.
@@ -162,11 +164,11 @@ axis.set_ylabel("error / error at w = 1/2")
 axis.legend()
 
 # %%
-# w = 1/2 is nowhere bad, but at two of these places far from the best. On the smooth
-# plate nearly all samples should be BRDF samples, on the third plate nearly all light
-# samples. The right share leaves a part of the error. It is different in each part of
-# the image, and nobody can tell it beforehand. But a few samples, spent in advance,
-# could find it out. This is the idea of the thesis.
+# w = 1/2 never fails, but at two of these places a better share leaves a fifth of its
+# error. On the smooth plate nearly all samples should be BRDF samples, on the third
+# plate nearly all light samples. The right share is different in each part of the
+# image, and nobody can tell it beforehand. But a few samples, spent in advance, could
+# find it out. This is the idea of the thesis.
 #
 # Exercises
 # ---------
