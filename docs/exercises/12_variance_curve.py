@@ -1,10 +1,9 @@
 """Exercise 12 (hard): the variance as a function of the share.
 
-Equation (10) of the theory page: with fixed numbers of samples, w of them light
-samples, and the balance heuristic, the variance of one sample is
-
-    V(w) = M_2 - w m_l^2 - (1 - w) m_b^2,    M_2 = integral of f^2 / p_w,
-    m_l = integral of p_l f / p_w,           m_b = integral of p_b f / p_w.
+Fixed numbers of samples, a part w of them light samples, are combined by the balance
+heuristic. Derive N times the variance of their mean: each technique has a mean of its
+own, m_l and m_b, and its samples vary about that. The starter has the variance for
+techniques that are drawn by lot.
 
 Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 12``.
 """

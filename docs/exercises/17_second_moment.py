@@ -1,8 +1,7 @@
 """Exercise 17 (medium): the second moment at every share, from one pilot.
 
-Equations (15) and (16) of the theory page. The pilot has w = 1/2, so its samples
-come from q = (p_l + p_b) / 2. At another share w a sample counts X / m instead of X,
-with m = p_w / q = 1 + (2 w - 1) d.
+The pilot has w = 1/2, so its samples come from q = (p_l + p_b) / 2. What would they
+count at another share w, and how often would they be drawn? Express p_w / q by w and d.
 
 Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 17``.
 """
@@ -18,6 +17,6 @@ def second_moment(x, d, w):
     x, d
         X = f / q and d = (p_l - p_b) / (p_l + p_b) of the pilot's samples, ``(n,)``.
     w
-        Shares from 0 to 1, ``(G,)``. Where m is 0 and X is 0, a sample counts 0.
+        Shares from 0 to 1, ``(G,)``. Where p_w is 0 and X is 0, a sample counts 0.
     """
     return np.full(len(w), (x**2).mean())  # right for w = 1/2 only

@@ -1,9 +1,9 @@
 """Exercise 18 (hard): an unbiased curve of variances.
 
-With fixed numbers of samples the two techniques are two groups. The variance of a
-sample at the share w is w V_l + (1 - w) V_b, where V_l and V_b are the variances of
-f / p_w within the light samples and within the BRDF samples. Estimate it for every w
-from the n light and the n BRDF samples of one pilot at w = 1/2, without bias.
+With fixed numbers of samples the two techniques are two groups: exercise 12 has the
+variance of a sample at the share w. Estimate it for every w from the n light and the n
+BRDF samples of one pilot at w = 1/2, without bias. What do the samples of a group say
+about f / p_w within their own technique?
 
 Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 18``.
 """
@@ -12,7 +12,7 @@ import numpy as np
 
 
 def variance_curve(x_l, d_l, x_b, d_b, w):
-    """Return an unbiased estimate of w V_l + (1 - w) V_b at each share, ``(G,)``.
+    """Return an unbiased estimate of the variance of a sample at each share, ``(G,)``.
 
     Parameters
     ----------

@@ -229,8 +229,8 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 # 19. *Easy.* Divide a budget over pixels by variance and cost
 #     (``19_sample_counts.py``).
 # 20. *Medium.* Give velvet a density that fits it better (``20_velvet.py``).
-# 21. *Hard.* Write a rule that has at most 0.85 of the error of ``balance`` on the
-#     teapot, with its whole interval (``21_rule.py``).
+# 21. *Hard.* Write a rule that has at most 0.85 of the error of ``balance`` on two
+#     scenes, one for each technique, with its whole interval (``21_rule.py``).
 #
 # To think about: let `Quieter` learn from standard deviations in place of variances
 # (Neyman's allocation). When is that right?
