@@ -198,10 +198,10 @@ def test_no_winner_against_itself(name: str, size: tuple[int, int], tmp_path: Pa
     A two-sided 95 % interval lies below 1 in 2.5 % (4 % with the heaviest tails), and more than 8 of 80 at 4 % happen
     once in 170 tests. With seconds taken as exact it was 1 in 5 on the diffuse killeroo.
     """
-    report = pytest.importorskip("dmis.experiment.report.page", reason="needs matplotlib")
+    tables = pytest.importorskip("dmis.experiment.report.tables", reason="needs matplotlib")
     scene = dmis.load_scene(name, resolution=size)
     reference = dmis.make_reference(scene, 1024, folder=tmp_path)
-    assert sum(report._best(repeated(scene, reference, k)) is not None for k in range(80)) <= 8
+    assert sum(tables.best_gain(repeated(scene, reference, k)) is not None for k in range(80)) <= 8
 
 
 @pytest.mark.slow
@@ -209,13 +209,13 @@ def test_planted_winner_is_named(tmp_path: Path) -> None:
     """In 40 comparisons with 0.7 times the error times seconds it is named at least 30 times, where an interval is at
     most ± 15 % wide in the median.
     """
-    report = pytest.importorskip("dmis.experiment.report.page", reason="needs matplotlib")
+    tables = pytest.importorskip("dmis.experiment.report.tables", reason="needs matplotlib")
     scene = dmis.load_scene("killeroo-diffuse", resolution=(48, 40))
     reference = dmis.make_reference(scene, 1024, folder=tmp_path)
     found = [repeated(scene, reference, k, 0.7) for k in range(100, 140)]
     halves = [np.log(g.error_time.high / g.error_time.low) / 2 for _, g in found]
     assert np.median(halves) <= 0.15
-    assert sum(report._best(of) is not None for of in found) >= 30
+    assert sum(tables.best_gain(of) is not None for of in found) >= 30
 
 
 def test_lines_are_in_the_order_of_samples(runs):
