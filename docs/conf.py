@@ -94,7 +94,7 @@ CONTENTS = {
         "plan",
         "conventions",
     ],
-    "Use": ["cli", "scenes", "pbrt", "report", "reading-reports", "cluster"],
+    "Use": ["cli", "scenes", "pbrt", "report", "reading-reports", "extending", "cluster"],
     "Measured": [
         "measurements",
         "generated/figures/index",

@@ -1,4 +1,4 @@
-"""The base class of rules: defaults, plain classes, names, errors; and the rule that CONTRIBUTING.md shows."""
+"""The base class of rules: defaults, plain classes, names, errors; and the rule that docs/extending.md shows."""
 
 import re
 from collections.abc import Iterator
@@ -261,17 +261,17 @@ def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
     assert known == RULES
 
 
-# CONTRIBUTING.md ----------------------------------------------------------------------------------------------------
+# docs/extending.md ----------------------------------------------------------------------------------------------------
 
 
 def test_rule_of_the_page_for_contributors(box: dmis.Scene, tmp_path: Path) -> None:
     """The code block has at most 10 lines, is that of the quick start, and works by name in all commands."""
-    page = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
-    (code,) = re.search(r"\*\*A rule\.\*\*.*?```python\n(.*?)```", page, re.S).groups()
+    page = (ROOT / "docs" / "extending.md").read_text("utf-8")
+    (code,) = re.search(r"## A rule\n.*?```python\n(.*?)```", page, re.S).groups()
     lines = [line for line in code.split("\n") if line.strip() and not line.strip().startswith("#")]
     assert len(lines) <= 10
     assert code in (ROOT / "docs" / "quickstart.md").read_text("utf-8")
-    exec(compile(code, "CONTRIBUTING.md", "exec"), {"__name__": "mine"})
+    exec(compile(code, "extending.md", "exec"), {"__name__": "mine"})
 
     weight = dmis.render(box, "quieter:least=0.2", 16, seed=1).weight
     assert weight.min() >= np.float32(0.2) and weight.max() <= np.float32(0.8) and weight.std() > 0.01

@@ -1,4 +1,4 @@
-"""What CONTRIBUTING.md shows of lobes and lights works as it stands, outside the package."""
+"""What docs/extending.md shows of lobes and lights works as it stands, outside the package."""
 
 import re
 from pathlib import Path
@@ -13,18 +13,18 @@ from dmis.formats.load_scene import light_part
 from dmis.testing.scenes import box_scene
 from dmis.testing.statistics import z_score
 
-TEXT = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text("utf-8")
+TEXT = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8")
 
 
 @pytest.fixture(scope="module")
 def page() -> dict[str, Any]:
     """Names that the blocks of the page define, each of which runs without the others."""
     names: dict[str, Any] = {}
-    blocks = re.findall(r"^\*\*(?:A lobe\.|A delta lobe|A light\.)\*\*.*?```python\n(.*?)```", TEXT, re.M | re.S)
+    blocks = re.findall(r"^## (?:A lobe|A delta lobe|A light)\n.*?```python\n(.*?)```", TEXT, re.M | re.S)
     assert len(blocks) == 3
     for code in blocks:
         namespace: dict[str, Any] = {"__name__": "page"}
-        exec(compile(code, "CONTRIBUTING.md", "exec", dont_inherit=True), namespace)
+        exec(compile(code, "extending.md", "exec", dont_inherit=True), namespace)
         names |= namespace
     return names
 

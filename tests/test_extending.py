@@ -1,4 +1,4 @@
-"""What CONTRIBUTING.md says about additions is followed to the letter, from outside of the package."""
+"""What docs/extending.md says about additions is followed to the letter, from outside of the package."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
 from dmis.samplers.streams import SAMPLERS, Independent
 
-PAGE = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text("utf-8")
+PAGE = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8")
 
 
 def block(heading: str) -> str:
-    """Return the Python block below ``**heading.**``."""
-    found = re.search(rf"^\*\*{heading}\.\*\*.*?```python\n(.*?)```", PAGE, re.M | re.S)
+    """Return the first Python block below ``## heading``."""
+    found = re.search(rf"^## {heading}\n.*?```python\n(.*?)```", PAGE, re.M | re.S)
     assert found
     return found[1]
 
