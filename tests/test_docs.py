@@ -118,6 +118,22 @@ def test_tutorial_is_a_lesson(tutorial):
     assert max(len(line) for line in tutorial.read_text("utf-8").split("\n")) <= 88
 
 
+def count_words(page: Path) -> int:
+    """Words of a page's prose: a formula is one; code, tables and captions of figures that scripts make are none."""
+    text = page.read_text("utf-8")
+    for kind in (r"```.*?```", r"<!-- (plot_\w+): begin -->.*?<!-- \1: end -->", r"<!--.*?-->"):
+        text = re.sub(kind, "", text, flags=re.S)
+    text = re.sub(r"\$\$.*?\$\$|\$[^$]*\$", "x", text, flags=re.S)
+    lines = re.sub(r"\]\([^)]*\)", "]", text).split("\n")
+    return len(" ".join(line for line in lines if not line.startswith(("|", "    "))).split())
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name != "references.md"], ids=lambda page: page.name)
+def test_page_is_short(page):
+    """At most 1,200 words of prose; the list of references is looked up, not read."""
+    assert count_words(page) <= 1200
+
+
 def test_syllabus_links_to_every_exercise():
     """Each starter and each solution, once."""
     text = (ROOT / "docs" / "syllabus.md").read_text("utf-8")
