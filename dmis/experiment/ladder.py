@@ -9,8 +9,9 @@ time is
 
 Each *rung* is the least of that over some of w, n and S, without a pilot, over its value for the balance heuristic with
 one light and one BRDF sample. The choice is made on one half of an oracle's samples and evaluated on the other, both
-ways round: noise can raise a rung, not lower it. Evaluated on the samples that it was made on, a choice looks better
-than it is; the difference says whether the samples are enough.
+ways round: noise raises the expected value of a rung, it does not lower it. The value itself has a standard error, by
+its patches; that of B6 and B7, which rest on the small estimate P alone, is large. Evaluated on the samples that it was
+made on, a choice looks better than it is; the difference says whether the samples are enough.
 
 Camera samples are independent up to the last rung, which assumes that they are spread evenly, see `Evenness`. What
 control variates (B4) and product sampling without visibility (B5) could bring is left out.
@@ -56,7 +57,11 @@ SHADING_SAMPLES = (1, 2, 4, 8, 16)
 """Numbers S of shading samples that the image may have on rung B2''."""
 MIN_COUNTS = 0.01, 0.03, 0.1
 """Least numbers of camera samples of a patch, over the mean, so that a patch without signal in one half gets some; each
-rung has the best of these.
+rung has the best of these, by `SAFE_ERRORS`.
+"""
+SAFE_ERRORS = 4.0
+"""Standard errors that are added to a rung before the best of `MIN_COUNTS` is picked: the least value is often the one
+with the most luck. Without noise the rungs of these numbers differ by a factor of 1.1^(3/2) at most.
 """
 S_LIMITS = 1 / 4, 16.0
 """Least and largest S of a patch on rung B3, against division by an estimate of P or A that is 0."""
@@ -68,6 +73,10 @@ EVEN_SPP, EVEN_RATIO, EVEN_SEEDS = 128, 4, 8
 """Camera samples per pixel at which `Evenness` is measured, what these are divided by for its slope, and renders of
 each.
 """
+
+
+INTERVAL = 1.96
+"""Half the width of a 95 % confidence interval, in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +106,10 @@ class Ladder:
     ----------
     rungs
         Values by name (`RUNGS`), chosen on one half of the samples and evaluated on the other.
+    standard_errors
+        Standard errors of the rungs by name.
     flattered
-        The same, chosen and evaluated on the same samples, where a P below 0 counts as 0.
+        The rungs, chosen and evaluated on the same samples, where a P below 0 counts as 0.
     position
         Share of the variance at w = 1/2 that does not depend on the shading samples, ``P / V``.
     evenness
@@ -106,9 +117,35 @@ class Ladder:
     """
 
     rungs: Mapping[str, float]
+    standard_errors: Mapping[str, float]
     flattered: Mapping[str, float]
     position: float
     evenness: Evenness | None = None
+
+    @property
+    def unclear(self) -> list[str]:
+        """Names of the rungs that cannot be told from 0: their 95 % confidence interval reaches it."""
+        return [name for name, value in self.rungs.items() if not value > self._interval(name)]
+
+    def _interval(self, name: str) -> float:
+        """Return half the width of the 95 % confidence interval of a rung."""
+        return INTERVAL * self.standard_errors[name]
+
+    def rung_text(self, name: str) -> str:
+        """Return a rung with its 95 % confidence interval as text, or "< limit" if it is one of `unclear`."""
+        value, interval = self.rungs[name], self._interval(name)
+        if name in self.unclear:
+            return f"< {max(value, 0) + interval:.2g}"
+        return f"{value:.3g} ± {interval:.2g}" if interval > 1e-9 else f"{value:.3g}"
+
+    def note(self) -> str:
+        """Return a sentence about the `unclear` rungs; empty if there are none."""
+        if not self.unclear:
+            return ""
+        return (
+            f"{' and '.join(self.unclear)} cannot be told from 0 with this oracle's samples per pixel: the table has "
+            f"the upper end of the 95 % interval. Give the oracle more of them (oracle --spp, compare --oracle-spp)."
+        )
 
     def reached(self, ratio: float) -> str:
         """Return the rung that an error in equal time has reached, the lowest that it does not exceed.
@@ -126,7 +163,7 @@ class Ladder:
         return min(above, key=lambda name: above[name], default="")
 
     def text(self) -> str:
-        """Return the position's share, the evenness and a table of the rungs, in Markdown."""
+        """Return the position's share, the evenness and a table of the rungs with 95 % intervals, in Markdown."""
         lines = [f"Of the variance at w = 1/2, {self.position:.0%} does not depend on the shading samples."]
         if even := self.evenness:
             lines.append(
@@ -136,9 +173,10 @@ class Ladder:
         lines += ["", "| rung | what may be chosen | error in equal time | chosen and evaluated on the same samples |"]
         lines.append("|---|---|---|---|")
         lines += [
-            f"| {name} | {RUNGS[name]} | {value:.3g} | {self.flattered[name]:.3g} |"
-            for name, value in self.rungs.items()
+            f"| {name} | {RUNGS[name]} | {self.rung_text(name)} | {self.flattered[name]:.3g} |" for name in self.rungs
         ]
+        if note := self.note():
+            lines += ["", note]
         return "\n".join(lines)
 
 
@@ -170,18 +208,38 @@ def make_ladder(oracle: Oracle, evenness: Evenness | None = None) -> Ladder | No
         [_rungs(oracle, *halves, evenness, least) for halves in ((first, second), (second, first))]
         for least in MIN_COUNTS
     ]
-    rungs = {name: min(a[name] + b[name] for a, b in crossed) / 2 / base for name in crossed[0][0]}
+    rungs, errors = {}, {}
+    for name in crossed[0][0]:
+        estimates = [_rung(oracle, name, a, b, base) for a, b in crossed]
+        rungs[name], errors[name] = min(estimates, key=lambda estimate: estimate[0] + SAFE_ERRORS * estimate[1])
     known = [replace(half, position=np.maximum(half.position, 0)) for half in oracle.halves]
     same = [_rungs(oracle, half, half, evenness, MIN_COUNTS[0]) for half in known]
-    flattered = {name: sum(of_half[name] / of_half["B0"] for of_half in same) / 2 for name in rungs}
+    flattered = {
+        name: sum(oracle.mean(of_half[name]) / oracle.mean(of_half["B0"]) for of_half in same) / 2 for name in rungs
+    }
     position = float(np.mean([oracle.mean(half.position) for half in oracle.halves]) / np.mean(variance))
-    return Ladder(rungs, flattered, position, evenness)
+    return Ladder(rungs, errors, flattered, position, evenness)
+
+
+def _rung(
+    oracle: Oracle, name: str, first: Mapping[str, Array], second: Mapping[str, Array], base: float
+) -> tuple[float, float]:
+    """Return a rung and its standard error, by the errors times cost per patch of both ways round."""
+    rung = oracle.mean(first[name] + second[name]) / 2 / base
+    # of the ratio of two means over patches, whose noise is independent; half the difference of two values is the error
+    # of their mean
+    differences = [(first[key] - second[key]) / 2 for key in (name, "B0")]
+    noise = differences[0] - rung * differences[1]
+    return rung, float(np.sqrt(np.square(oracle.pixel_share * noise).sum())) / base
 
 
 def _rungs(
     oracle: Oracle, chosen_on: PatchCurves, evaluated_on: PatchCurves, evenness: Evenness | None, least: float
-) -> dict[str, float]:
-    """Return error times cost of all rungs, chosen on one half of an oracle's samples and evaluated on another."""
+) -> dict[str, Array]:
+    """Return error times cost of all rungs, per patch, chosen on one half of an oracle's samples, evaluated on another.
+
+    A rung is their mean over the image.
+    """
     rungs = {}
     for name, choice in _choices(oracle, chosen_on).items():
         counts = np.ones(choice.best.shape)
@@ -190,7 +248,7 @@ def _rungs(
             ratio = np.maximum(_variance(oracle, chosen_on, choice), 0) / _cost(oracle, choice)
             counts = _at_least(oracle, np.sqrt(ratio), least)
         # mean(V / n) mean(n C)
-        error = oracle.mean(_variance(oracle, evaluated_on, choice) / counts)
+        error = _variance(oracle, evaluated_on, choice) / counts
         rungs[name] = error * oracle.mean(counts * _cost(oracle, choice))
     levels = {"B6": (1.0, 1.0)} | ({"B7": (evenness.ratio, min(evenness.exponent, EDGE_EXPONENT))} if evenness else {})
     for name, (ratio_of_errors, a) in levels.items():
@@ -198,9 +256,9 @@ def _rungs(
         counts = _at_least(oracle, np.maximum(chosen_on.position, 0) ** (1 / (1 + a)), least)
         # for the cost of N samples of the balance heuristic mean(n) is N C(1/2) / c0, and the error of a patch is
         # e(n) P / n = e(N) (n / N)^(1 - a) P / n
-        position = oracle.mean(evaluated_on.position / (counts / oracle.mean(counts)) ** a)
+        position = evaluated_on.position / (counts / oracle.mean(counts)) ** a
         share = (oracle.base_cost / oracle.cost[HALF]) ** a
-        rungs[name] = float(ratio_of_errors * share * position * oracle.cost[HALF])
+        rungs[name] = ratio_of_errors * share * position * oracle.cost[HALF]
     return rungs
 
 

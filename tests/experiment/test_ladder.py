@@ -161,10 +161,38 @@ def test_even_points() -> None:
     assert ladder_of(oracle, even).rungs["B7"] == pytest.approx(least / baseline, rel=1e-4)
 
 
+def test_standard_errors() -> None:
+    """Estimates of 300 pairs of halves scatter as their standard errors say; the mean is not below the true rung."""
+    rng = np.random.default_rng(8)
+    position = rng.uniform(0.02, 0.3, (8, 8))
+    shading = np.full((len(GRID), 8, 8), 2.0)
+
+    def noisy() -> PatchCurves:
+        return planted(position + 0.1 * rng.standard_normal((8, 8)), shading)
+
+    def rung(first: PatchCurves, second: PatchCurves) -> tuple[float, float]:
+        ladder = ladder_of(oracle_of(first, second))
+        return ladder.rungs["B6"], ladder.standard_errors["B6"]
+
+    exact, _ = rung(planted(position, shading), planted(position, shading))
+    values, errors = np.array([rung(noisy(), noisy()) for _ in range(300)]).T
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=0.25)
+    assert values.mean() > exact - 3 * values.std() / np.sqrt(300)
+
+
+def test_a_rung_that_is_noise_is_shown_as_a_limit() -> None:
+    """A rung whose interval reaches 0 is not printed as a number, and a note says what helps."""
+    rungs, errors = {"B0": 1.0, "B3": 0.5, "B6": 0.02, "B7": -0.01}, {"B0": 0.0, "B3": 0.1, "B6": 0.02, "B7": 0.03}
+    ladder = Ladder(rungs, errors, rungs, 0.1)
+    assert [ladder.rung_text(name) for name in rungs] == ["1", "0.5 ± 0.2", "< 0.059", "< 0.059"]
+    assert ladder.unclear == ["B6", "B7"] and "B6 and B7 cannot be told from 0" in ladder.text()
+    assert "told from 0" not in Ladder({"B0": 1.0}, {"B0": 0.0}, rungs, 0.1).text()
+
+
 def test_rung_of_a_rule() -> None:
     """A rule is on the lowest rung that it does not exceed; rungs need not be in order of their values."""
     rungs = {"B0": 1.0, "B1": 0.66, "B2": 0.75, "B2'": 0.5}
-    ladder = Ladder(rungs, rungs, 0.1, Evenness(128, 0.1, 1.5))
+    ladder = Ladder(rungs, dict.fromkeys(rungs, 0.0), rungs, 0.1, Evenness(128, 0.1, 1.5))
     reached = {ratio: ladder.reached(ratio) for ratio in (1.2, 1.0, 0.7, 0.66, 0.3)}
     assert reached == {1.2: "", 1.0: "B0", 0.7: "B2", 0.66: "B1", 0.3: "B2'"}
     assert ladder.reached(float("nan")) == ""

@@ -112,8 +112,9 @@ def ladder_bars(axis: Axes, ladder: Ladder, errors: Mapping[str, float] | None =
     """Draw the rungs of a ladder as bars on a log scale, and the `errors` of rules, by name, as vertical lines."""
     names, values = list(ladder.rungs), np.maximum(list(ladder.rungs.values()), MIN_RUNG)
     axis.barh(names, 1 - values, left=values, color="#2b8cd6", alpha=0.35, height=0.7)
-    for row, value in enumerate(ladder.rungs.values()):
-        axis.text(values[row] / 1.05, row, f"{value:.2g}", va="center", ha="right", color=ink, fontsize=8)
+    for row, (name, value) in enumerate(ladder.rungs.items()):
+        text = ladder.rung_text(name) if name in ladder.unclear else f"{value:.2g}"
+        axis.text(values[row] / 1.05, row, text, va="center", ha="right", color=ink, fontsize=8)
     for k, (rule, error) in enumerate((errors or {}).items()):
         if error > 0:
             colour, mark = line_style(k)

@@ -132,15 +132,15 @@ def ladder_elements(c: Comparison, rows: Sequence[Gain]) -> list[str]:
         [
             name,
             escaped(RUNGS[name]),
-            f"{value:.3g}",
+            escaped(c.ladder.rung_text(name)),
             escaped(", ".join(r for r, rung in reached.items() if rung == name)),
         ]
-        for name, value in c.ladder.rungs.items()
+        for name in c.ladder.rungs
     ]
     return [
         "<h3>Ladder of bounds</h3>",
         f'<div class="plots">{ladder_svg(c.ladder, errors, c.scene)}</div>',
-        f'{html_table(head, lines, "ladder")}<p class="note">{LADDER_NOTE}</p>',
+        f'{html_table(head, lines, "ladder")}<p class="note">{LADDER_NOTE} {c.ladder.note()}</p>',
     ]
 
 
