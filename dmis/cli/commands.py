@@ -138,7 +138,7 @@ def _compare(options: argparse.Namespace) -> int:
         print(_description(scene), flush=True)
     with _progress(options.quiet) as progress:
         if options.reference is not None:
-            reference = load_reference(options.reference)
+            reference = load_reference(options.reference, scene, make_settings(**expected))
         else:
             reference = make_reference(
                 scene, options.reference_spp, parallel=options.threads, progress=progress, **expected

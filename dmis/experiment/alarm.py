@@ -19,9 +19,10 @@ ALARM_LIMIT = 6.0
 NOISE_LIMIT = 0.05
 """Largest mean squared error of a reference, over the smallest error that is measured against it."""
 CAUSES = (
-    "Possible causes: a stale reference, made before a lobe, light, camera or reader changed (delete its file, and "
-    "raise dmis.pipeline.fingerprint.MEANING if shipped code changed); a biased combiner (optimal), or "
-    "a biased rule or technique of your own; too few samples, so that rare bright ones are missing (raise spp)."
+    "Possible causes: a reference of another scene; a stale one, made before a lobe, light, camera or reader changed "
+    "(delete its file, and raise dmis.pipeline.fingerprint.MEANING if shipped code changed); a biased combiner "
+    "(optimal), or a biased rule or technique of your own; too few samples, so that rare bright ones are missing "
+    "(raise spp)."
 )
 
 
@@ -81,7 +82,7 @@ def raises_alarm(run: Measured) -> bool:
 
 
 def message(run: Measured) -> str:
-    """Return a text with the difference of the means and its three possible causes."""
+    """Return a text with the difference of the means and its possible causes."""
     side = "above" if run.mean_z > 0 else "below"
     return (
         f"the mean of the image is {abs(run.mean_z):.1f} standard errors {side} that of its reference (rule "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings, make_settings
+from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
 from dmis.experiment.ladder import Ladder, cached_ladder
@@ -24,6 +25,7 @@ from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
 from dmis.image import read_exr
+from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
@@ -57,16 +59,23 @@ def parse_rules(text: str) -> list[str]:
     return list(dict.fromkeys(rules))
 
 
-def load_reference(path: Path) -> Reference:
+def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
     """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
+
+    Parameters
+    ----------
+    scene, settings
+        Of the images that are measured against it. An image of dmis, which names its scene, integrator and depth, must
+        agree. None: not checked.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it holds no image of three finite channels.
+        If it holds no image of three finite channels, or is an image of something else.
     """
+    attributes: Mapping[str, str] = {}
     if path.suffix == ".npy":
         if not path.is_file():
             raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
@@ -76,14 +85,40 @@ def load_reference(path: Path) -> Reference:
             raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
         layers = {"RGB": image}
     else:
-        layers, _ = read_exr(path)
+        layers, attributes = read_exr(path)
     first = layers.get("first", layers.get("RGB"))
     second = layers.get("second", first)
     if first is None or second is None or any(half.ndim != 3 or half.shape[2] != 3 for half in (first, second)):
         raise ValueError(f"reference {path} must hold an image of three channels, or two halves first and second")
     if not all(np.issubdtype(half.dtype, np.floating) and np.isfinite(half).all() for half in (first, second)):
         raise ValueError(f"reference {path} must hold finite numbers, because errors are measured against them")
+    if scene is not None and first.shape[1::-1] == scene.camera.resolution:
+        _check_provenance(path, attributes.get("dmis.provenance", ""), scene, settings or Settings())
     return Reference(np.array(first), np.array(second), 0)
+
+
+def _check_provenance(path: Path, provenance: str, scene: Scene, settings: Settings) -> None:
+    """Raise a ValueError if an image's provenance, which may be empty, names another scene, integrator or depth."""
+    try:
+        image = json.loads(provenance)
+        name, scene_hash = image["scene"], image["scene_hash"]
+        rendered = {key: image["settings"][key] for key in ("integrator", "max_depth")}
+    except (ValueError, KeyError, TypeError):
+        return  # of another program
+    fix = "Give another file, or leave --reference out: the reference is rendered then"
+    if scene_hash is not None and scene_hash != (compared := fingerprint(scene)):
+        other = f"scene {name!r}" if name != scene.name else "other content of that name, such as an older file"
+        raise ValueError(
+            f"reference {path} must be an image of scene {scene.name!r} ({compared}), because errors are measured "
+            f"against it; got {other} ({scene_hash}). {fix}"
+        )
+    resolved = resolve_auto(settings, scene)
+    expected = {"integrator": resolved.integrator, "max_depth": resolved.max_depth}
+    if rendered != expected:
+        needed, got = (f"integrator {of['integrator']} and max_depth {of['max_depth']}" for of in (expected, rendered))
+        raise ValueError(
+            f"reference {path} must be rendered with {needed}, like the images that are compared; got {got}. {fix}"
+        )
 
 
 def check_output(folder: str | os.PathLike[str]) -> None:

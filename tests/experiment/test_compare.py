@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -132,6 +133,28 @@ def test_given_reference(tmp_path, kind):
         row = next(row for row in csv.DictReader(file) if row["rule"] == "balance")
     expected = dmis.mse(dmis.render(scene, "balance", 4, seed=0).image, image)
     assert float(row["mse"]) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    "scene, options, message",
+    [
+        ("teapot-area-light", [], None),
+        ("cornell", [], r"must be an image of scene 'teapot-area-light' \(\w{16}\).*; got scene 'cornell' \(\w{16}\)"),
+        (
+            "teapot-area-light",
+            ["--integrator", "path", "--max-depth", "3"],
+            "must be rendered with integrator direct and max_depth 5, .*; got integrator path and max_depth 3. Give",
+        ),
+    ],
+)
+def test_reference_of_another_scene(tmp_path, capsys, scene, options, message):
+    """An image of dmis says of what it is; its scene, integrator and depth must be those that are compared."""
+    path, size = str(tmp_path / "other.exr"), ["--resolution", "24x18", "--quiet"]
+    assert main(["render", scene, "--spp", "4", "-o", path, *size, *options]) == 0
+    compared = ["compare", "teapot-area-light", "--rules", "balance", "--spp", "4", "--seeds", "1", *size]
+    code = main([*compared, "--reference", path, "-o", str(tmp_path / "out")])
+    assert code == (0 if message is None else 2)
+    assert message is None or re.search(message, capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(
