@@ -38,6 +38,7 @@ from dmis.experiment.oracle import make_oracle
 from dmis.experiment.reference import make_reference
 from dmis.experiment.speed.bench import HEADER, bench
 from dmis.experiment.speed.embree_floor import embree_seconds
+from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.image import check_image, write_png
 from dmis.pipeline.executor import Processes
@@ -154,8 +155,10 @@ def _compare(options: argparse.Namespace) -> int:
         )  # fmt: skip
     missing = [(rule, n) for n in counts for rule in rules if (rule, n) not in comparison.runs]
     for rule, n in missing:
+        pilot = sum(make_rule(rule).pilot.values())
         print(
-            f"dmis: {rule} is left out at {n} samples per pixel, because its pilot needs as many: use a larger --spp",
+            f"dmis: {rule} is left out at {n} samples per pixel, because its pilot takes {pilot}: "
+            f"use --spp {pilot + 1} or more",
             file=sys.stderr,
         )
     if not options.quiet:
@@ -206,10 +209,12 @@ def _render(options: argparse.Namespace) -> int:
     if not options.quiet:
         seconds = result.seconds["total"]
         rate = _samples(result) / seconds / 1e6
-        rule = result.provenance["rule"]
+        rule, reason = result.provenance["rule"], result.provenance.get("fallback")
         taken = f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
         about = f"{rule}, {spp} spp{taken if options.as_in_file else ''}"
         print(f"{output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{_fireflies(result)}")
+        if reason:
+            print(f"  {rule} at {spp} spp: {reason}")
     if options.verbose:
         print("\n".join([f"  {_description(scene)}", *_time_and_rays(result)]))
     return 0

@@ -20,7 +20,7 @@ from dmis.experiment.convergence import gains
 from dmis.experiment.ladder import Ladder, cached_ladder
 from dmis.experiment.oracle import Oracle, cached_oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import PINNED, Budget, Run, measure
+from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
@@ -202,7 +202,7 @@ def compare(
     _check_rules_and_output(rules, settings, folder)
     results = Results(folder, conditions(scene, reference, parallel, settings), rules)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
-    budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).pilot.values()) < n]
+    budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).adapted(n, "sobol").pilot.values()) < n]
     measure(
         scene, [*pinned, *budgets], seeds, reference,
         done=tuple(results.runs), keep=_image_writer(results), record=results.append, progress=progress,
@@ -300,8 +300,9 @@ def summary(runs: Mapping[Budget, Sequence[Run]], reference: Reference | None = 
     """Return a table in Markdown with the error and time of each budget and rule, over those of both baselines.
 
     Ratios of the mean squared error have 95 % confidence intervals over the seeds; the last column is the ratio of mean
-    squared error times CPU seconds. A line follows if the mean of an image is not that of the reference, see
-    `dmis.experiment.alarm`; with `reference` also one with its standard error, and one if that is too large.
+    squared error times CPU seconds. A line follows for budgets that are too small for their rule, see `fallbacks`, and
+    if the mean of an image is not that of the reference, see `dmis.experiment.alarm`; with
+    `reference` also one with its standard error, and one if that is too large.
     """
     titles = "spp", "rule", "MSE", "MSE / balance", "seconds", "time / balance", "MSE / pinned", "MSE·CPU s / pinned"
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
@@ -319,6 +320,6 @@ def summary(runs: Mapping[Budget, Sequence[Run]], reference: Reference | None = 
     notes = [alarm.summary(run for by_seed in runs.values() for run in by_seed)]
     if reference is not None:
         notes = [reference.text(), alarm.reference_noise(reference, (g.mse for g in rows)), *notes]
-    for note in filter(None, notes):
+    for note in filter(None, [*fallbacks(runs), *notes]):
         lines += ["", note]
     return "\n".join(lines)

@@ -195,6 +195,18 @@ def median_seconds(runs: Sequence[Run]) -> float:
     return float(np.median([run.seconds for run in runs]))
 
 
+def fallbacks(budgets: Iterable[Budget]) -> list[str]:
+    """Return a line for each budget that is too small for its rule, such as ``auto``, with the rule that rendered it.
+
+    Budgets of a rule that have the same reason share a line.
+    """
+    spp: dict[tuple[str, str], list[int]] = {}
+    for rule, n in budgets:
+        if rule != PINNED and (reason := make_rule(rule).fallback(n)):
+            spp.setdefault((rule, reason), []).append(n)
+    return [f"{rule} at {', '.join(map(str, n))} spp: {reason}." for (rule, reason), n in spp.items()]
+
+
 def spp_in_time(seconds: float, runs: Sequence[Run]) -> int:
     """Return the camera samples per pixel with which the rule of `runs` would take `seconds`, rounded to the nearest.
 

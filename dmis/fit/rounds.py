@@ -130,11 +130,20 @@ class Rounds(Rule):
 
         Each replicate has two camera samples or more in the first round.
         """
-        first = self.spp or max(4 * replicates, next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST))
-        if spp < max(LEAST_SPP, 2 * first):
+        first = self._first_round(spp, replicates)
+        if self.fallback(spp, replicates):
             return Fixed(0.5, self.combiner, sampler=self.sampler, compensation=self.compensation)
         exponent = self.exponent or (1.0 if (self.sampler or sampler) == "independent" else EXPONENT)
         return replace(self, spp=first, exponent=exponent)
+
+    def _first_round(self, spp: int, replicates: int) -> int:
+        """Return twice the number of camera samples of the first round of a budget."""
+        return self.spp or max(4 * replicates, next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST))
+
+    def fallback(self, spp: int, replicates: int = 1) -> str:
+        """Return why a budget is rendered as balance, with equal numbers of samples; empty if it is not."""
+        least = max(LEAST_SPP, 2 * self._first_round(spp, replicates))
+        return f"fewer than {least} samples per pixel, rendered as balance" if spp < least else ""
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return patterns and numbers of samples from the first round."""

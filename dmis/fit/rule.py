@@ -158,6 +158,10 @@ class Rule:
         """
         return self
 
+    def fallback(self, spp: int, replicates: int = 1) -> str:
+        """Return why `adapted` gives another rule for so few camera samples, and which; empty if it does not."""
+        return ""
+
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Return the weights, from the `Pilot` at each weight of `pilot`."""
         raise NotImplementedError(f"class {type(self).__name__} needs a method fit(self, pilot) that returns a Fit")

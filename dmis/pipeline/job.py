@@ -99,6 +99,8 @@ class Job:
         Makes the statistic that the pilot gathers; None: the moments of the pixels alone.
     nothing_to_mix
         Whether the rule learns shares alone, and no light of the scene has two techniques: then there is no pilot.
+    fallback
+        Why the budget is too small for the rule of `rule_text`, and which rule renders it; empty if it is not.
     """
 
     scene: Scene
@@ -112,6 +114,7 @@ class Job:
     statistic: Callable[[int, int], Statistic] | None
     given_scene: Scene
     nothing_to_mix: bool
+    fallback: str
 
     @classmethod
     def of(cls, scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings: Settings) -> Job:
@@ -123,7 +126,9 @@ class Job:
         float32_scene, gain = _float32_scene(scene)
         rule = default_rule(spp, settings) if rule is None else rule
         text = rule_text(rule)
-        rule = make_rule(rule).adapted(spp, resolve_auto(settings, float32_scene).sampler, settings.replicates)
+        rule = make_rule(rule)
+        fallback = rule.fallback(spp, settings.replicates)
+        rule = rule.adapted(spp, resolve_auto(settings, float32_scene).sampler, settings.replicates)
         settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
         if settings.reuse_pilot is None:
             settings = replace(settings, reuse_pilot=settings.sampler == "independent")
@@ -145,7 +150,9 @@ class Job:
         learning = pilot_settings(settings, rule.pilot, statistic is not None, text)
         if rule.continues:
             learning = replace(learning, sampler=settings.sampler)
-        job = cls(float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix)
+        job = cls(
+            float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix, fallback
+        )
         _check_replicates(job)
         return job
 
@@ -187,6 +194,7 @@ class Job:
             "seed": self.seed,
             "settings": asdict(self.settings),
             **({"nothing_to_mix": NOTHING_TO_MIX} if self.nothing_to_mix else {}),
+            **({"fallback": self.fallback} if self.fallback else {}),
         }
 
     def without_tables(self) -> Job:

@@ -197,7 +197,9 @@ def test_sampler_of_all_rules_and_rules_left_out(tmp_path, capsys, monkeypatch):
     words = "compare cornell --rules fixed:0.3,thesis --spp 6,8 --seeds 1 --resolution 12x10 --reference-spp 8".split()
     assert main([*words, "--sampler", "sobol", "-o", str(tmp_path / "a")]) == 0
     printed = capsys.readouterr()
-    assert "dmis: thesis is left out at 6 samples per pixel, because its pilot needs as many" in printed.err
+    assert (
+        "dmis: thesis is left out at 6 samples per pixel, because its pilot takes 6: use --spp 7 or more" in printed.err
+    )
     assert "| 8 | thesis |" in printed.out and "| 6 | thesis |" not in printed.out
     assert json.loads((tmp_path / "a" / "comparison.json").read_text())["sampler"] == "sobol"
     assert main([*words, "-o", str(tmp_path / "a"), "--quiet"]) == 0, "the default is the same sampler"

@@ -157,6 +157,21 @@ def test_first_round_grows_with_the_budget(spp: int, first: int) -> None:
     assert rule.exponent == 1.4 and make_rule("auto").adapted(spp, "independent").exponent == 1
 
 
+@pytest.mark.parametrize(
+    ("rule", "spp", "replicates", "least"),
+    [
+        ("auto", 15, 1, 16), ("auto", 16, 1, 0), ("counts", 7, 1, 16), ("auto:spp=16", 31, 1, 32), ("auto", 31, 4, 32),
+        ("balance", 1, 1, 0), ("thesis", 4, 1, 0),
+    ],
+)  # fmt: skip
+def test_a_fallback_is_named(rule: str, spp: int, replicates: int, least: int) -> None:
+    """The reason is there exactly where the rule of the budget is another one."""
+    given = make_rule(rule)
+    reason = f"fewer than {least} samples per pixel, rendered as balance" if least else ""
+    assert given.fallback(spp, replicates) == reason
+    assert (given.adapted(spp, "sobol", replicates).continues != given.continues) == bool(reason)
+
+
 @pytest.mark.parametrize(("rule", "spp"), [("auto", 15), ("auto", 1), ("counts", 7), ("auto:spp=16", 31)])
 def test_small_budgets_have_equal_numbers(box: dmis.Scene, rule: str, spp: int) -> None:
     """Below twice the first round there is none."""

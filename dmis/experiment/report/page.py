@@ -33,7 +33,7 @@ from dmis.experiment.report.tables import (
     runs_table,
     slopes_table,
 )
-from dmis.experiment.runs import PINNED
+from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import Comparison
 
 
@@ -77,6 +77,7 @@ def _section(number: int, c: Comparison) -> str:
         f'<p class="facts">{width}×{height} pixels · {count_text(c.seeds, "seed")} · {escaped(c.about["parallel"])} · '
         f"{_about_reference(c)}</p>",
         *_alarms(c, rows),
+        *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),
         _verdict(rows),
         f'<div class="plots">{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
         slopes_table(c),
