@@ -35,7 +35,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
 from dmis.experiment.ladder import make_ladder, measure_evenness
 from dmis.experiment.oracle import make_oracle
-from dmis.experiment.reference import make_reference
+from dmis.experiment.reference import cache_folder, make_reference
 from dmis.experiment.speed.bench import HEADER, bench
 from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
@@ -83,9 +83,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
     """Return what an interrupted command has saved, and the command that resumes it."""
     if options.command == "compare":
-        return f"; finished renders are kept in {options.output}. Run the same command to resume."
+        if (options.output / "results.csv").exists():
+            return f"; finished renders are kept in {options.output}. Run the same command to resume."
+        if options.reference is not None:
+            return "; nothing is kept, because no render was finished"
+        return (
+            f"; no render was finished. Finished tiles of the reference are kept in {cache_folder()}. Run the same "
+            f"command to resume."
+        )
     if options.command == "oracle":
-        return "; finished tiles are kept in the cache. Run the same command to resume."
+        return f"; finished tiles are kept in {cache_folder()}. Run the same command to resume."
     if options.command != "render":
         return ""
     path, words = options.checkpoint, ["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)]

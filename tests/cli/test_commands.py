@@ -380,6 +380,29 @@ def test_oracle_and_ladder(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out" / "oracle.md").read_text("utf-8") in out and (tmp_path / "out" / "ladder.png").exists()
 
 
+def test_interrupt_of_compare_says_what_is_kept(scene, tmp_path, monkeypatch, capsys):
+    """Before the first render is finished only tiles of the reference are kept, in the cache; with a file as reference
+    nothing is."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    np.save(tmp_path / "r.npy", np.ones((8, 12, 3)))
+    command = ["compare", scene, "--spp", "4", "--resolution", "12x8", "--quiet", "-o", str(tmp_path / "out")]
+
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    for place, more, text in (
+        ("make_reference", [], f"no render was finished. Finished tiles of the reference are kept in {tmp_path}/cache"),
+        ("load_reference", ["--reference", str(tmp_path / "r.npy")], "nothing is kept, because no render was finished"),
+        ("summary", ["--reference", str(tmp_path / "r.npy")], f"finished renders are kept in {tmp_path}/out. Run"),
+    ):
+        with monkeypatch.context() as stopped, pytest.MonkeyPatch.context() as quiet:
+            stopped.setattr(commands, place, stop)
+            quiet.setattr("warnings.warn", lambda *_, **__: None)
+            words = [word for word in command if word != "--quiet"] if place == "summary" else command
+            assert main([*words, *more]) == 130
+        assert text in capsys.readouterr().err
+
+
 def test_interrupt_without_a_checkpoint_says_how_to_keep_work(scene, tmp_path, monkeypatch, capsys):
     """Ctrl-C without a checkpoint ends with 130 and prints a command with --checkpoint that runs as it is."""
     out = str(tmp_path / "a b.exr")
