@@ -68,7 +68,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = lambda message, *_, **__: print(f"dmis: warning: {message}", file=sys.stderr)  # type: ignore[assignment]
             for file in options.plugin:
                 load_plugin(file)
-            return _COMMANDS[options.command](options)
+            code = _COMMANDS[options.command](options)
+            sys.stdout.flush()
+            return code
+    except BrokenPipeError:  # nothing reads standard output any more, as behind ``| head``
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes what is left at exit
+        return 141  # as the shell has it for a command that SIGPIPE ends
     except (ValueError, OSError) as error:
         print(f"dmis: error: {error}", file=sys.stderr)
         return 2

@@ -254,6 +254,16 @@ def test_module_runs(scene, tmp_path):
     assert "Traceback" not in process.stderr
 
 
+def test_a_closed_pipe_is_no_error():
+    """A reader that closes the pipe, as head does, ends the command without a message."""
+    command = [sys.executable, "-c", "import time; time.sleep(1); import runpy; runpy.run_module('dmis')", "info"]
+    command[2] = command[2].replace("run_module('dmis')", "run_module('dmis', run_name='__main__', alter_sys=True)")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        error = process.stderr.read()
+    assert process.returncode == 141 and error == ""
+
+
 def test_interrupt_keeps_the_checkpoint(scene, tmp_path):
     """Ctrl-C ends with 130 and prints the command that resumes, which gives the pixels of an undisturbed render."""
     paths = {name: str(tmp_path / name) for name in ("a.exr", "b.exr", "c")}
