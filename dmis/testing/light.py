@@ -64,7 +64,7 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
         return form
     if light.delta:
         return form + run_checks(name, [("values are finite", lambda: _check_finite(light))])
-    views = [LightView(light, p, side) for p, side in receivers(light)]
+    views = [LightView(light, p, side, seed) for seed, (p, side) in enumerate(receivers(light), 1)]
     bright = [view for view in views if view.bright]
     checks: list[tuple[str, Callable[[], Outcome | str]]] = [
         ("values are finite and not negative", lambda: _check_finite(light)),
@@ -112,11 +112,14 @@ class LightView(DensityView):
         The receiver, ``(3,)``.
     bright
         Whether it is before the bright side.
+    seed
+        Of the samples.
     """
 
     light: Any
     p: Array
     bright: bool = True
+    seed: int = 1
     pdf_name = "the pdf of hit"
 
     @property
@@ -135,8 +138,8 @@ class LightView(DensityView):
 
     @cached_property
     def sample(self) -> LightSample:
-        """Light samples, ``COUNT``."""
-        return self.light.sample(self.points(COUNT), uniforms(COUNT))
+        """Light samples, ``COUNT``, independent of those of other receivers."""
+        return self.light.sample(self.points(COUNT), uniforms(COUNT, self.seed))
 
     @cached_property
     def again(self) -> LightSample:

@@ -74,8 +74,8 @@ class LobeView(DensityView):
 
     @cached_property
     def wi(self) -> Array:
-        """Sampled directions, ``(3, COUNT)``."""
-        return self.points(COUNT).sample(uniforms(COUNT))
+        """Sampled directions, ``(3, COUNT)``, independent of those from other angles."""
+        return self.points(COUNT).sample(uniforms(COUNT, round(self.degrees) + 90 * self.outside))
 
     @cached_property
     def accepted(self) -> Array:

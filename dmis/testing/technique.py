@@ -65,8 +65,8 @@ class TechniqueView(DensityView):
 
     @cached_property
     def sample(self) -> LightSample:
-        """Light samples, ``COUNT``."""
-        u = uniforms(COUNT, 1, self.technique.numbers)
+        """Light samples, ``COUNT``, independent of those in other places."""
+        u = uniforms(COUNT, round(self.degrees), self.technique.numbers)
         return self.technique.sample(self.points(COUNT), self.light, u)
 
     def pdf(self, w: Array) -> Array:

@@ -102,3 +102,10 @@ def test_renders_find_a_pdf() -> None:
 @pytest.mark.parametrize("technique", [COSINE, *TECHNIQUES.values()], ids=lambda technique: technique.name)
 def test_right_techniques_pass(technique: dmis.Technique) -> None:
     require(check_technique(technique))
+
+
+def test_places_have_samples_of_their_own() -> None:
+    """Chi-square in four places is four tests: no p value is there twice."""
+    (outcome,) = [outcome for outcome in check_technique(TECHNIQUES["uniform"]) if "chi-square" in outcome.name]
+    values = outcome.message.removeprefix("p = ").split(", ")
+    assert len(values) == len(set(values)) == 4
