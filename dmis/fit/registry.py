@@ -173,6 +173,8 @@ def make_rule(text: Rule | str | Any) -> Rule:
             kind_of = " or ".join([kind_of, *words.get(key, ())])
             first = "" if equals else f", of which a value without a name is the first; there are {', '.join(types)}"
             raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}{first}") from None
+    if name == "fixed" and "w" not in options:
+        raise ValueError("rule fixed needs the share of light samples, such as fixed:0.5; got none")
     return complete_rule(RULES[name](**options))
 
 

@@ -257,7 +257,6 @@ def test_ragged_patches_may_count_by_their_area() -> None:
     "text, expected",
     [
         ("balance", Fixed()),
-        ("fixed", Fixed()),
         ("fixed:0.25", Fixed(0.25)),
         ("fixed:w=0.25", Fixed(0.25)),
         ("fixed:0", Fixed(0.0)),
@@ -291,6 +290,8 @@ def test_rules_by_text(text: str, expected: Rule) -> None:
         ("", "rule must be one of balance"),
         ("best", "rule must be one of .*; got 'best'"),
         ("Balance", "rule must be one of"),
+        ("fixed", "rule fixed needs the share of light samples, such as fixed:0.5; got none"),
+        ("fixed:combiner=power", "such as fixed:0.5"),
         ("fixed:x", "option w of rule fixed must be of type float; got 'x'"),
         ("fixed:1.5", r"w must be in \[0, 1\]"),
         ("fixed:nan", r"w must be in \[0, 1\]"),
@@ -322,9 +323,9 @@ def test_bad_texts(text: str, message: str) -> None:
 
 
 def test_every_rule_can_be_made() -> None:
-    """All names work without options, and a rule's settings are the estimator's."""
+    """All names but fixed work without options, and a rule's settings are the estimator's."""
     from dmis.estimator.settings import Settings
 
     for name in RULES:
-        rule: Any = make_rule(name)
+        rule: Any = make_rule("fixed:0.5" if name == "fixed" else name)
         assert isinstance(Settings(**rule.settings), Settings)
