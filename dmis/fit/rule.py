@@ -333,9 +333,9 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
         )
     inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
     if not inside.all():
+        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
         raise ValueError(
-            f"a rule's weight must be in [0, 1], a share of the samples; got {weight[~inside][0]} in "
-            f"{np.mean(~inside):.3g} of {'the image' if weight.ndim > 1 else 'all pixels'}"
+            f"a rule's weight must be in [0, 1], a share of the samples; got {weight[~inside][0]:g}{where}"
         )
     if np.abs(fit.shares.sum(axis=0) - 1).max() > 1e-3:
         raise ValueError(
