@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import reprlib
 import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,7 +123,9 @@ def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple
             wavefront.check_triangles(obj.triangles, mesh.vertices[mesh.faces])
         unread = _unread(suffix, data, obj)
     except Exception as error:  # trimesh's readers let errors of any type through
-        reason = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
+        reason = str(error)
+        if type(error) is not ValueError:
+            reason = f"it is damaged, or has a form that is not read ({type(error).__name__}: {error})"
         if path.stat().st_size == 0:
             reason = "it is empty"
         if isinstance(error, ImportError):  # of the package with which trimesh guesses encodings
@@ -179,10 +182,12 @@ def _check_glb(data: bytes) -> None:
 
     trimesh would fill such an array with zeros.
     """
-    magic, version = struct.unpack_from("<4sI", data)
-    if magic != b"glTF" or version != 2:
+    magic, version, length = struct.unpack("<4sII", data[:12].ljust(12, b"\0"))
+    if magic != b"glTF" or (len(data) >= 8 and version != 2):
         got = f"version {version} of it" if magic == b"glTF" else "another format"
         raise ValueError(f"it must be binary glTF of version 2; got {got}, convert it")
+    if len(data) < max(length, 20):
+        raise ValueError(f"it is cut off: it must have {max(length, 20)} bytes; it has {len(data)}")
     accessors = _glb_json(data).get("accessors", [])
     if wrong := [a["count"] for a in accessors if not 0 <= a["count"] <= len(data)]:
         raise ValueError(f"it must not have an array of more elements than its {len(data)} bytes; got {wrong[0]}")
@@ -191,5 +196,10 @@ def _check_glb(data: bytes) -> None:
 def _glb_json(data: bytes) -> dict[str, Any]:
     """Return the JSON description of a GLB file."""
     (length,) = struct.unpack_from("<I", data, 12)
-    description: dict[str, Any] = json.loads(data[20 : 20 + length])
+    try:
+        description = json.loads(data[20 : 20 + length])
+    except ValueError as error:
+        raise ValueError(f"its description is not JSON: {error}") from None
+    if not isinstance(description, dict):
+        raise ValueError(f"its description must be a JSON object; got {reprlib.repr(description)}")
     return description

@@ -638,6 +638,15 @@ def test_no_manifold(faces, message):
         ("empty.ply", b"", r"cannot be read as PLY: it is empty"),
         ("broken.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", r"cannot be read as PLY"),
         ("broken.glb", b"glTF but not for long", r"cannot be read as GLB"),
+        ("short.glb", b"glTF", r"cannot be read as GLB: it is cut off: it must have 20 bytes; it has 4"),
+        ("cut.glb", b"glTF\2\0\0\0\x40\0\0\0\x08\0\0\0JSON{}  ", r"it is cut off: it must have 64 bytes; it has 24"),
+        ("json.glb", b"glTF\2\0\0\0\x18\0\0\0\x04\0\0\0JSON{no}", r"its description is not JSON: Expecting"),
+        ("list.glb", b"glTF\2\0\0\0\x18\0\0\0\x04\0\0\0JSON[1] ", r"must be a JSON object; got \[1\]"),
+        (
+            "holes.glb",
+            b'glTF\2\0\0\0\x27\0\0\0\x13\0\0\0JSON{"accessors": [{}]}',
+            r"it is damaged, or has a form that is not read \(KeyError: 'count'\)",
+        ),
         ("broken.stl", b"\x00" * 90, r"cannot be read as STL"),
         ("other.glb", b'{"asset": {"version": "2.0"}}', r"must be binary glTF of version 2; got another format"),
         (
