@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dmis.base.validate import did_you_mean
+from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, read_mesh
+from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import AreaLight, Light
 from dmis.scene.camera import Camera
@@ -34,6 +36,9 @@ SHIPPED = tuple(sorted(path.stem for path in _FOLDER.glob("*.pbrt")))
 """Names of the scenes that come with the library."""
 HELD_OUT = ("ten-lights", "veach-mis")
 """Names of those of them that are held out: no constant of the library is chosen on them, so that they can test it."""
+
+SKY = 0.25
+"""Radiance of the default sky of a mesh; its lamp adds the rest of 1."""
 
 
 def load_scene(
@@ -59,8 +64,8 @@ def load_scene(
         Default: looks down at the whole mesh from an oblique angle, 640x480; z is up, but y in a GLB file, as glTF has
         it.
     lights
-        Area lights also get a visible surface that blocks light and reflects none. Default: a sky of radiance 1 in
-        every direction, under which an unoccluded white surface has radiance 1.
+        Area lights also get a visible surface that blocks light and reflects none. Default: an even sky and a
+        square lamp behind the camera, to the upper left, see `default_lights`.
     material
         One for all, or, for a trimesh scene, by the names of its geometries. Default: matte grey, with a warning that
         names the materials, textures, colours and lights of a mesh file, which are not read.
@@ -105,13 +110,14 @@ def _mesh_scene(
         raise ValueError(f"lights must be a sequence of lights; got {lights!r} alone")
     named, title, up, unread = _named_meshes(source, material)
     parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
-    if lights is None:
-        lights = [EnvironmentLight(np.ones((16, 32, 3)))]
-    parts += [light_part(light) for light in lights if light.mesh() is not None]  # type: ignore[arg-type]
+    low, high = _bounds(list(named.values()))
     if camera is None:
-        camera = _look_at_all(list(named.values()), up)
+        camera = _look_at_all(low, high, up)
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
+    if lights is None:
+        lights = default_lights(camera, low, high)
+    parts += [light_part(light) for light in lights if light.mesh() is not None]  # type: ignore[arg-type]
     return Scene(camera, tuple(parts), tuple(lights), title, source={"unread": list(unread)} if unread else {})
 
 
@@ -196,9 +202,45 @@ def _material_of(name: str, material: Material | Mapping[str, Material] | None) 
 _DEFAULT = matte()
 
 
-def _look_at_all(meshes: list[Mesh], up: str) -> Camera:
-    """Return a camera that sees the sphere about the bounding box, with one axis `up`."""
-    low, high = np.min([m.bounds[0] for m in meshes], axis=0), np.max([m.bounds[1] for m in meshes], axis=0)
+def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:
+    """Return the lights of a mesh that has none: an even sky, and a lamp that shows its shape.
+
+    The sky has radiance `SKY`. The lamp is a square behind the camera, to the upper left, that looks at the middle of
+    the mesh and is about as large. An unoccluded white surface that faces the lamp has radiance 1.
+
+    Parameters
+    ----------
+    camera
+        What sees the mesh; the lamp is not in its view.
+    low, high
+        Least and largest coordinates of the mesh, ``(3,)``.
+    """
+    middle = (low + high) / 2
+    eye = np.asarray(camera.to_world, float)[:3, 3]
+    right, up, forward = (axis / np.linalg.norm(axis) for axis in np.asarray(camera.to_world, float)[:3, :3].T)
+    distance = max(float(np.linalg.norm(middle - eye)), float(np.linalg.norm(high - low)) / 2)
+    # 0.4 behind the camera, which is more than the edges of the tilted square come forward
+    centre = eye + distance * (0.9 * (up - right) - 0.4 * forward)
+    towards, side = middle - centre, 0.7 * distance
+    across = np.cross(towards, up)
+    first = across * (side / np.linalg.norm(across))
+    second = np.cross(towards, first) / np.linalg.norm(towards)
+    # E = pi L sin^2 of the angle of a disk of the same area, pi r^2
+    square = side**2 / np.pi
+    radiance = (1 - SKY) * (1 + towards @ towards / square)
+    corner = centre - (first + second) / 2
+    place = tuple(corner.tolist()), tuple(first.tolist()), tuple(second.tolist())
+    lamp = QuadLight(*place, (radiance,) * 3)
+    return [EnvironmentLight(np.full((16, 32, 3), SKY)), lamp]
+
+
+def _bounds(meshes: list[Mesh]) -> tuple[Array, Array]:
+    """Return the least and the largest coordinates of meshes."""
+    return np.min([m.bounds[0] for m in meshes], axis=0), np.max([m.bounds[1] for m in meshes], axis=0)
+
+
+def _look_at_all(low: Array, high: Array, up: str) -> Camera:
+    """Return a camera that sees the sphere about a bounding box, with one axis `up`."""
     centre, radius, fov = (low + high) / 2, np.linalg.norm(high - low) / 2, 40.0
     towards, axis = ((0.45, -0.75, 0.48), (0, 0, 1)) if up == "z" else ((0.45, 0.48, 0.75), (0, 1, 0))
     eye = centre + np.array(towards) / np.linalg.norm(towards) * radius / np.sin(np.radians(fov / 2))

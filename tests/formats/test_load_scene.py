@@ -14,7 +14,7 @@ from helpers import Z_LIMIT
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
 from dmis.cli.commands import main
-from dmis.formats.load_scene import SHIPPED, light_part, load_scene
+from dmis.formats.load_scene import SHIPPED, SKY, light_part, load_scene
 from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.mesh import Mesh, flat_normals
@@ -81,13 +81,13 @@ def test_mesh_files(tmp_path, suffix):
 @pytest.mark.parametrize("source", [BOX, Mesh(BOX.vertices, BOX.faces), trimesh.Scene(BOX)])
 def test_defaults(source):
     scene = load_scene(source)
-    (part,) = scene.parts
+    part, lamp_part = scene.parts
     assert part.material.name == "matte"
-    (sky,) = scene.lights
-    assert isinstance(sky, EnvironmentLight)
+    sky, lamp = scene.lights
+    assert isinstance(sky, EnvironmentLight) and lamp_part.light is lamp
     wi = np.random.default_rng(1).normal(size=(3, 100)).astype(np.float32)
     wi /= np.linalg.norm(wi, axis=0)
-    np.testing.assert_allclose(sky.radiance(wi), 1, rtol=1e-6)
+    np.testing.assert_allclose(sky.radiance(wi), SKY, rtol=1e-6)
     # the camera sees every vertex, well inside the picture
     x, y, z = (np.linalg.inv(scene.camera.to_world) @ np.c_[BOX.vertices, np.ones(8)].T)[:3]
     slope = np.tan(np.radians(scene.camera.fov / 2))
@@ -97,12 +97,33 @@ def test_defaults(source):
     assert np.linalg.det(scene.camera.to_world[:3, :3]) < 0  # a photograph, not a mirror image
 
 
+def test_default_lamp_shows_the_shape():
+    """No camera sees it, whatever its angle and the shape of its image; white that faces it has radiance 1."""
+    ball = trimesh.creation.icosphere(3, 2.0)
+    for camera in (None, Camera.look_at((3, -1, 0), (0, 0, 0), fov=170, resolution=(64, 8))):
+        scene = load_scene(ball, camera=camera)
+        _, lamp = scene.lights
+        eye, forward = scene.camera.origin[:, 0], scene.camera.to_world[:3, 2]
+        assert ((lamp.mesh().vertices - eye) @ forward < 0).all()
+    image = render(load_scene(ball, (60, 45)), "balance", 16).image.mean(axis=2)
+    assert image[10:35, 20:40].max() > 2 * image[10:35, 20:40].min()
+    sky, lamp = load_scene(ball).lights
+    normal = np.cross(lamp.edge_u, lamp.edge_v)
+    towards = -normal / np.linalg.norm(normal)
+    across = np.cross(towards, (0, 0, 1))
+    edges = 0.01 * across, 0.01 * np.cross(towards, across)
+    small = quad(tuple(-sum(edges) / 2), *map(tuple, edges))
+    camera = Camera.look_at(tuple(towards), (0, 0, 0), fov=0.1, resolution=(4, 4))
+    white = render(load_scene(small, camera=camera, material=matte(1), lights=(sky, lamp)), "balance", 64).image
+    assert white.mean() == pytest.approx(1, rel=0.01)
+
+
 def test_materials_by_name():
     scene = trimesh.Scene()
     scene.add_geometry(BOX, geom_name="a")
     scene.add_geometry(BOX, geom_name="b", transform=trimesh.transformations.translation_matrix([5, 0, 0]))
     red, glossy = matte((1, 0, 0)), mirror()
-    parts = load_scene(scene, material={"a": red, "b": glossy, "unused": red}).parts
+    parts = load_scene(scene, material={"a": red, "b": glossy, "unused": red}, lights=()).parts
     assert [part.material for part in parts] == [red, glossy]
     np.testing.assert_allclose(parts[1].mesh.vertices.mean(axis=0), [5, 0, 0])
     with pytest.raises(ValueError, match="must have an entry for the geometry 'b'; given are: 'a'"):
@@ -113,7 +134,7 @@ def test_instances_of_one_geometry():
     scene = trimesh.Scene()
     scene.add_geometry(BOX, geom_name="a", node_name="one")
     scene.graph.update("two", matrix=trimesh.transformations.translation_matrix([0, 3, 0]), geometry="a")
-    parts = load_scene(scene, material={"a": matte()}).parts
+    parts = load_scene(scene, material={"a": matte()}, lights=()).parts
     assert sorted(part.mesh.vertices.mean(axis=0)[1] for part in parts) == pytest.approx([0, 3], abs=1e-9)
 
 
@@ -321,7 +342,7 @@ def test_an_image_on_a_mesh_without_texture_coordinates_warns():
     bare = Mesh(1e6 * BOX.vertices, BOX.faces)
     for material in (matte(image), plastic(roughness=Image(np.array([[[0.1], [0.2]]])))):
         with pytest.warns(
-            SceneWarning, match="1 of 1 parts have an image texture and no texture coordinates"
+            SceneWarning, match="1 of 2 parts have an image texture and no texture coordinates"
         ) as caught:
             scene = load_scene(bare, (4, 4), material=material)
         assert len(caught) == 1 and f"(the first: {material.name}, 12 triangles)" in str(caught[0].message)

@@ -41,7 +41,7 @@ def test_result_is_one_line() -> None:
 
 def test_scene_is_one_line() -> None:
     triangle = dmis.Mesh(np.eye(3), np.array([[0, 1, 2]]))
-    assert repr(dmis.load_scene(triangle, (20, 12))) == "Scene(scene 20x12, 1 part, 1 triangle, 1 light)"
+    assert repr(dmis.load_scene(triangle, (20, 12))) == "Scene(scene 20x12, 2 parts, 3 triangles, 2 lights)"
     assert re.fullmatch(r"Scene\(teapot-area-light 20x12, \d parts, [\d,]+ triangles, 2 lights\)", repr(small()))
 
 
