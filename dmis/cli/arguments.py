@@ -280,6 +280,7 @@ def _add_scene_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--allow-outside", action="store_true", help="allow the scene to read files outside of its folder"
     )
+    command.add_argument("--up", choices=("y", "z"), help="axis of a mesh file that is up (default: z; GLB: y)")
 
 
 def _add_verbosity(command: argparse.ArgumentParser, details: str) -> None:

@@ -115,7 +115,11 @@ def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None)
 def _load(options: argparse.Namespace) -> Scene:
     """Return the scene that the options name."""
     return load_scene(
-        options.scene, resolution=options.resolution, dialect=options.dialect, outside=options.allow_outside
+        options.scene,
+        resolution=options.resolution,
+        dialect=options.dialect,
+        outside=options.allow_outside,
+        up=options.up,
     )
 
 

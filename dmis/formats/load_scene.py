@@ -50,6 +50,7 @@ def load_scene(
     material: Material | Mapping[str, Material] | None = None,
     dialect: str | None = None,
     outside: bool = False,
+    up: str | None = None,
 ) -> Scene:
     """Load a scene from a file or by name, or make one of a mesh.
 
@@ -61,8 +62,7 @@ def load_scene(
     resolution
         ``(width, height)`` in place of the file's or the camera's.
     camera
-        Default: looks down at the whole mesh from an oblique angle, 640x480; z is up, but y in a GLB file, as glTF has
-        it.
+        Default: looks down at the whole mesh from an oblique angle, 640x480, with `up`.
     lights
         Area lights also get a visible surface that blocks light and reflects none. Default: an even sky and a
         square lamp behind the camera, to the upper left, see `default_lights`.
@@ -73,6 +73,9 @@ def load_scene(
         Dialect of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: detected from the words of the file.
     outside
         Whether a pbrt file may name files outside of its folder.
+    up
+        Axis of a mesh that is up for the default camera, ``y`` or ``z``. Default: y in a GLB file, as glTF has it, else
+        z.
 
     Raises
     ------
@@ -80,22 +83,24 @@ def load_scene(
         If there is no such file.
     ValueError
         If the source is none of these, a scene has no such name, a file cannot be read, a geometry has no material, or
-        a camera, lights or a material are given for a pbrt scene. `dmis.formats.pbrt.tokens.PbrtError` is one of these.
+        a camera, lights, a material or up are given for a pbrt scene. `dmis.formats.pbrt.tokens.PbrtError` is one of
+        these.
 
     Warns
     -----
     SceneWarning
-        If a mesh file holds materials and none is given, or an image is to be on a mesh without texture coordinates.
-        `dmis.formats.pbrt.reader.PbrtWarning` is one of these.
+        If a mesh file holds materials and none is given, or an image is to be on a mesh without texture coordinates. `dmis.formats.pbrt.reader.PbrtWarning` is one of these.
     """
     if (path := _pbrt_file(source)) is not None:
-        for name, value in (("camera", camera), ("lights", lights), ("material", material)):
+        for name, value in (("camera", camera), ("lights", lights), ("material", material), ("up", up)):
             if value is not None:
                 raise ValueError(f"{name} must not be given for {source}, because a pbrt scene has its own")
         from dmis.formats.pbrt.read import read_pbrt  # here, because it takes a fifth of the time of all of dmis
 
         return read_pbrt(path, resolution, dialect=dialect, outside=outside)
-    return _mesh_scene(source, resolution, camera, lights, material)
+    if up not in (None, "y", "z"):
+        raise ValueError(f"up must be y or z, the axis of the default camera; got {up!r}")
+    return _mesh_scene(source, resolution, camera, lights, material, up)
 
 
 def _mesh_scene(
@@ -104,15 +109,16 @@ def _mesh_scene(
     camera: Camera | None,
     lights: Sequence[Light] | None,
     material: Material | Mapping[str, Material] | None,
+    up: str | None,
 ) -> Scene:
     """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
     if isinstance(lights, Light):
         raise ValueError(f"lights must be a sequence of lights; got {lights!r} alone")
-    named, title, up, unread = _named_meshes(source, material)
+    named, title, file_up, unread = _named_meshes(source, material)
     parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
     low, high = _bounds(list(named.values()))
     if camera is None:
-        camera = _look_at_all(low, high, up)
+        camera = _look_at_all(low, high, up or file_up)
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
     if lights is None:

@@ -261,6 +261,19 @@ def test_a_gltf_file_stands_upright(tmp_path) -> None:
         load_scene(tmp_path / "tower.glb", material={"tower": matte()})
 
 
+def test_up_of_the_default_camera(tmp_path, capsys) -> None:
+    """It may be named in place of the format's, but not for a pbrt file, which has a camera."""
+    BOX.export(tmp_path / "a.obj")
+    for up, axis in ((None, 2), ("z", 2), ("y", 1)):
+        right = load_scene(tmp_path / "a.obj", up=up).camera.to_world[:3, 0]
+        assert abs(right[axis]) < 1e-6 < abs(right[3 - axis])
+    with pytest.raises(ValueError, match="up must be y or z, the axis of the default camera; got 'x'"):
+        load_scene(BOX, up="x")
+    assert main(["info", "cornell", "--up", "y"]) == 2
+    assert "up must not be given for cornell, because a pbrt scene has its own" in capsys.readouterr().err
+    assert main(["info", str(tmp_path / "a.obj"), "--up", "y"]) == 0
+
+
 # What is not read, or not as it may be meant
 
 
