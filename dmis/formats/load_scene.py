@@ -18,7 +18,7 @@ import numpy as np
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
-from dmis.geometry.mesh import Mesh
+from dmis.geometry.mesh import Mesh, without_degenerate
 from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, read_mesh
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
@@ -89,7 +89,8 @@ def load_scene(
     Warns
     -----
     SceneWarning
-        If a mesh file holds materials and none is given, or an image is to be on a mesh without texture coordinates. `dmis.formats.pbrt.reader.PbrtWarning` is one of these.
+        If a mesh file holds materials and none is given, or triangles without area, or an image is to be on a mesh
+        without texture coordinates. `dmis.formats.pbrt.reader.PbrtWarning` is one of these.
     """
     if (path := _pbrt_file(source)) is not None:
         for name, value in (("camera", camera), ("lights", lights), ("material", material), ("up", up)):
@@ -138,6 +139,10 @@ def _named_meshes(source: Any, material: Any) -> tuple[dict[str, Mesh], str, str
             f"load_scene(trimesh.load(...)) takes one for each name"
         )
     mesh, unread = read_mesh(path)
+    mesh, dropped = without_degenerate(mesh)
+    if dropped:
+        text = f"{path}: {dropped:,} of {dropped + mesh.triangles:,} triangles have no area and are left out"
+        warnings.warn(SceneWarning(text), stacklevel=4)
     if unread and material is None:
         text = f"{path}: {', '.join(unread)} ignored, all is matte grey; give load_scene a material"
         warnings.warn(SceneWarning(text), stacklevel=4)  # the caller of load_scene

@@ -132,6 +132,20 @@ def concatenate(meshes: Sequence[Mesh]) -> Mesh:
     return Mesh(np.concatenate([m.vertices for m in meshes]), faces, normals, uv)
 
 
+def without_degenerate(mesh: Mesh) -> tuple[Mesh, int]:
+    """Return a mesh without its triangles that have no area, up to rounding, and their number.
+
+    A ValueError if all are such.
+    """
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    longest = np.maximum.reduce([np.einsum("fc,fc->f", e, e) for e in (b - a, c - b, a - c)])
+    kept = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * longest
+    if not kept.any():
+        raise ValueError(f"mesh must have a triangle with an area, because no ray hits others; got {len(kept)} without")
+    dropped = len(kept) - int(kept.sum())
+    return (Mesh(mesh.vertices, mesh.faces[kept], mesh.normals, mesh.uv) if dropped else mesh), dropped
+
+
 def _with_face_normals(mesh: Mesh) -> Mesh:
     """Return the mesh with three vertices per triangle and the normals of the faces."""
     corner = mesh.faces.ravel()

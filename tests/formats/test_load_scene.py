@@ -274,6 +274,18 @@ def test_up_of_the_default_camera(tmp_path, capsys) -> None:
     assert main(["info", str(tmp_path / "a.obj"), "--up", "y"]) == 0
 
 
+def test_triangles_without_area_are_left_out(tmp_path) -> None:
+    """Points and lines, also by rounding; a warning has their number. Nothing but them is an error."""
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0.1 0.2 0.3\nv 0.3 0.6 0.9\nv 0.7 1.4 2.1\n"
+    (tmp_path / "a.obj").write_text(f"{corners}f 1 2 3\nf 2 2 3\nf 4 5 6\nf 1 1 1\n")
+    with pytest.warns(SceneWarning, match=r"a\.obj: 3 of 4 triangles have no area and are left out") as caught:
+        scene = load_scene(tmp_path / "a.obj")
+    assert scene.parts[0].mesh.triangles == 1 and caught[0].filename == __file__
+    (tmp_path / "b.obj").write_text(f"{corners}f 4 5 6\n")
+    with pytest.raises(ValueError, match=r"mesh must have a triangle with an area, .*; got 1 without"):
+        load_scene(tmp_path / "b.obj")
+
+
 # What is not read, or not as it may be meant
 
 
