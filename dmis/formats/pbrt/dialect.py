@@ -113,6 +113,18 @@ V1_MATERIALS = ("bluepaint", "brushedmetal", "clay", "felt", "primer", "skin")
 """Materials that only pbrt-v1 has."""
 V1_PARAMETERS = {"Camera": ("hither", "yon"), "Film": ("premultiplyalpha", "writefrequency")}
 """Parameters that only pbrt-v1 has, by directive."""
+IRRELEVANT = {
+    "Camera": frozenset({"shutteropen", "shutterclose", "focaldistance", *V1_PARAMETERS["Camera"]}),
+    "Film": frozenset({"filename", "diagonal", "display", "savefp16", *V1_PARAMETERS["Film"]}),
+    "LightSource": frozenset({"nsamples", "samples"}),
+    "AreaLightSource": frozenset({"nsamples", "samples"}),
+    "Shape": frozenset({"discarddegenerateUVs", "levels", "nlevels"}),
+    **dict.fromkeys(
+        ("Integrator", "SurfaceIntegrator"),
+        frozenset({"lightsamplestrategy", "lightsampler", "rrthreshold", "pixelbounds", "nsamples"}),
+    ),
+}
+"""Parameters that do not change the expected image, by directive; those of Sampler and Renderer never do."""
 _EARLIER = ("matte", "plastic", "metal", "mirror", "glass", "substrate", "uber", "translucent")
 _V4_MATERIALS = (
     "diffuse",

@@ -18,11 +18,11 @@ from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
 from dmis.formats.pbrt.cursor import Cursor
-from dmis.formats.pbrt.dialect import V1_PARAMETERS
+from dmis.formats.pbrt.dialect import IRRELEVANT, V1_PARAMETERS
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.objects import Textures
-from dmis.formats.pbrt.parameters import Parameter, Parameters
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, Parameters
 from dmis.formats.pbrt.parts import areas, make_light_part, merge
 from dmis.formats.pbrt.quadrics import MAX_ERROR
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
@@ -116,6 +116,7 @@ class Reader:
         self.quadrics: dict[str, Any] | None = None
         self._materials: dict[tuple[int, int], tuple[Material, object]] = {}
         self._unused: dict[str, list[Token]] = {}
+        self._unknown: dict[str, list[Token]] = {}
         self._doubts: list[str] = []
         self._bright: dict[str, dict[int, Token]] = {}
 
@@ -232,9 +233,16 @@ class Reader:
         for name in parameters.unused():
             if name in V1_PARAMETERS.get(parameters.directive.text, ()):
                 self.v1_token = self.v1_token or parameters.items[name].token
+            directive, item = parameters.directive.text, parameters.items[name]
+            what = f"parameter {name!r} of {directive}"
+            if directive in ("Sampler", "Renderer") or name in IRRELEVANT.get(directive, ()):
+                self._unused.setdefault(what, []).append(item.token)
+                continue
             hint = did_you_mean(name, parameters.read_names, MIN_LIKENESS)
-            what = f"parameter {name!r} of {parameters.directive.text}{hint}"
-            self._unused.setdefault(what, []).append(parameters.items[name].token)
+            if directive in ("LightSource", "AreaLightSource") and item.kind in SPECTRUM_TYPES:
+                meant = "I" if "I" in parameters.read_names else "L"
+                hint = "" if meant in parameters.items else f", did you mean {meant!r}?"
+            self._unknown.setdefault(what + hint, []).append(item.token)
 
     def skip(self, token: Token) -> None:
         """Note a directive that is not used, for the warning."""
@@ -254,12 +262,13 @@ class Reader:
             )
 
     def warn(self, stacklevel: int) -> None:
-        """Issue the warnings: doubts, unused lines, bright reflectances, coarse quadrics and words of pbrt-v1."""
+        """Issue the warnings: doubts, unused and unknown lines, reflectances, coarse quadrics, words of pbrt-v1."""
         for text in self._doubts:
             warnings.warn(PbrtWarning(text), stacklevel=stacklevel + 1)
         bright = {what: list(tokens.values()) for what, tokens in self._bright.items()}
         for text, named in (
-            ("not used, because it does not change the expected image, or is unknown there", self._unused),
+            ("not used, because it does not change the expected image", self._unused),
+            ("not used, because it is unknown there", self._unknown),
             ("reflectance above 1, which adds light, taken as it is, as pbrt does", bright),
         ):
             if named:

@@ -1,6 +1,7 @@
 """The pbrt reader, on pbrt-v2: transforms, sides, defaults and quirks by hand, bad input by its message."""
 
 import functools
+import re
 import time
 import warnings
 
@@ -752,7 +753,23 @@ def test_reflectances_above_1_are_taken_with_a_warning(read, tmp_path):
     assert caught[0].filename == __file__
 
 
-def test_one_warning_names_everything_that_is_not_used(read):
+@pytest.mark.parametrize(
+    ("light", "written", "meant"),
+    [
+        ('LightSource "point"', "LL", "I"),
+        ('LightSource "spot"', "L", "I"),
+        ('LightSource "distant"', "I", "L"),
+        ('AreaLightSource "area"', "I", "L"),
+    ],
+)
+def test_a_colour_that_a_light_does_not_have(read, light, written, meant):
+    """It is unknown, and the warning says which one the light has."""
+    what = re.escape(f"unknown there: parameter {written!r} of {light.split()[0]}, did you mean {meant!r}? (line 3)")
+    with pytest.warns(PbrtWarning, match=what):
+        read(f'{light} "color {written}" [5 5 5] "integer nsamples" 4\n{TRIANGLE}')
+
+
+def test_warnings_name_what_is_not_used(read):
     options = """Sampler "random" "integer pixelsamples" 4 "bool jitter" "true"
     Accelerator "kdtree"
     VolumeIntegrator "emission"
@@ -769,18 +786,24 @@ def test_one_warning_names_everything_that_is_not_used(read):
     with pytest.warns(PbrtWarning) as caught:
         read(f"{world}\n{more}{more}")
     assert len(caught) == 1
-    assert "parameter 'color' of Shape (line 6 and 1 more)" in str(caught[0].message)
+    (text,) = [str(w.message) for w in caught]
+    assert (
+        "not used, because it is unknown there: " in text and "parameter 'color' of Shape (line 6 and 1 more)" in text
+    )
     with pytest.warns(PbrtWarning) as caught:
         read(world, options)
-    assert len(caught) == 1
-    (text,) = [str(w.message) for w in caught]
+    text, unknown = [str(w.message) for w in caught]
+    assert text.split(": ")[1] == "not used, because it does not change the expected image"
+    assert unknown.endswith(
+        ": not used, because it is unknown there: parameter 'kd' of Material, did you mean 'Kd'? (line 12)"
+    )
     named = [
         "'jitter' of Sampler (line 1)",
         "Accelerator (line 2)",
         "VolumeIntegrator (line 3)",
         "TransformTimes (line 4)",
     ]
-    named += ["'filename' of Film (line 7)", "'shutteropen' of Camera", "'kd' of Material"]
+    named += ["'filename' of Film (line 7)", "'shutteropen' of Camera"]
     assert [name for name in named if name not in text] == []
     assert text.count("(line") == len(named)
     assert caught[0].filename == __file__
