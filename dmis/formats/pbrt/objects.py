@@ -31,6 +31,8 @@ MAX_EXPONENT = 10_000
 """Largest exponent of Blinn's distribution in pbrt-v2."""
 BRIGHT_REFLECTANCE = 1.001
 """Reflectance above which a warning names the parameter; it is above 1 because spectra of 1 are rounded."""
+DARK_REFLECTANCE = -0.001
+"""Reflectance below which a warning names the parameter; it is below 0 because spectra are rounded."""
 
 
 def unnamed(token: Token, name: str) -> Material:
@@ -129,11 +131,15 @@ class Lookup:
 
     def reflectance(self, name: str, default: float) -> Rgb | Image:
         """Return the spectrum or texture `name` with negative components raised to 0; note components above 1."""
-        value, parameter = self._not_negative(name, default), self._find(name, *SPECTRUM_TYPES)
+        value = self._not_negative(name, default)
         if np.max(value.texels if isinstance(value, Image) else value) > BRIGHT_REFLECTANCE:
-            for parameters in self.lists:
-                parameters.bright_names |= {name} if parameters.items.get(name) is parameter else set()
+            self._owner(name).bright_names.add(name)
         return value
+
+    def _owner(self, name: str) -> Parameters:
+        """Return the list that has the spectrum or texture `name` that counts."""
+        parameter = self._find(name, *SPECTRUM_TYPES)
+        return next(parameters for parameters in self.lists if parameters.items.get(name) is parameter)
 
     def share(self, name: str, default: float) -> Rgb | Image:
         """Return the spectrum or texture `name` with components clamped to [0, 1]."""
@@ -151,7 +157,10 @@ class Lookup:
         return self.share(name, default)
 
     def _not_negative(self, name: str, default: float) -> Rgb | Image:
+        """Return the spectrum or texture `name` with negative components raised to 0, and note these."""
         value = self.colour(name, default)
+        if np.min(value.texels if isinstance(value, Image) else value) < DARK_REFLECTANCE:
+            self._owner(name).negative_names.add(name)
         if isinstance(value, Image):
             return replace(value, texels=np.maximum(value.texels, 0))
         return _rgb(np.maximum(value, 0))

@@ -85,6 +85,8 @@ class Parameters:
     read_names: set[str] = field(default_factory=set)
     bright_names: set[str] = field(default_factory=set)
     """Names of reflectances above 1."""
+    negative_names: set[str] = field(default_factory=set)
+    """Names of reflectances below 0."""
 
     def get(self, name: str, *kinds: str) -> Parameter | None:
         """Return the parameter `name`, which must be of one of the types `kinds`; None if it is absent."""

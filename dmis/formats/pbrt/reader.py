@@ -43,7 +43,8 @@ MIN_LIKENESS = 0.8
 class PbrtWarning(SceneWarning):
     """Warning about lines of a pbrt file that were not used, probably have another meaning, or are too bright.
 
-    Lines are not used if they do not change the expected image or are unknown. Reflectances above 1 are too bright.
+    Lines are not used if they do not change the expected image or are unknown. Reflectances above 1 are too bright;
+    below 0 they are taken as 0.
     """
 
 
@@ -119,6 +120,7 @@ class Reader:
         self._unknown: dict[str, list[Token]] = {}
         self._doubts: list[str] = []
         self._bright: dict[str, dict[int, Token]] = {}
+        self._negative: dict[str, dict[int, Token]] = {}
 
     def material_for(self, shape: Parameters) -> Material:
         """Return the current material, with the parameters that the Shape line overrides.
@@ -139,13 +141,13 @@ class Reader:
         return self.make_material(name, (shape, parameters))
 
     def make_material(self, name: Token, lists: tuple[Parameters, ...]) -> Material:
-        """Return the material `name` made from the parameter `lists`; note reflectances above 1."""
+        """Return the material `name` made from the parameter `lists`; note reflectances outside of [0, 1]."""
         material = make_material(name, lists, self.state.textures, self.named)
         for parameters in lists:
-            for key in parameters.bright_names:
-                tokens = self._bright.setdefault(f"{key!r} of {parameters.directive.text}", {})
-                token = parameters.items[key].token
-                tokens[id(token)] = token
+            for table, names in ((self._bright, parameters.bright_names), (self._negative, parameters.negative_names)):
+                for key in names:
+                    token = parameters.items[key].token
+                    table.setdefault(f"{key!r} of {parameters.directive.text}", {})[id(token)] = token
         return material
 
     def named(self, token: Token, name: str) -> Material:
@@ -265,11 +267,14 @@ class Reader:
         """Issue the warnings: doubts, unused and unknown lines, reflectances, coarse quadrics, words of pbrt-v1."""
         for text in self._doubts:
             warnings.warn(PbrtWarning(text), stacklevel=stacklevel + 1)
-        bright = {what: list(tokens.values()) for what, tokens in self._bright.items()}
+        bright, negative = (
+            {what: list(tokens.values()) for what, tokens in table.items()} for table in (self._bright, self._negative)
+        )
         for text, named in (
             ("not used, because it does not change the expected image", self._unused),
             ("not used, because it is unknown there", self._unknown),
             ("reflectance above 1, which adds light, taken as it is, as pbrt does", bright),
+            ("reflectance below 0, taken as 0, as pbrt does", negative),
         ):
             if named:
                 places = ", ".join(self._places(what, *tokens) for what, tokens in named.items())

@@ -330,8 +330,12 @@ def test_matte(read):
     (lobe,) = lobes(read())
     assert isinstance(lobe, Lambert)
     close(lobe.reflectance, (0.5, 0.5, 0.5))
-    with pytest.warns(PbrtWarning, match="reflectance above 1, .*: 'Kd' of Material"):
+    with pytest.warns(PbrtWarning) as caught:
         (lobe,) = lobes(read('Material "matte" "color Kd" [-1 .5 2] "float sigma" 120'))
+    assert [str(one.message).split(": ")[1].split(",")[0] for one in caught] == [
+        "reflectance above 1",
+        "reflectance below 0",
+    ]
     assert isinstance(lobe, OrenNayar)
     assert lobe.sigma == 90
     close(lobe.reflectance, (0, 0.5, 2))
@@ -719,6 +723,18 @@ def test_endless_includes_are_refused(read, tmp_path):
         read('Include "0.pbrt"')
 
 
+def test_reflectances_below_0_are_0_with_a_warning(read):
+    """As pbrt has it, and with the place, also in an override of a Shape line."""
+    world = f'Material "matte" "color Kd" [-1 .5 .5] {TRIANGLE}Material "plastic" "color Ks" [0 0 -2] {TRIANGLE}'
+    with pytest.warns(PbrtWarning) as caught:
+        scene = read(world)
+    (text,) = [str(one.message) for one in caught]
+    assert text.endswith(
+        ": reflectance below 0, taken as 0, as pbrt does: 'Kd' of Material (line 3), 'Ks' of Material (line 4)"
+    )
+    assert (0, 0.5, 0.5) in [part.material.lobes[0].reflectance for part in scene.parts]
+
+
 @pytest.mark.parametrize(("written", "meant"), [("rougness", "roughness"), ("kd", "Kd"), ("sheen", None)])
 def test_misspelt_parameters_are_told(read, written, meant):
     """A parameter that no material has is not used; if one of a similar name is known, the warning says which."""
@@ -857,6 +873,16 @@ BAD = {
     "list in list": ("", 'Material "matte" "color Kd" [1 [2] 3]', 3, "token [: this list has no end"),
     "stray bracket": ("", "Translate 1 2 3 ]", 3, "token ]: a directive is expected"),
     "mixed list": ("", 'Material "matte" "color Kd" [1 "a" 3]', 3, "not both"),
+        "",
+        'Material "matte" "color Kd" [1\n nan 3]',
+        4,
+        "token nan: a number must be finite; this one",
+    ),
+        "",
+        'Material "matte" "color Kd" [1 -Inf 3]',
+        3,
+        "token -Inf: a number must be finite; this one",
+    ),
     "word in list": ("", 'Material "matte" "color Kd" [1\n x 3]', 4, "token x: a list holds numbers or quoted strings"),
     "bad number": ("", 'Material "matte" "color Kd" [1\n\n 1e 3]', 5, "token 1e: a number is expected here"),
     "double sign": ("", "Translate 1 +-2 3", 3, "token +-2: Translate needs 3 numbers; got 1"),
