@@ -873,11 +873,13 @@ BAD = {
     "list in list": ("", 'Material "matte" "color Kd" [1 [2] 3]', 3, "token [: this list has no end"),
     "stray bracket": ("", "Translate 1 2 3 ]", 3, "token ]: a directive is expected"),
     "mixed list": ("", 'Material "matte" "color Kd" [1 "a" 3]', 3, "not both"),
+    "no number in list": (
         "",
         'Material "matte" "color Kd" [1\n nan 3]',
         4,
         "token nan: a number must be finite; this one",
     ),
+    "infinity in list": (
         "",
         'Material "matte" "color Kd" [1 -Inf 3]',
         3,
