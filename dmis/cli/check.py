@@ -32,6 +32,8 @@ def check(options: argparse.Namespace) -> int:
         subjects, skipped = find(module)
         for other in skipped:
             print(f"dmis: {other.name} is not checked: {other.reason}", file=sys.stderr)
+        if skipped and not subjects:
+            raise ValueError(f"nothing in {file} can be checked as it stands; the lines above say how to change that")
         if not subjects:
             raise ValueError(
                 f"{file} must define something to check; it has nothing of: {RECOGNISED}. "

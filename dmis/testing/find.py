@@ -86,7 +86,8 @@ def find(module: ModuleType) -> tuple[list[Subject], list[Skipped]]:
             continue
         if missing := _required(cls):
             example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
-            reason = f"{', '.join(missing)} {'has' if len(missing) == 1 else 'have'} no default. Write {example}"
+            has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
+            reason = f"{', '.join(missing)} {has} no default. Give {it} one, or add an object to the file: {example}"
             skipped.append(Skipped(name, reason))
             continue
         try:

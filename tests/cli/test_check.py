@@ -156,7 +156,8 @@ def test_what_is_recognised(
         "technique hidden",
     ]  # fmt: skip
     assert error.splitlines() == [
-        "dmis: Tinted is not checked: tint, gloss have no default. Write my_tinted = Tinted(tint=..., gloss=...)",
+        "dmis: Tinted is not checked: tint, gloss have no default. Give them one, or add an object to the file: "
+        "my_tinted = Tinted(tint=..., gloss=...)",
         "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 34)",
     ]
 
@@ -166,6 +167,13 @@ def test_what_is_recognised(
     [
         ("a = 1", [], r"my_lobe\.py must define something to check; it has nothing of: classes that derive from Lobe"),
         ("a = 1", [], r"For the solution of an exercise, add --exercise N"),
+        (
+            DUST.replace("tint: Any = 0.5", "tint: Any"),
+            [],
+            r"Dust is not checked: tint has no default\. Give it one, or add an object to the file: my_dust = "
+            r"Dust\(tint=\.\.\.\)\ndmis: error: nothing in my_lobe\.py can be checked as it stands; "
+            r"the lines above say how",
+        ),
         ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),
         (None, [], r"no such file: .*my_lobe\.py; check needs a Python file"),
         (DUST, ["--exercise", "5"], r"exercise must be one that has a check: 2; got 5"),
