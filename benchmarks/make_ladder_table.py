@@ -42,7 +42,7 @@ for name, shrink in TABLES.items():
 # Rungs by scenes, and below what they follow from.
 lines = ["| rung | what may be chosen | " + " | ".join(ladders) + " |", "|---|---|" + "---|" * len(ladders)]
 for name, meaning in RUNGS.items():
-    values = [f"{ladder.rungs[name]:.3g}" for ladder in ladders.values()]
+    values = [ladder.rung_text(name) for ladder in ladders.values()]
     lines.append(f"| {name} | {meaning} | {' | '.join(values)} |")
 for title, values in {
     "P / V at w = 1/2": [f"{ladder.position:.2f}" for ladder in ladders.values()],

@@ -86,7 +86,7 @@ def _render(command: argparse.ArgumentParser) -> None:
         "--replicates",
         type=int,
         choices=(1, 2, 4),
-        help="divide the samples among independent copies of the sampler's points, so that the error estimate in the "
+        help="divide the samples among independent copies of the sampler's points, so that the variance in the "
         "file is unbiased; the error itself is larger (default 1)",
     )
     _add_setting(
