@@ -85,9 +85,9 @@ LIGHT_SAMPLES = {
 of KILLEROO GOLD.
 """
 BY_PATHS = ("killeroo-gold", "tt", "tt-overcast")
-SHRINK = {"tt-overcast": 4}
-"""Divisors of the thesis's side length other than 2. The thesis has no TT without a
-sun.
+SHRINK = {("tt", "path"): 4, ("tt-overcast", "direct"): 4, ("tt-overcast", "path"): 4}
+"""Divisors of the thesis's side length other than 2, by scene and integrator. There is
+no TT without a sun in the thesis.
 """
 LAMP = {"teapot-area-light": 8.0}
 """Radiance of a visible lamp; pixels that contain it are the lamp's edge."""
@@ -177,9 +177,8 @@ def reference_of(
     small beside the errors. It is in no mean, because the two halves are independent;
     large images average more of it, and do with fewer samples.
     """
-    settings = dmis.Settings(
-        integrator=integrator, shading_samples=2 * LIGHT_SAMPLES[name]
-    )
+    samples = setups(name, integrator)["as in the file"]["shading_samples"]
+    settings = dmis.Settings(integrator=integrator, shading_samples=samples)
     progress = show(f"reference of {name}, {integrator}")
     return cache(
         partial(
@@ -355,9 +354,10 @@ verdicts = [
     "|---" * 8 + "|",
 ]
 for name in given.scenes:
-    scene, size = scene_of(name, opts.pick(16, SHRINK.get(name, 2), 1))
     settings: dict[tuple, list[tuple]] = {}
     for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
+        shrink = SHRINK.get((name, integrator), 2)
+        scene, size = scene_of(name, opts.pick(16, shrink, 1))
         reference = reference_of(name, scene, integrator, opts.pick(64, 128))
         for setup in setups(name, integrator):
             tried = {
@@ -396,6 +396,8 @@ for name in given.scenes:
     if not settings:
         continue
     setting, measure = nearest(name, settings)
+    shrink = SHRINK.get((name, setting[1]), 2)
+    _, size = scene_of(name, opts.pick(16, shrink, 1))
     verdicts.append(verdict(name, size, setting, measure, given.seeds))
     if given.large:
         scene, size = scene_of(name, opts.pick(8, 1))
