@@ -96,14 +96,7 @@ def _render(command: argparse.ArgumentParser) -> None:
         help="sample all lights at each shading point, or one chosen at random; pbrt: one at each vertex of a "
         "path, all in direct lighting (default all)",
     )
-    _add_setting(
-        command,
-        "--compensation",
-        type=float,
-        metavar="SHARE",
-        help="share of a sky's light samples that is drawn from what exceeds its mean radiance, from 0 to below 1 "
-        "(default: 0.9 with rules that learn from densities, such as auto, else 0)",
-    )
+    _add_compensation(command, "0.9 with rules that learn from densities, such as auto, else 0")
     command.add_argument(
         "--checkpoint", metavar="FILE", help="file for finished tiles; an interrupted render is resumed from it"
     )
@@ -176,6 +169,7 @@ def _oracle(command: argparse.ArgumentParser) -> None:
         help="also measure how much evenly spread samples help; print and plot the bounds of the error in equal time "
         "with one freedom after another: weights, numbers of samples, shading samples, perfect shading, even points",
     )
+    _add_compensation(command, "0.9, as rules that learn from densities; 0: as the balance heuristic")
     command.add_argument(
         "--spp", type=int, default=2048, help="camera samples per pixel, a multiple of 4 (default 2048)"
     )
@@ -185,6 +179,18 @@ def _oracle(command: argparse.ArgumentParser) -> None:
         "-o", "--output", type=Path, required=True, metavar="DIR", help="output directory of table and plots"
     )
     command.add_argument("--quiet", action="store_true", help="print warnings and errors only")
+
+
+def _add_compensation(command: argparse.ArgumentParser, default: str) -> None:
+    """Add ``--compensation``, whose default the words describe."""
+    _add_setting(
+        command,
+        "--compensation",
+        type=float,
+        metavar="SHARE",
+        help="share of a sky's light samples that is drawn from what exceeds its mean radiance, from 0 to below 1 "
+        f"(default: {default})",
+    )
 
 
 def _info(command: argparse.ArgumentParser) -> None:

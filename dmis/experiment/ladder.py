@@ -31,8 +31,8 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings, make_settings
-from dmis.experiment.oracle import Oracle
+from dmis.estimator.settings import Settings
+from dmis.experiment.oracle import Oracle, compensated_settings
 from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.pipeline.executor import Parallel
@@ -364,7 +364,7 @@ def measure_evenness(
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
-        settings = replace(make_settings(settings), preset=None, sampler="sobol")
+        settings = replace(compensated_settings(scene, settings), sampler="sobol")
         errors = []
         for n in (spp // EVEN_RATIO, spp):
             images = [
@@ -406,6 +406,8 @@ def _evenness_path(
 ) -> Path:
     """Return the path of the errors that an evenness comes from in the cache."""
     width, height = scene.camera.resolution
-    key = json.dumps([__version__, fingerprint(scene), spp, seeds, *settings_key(settings)])
+    key = json.dumps(
+        [__version__, fingerprint(scene), spp, seeds, *settings_key(compensated_settings(scene, settings))]
+    )
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     return cache_folder(folder) / f"{scene.name}-{width}x{height}-evenness-{digest}.json"

@@ -297,6 +297,13 @@ def cached_oracle(
     return None
 
 
+def compensated_settings(scene: Scene, settings: Settings | None) -> Settings:
+    """Return `settings` with a sky compensation: by default that of rules that learn; none where there is no sky."""
+    settings = settings or Settings()
+    share = LEARNED_COMPENSATION if settings.compensation is None else settings.compensation
+    return replace(settings, preset=None, compensation=share if scene.plan.environment else None)
+
+
 def _path(
     scene: Scene,
     spp: int,
@@ -308,9 +315,7 @@ def _path(
     """Return the path of an oracle in the cache."""
     width, height = scene.camera.resolution
     combiners = [] if combiner == "balance" else [combiner]
-    settings = settings or Settings()
-    share = LEARNED_COMPENSATION if settings.compensation is None else settings.compensation
-    settings = replace(settings, preset=None, compensation=share if scene.plan.environment else None)
+    settings = compensated_settings(scene, settings)
     key = json.dumps([__version__, LAYOUT, fingerprint(scene), spp, patch, *settings_key(settings), *combiners])
     digest = hashlib.sha256(key.encode()).hexdigest()[:12]
     return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"

@@ -1,5 +1,8 @@
 """Ladder of bounds: closed forms on planted curves, order, scale, noise that does not flatter, and its measurement."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
@@ -9,6 +12,7 @@ from dmis.base.vectors import Array
 from dmis.experiment.ladder import RUNGS, Evenness, Ladder, cached_ladder, make_ladder, measure_evenness
 from dmis.experiment.oracle import Oracle, make_oracle
 from dmis.fit.curve_minimum import PatchCurves
+from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.variance.curves import GRID, HALF, share_variance
 
 S, BASE_COST = 2, 1.3
@@ -225,3 +229,22 @@ def test_ladder_of_a_scene(box: dmis.Scene, tmp_path, monkeypatch) -> None:
     # by the curves of all samples
     assert rungs["B1"] == pytest.approx(oracle.limit(costly=True), rel=0.02)
     assert rungs["B2'"] == pytest.approx(oracle.limit_with_counts(), rel=0.05)
+
+
+@pytest.mark.parametrize("compensation", [None, 0.0])
+def test_evenness_has_the_compensation_of_its_oracle(
+    compensation: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Renders with even points sample the sky as the oracle's do, or their error is over that of something else."""
+    scene = dmis.load_scene("tt", resolution=(12, 8))
+    settings = dmis.Settings(compensation=compensation)
+    oracle = make_oracle(scene, 16, settings=settings, folder=tmp_path)
+    asked = set()
+
+    def spy(*arguments: Any, settings: dmis.Settings, **options: Any) -> dmis.Result:
+        asked.add(settings.compensation)
+        return dmis.render(*arguments, settings=settings, **options)
+
+    monkeypatch.setattr("dmis.experiment.ladder.render", spy)
+    measure_evenness(scene, oracle, 8, 2, settings=settings, folder=tmp_path)
+    assert asked == {LEARNED_COMPENSATION if compensation is None else compensation}
