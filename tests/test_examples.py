@@ -163,7 +163,7 @@ def test_points_table_is_resumed(cache, tmp_path):
     arguments = ("--seeds", "2", "--scenes", "killeroo-gold", "ten-lights", "--csv", results, "--page", page)
     printed = run(script, cache, *arguments)
     rows = results.read_bytes()
-    assert rows.count(b"\n") == 1 + 2 * 2 * 4 * 2  # header; scenes, budgets, rules, seeds
+    assert rows.count(b"\n") == 1 + 2 * 2 * 6 * 2  # header; scenes, budgets, rules, seeds
     text = page.read_text("utf-8")
     assert text.count("| auto |") == 4 and text.count("| balance, Sobol |") == 2 and text.count(", held out |") == 5
     assert "| 16 spp | 32 spp |" in text and "nan" not in text
@@ -178,6 +178,7 @@ def test_pattern_harm(cache):
     assert printed.count("% ± ") == 6 and "nan" not in printed
 
 
+@pytest.mark.slow
 def test_cluster_tables(cache, tmp_path):
     """Three tables, of bytes, of renders with the same bits, and of what follows for many workers."""
     pytest.importorskip("distributed")

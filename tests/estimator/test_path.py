@@ -154,7 +154,11 @@ COLOURS = (0.6, (0.8, 0.3, 0.2), (0.2, 0.7, 0.3))
 
 
 @pytest.mark.parametrize(
-    "rule", ["fixed:0.1", "fixed:1", "pbrt", "one-sample", "resampled", "thesis", "second-moment", "neyman", "auto"]
+    "rule",
+    [
+        *("fixed:0.1", "pbrt", "thesis", "second-moment", "auto"),
+        *(pytest.param(rule, marks=pytest.mark.slow) for rule in ("fixed:1", "one-sample", "resampled", "neyman")),
+    ],
 )
 def test_rules_agree(rule: str) -> None:
     """A room of colours: the mean stays, whatever the weights, at any depth."""

@@ -57,7 +57,10 @@ def make_scene(name: str) -> dmis.Scene:
     return four_lights() if name == "four lights" else dmis.load_scene(name, resolution=(24, 18))
 
 
-SCENES = [*dmis.SHIPPED, "four lights"]
+LONG = "ten-lights"
+"""Scene whose renders take several times as long as those of the others."""
+SCENES = [pytest.param(name, marks=pytest.mark.slow) if name == LONG else name for name in dmis.SHIPPED]
+SCENES.append("four lights")
 
 
 def test_it_is_short() -> None:

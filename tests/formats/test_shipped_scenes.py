@@ -23,6 +23,9 @@ RESOLUTIONS = {
     "veach-mis": (480, 360),
     "ten-lights": (400, 300),
 }
+LONG = "ten-lights"
+"""Scene whose renders take several times as long as those of the others."""
+RENDERED = [pytest.param(name, marks=pytest.mark.slow) if name == LONG else name for name in RESOLUTIONS]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +46,7 @@ def test_film_has_its_resolution(scenes, name):
     assert scenes[name][1] == RESOLUTIONS[name]
 
 
-@pytest.mark.parametrize("name", RESOLUTIONS)
+@pytest.mark.parametrize("name", RENDERED)
 def test_every_mixture_agrees(name):
     """|z| < 4 between techniques in the mean over the image, at 80 pixels across."""
     width, height = RESOLUTIONS[name]
@@ -58,7 +61,7 @@ def test_every_mixture_agrees(name):
     assert means[0].min() > 0.05
 
 
-@pytest.mark.parametrize("name", RESOLUTIONS)
+@pytest.mark.parametrize("name", RENDERED)
 def test_rules_agree_on_paths(name):
     """|z| < 4 between rules in the mean over the image, six surfaces deep, at 40 pixels across."""
     width, height = RESOLUTIONS[name]
@@ -74,6 +77,7 @@ def test_rules_agree_on_paths(name):
     assert means[0] > dmis.render(scene, "balance", 32, settings=replace(settings, max_depth=1)).image.mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", dmis.HELD_OUT)
 def test_techniques_agree_on_held_out_scenes(name):
     """BRDF samples alone, light samples alone and learned weights have the means of `balance`, by z in 12 blocks.
