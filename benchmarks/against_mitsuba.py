@@ -43,7 +43,7 @@ mi.set_variant("scalar_rgb")
 dr.set_thread_count(1)
 
 import mitsuba_scene
-from common import SCENES, TABLES, machine, replace_table
+from common import SCENES, TABLES, bold, machine, replace_table
 from front_table import write_front_table
 
 import dmis
@@ -282,7 +282,7 @@ def compare_errors(
     for anchor in anchors:
         ratios = [turns.ratio(anchor, str(DEFAULT), reference)]
         ratios += [turns.ratio(f"{rule}, {sampler}", anchor, reference) for rule, sampler in rules]
-        cells = [f"{value:#.3g} ± {half:#.2g}" for value, half in ratios]
+        cells = [bold(*ratio) for ratio in ratios]
         lines.append(f"| {scene.name} | {seeds} | {anchor} | {contestants[anchor][1]} | {' | '.join(cells)} |")
         print(lines[-1], flush=True)
         if seeds > 1:
