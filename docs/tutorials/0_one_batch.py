@@ -38,7 +38,7 @@ RESOLUTION = (96, 72) if QUICK else (320, 240)
 # %%
 # The scene
 # ---------
-# A ball lies on a floor, under a square light. Both are made of one metal.
+# A ball lies on a floor, under a square light. Ball and floor are made of one metal.
 #
 # A mesh has ``vertices`` ``(V, 3)`` and ``faces`` ``(F, 3)``. A face is a triangle: the
 # numbers of its three corners. A *lobe* is a part of a BRDF. This metal has a single

@@ -9,7 +9,7 @@ After this tutorial you can
 * estimate the variance at every share from the samples of one pilot;
 * explain why even points beat better shares, and when both pay.
 
-The rule of the thesis loses on two of its four scenes. Its idea is right: with exact
+The rule of the thesis lost on two of its four scenes. Its idea is right: with exact
 variances the parabola would win. But two samples of a technique that fails do not say
 that it fails. The same samples can tell much more, if each of them is asked about every
 share at once.
@@ -219,7 +219,7 @@ axis.legend()
 # %%
 # Shares still pay once the points are even. They then work on the part that is left:
 # edges and shadows. The page "Even points" says how such points are made, and the page
-# "Weight rules" what ``auto`` does.
+# "How the learned rules work" what ``auto`` does.
 #
 # Exercises
 # ---------

@@ -197,7 +197,7 @@ def test_the_pages_state_the_bound_with_its_condition() -> None:
     theory, tutorial = (
         " ".join((docs / name).read_text("utf-8").split()) for name in ("theory.md", "tutorials/3_mis.py")
     )
-    assert "no *non-negative* weights for the same samples" in theory and "$0.694\\, I^2$" in theory
+    assert "other *non-negative* weights for the same samples" in theory and "$0.694\\, I^2$" in theory
     assert "Weights below 0 may gain more" in tutorial.replace("# ", "")
 
 
