@@ -31,16 +31,23 @@ def read_rows(page: Path, mark: str) -> list[dict[str, str]]:
     return [dict(zip(titles, row, strict=True)) for row in rows]
 
 
+def number(cell: str) -> float:
+    """Return the ratio of a cell such as ``**0.5 ± 0.1**``; 0 of a dash."""
+    return float(cell.strip("*").split()[0].replace("–", "0"))
+
+
 def front_rows(points: Path = POINTS, mitsuba: Path = MITSUBA) -> list[str]:
     """Return the lines of the table; a ratio that was not measured is a dash.
 
-    Of the lines that the table of Mitsuba has for a scene the last is taken: its best sampler of all.
+    Of the lines that the table of Mitsuba has for a scene that with the largest ratio is taken: its best set-up of all.
     """
     over = [
         {row["scene"]: row["128 spp"] for row in read_rows(points, mark) if row["rule"] == "auto"}
         for mark in ("points", "points strong")
     ]
-    best = {row["scene"]: row.get("`auto`, sobol", "–") for row in read_rows(mitsuba, "mitsuba-errors")}
+    best: dict[str, str] = {}
+    for row in read_rows(mitsuba, "mitsuba-errors"):
+        best[row["scene"]] = max(best.get(row["scene"], "–"), row.get("`auto`, sobol", "–"), key=number)
     lines = [f"| scene | {' | '.join(COLUMNS)} |", "|---" * (1 + len(COLUMNS)) + "|"]
     for scene in over[0]:
         cells = (over[0][scene], over[1][scene], best.get(scene.split()[0], "–"))
