@@ -69,4 +69,6 @@ What has no field in `Settings` yet is pinned as the code has it: lights sampled
 of a surface picked uniformly; a path continued by one more BRDF sample, beside those of direct lighting; Russian
 roulette as in `dmis.estimator.path`. Whoever makes one of these a choice, or changes it, adds a field to `Settings`
 whose value in this preset is the old behaviour. Images of the preset are held by `tests/estimator/test_presets.py`.
+Not pinned: the order in which a sample goes through the triangles of a `dmis.light.mesh_light.MeshLight`, which no
+scene of the thesis has. It changes which number gives which point, and no density.
 """
