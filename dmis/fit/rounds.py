@@ -18,6 +18,10 @@ another pattern is as many times V as the variances of independent points differ
 
 of which P comes from the place in the pixel, and A from S shading samples (`dmis.variance.pattern_curves`). A pixel
 whose pattern changes begins its sequence anew. The first round is then lost, and the new pattern must make up for that.
+
+V of a few samples is uncertain: where it is large it was partly luck, and its pixel needs fewer samples than it tells.
+So numbers follow V^t with a trust t from 0 to 1, the one at which they would have made the error of the first round
+least, in pixels of another colour, see `Rounds._trust`.
 """
 
 from __future__ import annotations
@@ -47,6 +51,8 @@ HALF = int(np.flatnonzero(SHARES == 0.5)[0])
 """Index of w = 1/2 in `dmis.estimator.patterns.SHARES`."""
 EXPONENT = 1.4
 """a of low-discrepancy points; of independent ones it is 1."""
+TRUSTS = (1.0, 0.75, 0.5, 0.25, 0.0)
+"""Powers of the variance which numbers of samples may follow; at 0 they are equal."""
 SPIKES = 0.1
 """Share of the variance of independent points that is added to that of a pixel, against spikes not seen yet."""
 LEAST_SPP = 16
@@ -158,6 +164,7 @@ class Rounds(Rule):
             if pattern[at].size:
                 curves = self._curves(first, colour, shape)
                 v = self._variance(variance, curves, n, at)
+                v **= self._trust(first, variance, curves, n, colour)
                 best, ratio = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
                 best_of, ratio_of = (patch_spread(a, PATCH, shape)[at] for a in (best, ratio))
                 pattern[at], density[at] = best_of, self._density(v[at] * ratio_of, cost[best_of])
@@ -171,7 +178,7 @@ class Rounds(Rule):
     def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
         """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
         others = [k for k in range(len(COLOURS)) if k != colour]
-        sums = {name: sum(a[k] for k in others) for name, a in first.sums.items()}
+        sums = {name: sum(a[k] for k in others) for name, a in first.sums.items() if name != "halves"}
         pixels = np.full(shape, float(first.replicates))
         pixels[COLOURS[colour]] = 0
         sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)
@@ -179,15 +186,37 @@ class Rounds(Rule):
         means, number = pool(sums, shape, PATCH, None if self.filter == "none" else 1.0, 2, features)
         return PatchCurves(**means, pattern=np.zeros(1), pixels=number, baseline=HALF)
 
-    def _variance(self, variance: Array, curves: PatchCurves, n: int, colour: tuple[slice, slice]) -> Array:
-        """Return V n^-a of the first round around each pixel, from the pixels of other colours, ``(H, W)``."""
+    def _variance(self, variance: Array, curves: PatchCurves, n: int, *colours: tuple[slice, slice]) -> Array:
+        """Return V n^-a of the first round around each pixel, from pixels of other `colours`, ``(H, W)``."""
         others = np.ones(variance.shape)
-        others[colour] = 0
+        for colour in colours:
+            others[colour] = 0
         if not others.any():
             return np.ones(variance.shape)
         independent = (np.maximum(curves.curve[HALF] / 2, 0) + np.maximum(curves.position, 0)) / n
         near = np.where(others > 0, variance, np.nan)
         return np.maximum(gaussian(near, 1.0, 2), 0) + SPIKES * patch_spread(independent, PATCH, variance.shape)
+
+    def _trust(self, first: Pilot, variance: Array, curves: PatchCurves, n: int, colour: int) -> float:
+        """Return the power of the variance that the numbers of samples of a colour follow.
+
+        It is judged at the pixels of the opposite colour in 2x2 neighbours, for which the other two predict V. Numbers
+        n_p of them would have the error sum_p v_p n_p^-a, and v_p is what halves of each pixel's own samples tell,
+        with which the prediction has nothing in common. (Four parts of few samples overrate pixels with an edge, whose
+        error falls fast, and would have us trust what overrates them as well.)
+        """
+        here, judge = COLOURS[colour], COLOURS[len(COLOURS) - 1 - colour]
+        own = patch_spread(first.sums["halves"][len(COLOURS) - 1 - colour], PATCH, variance.shape)[judge]
+        predicted = self._variance(variance, curves, n, here, judge)[judge]
+        if not own.any() or not predicted.any():
+            return TRUSTS[0]
+
+        def error(trust: float) -> float:
+            number = np.maximum(self._density(predicted**trust, 1.0), 0)
+            number = np.maximum(number * (first.budget / number.mean()), n)
+            return float(np.vdot(own, (number / number.mean()) ** -self.exponent))
+
+        return min(TRUSTS, key=error)
 
     def _density(self, variance: Array, cost: Array | float) -> Array:
         """Return numbers of samples in proportion, ``(V / C)^(1 / (1 + a))``."""

@@ -194,11 +194,11 @@ def _tile_areas(
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Return rows and columns of the tiles of an image.
 
-    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch; half as large where the
-    numbers of samples are `uneven`, so that no tile has most of them.
+    Tiles are `MIN_SIDE` to `MAX_SIDE` pixels a side, so that `batch` samples fill a batch; twice as large where the
+    numbers of samples are `uneven`, because pixels of different patterns or numbers are in batches of their own.
     """
     across = down = MIN_SIDE
-    while down < MAX_SIDE and 2 * across * down * spp <= (batch // 2 if uneven else batch):
+    while down < MAX_SIDE and 2 * across * down * spp <= (2 * batch if uneven else batch):
         across, down = (2 * across, down) if across == down else (across, 2 * down)
     width, height = resolution
     return [

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.base.patches import COLOURS
+from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.patterns import FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
+from dmis.fit import rounds
 from dmis.fit.registry import make_rule
 from dmis.fit.rounds import HALF, LONGEST, Rounds
 from dmis.fit.rule import Pilot
@@ -32,7 +33,13 @@ def pilot(curve: Array, position: Array | float = 0.0, size: int = 16, budget: i
     # a quarter of the 16 pixels of a patch has each colour
     of_colour = {name: np.repeat(4 * a[None].astype(float), 4, axis=0) for name, a in sums.items()}
     ones = np.ones((size, size, 3), np.float32)
-    return Pilot(Film(8, ones, ones), RAYS, of_colour, budget=budget)
+    return with_roots(Pilot(Film(8, ones, ones), RAYS, of_colour, budget=budget), ones)
+
+
+def with_roots(first: Pilot, root: Array) -> Pilot:
+    """Return a first round whose pixels have these roots of m2, and halves that differ accordingly."""
+    halves = patch_sum(by_colour((root**2).mean(axis=2)), PATCH)
+    return replace(first, moments=Film(8, first.moments.mean, root), sums={**first.sums, "halves": halves})
 
 
 def costs() -> Array:
@@ -114,7 +121,7 @@ def random_pilot(shape: tuple[int, int], seed: int = 1) -> Pilot:
     sums |= {"square": sums["curve"] ** 2, "cross": sums["curve"] * sums["curve"][:, HALF : HALF + 1]}
     sums |= {"position": rng.lognormal(0, 1, (4, rows, columns))}
     root = rng.lognormal(0, 2, (*shape, 3)).astype(np.float32)
-    return Pilot(Film(8, np.ones((*shape, 3), np.float32), root), RAYS, sums, budget=64)
+    return with_roots(Pilot(Film(8, np.ones((*shape, 3), np.float32), root), RAYS, sums, budget=64), root)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 3), (3, 2), (17, 30)])
@@ -143,9 +150,32 @@ def test_numbers_follow_the_variance_of_the_neighbours() -> None:
     first = pilot(np.zeros(len(SHARES)), size=32)
     root = first.moments.root.copy()
     root[:, 16:] *= np.sqrt(32)
-    plan = PLAIN.fit({0.5: replace(first, moments=Film(8, first.moments.mean, root))}).continuation
+    plan = PLAIN.fit({0.5: with_roots(first, root)}).continuation
     assert plan is not None
     np.testing.assert_allclose(plan.density[:, 24:].mean() / plan.density[:, :8].mean(), 32 ** (1 / 2.4), rtol=1e-3)
+
+
+@pytest.mark.parametrize(("power", "trust"), [(1.0, 1.0), (0.5, 0.5), (0.0, 0.0)])
+def test_numbers_follow_the_variance_as_far_as_it_predicts(power: float, trust: float) -> None:
+    """Halves whose squared differences are V^power in one half of the image, against V that the parts of it tell."""
+    first = pilot(np.zeros(len(SHARES)), size=32)
+    root = first.moments.root.copy()
+    root[:, 16:] *= np.sqrt(32)
+    halves = with_roots(first, root**power).sums["halves"]
+    told = with_roots(first, root)
+    plan = PLAIN.fit({0.5: replace(told, sums={**told.sums, "halves": halves})}).continuation
+    assert plan is not None
+    ratio = plan.density[:, 24:].mean() / plan.density[:, :8].mean()
+    np.testing.assert_allclose(ratio, 32 ** (trust / 2.4), rtol=1e-3)
+
+
+def test_numbers_are_equal_where_variance_is_luck() -> None:
+    """Spikes of the first round that its halves do not have: no pixel gets more samples for them."""
+    first = pilot(np.zeros(len(SHARES)), size=64)
+    root = np.random.default_rng(1).lognormal(0, 2, (64, 64, 1)).astype(np.float32) * np.ones(3, np.float32)
+    plan = PLAIN.fit({0.5: replace(with_roots(first, root), sums=first.sums)}).continuation
+    assert plan is not None
+    np.testing.assert_array_equal(plan.density, plan.density[0, 0])
 
 
 @pytest.mark.parametrize(
@@ -231,12 +261,13 @@ def z_of(rule: str, spp: int, seeds: int) -> Array:
 
 @pytest.fixture
 def leak(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Decide numbers from the variance of each pixel's own samples."""
+    """Decide numbers from the variance of each pixel's own samples, and trust it."""
 
-    def own(rule: Rounds, variance: Array, curves: object, n: int, colour: object) -> Array:
+    def own(rule: Rounds, variance: Array, curves: object, n: int, *colours: object) -> Array:
         return variance + 1e-3 * variance.mean()
 
     monkeypatch.setattr(Rounds, "_variance", own)
+    monkeypatch.setattr(rounds, "TRUSTS", (1.0,))
 
 
 def test_images_of_few_samples_are_unbiased() -> None:

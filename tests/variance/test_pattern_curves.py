@@ -54,3 +54,13 @@ def test_sums_of_a_colour_come_from_its_pixels(box: dmis.Scene, colour: int) -> 
     image = statistic[0].sums()["curve"].reshape(len(SHARES), 6, 4, 8, 4)
     of_colour = image[:, :, colour // 2 :: 2, :, colour % 2 :: 2].sum(axis=(2, 4))
     np.testing.assert_allclose(sums["curve"][colour], of_colour, rtol=1e-9)
+
+
+def test_halves_tell_the_error_of_half_the_samples() -> None:
+    """Planted radiance: a mean of 4 samples in each half, and nothing of the sample that is left over."""
+    rng = np.random.default_rng(1)
+    radiance = rng.random((3, 9, 5))
+    statistic = PatternCurves(5, 4)
+    statistic.add([], radiance.reshape(3, -1), 9)
+    expected = ((radiance[:, :4].mean(axis=1) - radiance[:, 4:8].mean(axis=1)) ** 2).mean(axis=0)
+    np.testing.assert_allclose(statistic.sums()["halves"], expected, rtol=1e-12)
