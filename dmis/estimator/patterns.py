@@ -7,7 +7,7 @@ power of two. So where they are used, a share w of light samples is one of few: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,17 +41,20 @@ class PatternMap:
         Index of the pattern of each pixel, ``(H, W)``, or ``(P,)`` in a tile.
     begin
         Number of the first camera sample, the same shape: 0 where a sequence begins.
+    first
+        Light and BRDF samples of the camera samples before it.
     """
 
     patterns: tuple[tuple[int, int], ...]
     pattern: np.ndarray
     begin: np.ndarray
+    first: tuple[int, int]
 
     def of_area(self, area: tuple[slice, slice]) -> PatternMap:
         """Return the map of an area of the image, in row order."""
-        return PatternMap(self.patterns, self.pattern[area].reshape(-1), self.begin[area].reshape(-1))
+        pattern, begin = (a[area].reshape(-1) for a in (self.pattern, self.begin))
+        return replace(self, pattern=pattern, begin=begin)
 
-    @property
-    def shading_samples(self) -> np.ndarray:
-        """Shading samples of a camera sample of each pixel, the shape of `pattern`."""
-        return np.array([n_l + n_b for n_l, n_b in self.patterns], np.int32)[self.pattern]
+    def shading_samples(self, samples: np.ndarray) -> np.ndarray:
+        """Return the light and the BRDF samples of each pixel, ``(2, H, W)``, of so many camera samples from `begin`."""
+        return self.begin * np.reshape(self.first, (2, 1, 1)) + samples * np.transpose(self.patterns)[:, self.pattern]

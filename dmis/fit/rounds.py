@@ -17,7 +17,11 @@ another pattern is as many times V as the variances of independent points differ
     V = P + A(w) / S,
 
 of which P comes from the place in the pixel, and A from S shading samples (`dmis.variance.pattern_curves`). A pixel
-whose pattern changes begins its sequence anew. The first round is then lost, and the new pattern must make up for that.
+whose pattern changes may begin its sequence anew: the first round is then lost, and the new pattern must make up for
+that. Or it goes on with another pattern: places in the pixel stay even, but light and BRDF samples of m = n - n_1 later
+camera samples do not fill the gaps of the n_1 first ones, and the error is
+
+    P n^-a + (m / n)^2 A(w) / S m^-a + (n_1 / n)^2 A(1/2) / 4 n_1^-a.
 
 V of a few samples is uncertain: where it is large it was partly luck, and its pixel needs fewer samples than it tells.
 So numbers follow V^t with a trust t from 0 to 1, the one at which they would have made the error of the first round
@@ -159,18 +163,20 @@ class Rounds(Rule):
         cost = _costs(first, scale)
         # variance of each pixel's mean of n samples
         variance = (first.moments.m2.mean(axis=2) / (n * max(n - 1, 1))).astype(np.float32)
-        pattern, density, patches = np.empty(shape, np.uint8), np.empty(shape), []
+        pattern, begin = np.empty(shape, np.uint8), np.empty(shape, np.int32)
+        density, patches = np.empty(shape), []
         for colour, at in enumerate(COLOURS):
             if pattern[at].size:
                 curves = self._curves(first, colour, shape)
                 v = self._variance(variance, curves, n, at)
                 v **= self._trust(first, variance, curves, n, colour)
-                best, ratio = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
-                best_of, ratio_of = (patch_spread(a, PATCH, shape)[at] for a in (best, ratio))
-                pattern[at], density[at] = best_of, self._density(v[at] * ratio_of, cost[best_of])
-                patches.append(best)
-        begin = np.where(pattern == FIRST, n, 0).astype(np.int32)
-        patterns = PatternMap(tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS), pattern, begin)
+                of_patches = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
+                best_of, anew, ratio = (patch_spread(a, PATCH, shape)[at] for a in of_patches)
+                pattern[at], begin[at] = best_of, np.where(anew, 0, n)
+                density[at] = self._density(v[at] * ratio, cost[best_of])
+                patches.append(of_patches[0])
+        sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
+        patterns = PatternMap(sizes, pattern, begin, sizes[FIRST])
         plan = Continuation(patterns, density, cost[pattern], cost[FIRST] * n, cost[EQUAL] * first.budget)
         maps = {"pattern": np.stack(patches), "variance": variance}
         return Fit(SHARES[SHARE_OF][pattern], maps, continuation=plan)
@@ -229,26 +235,35 @@ class Rounds(Rule):
         samples = density * (budget * cost[EQUAL] / cost[FIRST] / mean) if mean > 0 else np.zeros_like(density)
         return n / patch_mean(np.maximum(samples, n), PATCH)
 
-    def _best_patterns(self, curves: PatchCurves, cost: Array, spent: Array) -> tuple[np.ndarray, Array]:
-        """Return the index of the best pattern of each patch, and its variance over that of the first round's.
+    def _best_patterns(self, curves: PatchCurves, cost: Array, spent: Array) -> tuple[np.ndarray, np.ndarray, Array]:
+        """Return the best pattern of each patch, whether its pixels begin anew, and V over the first round's.
 
-        `spent` is the share of a patch's samples that the first round is, and that another pattern throws away.
+        `spent` is the share of a patch's samples that the first round is.
         """
         # V = P + A(w) / S,  A(w) / 2 being the curve
+        place = np.maximum(curves.position, 0)
         curve = curves.curve[SHARE_OF] * (2 / SAMPLES_OF[:, None, None])
-        variance = np.maximum(np.maximum(curves.position, 0) + curve, 0)
-        worth = variance * cost[:, None, None] ** self.exponent
-        worth[np.arange(len(PATTERNS)) != FIRST] *= np.maximum(1 - spent, 1e-3) ** -self.exponent
+        variance = np.maximum(place + curve, 0)
+        # numbers of camera samples for a cost of 1: first ones, and those that are left for others
+        n_1, m = spent / cost[FIRST], np.maximum(1 - spent, 1e-3) / cost[:, None, None]
+        n, exponent = n_1 + m, self.exponent
+        shading = (m ** (2 - exponent) * curve + n_1 ** (2 - exponent) * curve[FIRST]) / n**2
+        error_on = np.maximum(place * n**-exponent + shading, 0)
+        error_on[FIRST] = variance[FIRST] * cost[FIRST] ** exponent
+        error_anew = variance * m**-exponent
+        error = np.minimum(error_on, error_anew)
         # another share than 1/2 only where the gain is certain
-        error = curves.gain_error()
-        certain = curves.curve - curves.curve[HALF] < -self.guard * error
+        certain = curves.curve - curves.curve[HALF] < -self.guard * curves.gain_error()
         certain &= allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
         certain[HALF] = True
-        worth = np.where(certain[SHARE_OF], worth, np.inf)
-        best = np.where(worth[FIRST] <= worth.min(axis=0), FIRST, worth.argmin(axis=0))
-        chosen = np.take_along_axis(variance, best[None], axis=0)[0]
+        error = np.where(certain[SHARE_OF], error, np.inf)
+        best = np.where(error[FIRST] <= error.min(axis=0), FIRST, error.argmin(axis=0))[None]
+        chosen, on, number, left = (np.take_along_axis(x, best, axis=0)[0] for x in (error, error_on, n, m))
+        anew = chosen < on
+        number[best[0] == FIRST] = 1 / cost[FIRST]
+        chosen = chosen * np.where(anew, left, number) ** exponent
         ratio = np.divide(chosen, variance[FIRST], out=np.ones_like(chosen), where=variance[FIRST] > 0)
-        return best.astype(np.uint8), ratio
+        return best[0].astype(np.uint8), anew, ratio
 
 
 def _costs(first: Pilot, scale: int) -> Array:

@@ -119,11 +119,12 @@ def _result(
     shape = image[0].shape[:2]
     replicates, settings = final.settings.replicates, final.settings
     if final.patterns is not None:
-        samples, shading_samples = final.samples + final.patterns.begin, final.patterns.shading_samples
-        samples = replicates * samples
+        light, brdf = final.patterns.shading_samples(np.asarray(final.samples))
+        samples = replicates * (final.samples + final.patterns.begin)
+        weight, shading_samples = light / (light + brdf), replicates * (light + brdf) / samples
     else:
         samples = job.spp - job.final_spp + replicates * np.asarray(final.samples, np.float32)
-        shading_samples = np.full(shape, job.settings.shading_samples)
+        weight, shading_samples = final.shares[0], np.full(shape, job.settings.shading_samples)
     described = job.without_tables()
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
     deviation_of = "replicates" if replicates > 1 else deviation_of
@@ -134,7 +135,7 @@ def _result(
         image=image[0],
         deviation=image[1],
         deviation_of=deviation_of,
-        weight=np.full(shape, final.shares[0], np.float32),
+        weight=np.full(shape, weight, np.float32),
         samples=np.full(shape, samples, np.float32),
         shading_samples=np.asarray(shading_samples, np.float32),
         seconds={**stages, "total": times[-1] - times[0]},

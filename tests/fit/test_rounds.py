@@ -68,7 +68,9 @@ def test_best_pattern_of_planted_curves(g: int, position: float) -> None:
     assert fit.continuation is not None
     assert (fit.continuation.patterns.pattern == best).all()
     np.testing.assert_allclose(fit.shares[0], SHARES[SHARE_OF[best]])
-    np.testing.assert_array_equal(fit.continuation.patterns.begin, 8 if best == FIRST else 0)
+    # where places in the pixel are most of the error, the first round need not be lost
+    goes_on = best == FIRST or position == 100
+    np.testing.assert_array_equal(fit.continuation.patterns.begin, 8 if goes_on else 0)
 
 
 def test_ends_need_to_be_good_for_the_image() -> None:
