@@ -12,10 +12,6 @@ good. So the distribution of the true logarithms of the ratios is estimated from
 errors, by maximum likelihood on a grid of steps of 0.1. A patch is harmed if it belongs to a point above 0: its ratio
 is above 1.05, the least that so many renders can tell from 1. Patches whose pixels all have 1:1 are not harmed. The
 same for two halves of the renders with 1:1, where nothing is harmed, tells what is left of the noise.
-
-Pixels that stay with the pattern of the first round, 2:2, keep its samples, and those that change lose them. *Net* harm
-has that in it: for pixels that stay V Cᵃ of 1:1 is larger by (1 - s)^-a, with the share s that the first round is of
-what the pixel costs.
 """
 
 import sys
@@ -53,25 +49,19 @@ opts, given = options(
 )
 
 
-def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the pattern of each pixel that `auto` chooses, its cost over that of 1:1, and what a change would cost.
-
-    The last is the factor of V Cᵃ by which 1:1 must make up for the first round: 1 where the pattern has changed.
-    """
+def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pattern of each pixel that `auto` chooses, and its cost over that of 1:1."""
     job = Job.of(scene, "auto", given.budget, seed, dmis.Settings(sampler="sobol"))
     with Passes(job, 1) as passes:
         pilot, _ = passes.pilot()
-    final = job.final_pass(pilot)
-    plan = final.fit.continuation
+    plan = job.final_pass(pilot).fit.continuation
     assert plan is not None
-    spent = plan.spent / ((final.samples + plan.patterns.begin) * plan.cost)
-    change = np.where(plan.patterns.begin > 0, np.maximum(1 - spent, 1e-3) ** -EXPONENT, 1)
-    return plan.patterns.pattern, plan.cost * given.budget / plan.budget, change
+    return plan.patterns.pattern, plan.cost * given.budget / plan.budget
 
 
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
     """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
-    patterns = PatternMap(PATTERNS, pattern, np.zeros(pattern.shape, np.int32))
+    patterns = PatternMap(PATTERNS, pattern, np.zeros(pattern.shape, np.int32), PATTERNS[FIRST])
     job = Job.of(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
     images = []
     for seed in seeds:
@@ -115,10 +105,8 @@ def harm(ratio: np.ndarray, error: np.ndarray, unharmed: np.ndarray) -> str:
     return f"{share * np.mean(~unharmed):.1%} ± {share_error * np.mean(~unharmed):.1%}"
 
 
-print(
-    "| scene | lit patches | V Cᵃ of all over that of 1:1 | pixels with 1:1 | with 2:2 | harmed | net | halves of 1:1 |"
-)
-print("|---|---|---|---|---|---|---|---|")
+print("| scene | lit patches | V Cᵃ of all over that of 1:1 | pixels with 1:1 | with 2:2 | harmed | halves of 1:1 |")
+print("|---|---|---|---|---|---|---|")
 for name in given.scenes:
     size = (side // (SHRINK[name] * opts.pick(4, 1)) // PATCH * PATCH for side in SCENES[name].size)
     scene = dmis.load_scene(name, resolution=tuple(size))
@@ -128,22 +116,21 @@ for name in given.scenes:
     lit = (half[0] > 0) & (other[0] > 0)
     rows = []
     for pilot in range(given.pilots):
-        pattern, cost, change = choose(scene, pilot)
+        pattern, cost = choose(scene, pilot)
         begin = 2000 + pilot * given.seeds
         squares = squared_deviations(scene, pattern, range(begin, begin + given.seeds))
         worth, error = patch_worth(squares, cost**EXPONENT)
         base, base_error = patch_worth(equal, np.ones(shape))
         unharmed = patch_sum((pattern != EQUAL).astype(float), PATCH).reshape(-1) == 0
-        net = worth / np.maximum(patch_worth(equal, change)[0], 1e-300)
-        of_patches = (worth / np.maximum(base, 1e-300), net, np.hypot(error, base_error), unharmed)
+        of_patches = (worth / np.maximum(base, 1e-300), np.hypot(error, base_error), unharmed)
         rows.append([a[lit & (worth > 0)] for a in of_patches])
         numbers = worth.sum() / base.sum(), (pattern == EQUAL).mean(), (pattern == FIRST).mean()
-    ratio, net, error, unharmed = (np.concatenate(a) for a in zip(*rows, strict=True))
+    ratio, error, unharmed = (np.concatenate(a) for a in zip(*rows, strict=True))
     null = harm(
         (half[0] / np.maximum(other[0], 1e-300))[lit], np.hypot(half[1], other[1])[lit], np.zeros(lit.sum(), bool)
     )
     cells = [f"{name} {'×'.join(map(str, scene.camera.resolution))}", f"{lit.sum()}", f"{numbers[0]:.2f}"]
-    cells += [f"{numbers[1]:.0%}", f"{numbers[2]:.0%}", harm(ratio, error, unharmed), harm(net, error, unharmed), null]
+    cells += [f"{numbers[1]:.0%}", f"{numbers[2]:.0%}", harm(ratio, error, unharmed), null]
     print("| " + " | ".join(cells) + " |", flush=True)
 number = f"{given.pilots} choice{'s' * (given.pilots > 1)} and {given.seeds} seeds"
 print(f"Made on {date.today()} with {number}, on {machine()}.")

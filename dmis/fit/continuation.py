@@ -12,9 +12,9 @@ from dmis.estimator.patterns import PatternMap
 class Continuation:
     """Pattern and samples of each pixel after the first round.
 
-    Where the pattern is that of the first round a pixel goes on in its sequence, and all its samples are in the image.
-    Where it is another the sequence begins anew, and the first round was a pilot only: in a mean of samples of two
-    patterns the error of the worse one stays.
+    A pixel goes on in its sequence, and all its samples are in the image. Or its pattern is another than that of the
+    first round, and its sequence begins anew. Then the first round was a pilot only: a mean of samples of two patterns
+    keeps the error of the worse one.
 
     Attributes
     ----------

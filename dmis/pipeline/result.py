@@ -60,12 +60,13 @@ class Result:
         unbiased. With R of them it has R - 1 degrees of freedom: 95 % of a pixel's errors are within 12.7 deviations
         with 2, and 3.2 with 4; the mean over many pixels is exact with either.
     weight
-        ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first.
+        ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first. Of the rules
+        ``auto`` and ``counts``, share among all samples of the image.
     samples
         ``(H, W)`` float32: camera samples spent, pilot included, whether or not it is part of the image; a pilot's
         with twice the shading samples count for two. Of the rules ``auto`` and ``counts``, those of the image.
     shading_samples
-        ``(H, W)`` float32: shading samples of each of the `samples`.
+        ``(H, W)`` float32: shading samples of each of the `samples`, on average.
     seconds
         ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
     rays

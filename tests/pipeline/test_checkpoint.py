@@ -101,7 +101,7 @@ def test_only_the_missing_tiles_are_traced(wide, tmp_path):
     assert not file.exists()
 
 
-@pytest.mark.parametrize("after", [1, 9])
+@pytest.mark.parametrize("after", [1, 7])
 @pytest.mark.parametrize("rule", ["auto", "counts"])
 def test_rules_of_two_rounds_resume(wide, tmp_path, rule, after):
     """After a kill in the first round and in the second: numbers of samples are those of one go."""
