@@ -77,6 +77,8 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
         print(name, label, *(f"{n}/16 {v:.2f} ± {h:.2f}" for n, (v, h) in ratios.items()))
     axis.axhline(1, color="0.6", linewidth=1)
     axis.set_yscale("log")
+    axis.set_ylim(0.4, 8)
+    plot.round_ticks(axis.yaxis)
     axis.set_title("TT without a sun" if name == "tt-overcast" else "TT")
     axis.set_xlabel("share w of light samples")
     axis.set_ylabel("MSE over that of w = 1/2")

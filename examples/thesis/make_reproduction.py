@@ -96,7 +96,6 @@ TOLD = {
     "killeroo-diffuse": (3.250e-4, 3.040e-4),
     "killeroo-gold": (5.751e-3, 6.436e-3),
     "tt": (8.252e-6, 1.061e-5),
-    "tt-overcast": (8.252e-6, 1.061e-5),
 }
 """The thesis's mean squared errors with equal samples: balance heuristic, its rule."""
 MEASURES = {
@@ -251,12 +250,9 @@ def compare(
                 csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
 
 
-def is_finished(name: str, size: str, setup: str, integrator: str, patch: int) -> bool:
+def is_finished(name: str, size: str, setting: tuple, seeds: int) -> bool:
     """Return whether the results have a line for each seed."""
-    keys = (
-        (name, size, setup, integrator, str(patch), str(seed))
-        for seed in range(given.seeds)
-    )
+    keys = ((name, size, *map(str, setting), str(seed)) for seed in range(seeds))
     return all(key in rows for key in keys)
 
 
@@ -373,7 +369,9 @@ for name in given.scenes:
                 continue
             if given.finished:
                 patches = [
-                    p for p in patches if is_finished(name, size, setup, integrator, p)
+                    p
+                    for p in patches
+                    if is_finished(name, size, (setup, integrator, p), given.seeds)
                 ]
             compare(name, scene, setup, integrator, patches, reference, given.seeds)
             for patch in patches:
@@ -393,7 +391,7 @@ for name in given.scenes:
                     f" {errors} |"
                 )
                 print(lines[-1], flush=True)
-    if not settings:
+    if not settings or name not in SCENES:
         continue
     setting, measure = nearest(name, settings)
     shrink = SHRINK.get((name, setting[1]), 2)
@@ -402,16 +400,18 @@ for name in given.scenes:
     if given.large:
         scene, size = scene_of(name, opts.pick(8, 1))
         setup, integrator, patch = setting
-        compare(
-            name,
-            scene,
-            setup,
-            integrator,
-            (patch,),
-            reference_of(name, scene, integrator, 32),
-            given.large,
-        )
-        verdicts.append(verdict(name, size, setting, measure, given.large))
+        if not given.finished:
+            compare(
+                name,
+                scene,
+                setup,
+                integrator,
+                (patch,),
+                reference_of(name, scene, integrator, 32),
+                given.large,
+            )
+        if is_finished(name, size, setting, given.large):
+            verdicts.append(verdict(name, size, setting, measure, given.large))
     print(verdicts[-1], flush=True)
 
 # %%
