@@ -74,7 +74,8 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
             np.array(LIGHT_SAMPLES) / 16, values, halves, fmt=style, label=label
         )
         told[name, label] = values
-        print(name, label, *(f"{n}/16 {v:.2f} ± {h:.2f}" for n, (v, h) in ratios.items()))
+        shares = (f"{n}/16 {v:.2f} ± {h:.2f}" for n, (v, h) in ratios.items())
+        print(name, label, *shares)
     axis.axhline(1, color="0.6", linewidth=1)
     axis.set_yscale("log")
     axis.set_ylim(0.4, 8)
