@@ -211,14 +211,15 @@ class Rounds(Rule):
         with which the prediction has nothing in common. (Four parts of few samples overrate pixels with an edge, whose
         error falls fast, and would have us trust what overrates them as well.)
         """
-        here, judge = COLOURS[colour], COLOURS[len(COLOURS) - 1 - colour]
-        own = patch_spread(first.sums["halves"][len(COLOURS) - 1 - colour], PATCH, variance.shape)[judge]
-        predicted = self._variance(variance, curves, n, here, judge)[judge]
+        opposite = len(COLOURS) - 1 - colour
+        judge = COLOURS[opposite]
+        own = patch_spread(first.sums["halves"][opposite], PATCH, variance.shape)[judge]
+        predicted = self._variance(variance, curves, n, COLOURS[colour], judge)[judge]
         if not own.any() or not predicted.any():
             return TRUSTS[0]
 
         def error(trust: float) -> float:
-            number = np.maximum(self._density(predicted**trust, 1.0), 0)
+            number = self._density(predicted**trust, 1.0)
             number = np.maximum(number * (first.budget / number.mean()), n)
             return float(np.vdot(own, (number / number.mean()) ** -self.exponent))
 
