@@ -56,5 +56,8 @@ class PatternMap:
         return replace(self, pattern=pattern, begin=begin)
 
     def shading_samples(self, samples: np.ndarray) -> np.ndarray:
-        """Return the light and the BRDF samples of each pixel, ``(2, H, W)``, of its camera samples from `begin` on."""
+        """Return the light and the BRDF samples of each pixel, ``(2, H, W)``, for so many samples from `begin` on.
+
+        Those of the camera samples before it are included.
+        """
         return self.begin * np.reshape(self.first, (2, 1, 1)) + samples * np.transpose(self.patterns)[:, self.pattern]

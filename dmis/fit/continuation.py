@@ -12,9 +12,8 @@ from dmis.estimator.patterns import PatternMap
 class Continuation:
     """Pattern and samples of each pixel after the first round.
 
-    A pixel goes on in its sequence, and all its samples are in the image. Or its pattern is another than that of the
-    first round, and its sequence begins anew. Then the first round was a pilot only: a mean of samples of two patterns
-    keeps the error of the worse one.
+    A pixel goes on in its sequence, with the pattern of the first round or with another, and all its samples are in the
+    image. Or its sequence begins anew with another pattern, and its first round was a pilot only.
 
     Attributes
     ----------

@@ -11,8 +11,8 @@ given cost of the image its error is least with
     n ~ (V / C)^(1 / (1 + a)),
 
 and of several patterns the one with the least ``V C^a`` is best. V of the first round's pattern is measured at each
-pixel: the spread of four sub-blocks of its samples (`dmis.variance.sub_blocks`), averaged over its neighbours. That of
-another pattern is as many times V as the variances of independent points differ,
+pixel: the spread of four sub-blocks of its samples (`dmis.variance.sub_blocks`), averaged over its neighbours. For
+another pattern V is scaled by the ratio of variances with independent points,
 
     V = P + A(w) / S,
 
@@ -23,7 +23,9 @@ camera samples do not fill the gaps of the n_1 first ones, and the error is
 
     P n^-a + (m / n)^2 A(w) / S m^-a + (n_1 / n)^2 A(1/2) / 4 n_1^-a.
 
-V of a few samples is uncertain: where it is large it was partly luck, and its pixel needs fewer samples than it tells.
+(A technique with one sample has points n_1 to 2 n_1 - 1 of its sequence twice then, which the formula leaves out.)
+
+V of a few samples is uncertain: where it is large it was partly luck, and its pixel needs fewer samples than V says.
 So numbers follow V^t with a trust t from 0 to 1, the one at which they would have made the error of the first round
 least, in pixels of another colour, see `Rounds._trust`.
 """
@@ -207,9 +209,9 @@ class Rounds(Rule):
         """Return the power of the variance that the numbers of samples of a colour follow.
 
         It is judged at the pixels of the opposite colour in 2x2 neighbours, for which the other two predict V. Numbers
-        n_p of them would have the error sum_p v_p n_p^-a, and v_p is what halves of each pixel's own samples tell,
-        with which the prediction has nothing in common. (Four parts of few samples overrate pixels with an edge, whose
-        error falls fast, and would have us trust what overrates them as well.)
+        n_p of them would have the error sum_p v_p n_p^-a. Here v_p comes from the halves of the samples of these
+        pixels, summed over those in a patch; only `SPIKES` of the prediction has them, too. (Four parts of few samples
+        overrate pixels with an edge, whose error falls fast, and would have us trust what overrates them as well.)
         """
         opposite = len(COLOURS) - 1 - colour
         judge = COLOURS[opposite]
@@ -230,7 +232,7 @@ class Rounds(Rule):
         return np.asarray((variance / cost) ** (1 / (1 + self.exponent)))
 
     def _spent(self, variance: Array, cost: Array, budget: int, n: int) -> Array:
-        """Return which share the first round is of the samples of each patch, if all pixels keep its pattern."""
+        """Return n_1 / n of each patch, if all pixels keep the pattern of the first round."""
         density = self._density(variance, cost[FIRST])
         mean = density.mean()
         samples = density * (budget * cost[EQUAL] / cost[FIRST] / mean) if mean > 0 else np.zeros_like(density)

@@ -24,11 +24,13 @@ LIGHT_SAMPLES = (2, 4, 6, 7, 8, 9, 10, 12, 14)
 SEEDS = range(opts.pick(1, 2))
 
 # %%
-# The two set-ups of the reproduction: one light and one BRDF sample with independent
-# points, and 8 + 8 of each camera sample with pbrt-v2's points. A share w of 16 shading
-# samples is a whole number of light samples, the same for all camera samples.
+# One light and one BRDF sample with independent points, as the thesis may have had; 8 +
+# 8 with independent and with pbrt-v2's points. A share w of 16 shading samples is a
+# whole number of light samples, the same for all camera samples; of 2 it is one on
+# average.
 SETUPS = {
     "independent points, 1 + 1": {"sampler": "independent", "shading_samples": 2},
+    "independent points, 8 + 8": {"sampler": "independent", "shading_samples": 16},
     "low-discrepancy points, 8 + 8": {
         "sampler": "lowdiscrepancy",
         "shading_samples": 16,
@@ -46,7 +48,7 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
         parallel=opts.threads,
         progress=opts.progress,
     )
-    for (label, about), style in zip(SETUPS.items(), ("s--", "o-"), strict=True):
+    for (label, about), style in zip(SETUPS.items(), ("s--", "^:", "o-"), strict=True):
         # %%
         # The mean squared error of each share, and its ratio over that of w = 1/2 with
         # the same seeds.
@@ -89,16 +91,16 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
 # With independent points the best share lies elsewhere than at 1/2, and the rule gains
 # by going there. With even points the same shares lose.
 fewer = [told["tt-overcast", label][LIGHT_SAMPLES.index(4)] for label in SETUPS]
-next_to = told["tt-overcast", list(SETUPS)[1]][LIGHT_SAMPLES.index(9)]
+next_to = told["tt-overcast", list(SETUPS)[-1]][LIGHT_SAMPLES.index(9)]
 opts.save(
     figure,
     "Shares and even points",
     f"""TT at {size[0]}×{size[1]} pixels with fixed shares of light samples: mean
     squared error over that of w = 1/2, with 95 % intervals over blocks of pixels. With
-    independent points (squares) w = 1/4 has {fewer[0]:.2f} of the error under the sky
-    without a sun. With pbrt-v2's low-discrepancy points (circles), 16 shading samples
-    per camera sample, the same share has {fewer[1]:.2f} times the error, and 9 light
-    samples to 7 BRDF samples {next_to:.2f} times: numbers that are no powers of two are
-    less even.""",
+    independent points w = 1/4 has {fewer[0]:.2f} of the error under the sky without a
+    sun (squares: 2 shading samples per camera sample), or {fewer[1]:.2f} (triangles:
+    16). With 16 of pbrt-v2's low-discrepancy points (circles) the same share has
+    {fewer[2]:.2f} times the error, and 9 light samples to 7 BRDF samples {next_to:.2f}
+    times: numbers that are no powers of two are less even.""",
     panel=axes.flat[0],
 )
