@@ -291,8 +291,8 @@ def nearest(name: str, settings: dict[tuple, list[tuple]]) -> tuple[tuple, str]:
     error.
 
     Nearest in error (by its logarithm) among those whose interval covers the thesis's
-    ratio; if there are none, nearest in ratio. Points of the unrounded set-up are not
-    the thesis's.
+    ratio, and of several with this error nearest in ratio; if none covers it, nearest
+    in ratio. Points of the unrounded set-up are not the thesis's.
     """
     error, ratio = TOLD[name][0], TOLD[name][1] / TOLD[name][0]
     candidates = [
@@ -303,6 +303,7 @@ def nearest(name: str, settings: dict[tuple, list[tuple]]) -> tuple[tuple, str]:
                 if abs(value - ratio) <= half
                 else abs(value - ratio)
             ),
+            abs(value - ratio),
             *at,
         )
         for setting, values in settings.items()
@@ -311,7 +312,7 @@ def nearest(name: str, settings: dict[tuple, list[tuple]]) -> tuple[tuple, str]:
         )
         if setting[0] != UNROUNDED
     ]
-    return min(candidates)[2:]
+    return min(candidates)[3:]
 
 
 def verdict(name: str, size: str, setting: tuple, measure: str, seeds: int) -> str:
@@ -423,5 +424,8 @@ about = (
 )
 print("", about, "", *verdicts, "", *lines, sep="\n")
 if given.page is not None:
-    replace_table(given.page, "nearest", about, "", *verdicts)
+    large = " (1 at the thesis's resolution)" if given.large == 1 else ""
+    replace_table(
+        given.page, "nearest", about.replace(seeds, seeds + large), "", *verdicts
+    )
     replace_table(given.page, "grid", about, "", *lines)
