@@ -247,12 +247,12 @@ class Rounds(Rule):
         place = np.maximum(curves.position, 0)
         curve = curves.curve[SHARE_OF] * (2 / SAMPLES_OF[:, None, None])
         variance = np.maximum(place + curve, 0)
-        # numbers of camera samples for a cost of 1: first ones, and those that are left for others
+        # n_1 of the first round and m later camera samples, for a total cost of 1
         n_1, m = spent / cost[FIRST], np.maximum(1 - spent, 1e-3) / cost[:, None, None]
         n, exponent = n_1 + m, self.exponent
         shading = (m ** (2 - exponent) * curve + n_1 ** (2 - exponent) * curve[FIRST]) / n**2
         error_on = np.maximum(place * n**-exponent + shading, 0)
-        error_on[FIRST] = variance[FIRST] * cost[FIRST] ** exponent
+        error_on[FIRST] = variance[FIRST] * cost[FIRST] ** exponent  # one even sequence
         error_anew = variance * m**-exponent
         error = np.minimum(error_on, error_anew)
         # another share than 1/2 only where the gain is certain
@@ -263,7 +263,6 @@ class Rounds(Rule):
         best = np.where(error[FIRST] <= error.min(axis=0), FIRST, error.argmin(axis=0))[None]
         chosen, on, number, left = (np.take_along_axis(x, best, axis=0)[0] for x in (error, error_on, n, m))
         anew = chosen < on
-        number[best[0] == FIRST] = 1 / cost[FIRST]
         chosen = chosen * np.where(anew, left, number) ** exponent
         ratio = np.divide(chosen, variance[FIRST], out=np.ones_like(chosen), where=variance[FIRST] > 0)
         return best[0].astype(np.uint8), anew, ratio

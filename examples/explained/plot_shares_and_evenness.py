@@ -38,7 +38,7 @@ SETUPS = {
 }
 size = opts.pick((64, 36), (200, 111), (1500, 833))
 figure, axes = plot.canvas(1, 2, 13, 4.6)
-told = {}
+ratios_of = {}
 for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
     scene = dmis.load_scene(name, resolution=size)
     reference = dmis.make_reference(
@@ -75,7 +75,7 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
         axis.errorbar(
             np.array(LIGHT_SAMPLES) / 16, values, halves, fmt=style, label=label
         )
-        told[name, label] = values
+        ratios_of[name, label] = values
         shares = (f"{n}/16 {v:.2f} ± {h:.2f}" for n, (v, h) in ratios.items())
         print(name, label, *shares)
     axis.axhline(1, color="0.6", linewidth=1)
@@ -90,17 +90,17 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
 # %%
 # With independent points the best share lies elsewhere than at 1/2, and the rule gains
 # by going there. With even points the same shares lose.
-fewer = [told["tt-overcast", label][LIGHT_SAMPLES.index(4)] for label in SETUPS]
-next_to = told["tt-overcast", list(SETUPS)[-1]][LIGHT_SAMPLES.index(9)]
+quarter = [ratios_of["tt-overcast", label][LIGHT_SAMPLES.index(4)] for label in SETUPS]
+nine = ratios_of["tt-overcast", list(SETUPS)[-1]][LIGHT_SAMPLES.index(9)]
 opts.save(
     figure,
     "Shares and even points",
     f"""TT at {size[0]}×{size[1]} pixels with fixed shares of light samples: mean
     squared error over that of w = 1/2, with 95 % intervals over blocks of pixels. With
-    independent points w = 1/4 has {fewer[0]:.2f} of the error under the sky without a
-    sun (squares: 2 shading samples per camera sample), or {fewer[1]:.2f} (triangles:
+    independent points w = 1/4 has {quarter[0]:.2f} of the error under the sky without a
+    sun (squares: 2 shading samples per camera sample), or {quarter[1]:.2f} (triangles:
     16). With 16 of pbrt-v2's low-discrepancy points (circles) the same share has
-    {fewer[2]:.2f} times the error, and 9 light samples to 7 BRDF samples {next_to:.2f}
+    {quarter[2]:.2f} times the error, and 9 light samples to 7 BRDF samples {nine:.2f}
     times: numbers that are no powers of two are less even.""",
     panel=axes.flat[0],
 )

@@ -159,13 +159,13 @@ def test_numbers_follow_the_variance_of_the_neighbours() -> None:
 
 @pytest.mark.parametrize(("power", "trust"), [(1.0, 1.0), (0.5, 0.5), (0.0, 0.0)])
 def test_numbers_follow_the_variance_as_far_as_it_predicts(power: float, trust: float) -> None:
-    """Halves whose squared differences are V^power in one half of the image, against V that the parts of it tell."""
+    """V is 32 times as large in one half of the image, and the squared differences of halves 32^power times."""
     first = pilot(np.zeros(len(SHARES)), size=32)
     root = first.moments.root.copy()
     root[:, 16:] *= np.sqrt(32)
     halves = with_roots(first, root**power).sums["halves"]
-    told = with_roots(first, root)
-    plan = PLAIN.fit({0.5: replace(told, sums={**told.sums, "halves": halves})}).continuation
+    planted = with_roots(first, root)
+    plan = PLAIN.fit({0.5: replace(planted, sums={**planted.sums, "halves": halves})}).continuation
     assert plan is not None
     ratio = plan.density[:, 24:].mean() / plan.density[:, :8].mean()
     np.testing.assert_allclose(ratio, 32 ** (trust / 2.4), rtol=1e-3)
