@@ -10,8 +10,9 @@ is in no estimate. Takes some minutes of one core.
 The variances have noise, which alone would make nearly half of all patches look worse where both patterns are equally
 good. So the distribution of the true logarithms of the ratios is estimated from the measured ones and their standard
 errors, by maximum likelihood on a grid of steps of 0.1. A patch is harmed if it belongs to a point above 0: its ratio
-is above 1.05, the least that so many renders can tell from 1. Patches whose pixels all have 1:1 are not harmed. The
-same for two halves of the renders with 1:1, where nothing is harmed, tells what is left of the noise.
+is above 1.05, the least that so many renders can tell from 1. Patches whose pixels all have 1:1 are not harmed. *Their
+error* is the share of the image's variance with 1:1 that harmed patches have. The same for two halves of the renders
+with 1:1, where nothing is harmed, tells what is left of the noise.
 """
 
 import sys
@@ -81,32 +82,43 @@ def patch_worth(squares: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, np
     return mean, np.divide(error, mean, out=np.zeros_like(mean), where=mean > 0)
 
 
-def share_above(log_ratio: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the share of the ratios that belong above 1, and its standard error by the bootstrap over patches."""
+def share_above(
+    log_ratio: np.ndarray, error: np.ndarray, weight: np.ndarray, rng: np.random.Generator
+) -> tuple[float, float, float]:
+    """Return the share of the ratios that belong above 1, its standard error, and their share of the weight.
+
+    The standard error is that of the bootstrap over patches.
+    """
     if not len(log_ratio):
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     z = (log_ratio[:, None] - GRID) / error[:, None]
     likelihood = np.exp(-0.5 * (z**2 - (z**2).min(axis=1, keepdims=True)))
     shares = []
     for k in range(21):  # all patches first, then samples of them
-        of = likelihood if k == 0 else likelihood[rng.integers(len(z), size=len(z))]
-        density = np.full(len(GRID), 1 / len(GRID))
+        chosen = np.arange(len(z)) if k == 0 else rng.integers(len(z), size=len(z))
+        of, density = likelihood[chosen], np.full(len(GRID), 1 / len(GRID))
         for _ in range(200):  # expectation maximisation
-            density *= (of / (of @ density)[:, None]).mean(axis=0)
-        shares.append(density[GRID > 0].sum())
-    return float(shares[0]), float(np.std(shares[1:], ddof=1))
+            belongs = of * density / (of @ density)[:, None]
+            density = belongs.mean(axis=0)
+        above = belongs[:, GRID > 0].sum(axis=1)
+        shares.append((above.mean(), np.average(above, weights=weight[chosen])))
+    share, of_weight = shares[0]
+    return float(share), float(np.std([s for s, _ in shares[1:]], ddof=1)), float(of_weight)
 
 
 # %%
 # One scene after the other, on one thread.
-def harm(ratio: np.ndarray, error: np.ndarray, unharmed: np.ndarray) -> str:
-    """Return the share of all patches that are harmed, and its standard error, as text."""
-    share, share_error = share_above(np.log(ratio[~unharmed]), error[~unharmed], np.random.default_rng(1))
-    return f"{share * np.mean(~unharmed):.1%} ± {share_error * np.mean(~unharmed):.1%}"
+def harm(ratio: np.ndarray, error: np.ndarray, base: np.ndarray, unharmed: np.ndarray) -> list[str]:
+    """Return the share of all patches that are harmed, with its standard error, and their share of the variance."""
+    harmed = ~unharmed
+    rng = np.random.default_rng(1)
+    share, share_error, of_base = share_above(np.log(ratio[harmed]), error[harmed], base[harmed], rng)
+    part, of_all = np.mean(harmed), base[harmed].sum() / base.sum()
+    return [f"{share * part:.1%} ± {share_error * part:.1%}", f"{of_base * of_all:.1%}"]
 
 
-print("| scene | lit patches | V Cᵃ of all over that of 1:1 | pixels with 1:1 | with 2:2 | harmed | halves of 1:1 |")
-print("|---|---|---|---|---|---|---|")
+columns = "scene", "lit patches", "V·Cᵃ over 1:1", "pixels at 1:1", "at 2:2", "harmed", "their error", "halves of 1:1"
+print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|")
 for name in given.scenes:
     size = (side // (SHRINK[name] * opts.pick(4, 1)) // PATCH * PATCH for side in SCENES[name].size)
     scene = dmis.load_scene(name, resolution=tuple(size))
@@ -122,15 +134,14 @@ for name in given.scenes:
         worth, error = patch_worth(squares, cost**EXPONENT)
         base, base_error = patch_worth(equal, np.ones(shape))
         unharmed = patch_sum((pattern != EQUAL).astype(float), PATCH).reshape(-1) == 0
-        of_patches = (worth / np.maximum(base, 1e-300), np.hypot(error, base_error), unharmed)
+        of_patches = (worth / np.maximum(base, 1e-300), np.hypot(error, base_error), base, unharmed)
         rows.append([a[lit & (worth > 0)] for a in of_patches])
         numbers = worth.sum() / base.sum(), (pattern == EQUAL).mean(), (pattern == FIRST).mean()
-    ratio, error, unharmed = (np.concatenate(a) for a in zip(*rows, strict=True))
-    null = harm(
-        (half[0] / np.maximum(other[0], 1e-300))[lit], np.hypot(half[1], other[1])[lit], np.zeros(lit.sum(), bool)
-    )
+    of_all = (np.concatenate(a) for a in zip(*rows, strict=True))
+    null_ratio, null_error = half[0] / np.maximum(other[0], 1e-300), np.hypot(half[1], other[1])
+    null = harm(null_ratio[lit], null_error[lit], half[0][lit], np.zeros(lit.sum(), bool))
     cells = [f"{name} {'×'.join(map(str, scene.camera.resolution))}", f"{lit.sum()}", f"{numbers[0]:.2f}"]
-    cells += [f"{numbers[1]:.0%}", f"{numbers[2]:.0%}", harm(ratio, error, unharmed), null]
+    cells += [f"{numbers[1]:.0%}", f"{numbers[2]:.0%}", *harm(*of_all), null[0]]
     print("| " + " | ".join(cells) + " |", flush=True)
 number = f"{given.pilots} choice{'s' * (given.pilots > 1)} and {given.seeds} seeds"
 print(f"Made on {date.today()} with {number}, on {machine()}.")
