@@ -158,7 +158,11 @@ class Rounds(Rule):
         return f"fewer than {least} samples per pixel, rendered as balance" if spp < least else ""
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
-        """Return patterns and numbers of samples from the first round."""
+        """Return patterns and numbers of samples from the first round.
+
+        Its maps are the `pattern` of each patch for the pixels of each colour, the `variance` of each pixel's mean of
+        the first round, and the `trust` of each colour, ``(4,)``.
+        """
         first = pilot[0.5]
         n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
         scale = first.shading_samples // int(SAMPLES_OF[FIRST])
@@ -166,12 +170,13 @@ class Rounds(Rule):
         # variance of each pixel's mean of n samples
         variance = (first.moments.m2.mean(axis=2) / (n * max(n - 1, 1))).astype(np.float32)
         pattern, begin = np.empty(shape, np.uint8), np.empty(shape, np.int32)
-        density, patches = np.empty(shape), []
+        density, trust, patches = np.empty(shape), np.ones(len(COLOURS)), []
         for colour, at in enumerate(COLOURS):
             if pattern[at].size:
                 curves = self._curves(first, colour, shape)
                 v = self._variance(variance, curves, n, at)
-                v **= self._trust(first, variance, curves, n, colour)
+                trust[colour] = self._trust(first, variance, curves, n, colour)
+                v **= trust[colour]
                 of_patches = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
                 best_of, anew, ratio = (patch_spread(a, PATCH, shape)[at] for a in of_patches)
                 pattern[at], begin[at] = best_of, np.where(anew, 0, n)
@@ -180,7 +185,7 @@ class Rounds(Rule):
         sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
         patterns = PatternMap(sizes, pattern, begin, sizes[FIRST])
         plan = Continuation(patterns, density, cost[pattern], cost[FIRST] * n, cost[EQUAL] * first.budget)
-        maps = {"pattern": np.stack(patches), "variance": variance}
+        maps = {"pattern": np.stack(patches), "variance": variance, "trust": trust}
         return Fit(SHARES[SHARE_OF][pattern], maps, continuation=plan)
 
     def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:

@@ -41,7 +41,7 @@ class Fit:
     samples
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
-        Diagnostics by name, in the last two axes one value per patch.
+        Diagnostics by name; those of patches have one value for each in the last two axes.
     combiner
         Heuristic of the final samples; None: that of the rule's `settings`.
     continuation

@@ -165,7 +165,9 @@ def test_numbers_follow_the_variance_as_far_as_it_predicts(power: float, trust: 
     root[:, 16:] *= np.sqrt(32)
     halves = with_roots(first, root**power).sums["halves"]
     planted = with_roots(first, root)
-    plan = PLAIN.fit({0.5: replace(planted, sums={**planted.sums, "halves": halves})}).continuation
+    fit = PLAIN.fit({0.5: replace(planted, sums={**planted.sums, "halves": halves})})
+    np.testing.assert_array_equal(fit.maps["trust"], [trust] * 4)
+    plan = fit.continuation
     assert plan is not None
     ratio = plan.density[:, 24:].mean() / plan.density[:, :8].mean()
     np.testing.assert_allclose(ratio, 32 ** (trust / 2.4), rtol=1e-3)
