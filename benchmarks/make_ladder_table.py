@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import ROOT, TABLES, machine, options, replace_table, show
 
 import dmis
-from dmis.experiment.ladder import EVEN_SEEDS, EVEN_SPP, RUNGS, make_ladder, measure_evenness
+from dmis.experiment.evenness import EVEN_SEEDS, EVEN_SPP, measure_evenness
+from dmis.experiment.ladder import RUNGS, make_ladder
 from dmis.experiment.oracle import make_oracle
 
 PAGE = ROOT / "docs" / "measurements.md"

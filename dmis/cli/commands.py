@@ -33,7 +33,8 @@ from dmis.cli.arguments import make_parser
 from dmis.cli.check import check
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
-from dmis.experiment.ladder import make_ladder, measure_evenness
+from dmis.experiment.evenness import measure_evenness
+from dmis.experiment.ladder import make_ladder
 from dmis.experiment.oracle import make_oracle
 from dmis.experiment.reference import cache_folder, make_reference
 from dmis.experiment.speed.bench import HEADER, bench

@@ -13,32 +13,23 @@ ways round: noise raises the expected value of a rung, it does not lower it. The
 its patches; that of B6 and B7, which rest on the small estimate P alone, is large. Evaluated on the samples that it was
 made on, a choice looks better than it is; the difference says whether the samples are enough.
 
-Camera samples are independent up to the last rung, which assumes that they are spread evenly, see `Evenness`. What
+Camera samples are independent up to the last rung, which assumes that they are even (`dmis.experiment.evenness`). What
 control variates (B4) and product sampling without visibility (B5) could bring is left out.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from dmis import __version__
-from dmis.base.atomic_files import check_writable, replacing
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
-from dmis.experiment.oracle import Oracle, compensated_settings
-from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
+from dmis.experiment.evenness import Evenness, cached_evenness
+from dmis.experiment.oracle import Oracle
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
-from dmis.pipeline.executor import Parallel
-from dmis.pipeline.fingerprint import fingerprint
-from dmis.pipeline.progress import Progress
-from dmis.pipeline.render import render
 from dmis.scene.scene import Scene
 from dmis.variance.curves import HALF, share_variance
 
@@ -69,33 +60,8 @@ EDGE_EXPONENT = 1.5
 """Exponent a of the error n^-a of evenly spread points in a pixel with an edge, which rung B7 does not exceed: its
 samples go where edges are, and a larger exponent would be that of smooth pixels.
 """
-EVEN_SPP, EVEN_RATIO, EVEN_SEEDS = 128, 4, 8
-"""Camera samples per pixel at which `Evenness` is measured, what these are divided by for its slope, and renders of
-each.
-"""
-
-
 INTERVAL = 1.96
 """Half the width of a 95 % confidence interval, in standard errors."""
-
-
-@dataclass(frozen=True)
-class Evenness:
-    """Error of the balance heuristic with Sobol points over that with independent ones, as a power of the samples.
-
-    Attributes
-    ----------
-    spp
-        Camera samples per pixel at which `ratio` was measured.
-    ratio
-        Mean squared error with Sobol points over that with independent points.
-    exponent
-        a, where the error with Sobol points falls as n^-a: 1 for independent points, 3/2 for edges in the pixel.
-    """
-
-    spp: int
-    ratio: float
-    exponent: float
 
 
 @dataclass(frozen=True)
@@ -337,53 +303,6 @@ def _at_index(values: Array, index: np.ndarray) -> Array:
     return np.take_along_axis(values, index[None], axis=0)[0]
 
 
-def measure_evenness(
-    scene: Scene,
-    oracle: Oracle,
-    spp: int = EVEN_SPP,
-    seeds: int = EVEN_SEEDS,
-    *,
-    settings: Settings | None = None,
-    folder: str | os.PathLike[str] | None = None,
-    parallel: Parallel = None,
-    progress: Progress | bool | None = None,
-) -> Evenness:
-    """Return the evenness of a scene's Sobol points: measured at the first call, read from the cache afterwards.
-
-    The error at `spp` and at a quarter of it is the variance over renders with different random numbers, of the mean of
-    the channels, over all pixels. That with independent points is the oracle's.
-
-    Parameters
-    ----------
-    spp, seeds
-        Camera samples per pixel, a multiple of 4, and the number of renders at each of both numbers.
-    settings, folder, parallel, progress
-        See `dmis.experiment.oracle.make_oracle`.
-    """
-    path = _evenness_path(scene, spp, seeds, settings, folder)
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        check_writable(path)
-        settings = replace(compensated_settings(scene, settings), sampler="sobol")
-        errors = []
-        for n in (spp // EVEN_RATIO, spp):
-            images = [
-                render(
-                    scene, "balance", n, seed=REFERENCE_SEED + 4 + k, settings=settings, parallel=parallel,
-                    progress=progress,
-                ).image.mean(axis=2, dtype=np.float64)
-                for k in range(seeds)
-            ]  # fmt: skip
-            errors.append(float(np.var(images, axis=0, ddof=1).mean()))
-        with replacing(path) as partial:
-            partial.write_text(json.dumps(errors))
-    fewer, error = json.loads(path.read_text())
-    independent = oracle.mean(oracle.variance[HALF]) / spp
-    if not (error > 0 and independent > 0):
-        raise ValueError("evenness needs an image with noise; got one whose error is 0")
-    return Evenness(spp, error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
-
-
 def cached_ladder(
     scene: Scene,
     oracle: Oracle,
@@ -396,18 +315,4 @@ def cached_ladder(
     It is None where `make_ladder` has none.
     """
     ladder = make_ladder(oracle)
-    if ladder is None or not _evenness_path(scene, EVEN_SPP, EVEN_SEEDS, settings, folder).exists():
-        return ladder
-    return make_ladder(oracle, measure_evenness(scene, oracle, settings=settings, folder=folder))
-
-
-def _evenness_path(
-    scene: Scene, spp: int, seeds: int, settings: Settings | None, folder: str | os.PathLike[str] | None
-) -> Path:
-    """Return the path of the errors that an evenness comes from in the cache."""
-    width, height = scene.camera.resolution
-    key = json.dumps(
-        [__version__, fingerprint(scene), spp, seeds, *settings_key(compensated_settings(scene, settings))]
-    )
-    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
-    return cache_folder(folder) / f"{scene.name}-{width}x{height}-evenness-{digest}.json"
+    return ladder and make_ladder(oracle, cached_evenness(scene, oracle, settings=settings, folder=folder))

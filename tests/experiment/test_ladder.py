@@ -9,7 +9,8 @@ from scipy.optimize import minimize_scalar
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.experiment.ladder import RUNGS, Evenness, Ladder, cached_ladder, make_ladder, measure_evenness
+from dmis.experiment.evenness import Evenness, measure_evenness
+from dmis.experiment.ladder import RUNGS, Ladder, cached_ladder, make_ladder
 from dmis.experiment.oracle import Oracle, make_oracle
 from dmis.fit.curve_minimum import PatchCurves
 from dmis.pipeline.job import LEARNED_COMPENSATION
@@ -220,7 +221,7 @@ def test_ladder_of_a_scene(box: dmis.Scene, tmp_path, monkeypatch) -> None:
     assert before is not None and "B7" not in before.rungs
     evenness = measure_evenness(box, oracle, folder=tmp_path)
     assert evenness.ratio < 0.8 and 1 < evenness.exponent < 2.5
-    monkeypatch.setattr("dmis.experiment.ladder.render", None)
+    monkeypatch.setattr("dmis.experiment.evenness.render", None)
     assert measure_evenness(box, oracle, folder=tmp_path) == evenness
     ladder = cached_ladder(box, oracle, folder=tmp_path)
     assert ladder is not None and set(ladder.rungs) == set(RUNGS)
@@ -245,6 +246,6 @@ def test_evenness_has_the_compensation_of_its_oracle(
         asked.add(settings.compensation)
         return dmis.render(*arguments, settings=settings, **options)
 
-    monkeypatch.setattr("dmis.experiment.ladder.render", spy)
+    monkeypatch.setattr("dmis.experiment.evenness.render", spy)
     measure_evenness(scene, oracle, 8, 2, settings=settings, folder=tmp_path)
     assert asked == {LEARNED_COMPENSATION if compensation is None else compensation}
