@@ -1,4 +1,8 @@
-"""The example scripts, run as a reader would, at their quick size."""
+"""The example scripts, at their quick size.
+
+Most run in the process of the tests, see `scripts`. Those that start processes run in a process of their own, as for a
+reader, and so do the figures of `test_contact_sheet`.
+"""
 
 import os
 import re
@@ -11,10 +15,13 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from PIL import Image
+from scripts import run_script  # noqa: F401  # a fixture
 
 ROOT = Path(__file__).parent.parent
 FIGURES = sorted((ROOT / "examples").rglob("plot_*.py"))
 SCENES = ["teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt"]
+PROCESSES = ["plot_scale"]
+"""Figures that are drawn in a process of their own, because they start others."""
 THESIS = ["fig_2_1", "fig_3_1", "fig_3_2", "fig_3_3", "fig_3_4", "fig_3_5", "fig_4_1", "fig_5_1", "table_4_1", "eq_3_1"]
 
 
@@ -24,8 +31,15 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("references")
 
 
-def run(script: Path, cache: Path, *arguments: str | Path, scenes: Path | None = None) -> str:
-    """Run a script; what it prints."""
+@pytest.fixture
+def run(run_script, cache, monkeypatch):  # noqa: F811
+    """Function that runs a script at its quick size in this process, and returns what it prints."""
+    monkeypatch.setenv("DMIS_CACHE", str(cache))
+    return lambda script, *arguments: run_script(script, "--quick", *arguments)
+
+
+def run_process(script: Path, cache: Path, *arguments: str | Path, scenes: Path | None = None) -> str:
+    """Run a script at its quick size in a process of its own; return what it prints."""
     environment = {**os.environ, "DMIS_CACHE": str(cache)}
     environment.pop("DMIS_PBRT_SCENES", None)
     if scenes is not None:
@@ -58,10 +72,12 @@ def test_every_figure_of_the_thesis_has_its_script():
 
 
 @pytest.mark.parametrize("script", FIGURES, ids=lambda script: script.stem)
-def test_figure(script, cache, tmp_path):
+def test_figure(script, run, cache, tmp_path):
     """It runs without a word on standard error, and draws."""
     picture = tmp_path / "figure.png"
-    assert run(script, cache, "-o", picture).rstrip().endswith(str(picture))
+    alone = script.stem in PROCESSES
+    printed = run_process(script, cache, "-o", picture) if alone else run(script, "-o", picture)
+    assert printed.rstrip().endswith(str(picture))
     check(picture)
     if script.parent.name == "thesis":  # for print: 7 inches wide at 200 dpi or more, and a PDF
         with Image.open(picture) as image:
@@ -75,19 +91,19 @@ def test_figure(script, cache, tmp_path):
 def test_figure_of_the_original_scenes(script, cache, tmp_path, pbrt_scenes):
     """The same scripts on the original files."""
     picture = tmp_path / "figure.png"
-    run(script, cache, "-o", picture, scenes=pbrt_scenes)
+    run_process(script, cache, "-o", picture, scenes=pbrt_scenes)
     check(picture)
 
 
-def test_contact_sheet(cache, tmp_path):
+def test_contact_sheet(run, tmp_path):
     """One line per script; a page that shows what there is."""
     script = ROOT / "examples" / "make_figures.py"
-    lines = run(script, cache, "-o", tmp_path / "any.png", "--only", "fig_2_1", "1d_mixture").splitlines()
+    lines = run(script, "-o", tmp_path / "any.png", "--only", "fig_2_1", "1d_simplex").splitlines()
     assert len(lines) == 2 + 1 and "plot_fig_2_1_variance" in lines[0]
     page = (tmp_path / "index.html").read_text("utf-8")
-    assert page.count("<figure ") == 2 and 'src="plot_1d_mixture.png"' in page
+    assert page.count("<figure ") == 2 and 'src="plot_1d_simplex.png"' in page
     headings = [page.index(f"<h2>{heading}</h2>") for heading in ("The thesis, figure by figure", "Explained")]
-    assert headings[0] < page.index("thesis/plot_fig_2_1") < headings[1] < page.index("explained/plot_1d_mixture")
+    assert headings[0] < page.index("thesis/plot_fig_2_1") < headings[1] < page.index("explained/plot_1d_simplex")
     assert "<h2>Measured</h2>" not in page
     assert "MSE" in (tmp_path / "plot_fig_2_1_variance.txt").read_text("utf-8")
 
@@ -116,14 +132,14 @@ def test_figures_of_original_scenes_are_not_published(by_option, tmp_path):
     assert not (tmp_path / "docs").exists() and not list(tmp_path.iterdir())
 
 
-def test_reproduction_grid_is_resumed(cache, tmp_path):
+def test_reproduction_grid_is_resumed(run, tmp_path):
     """A line for each comparison; a second run makes none again, and its table is the same."""
     page, results = tmp_path / "page.md", tmp_path / "rows.csv"
     marks = "".join(f"<!-- {mark}: begin -->\nstale\n<!-- {mark}: end -->\n" for mark in ("nearest", "grid"))
     page.write_text(f"before\n{marks}after\n", "utf-8")
     script = ROOT / "examples" / "thesis" / "make_reproduction.py"
     arguments = ("--seeds", "1", "--csv", results, "--page", page, "--scenes", "teapot-area-light", "killeroo-gold")
-    printed = run(script, cache, *arguments)
+    printed = run(script, *arguments)
     rows = results.read_bytes()
     assert rows.count(b"\n") == 1 + 2 * (2 * 4 + 1) + 2  # header; scenes, set-ups, sizes of patches; gold by paths
     text = page.read_text("utf-8")
@@ -131,7 +147,7 @@ def test_reproduction_grid_is_resumed(cache, tmp_path):
     assert text.count("as in the file, direct |") == 8 and text.count(", path |") == 2
     assert "stale" not in text and "nan" not in text
     results.write_bytes(rows[: rows.rindex(b"\n", 0, -1) + 1])  # as if interrupted before the last line
-    assert run(script, cache, *arguments) == printed
+    assert run(script, *arguments) == printed
     again = results.read_bytes().splitlines()
     assert again[:-1] == rows.splitlines()[:-1] and len(again) == len(rows.splitlines())
 
@@ -148,32 +164,32 @@ def test_reproduction_grid_is_resumed(cache, tmp_path):
         ),
     ],
 )
-def test_tables_of_rules(cache, tmp_path, script, arguments, counts):
+def test_tables_of_rules(run, tmp_path, script, arguments, counts):
     """Cells of the tables that compare rules on the four scenes, at the end of a page that has none."""
     page = tmp_path / "page.md"
-    run(ROOT / "benchmarks" / f"{script}.py", cache, *arguments, "--page", page)
+    run(ROOT / "benchmarks" / f"{script}.py", *arguments, "--page", page)
     text = page.read_text("utf-8")
     assert {part: text.count(part) for part in counts} == counts
 
 
-def test_points_table_is_resumed(cache, tmp_path):
+def test_points_table_is_resumed(run, tmp_path):
     """A line for each render; a second run makes none again, and its tables are the same."""
     page, results = tmp_path / "page.md", tmp_path / "runs.csv"
     script = ROOT / "benchmarks" / "make_points_table.py"
     arguments = ("--seeds", "2", "--scenes", "killeroo-gold", "ten-lights", "--csv", results, "--page", page)
-    printed = run(script, cache, *arguments)
+    printed = run(script, *arguments)
     rows = results.read_bytes()
     assert rows.count(b"\n") == 1 + 2 * 2 * 6 * 2  # header; scenes, budgets, rules, seeds
     text = page.read_text("utf-8")
     assert text.count("| auto |") == 4 and text.count("| balance, Sobol |") == 2 and text.count(", held out |") == 5 + 4
     assert "| 16 spp | 32 spp |" in text and "nan" not in text
-    assert run(script, cache, *arguments) == printed and results.read_bytes() == rows
+    assert run(script, *arguments) == printed and results.read_bytes() == rows
 
 
-def test_pattern_harm(cache):
+def test_pattern_harm(run):
     """A row for each scene, with shares of patches and their errors."""
     script = ROOT / "benchmarks" / "measure_pattern_harm.py"
-    printed = run(script, cache, "--seeds", "4", "--pilots", "1", "--scenes", "teapot-area-light", "tt")
+    printed = run(script, "--seeds", "4", "--pilots", "1", "--scenes", "teapot-area-light", "tt")
     assert printed.count("| teapot-area-light 20×20 |") == printed.count("| tt 20×12 |") == 1
     assert printed.count("% ± ") == 4 and "nan" not in printed
 
@@ -184,39 +200,40 @@ def test_cluster_tables(cache, tmp_path):
     pytest.importorskip("distributed")
     page = tmp_path / "page.md"
     page.write_text("before\n", "utf-8")
-    run(ROOT / "benchmarks" / "measure_cluster.py", cache, "--page", page)
+    run_process(ROOT / "benchmarks" / "measure_cluster.py", cache, "--page", page)
     text = page.read_text("utf-8")
     assert text.startswith("before\n") and "| 2 worker processes |" in text and "**extrapolated**" in text
     assert "nan" not in text and "inf" not in text
 
 
 @pytest.mark.slow
-def test_path_tables(cache, tmp_path):
+def test_path_tables(run, tmp_path):
     """Five scenes in two tables: rules in equal time, and the oracle."""
     page = tmp_path / "page.md"
     page.write_text("before\n", "utf-8")
-    run(ROOT / "benchmarks" / "make_path_table.py", cache, "--seeds", "2", "--page", page)
+    run(ROOT / "benchmarks" / "make_path_table.py", "--seeds", "2", "--page", page)
     text = page.read_text("utf-8")
     assert text.startswith("before\n") and text.count("| cornell 16×16 |") == 2 and text.count("| tt ") == 2
     assert "nan" not in text
 
 
-def test_report(cache, tmp_path):
+def test_report(run, tmp_path):
     """Four scenes in one page, each with a folder that the next run goes on from."""
     script = ROOT / "examples" / "make_report.py"
-    printed = run(script, cache, "-o", tmp_path / "any.png", "--seeds", "1")
+    printed = run(script, "-o", tmp_path / "any.png", "--seeds", "1")
     assert printed.rstrip().endswith(str(tmp_path / "report.html")) and printed.count("| 32 | auto |") == 4
     page = (tmp_path / "report.html").read_text("utf-8")
     assert page.count("<section ") == page.count('class="viewer"') == 4 and "regret" in page
     tables = {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}
-    run(script, cache, "-o", tmp_path / "any.png", "--seeds", "1")
+    run(script, "-o", tmp_path / "any.png", "--seeds", "1")
     assert tables == {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}
 
 
 def test_stability_figure(cache, tmp_path):
     """Float32 against float64, which is a process of its own."""
     picture = tmp_path / "figure.png"
-    assert run(ROOT / "examples" / "make_stability_figure.py", cache, "-o", picture).rstrip().endswith(str(picture))
+    printed = run_process(ROOT / "examples" / "make_stability_figure.py", cache, "-o", picture)
+    assert printed.rstrip().endswith(str(picture))
     check(picture)
 
 
