@@ -3,7 +3,7 @@
 import ast
 import inspect
 import json
-import os
+import logging
 import re
 import runpy
 import subprocess
@@ -48,29 +48,31 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda tutorial: tutorial.stem)
-def test_tutorial_runs(tutorial, cache, tmp_path):
+def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
     """Small, in an empty folder, without a word on standard error; without a screen it leaves its pictures as files.
 
-    Its text comes from standard input, as that of a notebook: there are no files beside it, and no ``__file__``.
+    Its text is run as a notebook's: there are no files beside it, and no ``__file__``. The first one runs in a process
+    of its own, as for a reader, the others in this one, see `scripts`.
     """
     pytest.importorskip("matplotlib")
     from PIL import Image
+    from scripts import run_alone
 
-    done = subprocess.run(
-        [sys.executable, "-"],
-        input=tutorial.read_text("utf-8"),
-        cwd=tmp_path,
-        env={
-            **os.environ, "DMIS_CACHE": str(cache), "DMIS_QUICK": "1", "MPLBACKEND": "agg", "PYTHONPATH": str(ROOT),
-        },
-        capture_output=True,
-        text=True,
-        timeout=1200,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
+    monkeypatch.chdir(tmp_path)
+    text = tutorial.read_text("utf-8")
+    for name, value in (("DMIS_CACHE", str(cache)), ("DMIS_QUICK", "1"), ("MPLBACKEND", "agg")):
+        monkeypatch.setenv(name, value)
+    if tutorial == TUTORIALS[0]:
+        monkeypatch.setenv("PYTHONPATH", str(ROOT))
+        subprocess.run([sys.executable, "-"], input=text, text=True, timeout=1200, check=True)
+    else:
+        code = compile(text, "<stdin>", "exec")
+        run_alone(lambda: exec(code, {"__name__": "__main__"}), tmp_path, monkeypatch)
+    printed = capfd.readouterr()
+    assert printed.err == "" and not [record for record in caplog.records if record.levelno >= logging.WARNING]
     pictures = sorted((tmp_path / "figures" / "tutorials").iterdir())
-    assert len(pictures) > 1 and "nan" not in done.stdout
-    assert done.stdout.split()[-len(pictures) :] == [str(path.relative_to(tmp_path)) for path in pictures]
+    assert len(pictures) > 1 and "nan" not in printed.out
+    assert printed.out.split()[-len(pictures) :] == [str(path.relative_to(tmp_path)) for path in pictures]
     for picture in pictures:
         with Image.open(picture) as image:
             assert min(image.size) > 200
