@@ -109,10 +109,10 @@ measured: dict[tuple[str, str, int], list[Run]] = {}
 sizes, titles = {}, {}
 for name in names:
     if name in TABLES:
-        scene = opts.scene(name, TABLES[name] * opts.pick(4, 1))
+        scene = opts.scene(name, TABLES[name] * opts.pick(6, 1))
     else:
         width, height = dmis.load_scene(name).camera.resolution
-        shrink = HELD_OUT.get(name, 2) * opts.pick(4, 1)
+        shrink = HELD_OUT.get(name, 2) * opts.pick(8, 1)
         scene = dmis.load_scene(name, resolution=(width // shrink, height // shrink))
     sizes[name] = "×".join(map(str, scene.camera.resolution))
     titles[name] = scene.name if KIND else name

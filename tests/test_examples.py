@@ -176,7 +176,7 @@ def test_points_table_is_resumed(run, tmp_path):
     """A line for each render; a second run makes none again, and its tables are the same."""
     page, results = tmp_path / "page.md", tmp_path / "runs.csv"
     script = ROOT / "benchmarks" / "make_points_table.py"
-    arguments = ("--seeds", "2", "--scenes", "killeroo-gold", "ten-lights", "--csv", results, "--page", page)
+    arguments = ("--seeds", "2", "--scenes", "killeroo-gold", "veach-mis", "--csv", results, "--page", page)
     printed = run(script, *arguments)
     rows = results.read_bytes()
     assert rows.count(b"\n") == 1 + 2 * 2 * 6 * 2  # header; scenes, budgets, rules, seeds
@@ -225,7 +225,8 @@ def test_report(run, tmp_path):
     page = (tmp_path / "report.html").read_text("utf-8")
     assert page.count("<section ") == page.count('class="viewer"') == 4 and "regret" in page
     tables = {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}
-    run(script, "-o", tmp_path / "any.png", "--seeds", "1")
+    run(script, "-o", tmp_path / "any.png", "--seeds", "1", "--scenes", "tt")
+    assert (tmp_path / "report.html").read_text("utf-8").count("<section ") == 1
     assert tables == {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in SCENES}
 
 
