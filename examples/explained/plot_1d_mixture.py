@@ -46,7 +46,7 @@ def f(x):
 # %%
 # The truth by quadrature: with shares w and 1 - w, a sample has the variance M2 - w
 # m_l^2 - (1 - w) m_b^2.
-x = np.linspace(-0.6, 1.8, 200_001)
+x = np.linspace(-0.6, 1.8, opts.pick(20_001, 200_001))
 p_l, p_b, dx = density(0, x), density(1, x), x[1] - x[0]
 w = np.linspace(
     0.005, 0.995, 199

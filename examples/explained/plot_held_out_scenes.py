@@ -12,7 +12,7 @@ from dmis import plot
 from dmis.experiment.gallery import options
 
 opts, _ = options("plot_held_out_scenes", __doc__)
-SPP, SHRINK = opts.pick(8, 64), opts.pick(8, 2, 1)
+SPP, SHRINK = opts.pick(8, 64), opts.pick(16, 2, 1)
 TITLES = {
     "fixed:0": "BRDF samples",
     "fixed:1": "light samples",

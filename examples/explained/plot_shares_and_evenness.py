@@ -36,7 +36,7 @@ SETUPS = {
         "shading_samples": 16,
     },
 }
-size = opts.pick((64, 36), (200, 111), (1500, 833))
+size = opts.pick((32, 18), (200, 111), (1500, 833))
 figure, axes = plot.canvas(1, 2, 13, 4.6)
 ratios_of = {}
 for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
@@ -58,7 +58,7 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
                 dmis.render(
                     scene,
                     f"fixed:{n_l / 16}",
-                    opts.pick(16, 64),
+                    opts.pick(8, 64),
                     seed=seed,
                     preset="thesis",
                     parallel=opts.threads,

@@ -16,7 +16,7 @@ from dmis.experiment.report.plots import error_lines
 
 opts, _ = options("plot_error_vs_time", __doc__)
 RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")
-BUDGETS = opts.pick((8, 16, 32), (16, 32, 64, 128))
+BUDGETS = opts.pick((8, 32), (16, 32, 64, 128))
 SEEDS = range(opts.pick(2, 3))
 
 # %%
