@@ -170,7 +170,7 @@ print(f"best shares: {oracle.limit():.2f}")
 # On the diffuse killeroo light sampling is nearly always better, and BRDF sampling has
 # spikes. Here are the errors at equal samples over that of ``balance``, from five
 # seeds.
-side = (80, 60) if QUICK else (160, 120)
+side = (40, 30) if QUICK else (160, 120)
 scene = dmis.load_scene("killeroo-diffuse", resolution=side)
 reference = dmis.make_reference(scene, 128)
 rules = "balance", "thesis:patch=8", "second-moment"
