@@ -25,7 +25,7 @@ opts, given = options(
     __file__,
     __doc__,
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
-    scenes={"nargs": "+", "help": "only these scenes (default: all)"},
+    scenes={"nargs": "+", "choices": list(SCENES), "default": list(SCENES), "help": "only these scenes (default: all)"},
     page={"type": Path, "help": "the page to write (default report.html beside the folder)"},
     docs={"type": Path, "help": "also replace the tables of this page, and the picture in its folder images"},
 )
@@ -33,7 +33,6 @@ RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")
 BUDGETS = opts.pick((8, 32), (16, 32, 64, 128))
 SIZES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}
 """The thesis's size is divided by this: 200x200, 228x171, 228x171 and 300x167 pixels."""
-names = given.scenes or [*SIZES]
 folder = opts.output.parent / "report"
 page = given.page or opts.output.parent / "report.html"
 
@@ -41,7 +40,7 @@ page = given.page or opts.output.parent / "report.html"
 # References and oracles are rendered once and kept. Each scene's folder also has a page of its own.
 begun = time.perf_counter()
 comparisons, limits = [], []
-for name in names:
+for name in given.scenes:
     scene = opts.scene(name, SIZES[name] * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 512))
     oracle = dmis.make_oracle(scene, opts.pick(64, 256), parallel=opts.threads, progress=show(f"oracle of {name}"))
@@ -73,7 +72,7 @@ lines = [
     "| scene | rule | slope, samples | slope, seconds | MSE, equal samples | MSE, equal time | seconds, equal error |",
     "|---|---|---|---|---|---|---|",
 ]
-figure, axes = plot.canvas(2, len(names), 22, 10, sharey="col")
+figure, axes = plot.canvas(2, len(given.scenes), 22, 10, sharey="col")
 for column, comparison, oracle in zip(axes.T, comparisons, limits, strict=True):
     runs, title = comparison.runs, SCENES[comparison.scene].title
     for axis, over in zip(column, ("seconds", "rays"), strict=True):
