@@ -63,3 +63,20 @@ def tile_of(
 def means(scene: Scene, seeds: range, spp: int = 8, **options: object) -> Array:
     """Mean radiance of the image for each seed, ``(seeds,)``."""
     return np.array([tile_of(scene, seed, spp, **options)[0].mean() for seed in seeds])
+
+
+def mean_and_error(images: Any) -> tuple[float, float]:
+    """Mean of renders of one image with different seeds, ``(seeds, ..., channels)``, and its standard error.
+
+    Errors of pixels are uncorrelated, so two large images say as much as many small ones, and cost less: a render has
+    a fixed cost.
+    """
+    pixels = np.mean(images, axis=-1, dtype=float)
+    # Var(mean) = sum of Var(pixel) / (pixels^2 seeds)
+    return float(pixels.mean()), float(np.sqrt(pixels.var(axis=0, ddof=1).mean() / pixels.size))
+
+
+def images_z_score(a: Any, b: Any) -> float:
+    """Difference of the means of renders ``(seeds, H, W, 3)`` by two ways, over its standard error."""
+    (mean_a, error_a), (mean_b, error_b) = mean_and_error(a), mean_and_error(b)
+    return (mean_a - mean_b) / float(np.hypot(error_a, error_b))

@@ -1,11 +1,12 @@
 """Direct lighting: closed forms, agreement of all ways to estimate it, mirrors, emission, rays by kind."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, means, tile_of
+from helpers import Z_LIMIT, images_z_score, mean_and_error, tile_of
 
 from dmis import render
 from dmis.base.vectors import Array
@@ -16,7 +17,6 @@ from dmis.light.delta import PointLight
 from dmis.light.environment import EnvironmentLight
 from dmis.scene.groups import Part
 from dmis.testing.scenes import FLOOR, box_scene
-from dmis.testing.statistics import z_score
 
 SHARES = (0.0, 0.25, 0.5, 1.0)
 BLACK = Material(())
@@ -39,17 +39,19 @@ def test_furnace(albedo: float) -> None:
 @pytest.mark.parametrize("size", [(1, 1, 3), (16, 32, 3)])
 def test_furnace_in_the_mean(w: float, size: tuple[int, int, int]) -> None:
     """With light samples in the mixture the same holds in the mean."""
-    scene = box_scene(matte(0.5), (EnvironmentLight(np.full(size, 2.0)),), resolution=(4, 4), fov=20)
-    assert abs(z_score(means(scene, range(200), w=w), 1.0)) < Z_LIMIT
+    scene = box_scene(matte(0.5), (EnvironmentLight(np.full(size, 2.0)),), resolution=(40, 40), fov=20)
+    mean, error = mean_and_error([tile_of(scene, seed, 8, w)[0] for seed in range(2)])
+    assert abs(mean - 1) < Z_LIMIT * error
 
 
 @pytest.mark.parametrize("w", SHARES)
 def test_disk_above_a_plane(w: float) -> None:
     """Under a parallel disk: ``L_r = albedo L sin^2`` of its half angle."""
     light = DiskLight((0, 0, 2), (0, 0, -1), 1.5, (4, 4, 4))
-    scene = box_scene(matte(0.5), (light,), resolution=(2, 2), fov=0.01)
+    scene = box_scene(matte(0.5), (light,), resolution=(25, 25), fov=0.01)
     expected = 0.5 * 4 * 1.5**2 / (1.5**2 + 2**2)
-    assert abs(z_score(means(scene, range(300), 16, w=w), expected)) < Z_LIMIT
+    mean, error = mean_and_error([tile_of(scene, seed, 16, w)[0] for seed in range(2)])
+    assert abs(mean - expected) < Z_LIMIT * error
 
 
 def test_point_light_by_hand() -> None:
@@ -113,17 +115,24 @@ WAYS = {
 }
 
 
-@pytest.fixture(scope="module")
-def balanced() -> dict[str, Array]:
-    """Image means of w = 1/2 and the balance heuristic, more seeds than are compared with them."""
-    return {name: means(scene, range(1000, 1120)) for name, scene in SCENES.items()}
+def images(name: str, seeds: range, **options: Any) -> list[Array]:
+    """Images of a scene, four times as large, so that few seeds are many pixels."""
+    scene = SCENES[name]
+    large = replace(scene, camera=replace(scene.camera, resolution=(32, 32)))
+    return [tile_of(large, seed, 8, **options)[0] for seed in seeds]
+
+
+@cache
+def balanced(name: str) -> list[Array]:
+    """Images of w = 1/2 and the balance heuristic, more than are compared with them."""
+    return images(name, range(1000, 1030))
 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", SCENES)
-def test_all_ways_agree(balanced: dict[str, Array], name: str, way: str) -> None:
-    """Every mixture, heuristic, allocation, sampler and technique has the same mean, by a z-test over seeds."""
-    assert abs(z_score(means(SCENES[name], range(30), **WAYS[way]), balanced[name])) < Z_LIMIT
+def test_all_ways_agree(name: str, way: str) -> None:
+    """Every mixture, heuristic, allocation, sampler and technique has the same mean, by a z-test."""
+    assert abs(images_z_score(images(name, range(8), **WAYS[way]), balanced(name))) < Z_LIMIT
 
 
 def test_two_techniques_alone_agree_pixel_by_pixel() -> None:
@@ -276,7 +285,7 @@ def test_points_shaded_apart_or_together(points: int, monkeypatch: pytest.Monkey
     """
     lights = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3)), PointLight((1, -1, 2), (3, 3, 3))
     scene = box_scene(plastic((0.4, 0.3, 0.2), 0.3, 0.1), lights, (Part(sphere(0.5), matte(0.5)),))
-    options: dict[str, Any] = {"spp": 8, "w": 0.3, "sampler": "sobol"}
+    options: dict[str, Any] = {"spp": 4, "w": 0.3, "sampler": "sobol"}
     together = tile_of(scene, **options)[0]
     monkeypatch.setattr("dmis.estimator.batching.POINTS", points)
     np.testing.assert_allclose(tile_of(scene, **options)[0], together, rtol=1e-5)
