@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, pixel_shares
+from helpers import LEVEL, Z_LIMIT, mean_and_error, pixel_shares
 from scipy.stats import kstest
 
 from dmis import render
@@ -23,7 +23,7 @@ from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 from dmis.testing.scenes import box_scene
-from dmis.testing.statistics import chi2_p, z_score
+from dmis.testing.statistics import chi2_p
 
 each_kind = pytest.mark.parametrize("kind", tuple(SAMPLERS))
 
@@ -226,22 +226,24 @@ class _Watch:
 def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
     """The division between techniques does not alias with the camera's sequence.
 
-    One pixel, with light samples at w of the slots; over 400 seeds the points they start from are evenly in the left
-    and the right half of the pixel, and in the upper and the lower: a two-sided binomial test. With systematic division
-    and structured samples few pixels have all their light samples on one side; at random an eighth would at w = 1/4.
+    Light samples at w of the slots; over 400 pixels the points they start from are evenly in the left and the right
+    half of the pixel, and in the upper and the lower: a two-sided binomial test. With systematic division and
+    structured samples few pixels have all their light samples on one side; at random an eighth would at w = 1/4.
     """
     light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
-    scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
+    scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(5, 5), fov=10, target=(0, 1e-4, 0))
     settings = Settings(shading_samples=1, sampler=kind)
     sides = []
-    for seed in range(400):
+    for seed in range(16):
         watch = _Watch(scene.intersector)
-        tile = Tile(seed, 0, 0, (0, 1), (0, 1), 16, pixel_shares(np.full(1, w)), settings)
+        tile = Tile(seed, 0, 0, (0, 5), (0, 5), 16, pixel_shares(np.full(25, w)), settings)
         render_tile(scene, tile, watch)
         # the first query is the light technique's: it goes first
-        origin = watch.origins[0]
-        sides.append([(origin[axis] > 0).sum() for axis in (0, 1)] + [origin.shape[1]])
-    sides_ = np.array(sides)
+        place = (watch.origins[0][:2] / (4 * np.tan(np.radians(5))) + 1) * 5 / 2
+        column, row = np.clip(place.astype(int), 0, 4)
+        upper = (place % 1 > 0.5).astype(float)
+        sides.append([np.bincount(5 * row + column, weights, 25) for weights in (*upper, np.ones_like(upper[0]))])
+    sides_ = np.concatenate(sides, axis=1).T
     total = sides_[:, 2].sum()
     assert abs(total - 400 * 16 * w) <= 400
     for axis in (0, 1):
@@ -255,23 +257,21 @@ def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
 def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
     """A pixel that is half floor and half black paper has the same mean for every sampler and share, by a z-test.
 
-    Each of 400 seeds is one independent pixel mean. The truth is the integral of a closed form over the pixel, by a
-    midpoint rule whose cells end at the paper's edge.
+    So is each of 100 pixels of an image, under stripes of paper, with four seeds. The truth is the integral of a closed
+    form over the image, by a midpoint rule whose cells end at the edges of the paper.
     """
     light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
-    paper = Part(quad((0, -2, 0.0001), (2, 0, 0), (0, 4, 0)), matte(0))
-    scene = box_scene(matte(0.5), (light,), (paper,), eye=(0, 0, 4), resolution=(1, 1), fov=10, target=(0, 1e-4, 0))
-    means = [
-        render_tile(scene, Tile(seed, 0, 0, (0, 1), (0, 1), 8, pixel_shares(w), Settings(sampler=kind))).moments.mean[
-            0, 0, 0
-        ]
-        for seed in range(400)
-    ]
     half = 4 * np.tan(np.radians(5))
-    middles = half * ((np.arange(100) + 0.5) / 50 - 1)
+    stripe = half / 10
+    paper = [Part(quad((x, -2, 0.0001), (stripe, 0, 0), (0, 4, 0)), matte(0)) for x in stripe * (2 * np.arange(10) - 9)]
+    scene = box_scene(matte(0.5), (light,), tuple(paper), (10, 10), eye=(0, 0, 4), fov=10, target=(0, 1e-4, 0))
+    tiles = [Tile(seed, 0, 0, (0, 10), (0, 10), 8, pixel_shares(w), Settings(sampler=kind)) for seed in range(4)]
+    mean, error = mean_and_error([render_tile(scene, tile).moments.mean for tile in tiles])
+    middles = half * ((np.arange(200) + 0.5) / 100 - 1)
     x, y = np.meshgrid(middles, middles)
-    expected = 0.5 / np.pi * (_disk_irradiance(np.hypot(x, y), 3.0, 1.0) * (x < 0)).mean()
-    assert abs(z_score(np.array(means), expected)) < Z_LIMIT
+    open_floor = np.floor((x + half) / stripe) % 2 == 0
+    expected = 0.5 / np.pi * (_disk_irradiance(np.hypot(x, y), 3.0, 1.0) * open_floor).mean()
+    assert abs(mean - expected) < Z_LIMIT * error
 
 
 def _disk_irradiance(r: Array, height: float, radius: float) -> Array:
