@@ -5,12 +5,13 @@ the same side their radiances add up. A ray caster reports only one of the trian
 distance, and which one is arbitrary. So emission there is decided by geometry: `Coincident` lists, for each triangle
 that a ray may meet, the emitting triangles that overlap it, and tells which of them contain a hit.
 
-Search (`coincident`): pairs of boxes around positions and normals by halving both sets, then the planes' distance, then
-the separating axis theorem in the plane.
+Search (`find_coincident`): pairs of boxes around positions and normals by halving both sets, surface by surface, then
+the planes' distance, then the separating axis theorem in the plane.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -175,16 +176,15 @@ def _boxes_that_meet(
     low: Array, high: Array, first: Index, second: Index, owner: Index
 ) -> Iterator[tuple[Index, Index]]:
     """Yield pairs of one of `first` and one of `second` whose boxes meet, of different owners."""
-    pending = [(first, second)]
+    groups = ([index[owner[index] == k] for k in np.unique(owner[index])] for index in (first, second))
+    pending = list(itertools.product(*groups))  # each pair has one owner on either side
     while pending:
         a, b = pending.pop()
-        if len(b):
-            a = a[((low[a] <= high[b].max(axis=0)) & (high[a] >= low[b].min(axis=0))).all(axis=1)]
-        if len(a):
-            b = b[((low[b] <= high[a].max(axis=0)) & (high[b] >= low[a].min(axis=0))).all(axis=1)]
-        if not len(a) or not len(b):
+        if owner[a[0]] == owner[b[0]] >= 0:
             continue
-        if owner[a[0]] >= 0 and (owner[a] == owner[a[0]]).all() and (owner[b] == owner[a[0]]).all():
+        a = _meet_box_around(low, high, a, b)
+        b = _meet_box_around(low, high, b, a)
+        if not len(a) or not len(b):
             continue
         if len(a) * len(b) <= _PAIRS_PER_BLOCK:
             meet = np.ones((len(a), len(b)), bool)
@@ -192,7 +192,7 @@ def _boxes_that_meet(
                 meet &= (low[a, axis, None] <= high[b, axis]) & (high[a, axis, None] >= low[b, axis])
             i, j = np.nonzero(meet)
             i, j = a[i], b[j]
-            others = (i != j) & ((owner[i] != owner[j]) | (owner[i] < 0))
+            others = i != j
             if others.any():
                 yield i[others], j[others]
             continue
@@ -202,6 +202,16 @@ def _boxes_that_meet(
         order = split[np.argsort(centre[:, axis], kind="stable")]
         halves = order[: len(order) // 2], order[len(order) // 2 :]
         pending += [(half, b) for half in halves] if split is a else [(a, half) for half in halves]
+
+
+def _meet_box_around(low: Array, high: Array, index: Index, others: Index) -> Index:
+    """Return those of `index` whose boxes meet the box around all of the `others`; none if there are no others."""
+    if not len(others):
+        return index[:0]
+    least, most = low[others].min(axis=0), high[others].max(axis=0)
+    for axis in range(low.shape[1]):
+        index = index[(low[index, axis] <= most[axis]) & (high[index, axis] >= least[axis])]
+    return index
 
 
 def _within(corners: Array, plane: Array, normal: Array, gap: Array) -> Array:
