@@ -106,6 +106,7 @@ def test_compare(tmp_path, capsys, monkeypatch):
     assert "Reference of 2 x 16 samples per pixel: standard error" in printed
 
 
+@pytest.mark.usefixtures("drawn")
 def test_compare_paths(tmp_path, capsys, monkeypatch):
     """Each integrator has its own cached reference, and its table refuses the other."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
@@ -117,6 +118,7 @@ def test_compare_paths(tmp_path, capsys, monkeypatch):
     assert len(list((tmp_path / "cache").glob("*.exr"))) == 2
 
 
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize("kind", ["npy", "exr"])
 def test_given_reference(tmp_path, kind):
     """The reference may be an array or an EXR file of the caller."""
@@ -135,6 +137,7 @@ def test_given_reference(tmp_path, kind):
     assert float(row["mse"]) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize(
     "scene, options, message",
     [
@@ -191,6 +194,7 @@ def test_bad_budgets(spp, tmp_path, capsys):
     assert stop.value.code == 2 and "--spp" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("drawn")
 def test_sampler_of_all_rules_and_rules_left_out(tmp_path, capsys, monkeypatch):
     """--sampler applies to the baseline too, and a message names a rule that is left out."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
