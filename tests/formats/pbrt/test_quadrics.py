@@ -59,12 +59,15 @@ SPHERES = {
     "egg": "Translate 0 1 1.2 Rotate 30 1 2 3 Scale .4 1 .7",
     "mirrored": "Translate 0 1 1.2 Scale 1 -1 1",
 }
+FEW_PIXELS = "before", "small", "in the corner"
+"""Spheres that have the least number of lines in an image of 160x120 pixels; others are off by as much as in a larger
+one, with fewer triangles."""
 
 
 @pytest.mark.parametrize("name", SPHERES)
 def test_spheres_are_right_to_a_share_of_a_pixel(tmp_path, name):
     """The points of the triangles, against those of the sphere straight above them; a radius of 1e6 was off by 75."""
-    scene = load(tmp_path, f'{SPHERES[name]} Shape "sphere"')
+    scene = load(tmp_path, f'{SPHERES[name]} Shape "sphere"', resolution=None if name in FEW_PIXELS else (160, 120))
     triangle = 'Shape "trianglemesh" "point P" [0 0 0 1 0 0 0 1 0 0 0 1] "integer indices" [0 1 2 0 2 3]'
     a, b, c, d = load(tmp_path, f"{SPHERES[name]} {triangle}").parts[0].mesh.vertices
     linear = np.stack([b - a, c - a, d - a], axis=1)
@@ -134,7 +137,7 @@ def test_images_are_those_of_finer_spheres(tmp_path):
     for part in scene.parts:
         low, high = part.mesh.bounds
         if part.mesh.triangles > 2:  # of the lamp as it was: a finer one hides its own rim from light samples
-            ball = shapes.sphere(float((high - low)[2] / 2), segments=1024 if part.light is None else 256)
+            ball = shapes.sphere(float((high - low)[2] / 2), segments=512 if part.light is None else 256)
             part = replace(part, mesh=ball.transformed(transforms.translate((low + high) / 2)))
         exact.append(part)
     images = [dmis.render(s, "balance", 64, seed=3).image for s in (scene, replace(scene, parts=tuple(exact)))]

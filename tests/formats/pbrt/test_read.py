@@ -257,7 +257,7 @@ def test_sphere_light_shines_outwards(read, transform):
 
 @pytest.mark.parametrize("transform", ["ReverseOrientation", "ReverseOrientation Scale 1 -1 1"])
 def test_reversed_sphere_light_shines_inwards(read, transform):
-    scene = read(AREA + transform + ' Shape "sphere"', add="")
+    scene = read(AREA + transform + ' Shape "sphere"', add="", resolution=(40, 30))
     light = one_light(scene, MeshLight)
     assert outwards(scene.parts[0].mesh, (0, 0, 0)) < 0
     close(light.vertices, scene.parts[0].mesh.vertices)
