@@ -7,6 +7,7 @@ have been to fail at the first run. It is 1 % for all statistical tests of the s
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import scipy.stats
 
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
+from dmis.formats.load_scene import load_scene
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
 
@@ -21,6 +23,12 @@ LEVEL = 1 - 0.99 ** (1 / 1000)
 """Šidák's level of each of (at most) 1000 statistical tests whose chance of any false alarm is 1 %."""
 Z_LIMIT = float(scipy.stats.norm.isf(LEVEL / 2))
 """Two-sided limit of a normal deviate at `LEVEL`, 4.4."""
+
+
+@cache
+def shipped(name: str) -> Scene:
+    """Return a scene that comes with dmis at its own resolution, loaded once: subdivided meshes take a second."""
+    return load_scene(name)
 
 
 def grid_uniforms(side: int, dtype: type = np.float64, low: float = 0.03, high: float = 0.97) -> Array:

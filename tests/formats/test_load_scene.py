@@ -9,13 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, shipped
 
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
 from dmis.cli.commands import main
 from dmis.formats.load_scene import SHIPPED, SKY, light_part, load_scene
-from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.mesh import Mesh, flat_normals
 from dmis.geometry.shapes import quad
@@ -48,9 +47,7 @@ def test_pbrt_file(pbrt_file):
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenes_load_by_name(name):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbrtWarning)
-        scene = load_scene(name, resolution=(16, 12))
+    scene = shipped(name)
     assert scene.name == name
     assert scene.lights and scene.parts
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from helpers import shipped
 
 import dmis
 from dmis.__main__ import main
@@ -41,7 +42,7 @@ def read(tmp_path: Path):
 )
 def test_shipped_scenes(name: str, spp: int, samples: int) -> None:
     """They ask for what the public pbrt-v2 files of the thesis's scenes ask for (diffuse: gold's)."""
-    scene = dmis.load_scene(name)
+    scene = shipped(name)
     assert scene.suggested == dmis.Suggestions("direct", 5, "lowdiscrepancy", spp, "all", (samples,))
     settings = dmis.Settings.as_in_file(scene)
     assert (settings.sampler, settings.shading_samples, settings.lights) == ("lowdiscrepancy", 2 * samples, "all")
@@ -53,7 +54,7 @@ def test_original_scenes_ask_for_the_same(name: str) -> None:
     """The numbers in the original files, which need not be read as a whole: some lack a map, or name a renderer."""
     text = (Path(os.environ["DMIS_PBRT_SCENES"]) / "original" / f"{name}.pbrt").read_text("latin-1")
     lines = "\n".join(line.partition("#")[0] for line in text.splitlines())
-    suggested = dmis.load_scene(name, resolution=(8, 8)).suggested
+    suggested = shipped(name).suggested
     assert re.findall(r'Sampler +"(\w+)" +"integer pixelsamples" *\[(\d+)', lines) == [
         (suggested.sampler, str(suggested.spp))
     ]
@@ -150,6 +151,7 @@ def test_scenes_take_suggestions_only() -> None:
         replace(dmis.load_scene("cornell", resolution=(8, 8)), suggested="path")
 
 
+@pytest.mark.usefixtures("drawn")
 def test_command_line(tmp_path: Path, capsys) -> None:
     """`render --as-in-file` is a render with the file's settings, and options replace them; `compare` has it too."""
     small = ["teapot-area-light", "--resolution", "16x12", "--rule", "balance", "--as-in-file"]

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL
+from helpers import LEVEL, shipped
 
 import dmis
 from dmis.base.color import LUMINANCE
@@ -165,7 +165,7 @@ def test_dialect_is_told_by_its_words(read, dialect):
 
 
 def test_dialect_can_be_forced(read, tmp_path):
-    (tmp_path / "plain.pbrt").write_text('WorldBegin\nShape "sphere"\nWorldEnd\n')
+    (tmp_path / "plain.pbrt").write_text('WorldBegin\nShape "disk"\nWorldEnd\n')
     with pytest.warns(PbrtWarning, match="read as pbrt-v2, which is a guess"):
         assert read_pbrt(tmp_path / "plain.pbrt").camera.resolution == (640, 480)
     assert read_pbrt(tmp_path / "plain.pbrt", dialect="v3").suggested.integrator == "path"
@@ -248,13 +248,13 @@ def test_a_dialect_that_is_a_guess_is_named(tmp_path, capsys):
 
 @pytest.mark.parametrize("name", dmis.SHIPPED)
 def test_shipped_scenes_are_decided(name):
-    assert dmis.load_scene(name, (8, 8)).source["dialect_from"] == "file"
+    assert shipped(name).source["dialect_from"] == "file"
 
 
 def test_a_file_without_world_end_may_be_of_v4(tmp_path):
     """Words that fit all dialects and no WorldEnd: the error says how to read it, which works."""
     path = tmp_path / "open.pbrt"
-    path.write_text('WorldBegin Shape "sphere"')
+    path.write_text('WorldBegin Shape "disk"')
     with pytest.raises(
         PbrtError, match=r'WorldEnd is missing: .* looks like pbrt-v4, .* dialect="v4" \(--dialect v4\)'
     ):
@@ -270,7 +270,7 @@ def test_a_dialect_that_the_words_contradict(tmp_path, capsys):
     """A warning names the dialect of the words, whether the file can be read or not; not where they fit."""
     path = tmp_path / "two.pbrt"
     for line, code in (('Film "image" "float scale" 1', 0), ('SurfaceIntegrator "path"', 2)):
-        path.write_text(f'{line} WorldBegin Shape "sphere" WorldEnd')
+        path.write_text(f'{line} WorldBegin Shape "disk" WorldEnd')
         other = "v2" if code == 0 else "v4"
         right = "v3" if code == 0 else "v2"
         assert main(["info", str(path), "--dialect", other]) == code
@@ -281,7 +281,7 @@ def test_a_dialect_that_the_words_contradict(tmp_path, capsys):
 
 def test_included_files_tell_the_dialect(tmp_path):
     """Also by way of files that include each other, and of files that are missing, which are errors later."""
-    (tmp_path / "a.pbrt").write_text('Include "b.pbrt" Include "c.pbrt" WorldBegin Shape "sphere" WorldEnd')
+    (tmp_path / "a.pbrt").write_text('Include "b.pbrt" Include "c.pbrt" WorldBegin Shape "disk" WorldEnd')
     (tmp_path / "b.pbrt").write_text('Film "image"')
     (tmp_path / "c.pbrt").write_text('Integrator "path"')
     scene = dmis.load_scene(tmp_path / "a.pbrt")
