@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -79,21 +80,13 @@ def own_rule(module: ModuleType) -> Iterator[Outcome]:
     if origin.startswith("dmis.") and type(mine).fit is not Rule.fit:
         raise Failed("Mine has a fit of its own", f"Mine must define fit(self, pilot); it has that of {origin}")
     rule = complete_rule(mine)
-    # below its lamp, whose edge has noise that no share can help
-    teapot = load_scene("teapot-area-light", resolution=(64, 64)).crop((26, 64), (0, 64))
-    yield from _beats_balance(rule, teapot, "the teapot below its lamp")
-    yield from _beats_balance(rule, load_scene("tt-overcast", resolution=(64, 36)), "the car under its sky")
+    yield from _beats_balance(rule, "teapot-area-light", "the teapot below its lamp")
+    yield from _beats_balance(rule, "tt-overcast", "the car under its sky")
 
 
-def _beats_balance(mine: Rule, scene: Scene, name: str) -> Iterator[Outcome]:
+def _beats_balance(mine: Rule, scene: str, name: str) -> Iterator[Outcome]:
     """Yield whether a rule is unbiased on a scene, and has less error than the balance heuristic at equal samples."""
-    reference = render(scene, "auto", 256, seed=1000, sampler="sobol").image
-    errors, means = np.zeros((2, len(_SEEDS))), np.zeros((2, len(_SEEDS)))
-    for k, rule in enumerate((mine, "balance")):
-        for seed in _SEEDS:
-            image = call_object("Mine", _image, scene, rule, seed)
-            errors[k, seed] = ((image - reference) ** 2).mean()
-            means[k, seed] = image.mean()
+    errors, means = np.stack([_errors_and_means(mine, scene), _balance(scene)], axis=1)
     error = np.sqrt(means.var(axis=1, ddof=1).sum() / len(_SEEDS))
     z = float((means[0] - means[1]).mean() / error)
     yield at_most(f"{name}: the image is unbiased", abs(z), 4.0, "|z| of its mean, against the balance heuristic")
@@ -103,6 +96,29 @@ def _beats_balance(mine: Rule, scene: Scene, name: str) -> Iterator[Outcome]:
     what = f"the upper end of the error over that of balance, {ratio:.2f} ± {half:.2f},"
     advice = "No share is good on both scenes: learn it from the pilot"
     yield at_most(f"{name}: less error at equal samples", float(ratio + half), _RATIO, what, advice)
+
+
+def _errors_and_means(rule: Rule | str, scene: str) -> Array:
+    """Return the mean squared error and the mean of an image for each seed, ``(2, seeds)``."""
+    view, reference = _view(scene)
+    images = [call_object("Mine", _image, view, rule, seed) for seed in _SEEDS]
+    return np.array([[((image - reference) ** 2).mean() for image in images], [image.mean() for image in images]])
+
+
+@cache
+def _balance(scene: str) -> Array:
+    """Return `_errors_and_means` of the balance heuristic."""
+    return _errors_and_means("balance", scene)
+
+
+@cache
+def _view(name: str) -> tuple[Scene, Array]:
+    """Return a scene of the exercise and its reference."""
+    if name == "teapot-area-light":  # below its lamp, whose edge has noise that no share can help
+        scene = load_scene(name, resolution=(64, 64)).crop((26, 64), (0, 64))
+    else:
+        scene = load_scene(name, resolution=(64, 36))
+    return scene, render(scene, "auto", 256, seed=1000, sampler="sobol").image
 
 
 def _image(scene: Scene, rule: Rule | str, seed: int) -> Array:
