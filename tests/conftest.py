@@ -50,6 +50,14 @@ def references() -> Path:
     return _folder("DMIS_REFERENCES")
 
 
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Folders whose plot and report `compare` would write; the test does without, since they take most of its time."""
+    folders: list[Path] = []
+    monkeypatch.setattr("dmis.experiment.compare._draw", lambda comparison, folder: folders.append(folder))
+    return folders
+
+
 @pytest.fixture(scope="session")
 def box() -> dmis.Scene:
     """A glossy ball on a matte floor under a square light, 32x24 pixels: everything that a small render needs."""

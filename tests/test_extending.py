@@ -60,6 +60,7 @@ def test_technique() -> None:
         same_mean(result, balance)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_technique_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_LOADED", {})
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -93,7 +94,7 @@ def test_techniques_that_are_refused(changes: dict[str, object], message: str) -
 def test_sampler() -> None:
     """The same mean as independent samples and a smaller error, in a render and as an option of a rule."""
     exec(block("A sampler"), {"__name__": "mine"})
-    scene = dmis.load_scene("killeroo-diffuse", resolution=(48, 36))
+    scene = dmis.load_scene("cornell", resolution=(48, 36))
     reference = dmis.make_reference(scene, 128)
     independent = dmis.render(scene, "balance", 64, seed=1, sampler="independent")
     even = dmis.render(scene, "balance", 64, seed=2, sampler="r2")

@@ -106,29 +106,31 @@ def test_a_right_lobe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_a_fault_is_named_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 1, the guilty function and the numbers, and pictures beside the file or where -o says."""
+    """Exit code 1, the guilty function and the numbers, and pictures beside the file."""
     pytest.importorskip("matplotlib")
     file = write(tmp_path, DUST.replace("return cosine_pdf(directions)", "return 1.07 * cosine_pdf(directions)"))
-    for more, folder in (([], tmp_path), (["-o", str(tmp_path / "out")], tmp_path / "out")):
-        assert main(["check", file, *more]) == 1
-        out = capsys.readouterr().out
-        assert re.search(r"^FAILED  Dust: pdf integrates to its accepted mass: pdf is 1\.07\d times the ", out, re.M)
-        *_, count, first, second, third = out.splitlines()
-        assert count == "3 of 10 checks failed"
-        paths = [Path(line) for line in (first, second, third)]
-        assert all(path.parent == folder and path.read_bytes().startswith(b"\x89PNG") for path in paths)
-        assert paths[1].name == "my_lobe-dust-sample-follows-pdf.png"
+    assert main(["check", file]) == 1
+    out = capsys.readouterr().out
+    assert re.search(r"^FAILED  Dust: pdf integrates to its accepted mass: pdf is 1\.07\d times the ", out, re.M)
+    *_, count, first, second, third = out.splitlines()
+    assert count == "3 of 10 checks failed"
+    paths = [Path(line) for line in (first, second, third)]
+    assert all(path.parent == tmp_path and path.read_bytes().startswith(b"\x89PNG") for path in paths)
+    assert paths[1].name == "my_lobe-dust-sample-follows-pdf.png"
 
 
 def test_the_page_shows_what_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The lobe of docs/checks.md and its messages, but for the last digits."""
+    """The lobe of docs/checks.md and its messages, but for the last digits; -o names the folder of the pictures."""
     page = (Path(dmis.__file__).parents[1] / "docs" / "checks.md").read_text("utf-8")
     blocks = [textwrap.dedent(block) for block in re.findall(r"(?:^(?: {4}.*)?\n)+", page, re.M)]
     (code,) = [block for block in blocks if "class Velvet(Lobe)" in block]
     head = DUST[: DUST.index("@dataclass")] + "from dmis.base.vectors import normalise\n"
     head += "from dmis.samplers.warp import INV_PI, square_to_sphere\n"
     assert main(["check", write(tmp_path, head + code), "-o", str(tmp_path / "out")]) == 1
-    printed = re.sub(r"[\d.]+", "0", capsys.readouterr().out)
+    out = capsys.readouterr().out
+    *_, picture = out.splitlines()
+    assert Path(picture).parent == tmp_path / "out" and Path(picture).read_bytes().startswith(b"\x89PNG")
+    printed = re.sub(r"[\d.]+", "0", out)
     (shown,) = [block for block in blocks if "FAILED" in block]
     for line in shown.strip().split("FAILED")[1:]:
         assert re.sub(r"[\d.]+", "0", f"FAILED  {' '.join(line.split())}") in printed

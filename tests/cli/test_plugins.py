@@ -63,15 +63,13 @@ def command(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 def test_render_knows_a_rule_of_a_plugin(tmp_path: Path) -> None:
     """By its name, with its options; threads and processes render the same image."""
-    weights = []
-    for where in ("--threads", "--workers"):
-        out = tmp_path / f"{where[2:]}.exr"
-        rule = ("--rule", "third:w=0.5", "--spp", 4, where, 2)
-        done = command("render", "teapot-area-light", "-o", out, *rule, *SMALL, write(tmp_path))
-        assert (done.returncode, done.stderr) == (0, "")
-        weights.append(read_exr(out)[0])
+    files = [tmp_path / "threads.exr", tmp_path / "workers.exr"]
+    words = ("render", "teapot-area-light", "--rule", "third:w=0.5", "--spp", "4", *SMALL, write(tmp_path))
+    assert main([*words, "--threads", "2", "-o", str(files[0])]) == 0
+    done = command(*words, "--workers", 2, "-o", files[1])
+    assert (done.returncode, done.stderr) == (0, "")
     balance = dmis.render(dmis.load_scene("teapot-area-light", resolution=(16, 12)), "balance", 4)
-    for layers in weights:
+    for layers in (read_exr(file)[0] for file in files):
         assert (layers["RGB"] == balance.image).all() and (layers["weight"] == 0.5).all()
 
 
@@ -101,6 +99,7 @@ def test_a_cluster_knows_what_a_plugin_registers(tmp_path: Path) -> None:
         render_again(tmp_path, "--cluster", local.scheduler_address)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_every_command_has_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """`compare` and `bench` measure the rule; `info` takes the option, which may be repeated."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))

@@ -23,14 +23,6 @@ def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Com
 
 
 @pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Folders whose plot and report `compare` would write; the test does without, since they take most of its time."""
-    folders: list[Path] = []
-    monkeypatch.setattr("dmis.experiment.compare._draw", lambda comparison, folder: folders.append(folder))
-    return folders
-
-
-@pytest.fixture
 def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the plots of a comparison and of its report, which take most of its time."""
     pytest.importorskip("matplotlib")
