@@ -227,10 +227,17 @@ def test_lines_are_in_the_order_of_samples(runs):
     np.testing.assert_allclose(line(turned, "rule", "rays")[0], [800, 3200, 12800])
 
 
-@pytest.mark.parametrize("name, seeds", [("teapot-area-light", 16), ("killeroo-diffuse", 3)])
-def test_errors_fall_as_they_must(name: str, seeds: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "name, seeds",
+    [
+        ("box", 8),
+        pytest.param("teapot-area-light", 16, marks=pytest.mark.slow),
+        pytest.param("killeroo-diffuse", 3, marks=pytest.mark.slow),
+    ],
+)
+def test_errors_fall_as_they_must(name: str, seeds: int, box: dmis.Scene, tmp_path: Path) -> None:
     """Fixed rules with independent samples: RMSE ~ N^-1/2, within 0.05. The teapot's few bright spikes need seeds."""
-    scene = dmis.load_scene(name, resolution=(48, 40))
+    scene = box if name == "box" else dmis.load_scene(name, resolution=(48, 40))
     reference = dmis.make_reference(scene, 512, folder=tmp_path)
     rules = ("balance", "pbrt")
     budgets = [(rule, n) for rule in rules for n in (4, 16, 64)]

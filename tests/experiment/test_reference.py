@@ -74,9 +74,9 @@ def test_rule_auto_agrees_with_the_pinned_balance_heuristic(name, options, tmp_p
     pinned estimator's samples, which are independent, and of the scatter of the halves.
     """
     if name == "point":
-        scene = box_scene(lights=(dmis.PointLight((0.5, -1.0, 1.5), (1.0, 1.0, 1.0)),), resolution=(40, 32))
+        scene = box_scene(lights=(dmis.PointLight((0.5, -1.0, 1.5), (1.0, 1.0, 1.0)),), resolution=(24, 16))
     else:
-        scene = dmis.load_scene(name, resolution=(40, 32))
+        scene = dmis.load_scene(name, resolution=(24, 16))
     halves = []
     for seed in range(8):
         monkeypatch.setattr(reference, "REFERENCE_SEED", 2 * seed)

@@ -1,6 +1,7 @@
 """Huge triangles beside small bodies: split without a gap, and shadows are what they are on a small ground."""
 
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -63,11 +64,17 @@ def blocks(scene: Scene, rule: str, seeds: range, spp: int = 64) -> Array:
     return np.array([image.reshape(4, 4, 4, 4).mean(axis=(1, 3)).ravel() for image in images])
 
 
+@cache
+def small_ground(turned: bool, joined: bool) -> Array:
+    """Return `blocks` of a ground of +-`SMALL`."""
+    return blocks(ball_on_ground(SMALL, turned, joined), "balance", range(8))
+
+
 @pytest.mark.parametrize("power", [3, 4, 5, 6, 7])
 @pytest.mark.parametrize("turned, joined", [(False, False), (True, False), (True, True)])
 def test_shadows_do_not_depend_on_the_ground(power: int, turned: bool, joined: bool) -> None:
     """A ground of +-10^k under a sphere of radius 1 looks as one of +-100: each block of pixels, by t-tests."""
-    near = blocks(ball_on_ground(SMALL, turned, joined), "balance", range(8))
+    near = small_ground(turned, joined)
     far = blocks(ball_on_ground(10.0**power, turned, joined), "balance", range(8, 16))
     scores = [abs(z_score(far[:, k], near[:, k])) for k in range(16)]
     assert near.mean() > 0 and max(scores) < scipy.stats.t.isf(LEVEL / 2 / 16, 14)

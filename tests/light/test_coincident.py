@@ -174,7 +174,7 @@ def test_techniques_agree(name: str, integrator: str) -> None:
     for eye in ((0.0, -3.0, 0.4), (0.0, -2.5, 2.3)):
         scene = seen_from(SCENES[name], eye)
         light, both, brdf = (
-            means(scene, range(30), 8, w=w, integrator=integrator, max_depth=2) for w in (1.0, 0.5, 0.0)
+            means(scene, range(15), 16, w=w, integrator=integrator, max_depth=2) for w in (1.0, 0.5, 0.0)
         )
         assert abs(z_score(light, both)) < Z_LIMIT and abs(z_score(light, brdf)) < Z_LIMIT
 
@@ -190,9 +190,9 @@ def test_a_doubled_quad_is_twice_as_bright() -> None:
     red = scene_of((BELOW, QuadLight(ABOVE.corner, ABOVE.edge_u, ABOVE.edge_v, RED)))
     for name, expected in (("doubled quad, other diagonal", twice), ("reverse twins", red)):
         for eye in ((0.0, -3.0, 0.4), (0.0, -2.5, 2.3)):
-            two = means(seen_from(expected, eye), range(30, 60), 8)
+            two = means(seen_from(expected, eye), range(15, 30), 16)
             for w in (0.0, 1.0):
-                assert abs(z_score(means(seen_from(SCENES[name], eye), range(30), 8, w=w), two)) < Z_LIMIT
+                assert abs(z_score(means(seen_from(SCENES[name], eye), range(15), 16, w=w), two)) < Z_LIMIT
 
 
 @pytest.mark.parametrize(
