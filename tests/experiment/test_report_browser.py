@@ -35,11 +35,14 @@ def opened(browser, made):
 
 def pixels(tab) -> np.ndarray:
     """What the comparer shows, one pixel of the image each, when it has drawn all that it was told to."""
-    tab.evaluate("() => VIEWERS[0].ready")
-    url = tab.evaluate(
-        "() => VIEWERS[0].sheet.convertToBlob().then(b => b.arrayBuffer()).then(a => [...new Uint8Array(a)])"
-    )
-    return np.asarray(Image.open(io.BytesIO(bytes(url))).convert("RGB")).astype(float)
+    width, height, data = tab.evaluate("""async () => {
+        await VIEWERS[0].ready;
+        const { sheet } = VIEWERS[0], { width, height } = sheet;  // a copy, since reading a canvas often is warned of
+        const copy = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+        copy.drawImage(sheet, 0, 0);
+        return [width, height, [...copy.getImageData(0, 0, width, height).data]];
+    }""")
+    return np.reshape(data, (height, width, 4))[..., :3].astype(float)
 
 
 def shown(tab) -> str:
