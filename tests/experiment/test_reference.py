@@ -36,7 +36,7 @@ def test_error_is_that_of_the_average(box, tmp_path, monkeypatch):
     """`mse` is the error of the mean of the halves: against a far better reference it is the same, on the average of
     ten, which scatter by 0.15.
     """
-    fine, ratios = dmis.make_reference(box, 2048, folder=tmp_path), []
+    fine, ratios = dmis.make_reference(box, 1024, folder=tmp_path), []
     for seed in range(0, 20, 2):
         monkeypatch.setattr("dmis.experiment.reference.REFERENCE_SEED", seed)
         rough = dmis.make_reference(box, 32, folder=tmp_path / str(seed))
