@@ -38,7 +38,7 @@ tables:  ## list the published tables, and those that are older than the modules
 	$(PYTHON) examples/table_ages.py
 
 test: $(READY)  ## run the tests (minutes)
-	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8
+	$(BIN)/python -m pytest --numprocesses=auto --maxprocesses=8 --dist=worksteal
 
 test-slow: $(READY)  ## run the slow tests: converged images and statistics of whole renders
 	$(BIN)/python -m pytest -m slow

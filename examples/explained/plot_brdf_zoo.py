@@ -140,7 +140,7 @@ def lobe_map(axis, material):
     wi = np.stack([x[inside], y[inside], np.sqrt(1 - x[inside] ** 2 - y[inside] ** 2)])
     points = surface(material, wi.shape[1])
     directions = Directions(points, wi)
-    shown = np.ma.masked_all(x.shape)
+    shown = np.ma.masked_equal(np.zeros(x.shape), 0)
     shown[inside] = (
         np.broadcast_to(points.eval(directions), wi.shape).mean(axis=0)
         * directions.cos_i

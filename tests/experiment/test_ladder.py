@@ -167,7 +167,7 @@ def test_even_points() -> None:
 
 
 def test_standard_errors() -> None:
-    """Estimates of 300 pairs of halves scatter as their standard errors say; the mean is not below the true rung."""
+    """Estimates of 150 pairs of halves scatter as their standard errors say; the mean is not below the true rung."""
     rng = np.random.default_rng(8)
     position = rng.uniform(0.02, 0.3, (8, 8))
     shading = np.full((len(GRID), 8, 8), 2.0)
@@ -180,9 +180,9 @@ def test_standard_errors() -> None:
         return ladder.rungs["B6"], ladder.standard_errors["B6"]
 
     exact, _ = rung(planted(position, shading), planted(position, shading))
-    values, errors = np.array([rung(noisy(), noisy()) for _ in range(300)]).T
+    values, errors = np.array([rung(noisy(), noisy()) for _ in range(150)]).T
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=0.25)
-    assert values.mean() > exact - 3 * values.std() / np.sqrt(300)
+    assert values.mean() > exact - 3 * values.std() / np.sqrt(150)
 
 
 def test_a_rung_that_is_noise_is_shown_as_a_limit() -> None:
