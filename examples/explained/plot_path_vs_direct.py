@@ -24,7 +24,7 @@ DEEP = 6
 # anew for each depth.
 scenes = {
     "CORNELL": dmis.load_scene(
-        "cornell", resolution=opts.pick((24, 24), (100, 100), (200, 200))
+        "cornell", resolution=opts.pick((16, 16), (100, 100), (200, 200))
     )
 }
 scenes |= {

@@ -43,7 +43,7 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
     scene = dmis.load_scene(name, resolution=size)
     reference = dmis.make_reference(
         scene,
-        opts.pick(64, 256),
+        opts.pick(16, 256),
         settings=dmis.Settings(shading_samples=16),
         parallel=opts.threads,
         progress=opts.progress,

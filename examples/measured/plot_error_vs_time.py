@@ -29,7 +29,7 @@ for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     reference = opts.reference(scene)
     known = {"parallel": opts.threads, "progress": opts.progress}
     oracle = dmis.make_oracle(
-        scene, opts.pick(64, 512), compensation=0, **known
+        scene, opts.pick(32, 512), compensation=0, **known
     )  # as balance samples skies
     budgets = [(rule, spp) for spp in BUDGETS for rule in RULES]
     runs = dmis.measure(

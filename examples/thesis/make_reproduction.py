@@ -355,7 +355,7 @@ for name in given.scenes:
     for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
         shrink = SHRINK.get((name, integrator), 2)
         scene, size = scene_of(name, opts.pick(16, shrink, 1))
-        reference = reference_of(name, scene, integrator, opts.pick(64, 128))
+        reference = reference_of(name, scene, integrator, opts.pick(16, 128))
         for setup in setups(name, integrator):
             tried = {
                 key[2]: values[0][2]
