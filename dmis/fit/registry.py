@@ -150,6 +150,8 @@ def make_rule(text: Rule | str | Any) -> Rule:
     types, words = _option_types(name, convert), _option_words(name)
     if name in ("balance", "pbrt", "uniform"):
         types.pop("w")
+    if name == "counts":
+        types.pop("weights")
     if name in _SHIPPED:
         types.pop("objective", None)
     if name == "simplex":

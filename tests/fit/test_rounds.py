@@ -228,6 +228,12 @@ def test_errors(options: dict[str, float], message: str) -> None:
         Rounds(**options)
 
 
+def test_counts_has_no_option_for_weights() -> None:
+    """Which would make it another rule."""
+    with pytest.raises(ValueError, match=r"rule counts has the options spp, .*; got 'weights'"):
+        make_rule("counts:weights=yes")
+
+
 # --- bias: images of few samples, whose mean is the converged image
 
 
