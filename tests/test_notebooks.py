@@ -53,6 +53,13 @@ def run(page, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list:
     return [output for cell in page.cells if cell.cell_type == "code" for output in cell.outputs]
 
 
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_notebook_needs_no_files_beside_it(script: Path) -> None:
+    """Neither modules of the project's folders nor its own path."""
+    source = "".join(cell.source for cell in notebook(script).cells)
+    assert not re.search(r"__file__|sys\.path|from common|import common", source)
+
+
 @pytest.mark.filterwarnings("ignore")  # of Jupyter's own
 @pytest.mark.parametrize(
     "script",
@@ -61,7 +68,6 @@ def run(page, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list:
 def test_notebook_runs(script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It ends with its figure, in the page and in the folder, and has nothing to say on standard error."""
     page = notebook(script)
-    assert not re.search(r"__file__|sys\.path|from common|import common", "".join(cell.source for cell in page.cells))
     outputs = run(page, tmp_path / "empty", monkeypatch)
     assert "image/png" in outputs[-1].data
     assert [o for o in outputs if o.output_type == "stream" and o.name == "stderr" and "samples" not in o.text] == []

@@ -7,19 +7,14 @@ on KILLEROO GOLD, and the camera samples per pixel that auto takes. The first tw
 shares alone; auto divides camera samples, too.
 """
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
-from common import options
 
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
+from dmis.experiment.gallery import options
 
-opts, _ = options(__file__, __doc__)
+opts, _ = options("plot_learned_shares", __doc__)
 scene = opts.scene("killeroo-gold", opts.pick(24, 4, 1))
 TITLES = {
     "thesis": "share, thesis",
