@@ -12,7 +12,7 @@ good. So the distribution of the true logarithms of the ratios is estimated from
 errors, by maximum likelihood on a grid of steps of 0.1. A patch is harmed if it belongs to a point above 0: its ratio
 is above 1.05, the least that so many renders can tell from 1. Patches whose pixels all have 1:1 are not harmed. *Their
 error* is the share of the image's variance with 1:1 that harmed patches have. The same for two halves of the renders
-with 1:1, where nothing is harmed, tells what is left of the noise.
+with 1:1, where nothing is harmed, shows the noise that is left.
 """
 
 import sys

@@ -62,6 +62,9 @@ equal shares (`dmis.fit.rounds`).
 """
 _SHIPPED = frozenset(RULES)
 _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
+_HELD = dict.fromkeys(("balance", "pbrt", "uniform"), "w") | {"counts": "weights"}
+_HELD |= dict.fromkeys(("second-moment", *_RELATIVES), "objective")
+"""The argument of a class that its rule of this name has already, so that it is no option."""
 _REST = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
 
 
@@ -138,22 +141,10 @@ def make_rule(text: Rule | str | Any) -> Rule:
         return complete_rule(text)
     name, _, rest = text.strip().partition(":")
     if name not in RULES:
-        how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
-        if loaded_plugins() and RULES.keys() == _SHIPPED:
-            files = " and ".join(path.name for path in loaded_plugins())
-            how = f"{files} registered no rule: end it with dmis.register_rule({name!r}, ...), and the rule's class"
-        raise ValueError(
-            f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}"
-            f"{did_you_mean(name, RULES) or '.'} {how}"
-        )
+        raise _no_such_rule(name)
     convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
     types, words = _option_types(name, convert), _option_words(name)
-    if name in ("balance", "pbrt", "uniform"):
-        types.pop("w")
-    if name == "counts":
-        types.pop("weights")
-    if name in _SHIPPED:
-        types.pop("objective", None)
+    types.pop(_HELD.get(name, ""), None)
     if name == "simplex":
         types |= dict.fromkeys(TECHNIQUES, float)
     options: dict[str, Any] = {}
@@ -178,6 +169,18 @@ def make_rule(text: Rule | str | Any) -> Rule:
     if name == "fixed" and "w" not in options:
         raise ValueError("rule fixed needs the share of light samples, such as fixed:0.5; got none")
     return complete_rule(RULES[name](**options))
+
+
+def _no_such_rule(name: str) -> ValueError:
+    """Return the error that a name is that of no rule."""
+    how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
+    if loaded_plugins() and RULES.keys() == _SHIPPED:
+        files = " and ".join(path.name for path in loaded_plugins())
+        how = f"{files} registered no rule: end it with dmis.register_rule({name!r}, ...), and the rule's class"
+    return ValueError(
+        f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}"
+        f"{did_you_mean(name, RULES) or '.'} {how}"
+    )
 
 
 def _arguments(name: str) -> Mapping[str, Parameter]:
