@@ -22,11 +22,9 @@ from dmis.experiment.oracle import make_oracle
 
 PAGE = ROOT / "docs" / "measurements.md"
 WAYS = {
-    "none": "filter=none,shrink=no",
-    "Gaussian": "filter=gaussian,shrink=no",
-    "joint": "filter=joint,shrink=no",
-    "Gaussian, shrunk": "filter=gaussian",
-    "joint, shrunk": "filter=joint",
+    "none": "filter=none",
+    "Gaussian": "filter=gaussian",
+    "joint": "filter=joint",
 }
 
 opts, given = options(

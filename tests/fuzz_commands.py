@@ -18,7 +18,7 @@ def rule_text(rng: random.Random) -> str:
     """A rule with options, right or wrong."""
     name = rng.choice([*RULES, "none", ""])
     keys = ["patch", "spp", "strategies", "filter", "size", "sigma", "reuse", "combiner", "sampler"]
-    keys += ["guard", "gamma", "shrink", "cost", "w", "techniques", "objective", "channels"]
+    keys += ["guard", "gamma", "cost", "w", "techniques", "objective", "channels"]
     words = ["gaussian", "none", "joint", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
     words += [
         "balance+power",

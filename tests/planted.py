@@ -61,7 +61,7 @@ def unbiased(values: Array, expected: float) -> bool:
     return abs(values.mean() - expected) < Z_LIMIT * values.std(ddof=1) / np.sqrt(len(values))
 
 
-PLAIN = {"filter": "none", "shrink": False, "cost": False, "guard": 0.0}
+PLAIN = {"filter": "none", "cost": False, "guard": 0.0}
 
 
 def pilot_of_curves(curve: Array, noise: float = 0.0, size: int = 32) -> dict[float, Pilot]:

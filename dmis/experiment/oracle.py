@@ -259,7 +259,7 @@ def _render_halves(
     """Render the two halves of an oracle's pilot and write their curves to `path`. An interrupted half is resumed."""
     path.parent.mkdir(parents=True, exist_ok=True)
     check_writable(path)
-    rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none", shrink=False, combiner=combiner)
+    rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none", combiner=combiner)
     results = [
         render_half(
             path, k, scene, rule, spp // 2 + 1, seed=REFERENCE_SEED + 2 + k, settings=settings, parallel=parallel,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from dmis.base.patches import PATCH, patch_mean
+from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
 from dmis.filter import check_taps
 from dmis.fit.pooling import pool
@@ -29,9 +28,6 @@ class PooledRule(Rule):
         (`dmis.filter.joint`, `dmis.scene.feature_buffers`).
     size, sigma
         Taps on a side and standard deviation of the Gaussian, in patches.
-    shrink
-        Whether each patch's curve is moved towards that of its kind by as much as it is uncertain, after the filter
-        (`dmis.fit.shrinkage`). Kinds are materials if the filter is ``joint``, else there is but one.
     cost
         Whether cost counts; otherwise variance alone.
     guard
@@ -50,7 +46,6 @@ class PooledRule(Rule):
     filter: str = "joint"
     size: int = 5
     sigma: float = 1.0
-    shrink: bool = True
     cost: bool = True
     guard: float = 1.5
     reuse: bool | None = None
@@ -77,17 +72,9 @@ class PooledRule(Rule):
         """Whether the filter compares feature buffers."""
         return self.filter == "joint"
 
-    def _features(self, pilot: Pilot) -> Mapping[str, Array] | None:
-        """Return the feature buffers that the filter compares; None if it compares none."""
-        return pilot.features if self.needs_features else None
-
     def _pool(self, pilot: Pilot) -> tuple[dict[str, Array], Array]:
         """Return the means of the pilot's sums over patches, filtered, and the effective number of pixels of each."""
         sigma = None if self.filter == "none" else self.sigma
         shape = pilot.moments.mean.shape[:2]
-        return pool(pilot.sums, shape, self.patch, sigma, self.size // 2, self._features(pilot))
-
-    def _kinds(self, pilot: Pilot) -> Array | None:
-        """Return the shares of the materials in each patch, ``(M, rows, columns)``; None if they are not known."""
-        material = (self._features(pilot) or {}).get("material")
-        return None if material is None else patch_mean(material, self.patch // PATCH)
+        features = pilot.features if self.needs_features else None
+        return pool(pilot.sums, shape, self.patch, sigma, self.size // 2, features)

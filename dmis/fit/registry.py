@@ -47,7 +47,7 @@ RULES: dict[str, Callable[..., Rule]] = {
     "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
     "thesis": Thesis,
     "second-moment": partial(SecondMoment, "second-moment", combiner="balance+power"),
-    **{name: partial(SecondMoment, name, shrink=False) for name in _RELATIVES},
+    **{name: partial(SecondMoment, name) for name in _RELATIVES},
     "simplex": _simplex,
     "counts": partial(Rounds, False),
     "auto": Rounds,
@@ -65,6 +65,8 @@ _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it f
 _HELD = dict.fromkeys(("balance", "pbrt", "uniform"), "w") | {"counts": "weights"}
 _HELD |= dict.fromkeys(("second-moment", *_RELATIVES), "objective")
 """The argument of a class that its rule of this name has already, so that it is no option."""
+_REMOVED_OPTIONS = {"shrink": "curves of patches are filtered alone; choose the filter with filter= and size="}
+"""What to do in place of options of earlier versions."""
 _REST = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
 
 
@@ -154,6 +156,8 @@ def make_rule(text: Rule | str | Any) -> Rule:
             raise ValueError(f"option {key} of rule {name} needs a value: {name}:{key}={_example(name, key)}")
         if not equals and types:
             key, value = next(iter(types)), item
+        if key not in types and key in _REMOVED_OPTIONS:
+            raise ValueError(f"rule {name} has no option {key} any more: {_REMOVED_OPTIONS[key]}; got {item!r}")
         if key not in types:
             known = f"the options {', '.join(types)}" if types else "no options"
             raise ValueError(f"rule {name} has {known}; got {key!r}{did_you_mean(key, types)}")

@@ -23,7 +23,6 @@ from dmis.fit.objectives import objective
 from dmis.fit.pooled_rule import PooledRule
 from dmis.fit.pooling import pool
 from dmis.fit.rule import Fit, Pilot, final_settings
-from dmis.fit.shrinkage import shrink_in_place
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
 
@@ -43,8 +42,7 @@ class SecondMoment(PooledRule):
     Parameters
     ----------
     objective
-        Name of the objective. All others than ``second-moment`` have no variance, and so none of the options `shrink`
-        and `guard`.
+        Name of the objective. All others than ``second-moment`` have no variance, and so not the option `guard`.
     spp
         Samples of the pilot, at w = 1/2: an even number of at least 4, see `dmis.pipeline.job.pilot_settings`.
     gamma
@@ -53,7 +51,7 @@ class SecondMoment(PooledRule):
         Of the final samples. Curves are those of the combiner if it is a heuristic (second-moment); of balance if not,
         and with ``frozen``. Of several heuristics, joined by ``+``, the pilot chooses the one that is best for the
         image, see `dmis.fit.choose_heuristic`.
-    patch, filter, size, sigma, shrink, cost, guard, reuse, sampler, compensation
+    patch, filter, size, sigma, cost, guard, reuse, sampler, compensation
         See `dmis.fit.pooled_rule.PooledRule`; the baseline point is w = 1/2.
     """
 
@@ -73,9 +71,10 @@ class SecondMoment(PooledRule):
         if not 0 < self.gamma < np.inf:
             raise ValueError(f"gamma must be positive and finite; got {self.gamma}")
         if self.objective != "second-moment":
-            for name, chosen in (("shrink", self.shrink), (f"combiner {self.combiner}", "+" in self.combiner)):
-                if chosen:
-                    raise ValueError(f"{name} needs variances, which objective {self.objective} does not estimate")
+            if "+" in self.combiner:
+                raise ValueError(
+                    f"combiner {self.combiner} needs variances, which objective {self.objective} does not estimate"
+                )
         if "+" in self.combiner:
             check_choice(self.combiners)
         if self.filter == "gaussian":
@@ -116,8 +115,6 @@ class SecondMoment(PooledRule):
         curves = _patch_curves(means, pixels)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how certain means are
         cost = self._cost(samples)
-        if self.shrink:
-            curves = shrink_in_place(curves, self._kinds(samples))
         # min over w of V + price C
         variance = curves.variance
         mean_half = (np.maximum(variance[HALF], 0) * area).sum() / area.sum()

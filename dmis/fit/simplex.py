@@ -17,7 +17,6 @@ from dmis.estimator.technique import technique_by_name
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.pooled_rule import PooledRule
 from dmis.fit.rule import Fit, Pilot, Weight, final_settings
-from dmis.fit.shrinkage import shrink_in_place
 from dmis.variance.simplex_curves import SimplexCurves, baseline_point, grid
 
 PRICES = 2.0 ** -np.arange(6)
@@ -65,7 +64,7 @@ class Simplex(PooledRule):
     spp
         Samples of the pilot, at equal shares: an even multiple of K of at least 2 K, which become camera samples with
         K times the shading samples, K times fewer.
-    patch, filter, size, sigma, shrink, cost, guard, reuse, combiner, sampler, compensation
+    patch, filter, size, sigma, cost, guard, reuse, combiner, sampler, compensation
         See `dmis.fit.pooled_rule.PooledRule`; the baseline point is `baseline_point`.
 
     Notes
@@ -121,8 +120,6 @@ class Simplex(PooledRule):
         means, pixels = self._pool(samples)
         shares, inside = grid(len(self.techniques))
         curves = PatchCurves(**means, pattern=np.zeros(()), pixels=pixels, baseline=baseline_point(self._exact))
-        if self.shrink:
-            curves = shrink_in_place(curves, self._kinds(samples))
         cost = np.ones(shares.shape[1])
         if self.cost:
             s = samples.shading_samples

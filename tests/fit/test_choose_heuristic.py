@@ -77,7 +77,7 @@ def test_patches_at_the_border_count_less() -> None:
 
 def test_a_rule_takes_the_curves_of_its_choice() -> None:
     """Planted: the second combiner's curves have their minimum elsewhere, and half the variance."""
-    learned = make_rule("second-moment:shrink=no")
+    learned = make_rule("second-moment")
     size, wide = 128, len(GRID)
     curve = np.stack([(GRID - 0.27) ** 2 + 0.2, 0.5 * (GRID - 0.73) ** 2 + 0.1])
     curve = curve[..., None, None] * np.ones((size // PATCH, size // PATCH))

@@ -261,6 +261,18 @@ def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
     assert known == RULES
 
 
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: .* choose the filter"),
+    ],
+)
+def test_removed_names_say_what_to_use(rule: str, message: str) -> None:
+    """Rules, options and values of earlier versions."""
+    with pytest.raises(ValueError, match=message):
+        make_rule(rule)
+
+
 # docs/extending.md ----------------------------------------------------------------------------------------------------
 
 

@@ -71,8 +71,7 @@ def test_filtering_makes_surer() -> None:
     curve = np.where(GRID == 1, 0.9, 1.0)[:, None, None]
     noise = 0.1 * np.sqrt(15)  # one standard error in one patch
     alone, shared = (
-        SecondMoment(filter=f, shrink=False, cost=False, guard=2.0).fit(pilot_of_curves(curve, noise))
-        for f in ("none", "gaussian")
+        SecondMoment(filter=f, cost=False, guard=2.0).fit(pilot_of_curves(curve, noise)) for f in ("none", "gaussian")
     )
     assert np.all(alone.weight == 0.5)
     assert np.all(shared.weight[8:-8, 8:-8] == 1) and shared.weight[0, 0] == shared.weight[-1, 0] == 0.5

@@ -215,7 +215,7 @@ def images(rule: Any, first: int = 0, **settings: Any) -> Array:
         (f"simplex:{MIX}", {"integrator": "path", "max_depth": 1}),
         ("simplex", {}),
         ("simplex:light+brdf+uniform,guard=0,filter=gaussian", {}),
-        ("simplex:brdf+resampled,shrink=no", {}),
+        ("simplex:brdf+resampled", {}),
         ("simplex:light+brdf+uniform+resampled,spp=8,filter=none,cost=no", {}),
     ],
 )
@@ -249,7 +249,7 @@ def test_two_learned_shares_are_those_of_second_moment() -> None:
     """The same pilot, the same curves: the weight is the nearest of its grid, or the next."""
     lamp = SphereLight((0.0, 1.5, 3.0), 2.0, (5.0, 4.0, 3.0))
     scene = box_scene(plastic(0.1, 0.8, 0.005), (lamp,), resolution=(32, 32))
-    options = "filter=none,shrink=no,cost=no,guard=0"
+    options = "filter=none,cost=no,guard=0"
     ours, theirs = (
         dmis.render(scene, f"{rule},{options}", 12, seed=3) for rule in ("simplex:light+brdf", "second-moment:patch=4")
     )

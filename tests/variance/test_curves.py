@@ -108,7 +108,7 @@ def test_curves_predict_paths() -> None:
     )
     room = box_scene(plastic(0.5, 0.3, 0.02), (lamp,), walls, resolution=(12, 12)).crop((4, 12), (0, 12))
     paths = dmis.Settings(integrator="path", max_depth=4, sampler="independent")
-    rule = SecondMoment(patch=32, spp=512, filter="none", shrink=False)
+    rule = SecondMoment(patch=32, spp=512, filter="none")
     predicted = np.mean(
         [dmis.render(room, rule, 513, seed=s, settings=paths).maps["variances"][:, 0, 0] for s in range(4)], axis=0
     )
@@ -157,7 +157,7 @@ def test_curve_predicts_renders(box: dmis.Scene, w: float, combiner: str) -> Non
     from dmis.pipeline.render import render
 
     floor = box.crop((18, 24), (0, 10))
-    rule = SecondMoment(patch=32, spp=256, filter="none", shrink=False, combiner=combiner)
+    rule = SecondMoment(patch=32, spp=256, filter="none", combiner=combiner)
     fits = [
         render(floor, rule, 257, seed=s, sampler="independent").maps["variances"].mean(axis=(1, 2)) for s in range(6)
     ]
