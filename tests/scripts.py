@@ -15,10 +15,10 @@ import pytest
 
 import dmis
 from dmis.estimator.technique import TECHNIQUES
-from dmis.experiment import gallery
 from dmis.fit.registry import RULES
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.samplers.streams import SAMPLERS
+from examples import gallery
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -9,7 +9,7 @@ constant of dmis was chosen on these two scenes.
 
 import dmis
 from dmis import plot
-from dmis.experiment.gallery import options
+from examples.gallery import options
 
 opts, _ = options("plot_held_out_scenes", __doc__)
 SPP, SHRINK = opts.pick(8, 64), opts.pick(16, 2, 1)

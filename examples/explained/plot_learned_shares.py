@@ -12,7 +12,7 @@ import numpy as np
 import dmis
 from dmis import plot
 from dmis.base.color import luminance
-from dmis.experiment.gallery import options
+from examples.gallery import options
 
 opts, _ = options("plot_learned_shares", __doc__)
 scene = opts.scene("killeroo-gold", opts.pick(24, 4, 1))

@@ -11,8 +11,8 @@ the balance heuristic: the oracle.
 import dmis
 from dmis import plot
 from dmis.experiment.convergence import gains, line, slope
-from dmis.experiment.gallery import SCENES, options
 from dmis.experiment.report.plots import error_lines
+from examples.gallery import SCENES, options
 
 opts, _ = options("plot_error_vs_time", __doc__)
 RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")

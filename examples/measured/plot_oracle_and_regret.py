@@ -10,8 +10,8 @@ saving that it reaches, and the share of patches in which it does harm.
 
 import dmis
 from dmis import plot
-from dmis.experiment.gallery import SCENES, options
 from dmis.variance.curves import HALF
+from examples.gallery import SCENES, options
 
 opts, _ = options("plot_oracle_and_regret", __doc__)
 RULES = {

@@ -15,15 +15,11 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_sum
-from dmis.experiment.gallery import draw_curve, options, print_canvas
-from dmis.fit.thesis import parabola_minimum
+from examples.gallery import options, print_canvas
+from examples.thesis.patch_curves import draw_curve, measure_patch, print_curve
 
 opts, _ = options("plot_fig_3_2_mse_curve_teapot", __doc__)
 PATCH, SPP, SEEDS = opts.pick((4, 16, 2), (16, 122, 24))
-WEIGHTS = np.array(
-    [0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 1]
-)
-STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
 # Red: the spout, next to the lamp, where the curve is flat beyond w = 1/2. Blue: the
@@ -49,84 +45,15 @@ crops = {
 }
 
 # %%
-# **Step 1, the curve.** Render the patch alone with a fixed weight w and 122 samples
-# per pixel, again and again. The mean squared error is the mean over seeds, pixels and
-# channels of (x - r₁)(x - r₂), where r₁ and r₂ are two independent halves of a
-# reference, whose own noise cancels.
-mse = {}
-for colour, crop in crops.items():
-    reference = opts.reference(crop, opts.pick(1024, 8192))
-    runs = dmis.measure(
-        crop,
-        [(f"fixed:{w:g}", SPP) for w in WEIGHTS],
-        range(SEEDS),
-        reference,
-        preset="thesis",
-    )
-    mse[colour] = np.array(
-        [[run.mse for run in runs[f"fixed:{w:g}", SPP]] for w in WEIGHTS]
-    )  # (weights, seeds)
-at_half = {colour: errors[WEIGHTS == 0.5].mean() for colour, errors in mse.items()}
+# Each patch is rendered alone with fixed weights, 122 samples per pixel, again and
+# again; ``measure_patch`` in ``patch_curves.py`` beside this script goes step by step.
+# The error at w = 0, 1/2 and 1 gives the parabola of the thesis (Eqs. 3.2-3.5). The
+# rule itself has less: pilots of two samples per pixel, whose weights scatter.
 curves = {
-    colour: errors.mean(axis=1) / at_half[colour] for colour, errors in mse.items()
-}
-bars = {
-    colour: 2 * errors.std(axis=1, ddof=1) / SEEDS**0.5 / at_half[colour]
-    for colour, errors in mse.items()
-}
-
-# %%
-# **Step 2, three points of it.** An unbiased estimator's error is its variance, MSE =
-# Var (Eq. 3.1), and a variance needs no reference. So the thesis takes V(w) at three
-# weights: BRDF sampling w = 0, balance heuristic w = 1/2, and light sampling w = 1.
-# First the exact ones, as multiples of V(1/2).
-exact = {
-    colour: curve[np.isin(WEIGHTS, STRATEGIES)] for colour, curve in curves.items()
-}
-
-# %%
-# **Step 3, the fit.** One parabola a₂ w² + a₁ w + a₀ goes through three points (Eqs.
-# 3.2-3.4). Its minimum is the weight of the patch, w = -a₁ / (2 a₂) (Eq. 3.5), clipped
-# to [0, 1].
-parabolas = {
-    colour: np.polyfit(STRATEGIES, points, 2) for colour, points in exact.items()
-}
-fitted = {
-    colour: float(parabola_minimum(STRATEGIES, points)[0])
-    for colour, points in exact.items()
-}
-
-# %%
-# **The pilot's data.** The rule does not know the exact points. It has the sample
-# variances of two samples per pixel, y = Σ (x - mean)², averaged over the patch. Pilots
-# with other random numbers give other weights.
-pilots = {
-    colour: [
-        [
-            luminance(
-                dmis.render(
-                    crop, f"fixed:{w:g}", 2, seed=3 * k + j, preset="thesis"
-                ).variance
-            ).mean()
-            for j, w in enumerate(STRATEGIES)
-        ]
-        for k in range(opts.pick(5, 40))
-    ]
-    for colour, crop in crops.items()
-}
-learned = {
-    colour: parabola_minimum(STRATEGIES, np.transpose(y))[0]
-    for colour, y in pilots.items()
+    colour: measure_patch(crop, opts, SPP, SEEDS) for colour, crop in crops.items()
 }
 for colour, curve in curves.items():
-    points = ", ".join(f"{v:.2f} at {w:g}" for w, v in zip(WEIGHTS, curve, strict=True))
-    print(
-        f"{colour:5} V(w) / V(1/2):"
-        f" {points};"
-        f" minimum of the exact parabola {fitted[colour]:.2f}, of pilots"
-        f" {np.median(learned[colour]):.2f} ({learned[colour].min():.2f} to"
-        f" {learned[colour].max():.2f})"
-    )
+    print_curve(colour, curve)
 
 # %%
 # **Is BRDF sampling better in any noisy patch?** The variances y₀ and y₁ of all patches
@@ -177,11 +104,8 @@ labels = {
 }
 for (colour, label), level in zip(labels.items(), (-4.7, -3.7, -4.2), strict=True):
     plot.mark(axes[corners[colour][0]], patches[colour], f"tab:{colour}")
-    fit, ticks = (parabolas[colour], fitted[colour]), (learned[colour], level)
-    draw_curve(axis, colour, label, (WEIGHTS, curves[colour], bars[colour]), fit, ticks)
+    draw_curve(axis, colour, label, curves[colour], level)
 axis.set_ylim(-5, 6)
-axis.set_xlabel("share of light samples w  (0: BRDF only, 1: light only)")
-axis.set_ylabel("MSE / MSE at w = ½")
 figure.legend(
     *axis.get_legend_handles_labels(),
     loc="outside lower center",
@@ -189,7 +113,7 @@ figure.legend(
     columnspacing=1,
     handlelength=1.5,
 )
-red, blue, green = (curves[colour] for colour in labels)
+red, blue, green = (curves[colour].error for colour in labels)
 width, height = scenes["teapot-area-light"].camera.resolution
 opts.save_for_print(
     figure,

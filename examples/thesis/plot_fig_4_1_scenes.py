@@ -11,7 +11,7 @@ files.
 
 import dmis
 from dmis import plot
-from dmis.experiment.gallery import SCENES, options, print_canvas
+from examples.gallery import SCENES, options, print_canvas
 
 opts, _ = options("plot_fig_4_1_scenes", __doc__)
 SPP = opts.pick(16, 32, 128)

@@ -18,8 +18,8 @@ The balance heuristic takes one light and one BRDF sample per camera sample.
 import numpy as np
 
 import dmis
-from dmis.experiment.gallery import SCENES, Errors, options, print_canvas
 from dmis.experiment.runs import median_seconds, on_cpu, spp_in_time
+from examples.gallery import SCENES, Errors, options, print_canvas
 
 opts, given = options(
     "plot_table_4_1",

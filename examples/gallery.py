@@ -130,7 +130,7 @@ class Options:
         rectangle = " ".join(f"{side:.4f}" for side in sides)
         metadata = {"Title": title, "Description": caption, "Software": "dmis", "Panel": rectangle}
         figure.savefig(self.output, dpi=dpi, metadata=metadata)
-        print(caption)  # noqa: T201
+        print(caption)
         self._show()
 
     def save_for_print(self, figure: Any, title: str, caption: str, panel: Any = None, dpi: int = 200) -> None:
@@ -147,7 +147,7 @@ class Options:
 
             display(Image(filename=str(self.output)))  # type: ignore[no-untyped-call]
         else:
-            print(self.output)  # noqa: T201
+            print(self.output)
 
 
 def in_notebook() -> bool:
@@ -207,31 +207,6 @@ def print_canvas(rows: int, columns: int, height: float, width: float = 7, **opt
     style |= {"lines.linewidth": 1.2, "lines.markersize": 4, "pdf.fonttype": 42}
     matplotlib.rcParams.update(style)  # type: ignore[arg-type]
     return plot.canvas(rows, columns, width, height, **options)
-
-
-def draw_curve(
-    axis: Any, colour: str, label: str, curve: tuple[Any, ...], fit: tuple[Any, float], pilots: tuple[Any, float]
-) -> None:
-    """Draw the error of a patch against the share w of light samples, with the parabola of the thesis's rule.
-
-    Parameters
-    ----------
-    curve
-        Shares, errors of the patch over its error at w = 1/2, and half-lengths of their bars.
-    fit
-        Coefficients of the parabola, that of w² first, and the weight of the patch, its minimum in [0, 1].
-    pilots
-        Weights of the patch by pilots with other random numbers, and the height at which they are marked.
-    """
-    colour, dense = f"tab:{colour}", np.linspace(0, 1, 201)
-    (coefficients, weight), (learned, level) = fit, pilots
-    axis.plot(*curve[:2], "o-", color=colour, label=label)
-    axis.errorbar(*curve, fmt="none", color=colour)
-    axis.plot(dense, np.polyval(coefficients, dense), "--", color=colour, label="parabola through V(0), V(½), V(1)")
-    marker = {"color": colour, "markersize": 8, "markeredgecolor": "black", "label": f"its minimum, w = {weight:.2f}"}
-    axis.plot(weight, np.polyval(coefficients, weight), "v", **marker)
-    ticks = {"color": colour, "markersize": 7, "label": f"minima of {len(learned)} pilots"}
-    axis.plot(learned, np.full(len(learned), level), "|", **ticks)
 
 
 def window(scene: Scene, rows: tuple[float, float], columns: tuple[float, float]) -> plot.Window:

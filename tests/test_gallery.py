@@ -9,7 +9,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.text import Text
 
-from dmis.experiment.gallery import SCENES, options, print_canvas
+from examples.gallery import SCENES, options, print_canvas
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +52,7 @@ def test_scenes_shrink(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["plot_any.py", "--quick"])
     opts, _ = options("plot_any", "Title")
     assert opts.scene("tt", 100).camera.resolution == (15, 8)
-    monkeypatch.setattr("dmis.experiment.gallery.load_scene", lambda source, resolution: (source, resolution))
+    monkeypatch.setattr("examples.gallery.load_scene", lambda source, resolution: (source, resolution))
     for name, about in SCENES.items():
         assert opts.scene(name) == (about.name, tuple(round(side / 16) for side in about.size))
 
