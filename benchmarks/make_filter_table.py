@@ -43,7 +43,7 @@ for name, shrink in TABLES.items():
     columns.append(f"{scene.name} {width}×{height}")
     oracle = make_oracle(scene, opts.pick(64, 1024), parallel=opts.threads, progress=show("oracle"))
     for way, text in WAYS.items():
-        rule = f"second-moment:combiner=balance,cost=no,{text}"
+        rule = f"second-moment:cost=no,{text}"
         maps = [dmis.render(scene, rule, 8, seed=seed, parallel=opts.threads).weight for seed in range(given.seeds)]
         saving, harm = np.mean([(oracle.saving(w), oracle.harm(w)[0]) for w in maps], axis=0)
         cells[way].append(f"{saving:.0%}, harm {harm:.1%}")

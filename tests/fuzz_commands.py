@@ -22,7 +22,6 @@ def rule_text(rng: random.Random) -> str:
     words = ["gaussian", "none", "joint", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
     words += [
         "balance+power",
-        "power+cutoff",
         "cutoff",
         "maximum",
         "frozen",

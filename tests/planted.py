@@ -40,7 +40,7 @@ def exact(w: float, s: int, combiner: str = "balance") -> tuple[float, float]:
 def pilot(pixels: int, count: int, seed: int, keys: int = 1, s: int = 2, combiner: str = "balance") -> Curves:
     """A 1-D pilot: s samples of each technique for each camera sample, at w = 1/2, from `keys` equal lights."""
     rng = np.random.default_rng(seed)
-    curves = Curves(pixels, 2 * s, combiners=combiner.split("+"))
+    curves = Curves(pixels, 2 * s, combiner=combiner)
     n = pixels * count
     records, radiance, y = [], np.zeros(n), rng.random(n)
     for key in range(keys):

@@ -56,7 +56,7 @@ class Combiner:
     exponent
         Of the densities in the heuristic's weights, 1 for balance; None if it is no power of them.
     has_curves
-        Whether those variance curves are its own, so that combiners can be chosen by them.
+        Whether those variance curves are its own.
     two_techniques
         Whether it needs two techniques.
     exact_densities
@@ -175,6 +175,11 @@ def combiner_by_name(name: str) -> Combiner:
         return Combiner(name, mis.power(beta), exponent=beta)
     if kind == "cutoff" and number == number:
         return Combiner(name, mis.cutoff(0.1 if number is None else number), exponent=None)
+    if "+" in name:
+        raise ValueError(
+            f"combiner must be one heuristic, because the pilot no longer chooses between several; got {name!r}. Use "
+            f"balance or power"
+        )
     raise ValueError(
         f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen, optimal, "
         f"optimal-progressive or controlled; got {name!r}"

@@ -46,7 +46,7 @@ RULES: dict[str, Callable[..., Rule]] = {
     "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
     "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
     "thesis": Thesis,
-    "second-moment": partial(SecondMoment, "second-moment", combiner="balance+power"),
+    "second-moment": partial(SecondMoment, "second-moment"),
     **{name: partial(SecondMoment, name) for name in _RELATIVES},
     "simplex": _simplex,
     "counts": partial(Rounds, False),

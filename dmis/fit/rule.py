@@ -42,8 +42,6 @@ class Fit:
         Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
     maps
         Diagnostics by name; those of patches have one value for each in the last two axes.
-    combiner
-        Heuristic of the final samples; None: that of the rule's `settings`.
     continuation
         Patterns and numbers of samples that go on from the pilot, of a rule that `continues`; None: `weight` and
         `samples` divide what the pilot left.
@@ -52,7 +50,6 @@ class Fit:
     weight: Array | float
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
     samples: Array | None = None
-    combiner: str | None = None
     continuation: Continuation | None = None
 
     @property

@@ -7,7 +7,7 @@ then each patch takes its own minimum.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from typing import Any
 
@@ -17,11 +17,9 @@ from dmis.base.patches import patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.records import Statistic
-from dmis.fit.choose_heuristic import CHOICE_PATCH, check_choice, choose
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import objective
 from dmis.fit.pooled_rule import PooledRule
-from dmis.fit.pooling import pool
 from dmis.fit.rule import Fit, Pilot, final_settings
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
@@ -49,8 +47,7 @@ class SecondMoment(PooledRule):
         Order of the divergence (tsallis); 1 is Kullback-Leibler, 2 the second moment.
     combiner
         Of the final samples. Curves are those of the combiner if it is a heuristic (second-moment); of balance if not,
-        and with ``frozen``. Of several heuristics, joined by ``+``, the pilot chooses the one that is best for the
-        image, see `dmis.fit.choose_heuristic`.
+        and with ``frozen``.
     patch, filter, size, sigma, cost, guard, reuse, sampler, compensation
         See `dmis.fit.pooled_rule.PooledRule`; the baseline point is w = 1/2.
     """
@@ -70,13 +67,6 @@ class SecondMoment(PooledRule):
             )
         if not 0 < self.gamma < np.inf:
             raise ValueError(f"gamma must be positive and finite; got {self.gamma}")
-        if self.objective != "second-moment":
-            if "+" in self.combiner:
-                raise ValueError(
-                    f"combiner {self.combiner} needs variances, which objective {self.objective} does not estimate"
-                )
-        if "+" in self.combiner:
-            check_choice(self.combiners)
         if self.filter == "gaussian":
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
@@ -86,19 +76,14 @@ class SecondMoment(PooledRule):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {"combiner": self.combiners[0]} | final_settings(self.sampler, self.reuse, self.compensation)
-
-    @property
-    def combiners(self) -> tuple[str, ...]:
-        """Combiners that the pilot chooses from."""
-        return tuple(self.combiner.split("+"))
+        return {"combiner": self.combiner} | final_settings(self.sampler, self.reuse, self.compensation)
 
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:
         """Makes the statistic that the pilot gathers."""
         if self.objective != "second-moment":
             return objective(self.objective, self.gamma).statistic
-        return partial(Curves, combiners=self.combiners)
+        return partial(Curves, combiner=self.combiner)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return the shares from the pilot at w = 1/2."""
@@ -107,12 +92,9 @@ class SecondMoment(PooledRule):
         if self.objective != "second-moment":
             weight = self._solve_objective(samples)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
-        combiner = None
-        if len(self.combiners) > 1:
-            samples, combiner = self._choose_combiner(samples, shape)
         # V(w) of patches
         means, pixels = self._pool(samples)
-        curves = _patch_curves(means, pixels)
+        curves = PatchCurves(**means, pixels=pixels, baseline=HALF)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how certain means are
         cost = self._cost(samples)
         # min over w of V + price C
@@ -120,8 +102,9 @@ class SecondMoment(PooledRule):
         mean_half = (np.maximum(variance[HALF], 0) * area).sum() / area.sum()
         best = self._best_shares(curves, area, cost, mean_half / cost[HALF])
         weight = GRID[best]
-        maps = {"patch": weight, "variance": np.maximum(_at_index(variance, best), 0), "variances": variance}
-        return Fit(patch_spread(weight, self.patch, shape), maps, combiner=combiner)
+        at_best = np.take_along_axis(variance, best[None], axis=0)[0]
+        maps = {"patch": weight, "variance": np.maximum(at_best, 0), "variances": variance}
+        return Fit(patch_spread(weight, self.patch, shape), maps)
 
     def _cost(self, pilot: Pilot) -> Array:
         """Return the cost of a camera sample at the shares of the grid, ``(G,)``."""
@@ -139,39 +122,8 @@ class SecondMoment(PooledRule):
             pair = camera_sample_cost(pilot.rays, ends, s, s // 2, pilot.techniques).tolist()
         return np.clip(objective(self.objective, self.gamma).solve(means, (pair[0], pair[1])), 0, 1)
 
-    def _choose_combiner(self, pilot: Pilot, shape: tuple[int, int]) -> tuple[Pilot, str]:
-        """Return the best combiner for the image, and the pilot with the sums of its curves."""
-        sums_of_each = [
-            {name: a if name == "position" else a[k] for name, a in pilot.sums.items()}
-            for k in range(len(self.combiners))
-        ]
-        area, cost_of_share, of_each = patch_sum(np.ones(shape), CHOICE_PATCH), self._cost(pilot), []
-        for sums in sums_of_each:
-            curves = _patch_curves(*pool(sums, shape, CHOICE_PATCH))
-            of_each.append(_variance_and_cost(curves, cost_of_share))
-        variance, cost = (np.stack(a) for a in zip(*of_each, strict=True))
-        k = choose(variance, cost, area)
-        return replace(pilot, sums=sums_of_each[k]), self.combiners[k]
-
     def _best_shares(self, curves: PatchCurves, area: Array, cost: Array, price: float) -> np.ndarray:
         """Return the index into the grid of the best share of each patch, ``(rows, columns)``."""
         allowed = allowed_weights(np.einsum("gyx,yx->g", curves.curve, area))
         blocks = (curves.rows(rows) for rows in row_blocks(len(area)))
         return np.concatenate([guarded_argmin(block, cost, self.guard, allowed, price) for block in blocks])
-
-
-def _patch_curves(means: Mapping[str, Any], pixels: Array) -> PatchCurves:
-    """Return the curves of patches from the means of `dmis.variance.curves.Curves.sums` over them."""
-    return PatchCurves(**means, pixels=pixels)
-
-
-def _variance_and_cost(curves: PatchCurves, cost: Array) -> tuple[Array, Array]:
-    """Return variance and cost of a camera sample where their product is least, ``(rows, columns)`` each."""
-    variance = np.maximum(curves.variance, 0)
-    index = (variance * cost[:, None, None]).argmin(axis=0)
-    return _at_index(variance, index), cost[index]
-
-
-def _at_index(values: Array, index: np.ndarray) -> Array:
-    """Return the values ``(G, ...)`` at an index ``(...)`` into the grid."""
-    return np.take_along_axis(values, index[None], axis=0)[0]

@@ -60,7 +60,7 @@ class FinalPass:
     shares
         Shares of the techniques, within the range of the combiner, ``(K,)`` or ``(K, H, W)``.
     settings
-        Estimator settings, with the combiner of the fit.
+        Estimator settings.
     samples
         Camera samples per pixel of each replicate, one number or ``(H, W)``.
     control
@@ -226,14 +226,12 @@ class Job:
             first = int(np.max(pilot[0.5].moments.n)) // settings.replicates
             samples: Array | int = fill_budget(plan, first, rng) - plan.patterns.begin
             return FinalPass(fit, shares, settings, samples, None, plan.patterns)
-        combiner = fit.combiner or settings.combiner
-        share_range = combiner_by_name(combiner).share_range
+        share_range = combiner_by_name(settings.combiner).share_range
         if share_range != (0, 1):
             shares = shares_of(np.clip(shares[0], *share_range))
         samples = self.final_spp // settings.replicates
         if fit.samples is not None:
             samples = whole_samples(np.asarray(fit.samples), samples, stream(self.seed, len(pilot), 2**31))
-        settings = replace(settings, combiner=combiner)
         control = control_variate.coefficients(pilot[0.5], shares) if controlled else None
         return FinalPass(fit, shares, settings, samples, control)
 

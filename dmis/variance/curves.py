@@ -34,13 +34,13 @@ where ``q h_i`` is the value of the heuristic for the effective densities ``w_l 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import TINY, Array
-from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.combiner import Combiner, combiner_by_name
 from dmis.estimator.mis import balance
 from dmis.estimator.records import Record
 
@@ -72,21 +72,19 @@ class Curves:
         Number of pixels of the tile.
     shading_samples
         Shading samples of each camera sample of the pilot, a multiple of 4; a final camera sample has S, half as many.
-    combiners
-        Heuristics of the final samples whose curves are estimated, by name; the pilot uses the balance heuristic.
+    combiner
+        Heuristic of the final samples, whose curves are estimated, by name; the pilot uses the balance heuristic.
     grid
         Shares w from 0 to 1, both included, and 1/2 among them, ``(G,)`` ascending.
     """
 
-    def __init__(
-        self, pixels: int, shading_samples: int, combiners: Sequence[str] = ("balance",), grid: Array = GRID
-    ) -> None:
+    def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance", grid: Array = GRID) -> None:
         self._s = shading_samples // 2
         self._n = 0
-        self._combiners, self._grid = tuple(combiners), grid
+        self._combiner, self._grid = combiner_by_name(combiner), grid
         self._half = int(np.flatnonzero(grid == 0.5)[0])
         self._w_times_rest = (grid * (1 - grid))[:, None].astype(np.float64)
-        self._curve, self._pattern, self._second = np.zeros((3, len(combiners), len(grid), pixels), np.float64)
+        self._curve, self._pattern, self._second = np.zeros((3, len(grid), pixels), np.float64)
         self._total, self._pilot = np.zeros((2, pixels), np.float64)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -116,28 +114,26 @@ class Curves:
 
         X is given in units whose square is `unit_2`.
         """
-        scale, lights = count * unit_2, [_SamplesTowardsLight(x, d, count) for x, d in samples]
+        scale, lights = count * unit_2, [_SamplesTowardsLight(x, d, count, self._combiner) for x, d in samples]
         # I^2 of each light, summed
         radiance_2 = sum(light.radiance_2 for light in lights)
         second, squared, pattern = np.zeros((3, len(self._grid), size(pixels, len(self._total))))
         # M2(0) and M2(1): of one technique alone, all heuristics are the same
         for end in (0, -1):
             second[end] = sum(light.single_technique(self._grid[end]) for light in lights)
-        for h, combiner in enumerate(self._combiners):
-            moments = [light.moments(combiner) for light in lights]
-            for g, w in enumerate(self._grid[1:-1].astype(float), 1):
-                # M2(w) and E_y[D^2], summed over the lights
-                second_moments, differences = zip(*(at(w) for at in moments), strict=True)
-                second[g] = sum(second_moments)
-                squared[g] = sum(_mean_square(d, count) for d in differences)
-                # Var_y(D) = E_y[D^2] - E_y[D]^2, where D is that of all lights together
-                total = sum(differences[1:], differences[0])
-                pattern[g] = squared[g] if len(lights) == 1 else _mean_square(total, count)
-                pattern[g] -= _squared_mean(total, count)
-            # E_y[M2 - I^2 - w (1 - w) D^2] / S
-            self._second[h][:, pixels] += scale / self._s * second
-            self._curve[h][:, pixels] += scale / self._s * (second - radiance_2 - self._w_times_rest * squared)
-            self._pattern[h][:, pixels] += scale * pattern
+        for g, w in enumerate(self._grid[1:-1].astype(float), 1):
+            # M2(w) and E_y[D^2], summed over the lights
+            second_moments, differences = zip(*(light.moments(w) for light in lights), strict=True)
+            second[g] = sum(second_moments)
+            squared[g] = sum(_mean_square(d, count) for d in differences)
+            # Var_y(D) = E_y[D^2] - E_y[D]^2, where D is that of all lights together
+            total = sum(differences[1:], differences[0])
+            pattern[g] = squared[g] if len(lights) == 1 else _mean_square(total, count)
+            pattern[g] -= _squared_mean(total, count)
+        # E_y[M2 - I^2 - w (1 - w) D^2] / S
+        self._second[:, pixels] += scale / self._s * second
+        self._curve[:, pixels] += scale / self._s * (second - radiance_2 - self._w_times_rest * squared)
+        self._pattern[:, pixels] += scale * pattern
         # the same of the pilot: the balance heuristic at w = 1/2
         self._pilot[pixels] += scale / self._s * sum(light.pilot_variance() for light in lights)
 
@@ -145,22 +141,19 @@ class Curves:
         """Return the sums per pixel that `dmis.fit.curve_minimum.PatchCurves` averages over patches.
 
         ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, Var_y(D) as ``pattern`` ``(G, P)``,
-        and Var_y(I) as ``position`` ``(P,)``. If there are several combiners, all but ``position`` have one more axis
-        in front.
+        and Var_y(I) as ``position`` ``(P,)``.
         """
         n = max(self._n, 1)
         pattern, sample_variance = self._pattern / n, self._total / n
         # E_y[M2 - I^2 - w (1 - w) D^2] / S + var(n / S) Var_y(D)
         curve = self._curve / n + self._rounding_variance()[:, None] * pattern
-        half = curve[..., self._half : self._half + 1, :]
         # where all samples are alike, a curve is rounding error, which must not be taken for a gain
         rounding = CURVE_ROUNDING * self._second / n
-        square, cross = curve * curve + rounding * rounding, curve * half
-        cross[..., self._half, :] = square[..., self._half, :]
-        curves = {"curve": curve, "square": square, "cross": cross, "pattern": pattern}
-        sums = curves if len(self._combiners) > 1 else {name: a[0] for name, a in curves.items()}
+        square, cross = curve * curve + rounding * rounding, curve * curve[self._half]
+        cross[self._half] = square[self._half]
         # Var_y(I) = the pilot's variance less its curve: V(1/2) of balance with 2 S shading samples in place of S
-        return {**sums, "position": sample_variance - self._pilot / n / 2}
+        position = sample_variance - self._pilot / n / 2
+        return {"curve": curve, "square": square, "cross": cross, "pattern": pattern, "position": position}
 
     def _rounding_variance(self) -> Array:
         """Return var(n / S) at each share, ``(G,)``."""
@@ -229,15 +222,22 @@ class _SamplesTowardsLight:
     Second moments M2 are ``(P,)``, of P pixels; differences D are estimated by each pair, ``(S / 2, N)``.
     """
 
-    def __init__(self, x: Array, d: Array, count: int) -> None:
-        self._x, self._d, self._count = x, d, count
+    def __init__(self, x: Array, d: Array, count: int, combiner: Combiner) -> None:
+        self._x, self._d, self._count, self._combiner = x, d, count, combiner
         self._x_2, self._x_d = x * x, x * d
         # I(y) is estimated by the mean X of a pair
         self.radiance_2 = _mean_square(x.mean(axis=1), count)
-
-    def moments(self, combiner: str) -> Callable[[float], tuple[Array, Array]]:
-        """Return a function of w, between 0 and 1, that computes M2 and D of a heuristic."""
-        return self._balance if combiner_by_name(combiner).heuristic is balance else self._heuristic(combiner)
+        if combiner.heuristic is not balance:
+            # r_l = p_l / q = 1 + d,  r_b = p_b / q = 1 - d
+            r_l, r_b = (np.maximum(r, MIN_DENSITY_RATIO) for r in (1 + d, 1 - d))
+            self._x_l, self._x_b = x / np.sqrt(r_l), x / np.sqrt(r_b)
+            self._pairs = x[:, 0] + x[:, 1]
+            # (p_b / p_l)^beta,  p_b / p_l = (1 - d) / (1 + d); p_b / p_l itself without beta, or if powers may overflow
+            beta = combiner.exponent
+            self._beta = beta if beta is not None and beta <= 3 else None
+            self._ratio = (1 - d) / r_l
+            if self._beta is not None:
+                self._ratio = self._ratio * self._ratio if beta == 2 else self._ratio ** np.float32(self._beta)
 
     def single_technique(self, w: float) -> Array:
         """Return M2 of one technique alone, at w = 0 or 1."""
@@ -248,10 +248,14 @@ class _SamplesTowardsLight:
     def pilot_variance(self) -> Array:
         """Return the variance at y of a shading sample of the pilot, balance at w = 1/2, ``(P,)``."""
         # M2 - I^2 - w (1 - w) D^2 at w = 1/2
-        second, difference = self._balance(0.5)
+        second, difference = self._balance_moments(0.5)
         return np.asarray(second - self.radiance_2 - _mean_square(difference, self._count) / 4, np.float64)
 
-    def _balance(self, w: float) -> tuple[Array, Array]:
+    def moments(self, w: float) -> tuple[Array, Array]:
+        """Return M2 and D of the heuristic at w, between 0 and 1."""
+        return self._balance_moments(w) if self._combiner.heuristic is balance else self._heuristic_moments(w)
+
+    def _balance_moments(self, w: float) -> tuple[Array, Array]:
         """Return M2 and D of the balance heuristic."""
         # m(w) = p_w / q = 1 + (2 w - 1) d
         m = self._d * np.float32(2 * w - 1)
@@ -263,51 +267,33 @@ class _SamplesTowardsLight:
         one_over_m *= self._x_d
         return second, one_over_m[:, 0] + one_over_m[:, 1]
 
-    def _heuristic(self, combiner: str) -> Callable[[float], tuple[Array, Array]]:
-        """Return a function of w that computes M2 and D of any heuristic, from its MIS weights W_l and W_b.
+    def _heuristic_moments(self, w: float) -> tuple[Array, Array]:
+        """Return M2 and D of any heuristic, from its MIS weights W_l and W_b = 1 - W_l.
 
         A sample of technique i has the value ``f h_i``, where ``q h_i = W_i / (w_i r_i)``.
         """
-        light_weight = _light_weight(self._d, combiner)
-        # X / sqrt(r_l) and X / sqrt(r_b),  r_l = p_l / q = 1 + d,  r_b = p_b / q = 1 - d
-        x_l, x_b = (self._x / np.sqrt(np.maximum(r, MIN_DENSITY_RATIO)) for r in (1 + self._d, 1 - self._d))
-        pairs = self._x[:, 0] + self._x[:, 1]
+        weight_l = self._light_weight(w)
+        weighted = self._x * weight_l
+        # D = E_q[X (W_l / w - W_b / (1 - w))] = E_q[X (W_l / w - 1)] / (1 - w), where a pair is the mean of two
+        difference = weighted[:, 0] + weighted[:, 1]
+        difference *= np.float32(1 / w)
+        difference -= self._pairs
+        difference *= np.float32(0.5 / (1 - w))
+        weight_b = np.subtract(1, weight_l, out=weighted)
+        # M2 = E_q[X^2 W_l^2 / r_l] / w + E_q[X^2 W_b^2 / r_b] / (1 - w)
+        for weight, x_i in ((weight_l, self._x_l), (weight_b, self._x_b)):
+            weight *= x_i
+            weight *= weight
+        second = _mean(weight_l, self._count) / np.float32(w) + _mean(weight_b, self._count) / np.float32(1 - w)
+        return second, difference
 
-        def at(w: float) -> tuple[Array, Array]:
-            """Return M2 and D at w."""
-            weight_l = light_weight(w)
-            weighted = self._x * weight_l
-            # D = E_q[X (W_l / w - W_b / (1 - w))] = E_q[X (W_l / w - 1)] / (1 - w), where a pair is the mean of two
-            difference = weighted[:, 0] + weighted[:, 1]
-            difference *= np.float32(1 / w)
-            difference -= pairs
-            difference *= np.float32(0.5 / (1 - w))
-            weight_b = np.subtract(1, weight_l, out=weighted)
-            # M2 = E_q[X^2 W_l^2 / r_l] / w + E_q[X^2 W_b^2 / r_b] / (1 - w)
-            for weight, x_i in ((weight_l, x_l), (weight_b, x_b)):
-                weight *= x_i
-                weight *= weight
-            second = _mean(weight_l, self._count) / np.float32(w) + _mean(weight_b, self._count) / np.float32(1 - w)
-            return second, difference
-
-        return at
-
-
-def _light_weight(d: Array, combiner: str) -> Callable[[float], Array]:
-    """Return a function of w that computes the MIS weight W_l of a light sample.
-
-    The weight of a BRDF sample is W_b = 1 - W_l. Both depend on the ratio of the effective densities alone,
-    ``(1 - w) p_b / (w p_l)``.
-    """
-    # p_b / p_l = (1 - d) / (1 + d)
-    ratio = (1 - d) / np.maximum(1 + d, MIN_DENSITY_RATIO)
-    weighting = combiner_by_name(combiner)
-    heuristic, beta = weighting.heuristic, weighting.exponent
-    if beta is None or beta > 3:  # whose powers of ratios may be beyond float32
-        return lambda w: heuristic([np.ones_like(ratio), ratio * np.float32((1 - w) / w)], 0)
-    # W_l = 1 / (1 + ((1 - w) p_b / (w p_l))^beta)
-    ratio_to_beta = ratio * ratio if beta == 2 else ratio ** np.float32(beta)
-    return lambda w: 1 / (1 + ratio_to_beta * np.float32(((1 - w) / w) ** beta))
+    def _light_weight(self, w: float) -> Array:
+        """Return the MIS weight W_l, which depends on ``(1 - w) p_b / (w p_l)`` alone."""
+        if self._beta is None:
+            densities = [np.ones_like(self._ratio), self._ratio * np.float32((1 - w) / w)]
+            return self._combiner.heuristic(densities, 0)
+        # W_l = 1 / (1 + ((1 - w) p_b / (w p_l))^beta)
+        return 1 / (1 + self._ratio * np.float32(((1 - w) / w) ** self._beta))
 
 
 def _mean(values: Array, count: int) -> Array:

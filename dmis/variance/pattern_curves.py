@@ -22,13 +22,13 @@ class PatternCurves(Curves):
     Parameters
     ----------
     pixels, shading_samples, combiner
-        See `dmis.variance.curves.Curves`; one combiner.
+        See `dmis.variance.curves.Curves`.
     """
 
     by_colour = True
 
     def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance") -> None:
-        super().__init__(pixels, shading_samples, (combiner,), SHARES)
+        super().__init__(pixels, shading_samples, combiner, SHARES)
         self._halves = np.zeros(pixels)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:

@@ -142,8 +142,8 @@ for name, value in (
 # alike, and then takes the minimum of each patch. It stays at 1/2 where the gain is not
 # sure. Here is what both rules learn from six samples, beside the oracle. (With
 # ``cost=no`` all samples count the same; otherwise the rule weighs variance against the
-# rays of a light sample. The oracle's curves are those of ``combiner=balance``.)
-rules = f"thesis:patch={PATCH}", "second-moment:combiner=balance,cost=no"
+# rays of a light sample.)
+rules = f"thesis:patch={PATCH}", "second-moment:cost=no"
 learned = {
     rule: dmis.render(plates, rule, 16, seed=1, sampler="independent").weight
     for rule in rules

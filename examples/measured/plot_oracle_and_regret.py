@@ -16,8 +16,8 @@ from examples.gallery import SCENES, options
 opts, _ = options("plot_oracle_and_regret", __doc__)
 RULES = {
     "thesis": "thesis",
-    "second-moment": "second-moment:combiner=balance,cost=no",
-    "unguarded": "second-moment:combiner=balance,cost=no,guard=0",
+    "second-moment": "second-moment:cost=no",
+    "unguarded": "second-moment:cost=no,guard=0",
 }
 
 # %%

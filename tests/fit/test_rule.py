@@ -265,12 +265,13 @@ def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
     ("rule", "message"),
     [
         ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: .* choose the filter"),
+        ("second-moment:combiner=balance+power", "must be one heuristic, .* Use balance or power"),
     ],
 )
 def test_removed_names_say_what_to_use(rule: str, message: str) -> None:
     """Rules, options and values of earlier versions."""
     with pytest.raises(ValueError, match=message):
-        make_rule(rule)
+        dmis.Settings(**make_rule(rule).settings)
 
 
 # docs/extending.md ----------------------------------------------------------------------------------------------------

@@ -18,19 +18,18 @@ from dmis.variance.curves import GRID, GRID_SHARES
 
 
 def test_memory_of_a_fit() -> None:
-    """Means of the size of one combiner's sums, a few maps, and some rows of what is worked out on the way."""
+    """Means of the size of the sums, a few maps, and some rows of what is worked out on the way."""
     found = pilot_of_curves(np.random.default_rng(1).random((len(GRID), 96, 96)) + 1, size=384)
     guide = {"normal": np.zeros((3, 96, 96), np.float32), "material": np.ones((1, 96, 96), np.float32)}
     size = sum(a.nbytes for a in found[0.5].sums.values())
-    both = {name: a if name == "position" else np.stack([a, a]) for name, a in found[0.5].sums.items()}
-    found = {0.5: replace(found[0.5], sums=both, features=guide)}
-    rule = make_rule("second-moment:combiner=balance+power")
+    found = {0.5: replace(found[0.5], features=guide)}
+    rule = make_rule("second-moment")
     rule.fit(found)
     tracemalloc.start()
     rule.fit(found)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 2.5 * size  # of one combiner
+    assert peak < 2.5 * size
 
 
 @pytest.mark.parametrize("g", range(len(GRID)))
