@@ -3,7 +3,7 @@ The ladder of bounds: a table of docs/measurements.md
 ==============================================
 
 How small the error could be in equal time with one freedom of the estimator after another, on the four scenes, as
-``python -m dmis oracle SCENE --ladder --compensation 0`` prints it for one. The first rung is the balance heuristic,
+``print_ladder.py SCENE --compensation 0`` prints it for one. The first rung is the balance heuristic,
 so skies are sampled without compensation. Takes ten minutes; the result is kept with the project.
 """
 
@@ -14,10 +14,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, TABLES, machine, options, replace_table, show
+from evenness import EVEN_SEEDS, EVEN_SPP, measure_evenness
+from ladder import RUNGS, make_ladder
 
 import dmis
-from dmis.experiment.evenness import EVEN_SEEDS, EVEN_SPP, measure_evenness
-from dmis.experiment.ladder import RUNGS, make_ladder
 from dmis.experiment.oracle import make_oracle
 
 PAGE = ROOT / "docs" / "measurements.md"

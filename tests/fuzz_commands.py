@@ -42,7 +42,7 @@ OPTIONS = {
     "--compensation --max-depth --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
     "compare": "--rules --spp --seeds --seed --reference --reference-spp --oracle-spp --resolution --threads -o "
     "--quiet",
-    "oracle": "--ladder --spp --resolution --integrator --max-depth --threads -o --quiet",
+    "oracle": "--spp --resolution --integrator --max-depth --threads -o --quiet",
     "info": "--resolution --dialect --allow-outside",
     "check": "--exercise -o",
     "bench": "--rules --resolution --spp --threads --seed",
@@ -89,7 +89,7 @@ def arguments(rng: random.Random) -> list[str]:
 
 def value(rng: random.Random, option: str) -> list[str]:
     """The value of an option, or none, mostly where it wants none."""
-    if option in ("--quiet", "--allow-outside", "--ladder") or rng.random() < 0.02:
+    if option in ("--quiet", "--allow-outside") or rng.random() < 0.02:
         return []
     if option in ("--rule", "--rules"):
         return [",".join(rule_text(rng) for _ in range(1 + (option == "--rules")))]

@@ -45,7 +45,7 @@ def run_alone(run: Callable[[], Any], folder: Path, monkeypatch: pytest.MonkeyPa
 
     tables = [(table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)]
     modules = set(sys.modules)
-    path = [entry for entry in sys.path if Path(entry) not in (ROOT / "tests", ROOT / "examples")]
+    path = [entry for entry in sys.path if Path(entry) not in (ROOT / "tests", ROOT / "examples", ROOT / "benchmarks")]
     with monkeypatch.context() as patch, matplotlib.rc_context():
         matplotlib.use("agg")
         patch.setattr(sys, "path", [str(folder), *path])

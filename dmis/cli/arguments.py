@@ -19,6 +19,10 @@ _SAMPLERS = (
     f"{', '.join(SAMPLERS)}, or one of a plugin; auto: sobol, or independent with a combiner that needs it "
     "(default auto)"
 )
+REMOVED_OPTIONS = {
+    "--ladder": "run benchmarks/print_ladder.py SCENE of a checkout, which prints and plots the ladder of bounds",
+}
+"""What takes the place of options that earlier versions had."""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -61,7 +65,7 @@ def _render(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--png", metavar="OUT.png", help="also write a preview image")
     command.add_argument("--spp", type=int, help="camera samples per pixel, pilot included (default 128)")
-    command.add_argument("--resolution", type=_resolution, metavar="WxH", help="pixels (default: as the scene says)")
+    command.add_argument("--resolution", type=resolution, metavar="WxH", help="pixels (default: as the scene says)")
     _add_integrator(command)
     _add_as_in_file(command)
     command.add_argument(
@@ -145,7 +149,7 @@ def _compare(command: argparse.ArgumentParser) -> None:
         metavar="N",
         help="also render the oracle with N samples per pixel (default: use it if it is in the cache)",
     )
-    command.add_argument("--resolution", type=_resolution, metavar="WxH", help="pixels (default: as the scene says)")
+    command.add_argument("--resolution", type=resolution, metavar="WxH", help="pixels (default: as the scene says)")
     command.add_argument("--threads", type=_workers, help="number of threads (default: one per processor)")
     command.add_argument(
         "-o",
@@ -163,17 +167,11 @@ def _oracle(command: argparse.ArgumentParser) -> None:
     _add_scene_options(command)
     _add_integrator(command)
     command.add_argument("scene", help="a pbrt or mesh file, or the name of a scene that comes with dmis")
-    command.add_argument(
-        "--ladder",
-        action="store_true",
-        help="also measure how much evenly spread samples help; print and plot the bounds of the error in equal time "
-        "with one freedom after another: weights, numbers of samples, shading samples, perfect shading, even points",
-    )
     _add_compensation(command, "0.9, as rules that learn from densities; 0: as the balance heuristic")
     command.add_argument(
         "--spp", type=int, default=2048, help="camera samples per pixel, a multiple of 4 (default 2048)"
     )
-    command.add_argument("--resolution", type=_resolution, metavar="WxH", help="pixels (default: as the scene says)")
+    command.add_argument("--resolution", type=resolution, metavar="WxH", help="pixels (default: as the scene says)")
     command.add_argument("--threads", type=_workers, help="number of threads (default: one per processor)")
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="output directory of table and plots"
@@ -197,7 +195,7 @@ def _info(command: argparse.ArgumentParser) -> None:
     """Add the options of ``info``."""
     _add_scene_options(command)
     command.add_argument("scene", nargs="?", help="scene whose plan is printed (default: versions only)")
-    command.add_argument("--resolution", type=_resolution, metavar="WxH", help="pixels (default: as the scene says)")
+    command.add_argument("--resolution", type=resolution, metavar="WxH", help="pixels (default: as the scene says)")
     command.add_argument("--seed", type=int, default=0, help=argparse.SUPPRESS)
 
 
@@ -225,7 +223,7 @@ def _bench(command: argparse.ArgumentParser) -> None:
     command.add_argument("--rules", default="balance,thesis", help="rules separated by commas (default balance,thesis)")
     _add_integrator(command)
     command.add_argument(
-        "--resolution", type=_resolution, metavar="WxH", default=(342, 256), help="pixels (default 342x256)"
+        "--resolution", type=resolution, metavar="WxH", default=(342, 256), help="pixels (default 342x256)"
     )
     command.add_argument("--spp", type=int, default=64, help="camera samples per pixel (default 64)")
     command.add_argument("--threads", type=_workers, default=1, help="number of threads (default 1)")
@@ -296,7 +294,7 @@ def _add_verbosity(command: argparse.ArgumentParser, details: str) -> None:
     verbosity.add_argument("--verbose", action="store_true", help=f"also print the plan of the scene, {details}")
 
 
-def _resolution(text: str) -> tuple[int, int]:
+def resolution(text: str) -> tuple[int, int]:
     """Return the width and height of WIDTHxHEIGHT."""
     width, x, height = text.lower().partition("x")
     if not (x and width.isdecimal() and height.isdecimal()):

@@ -29,12 +29,10 @@ from dmis import __version__
 from dmis.base import malloc
 from dmis.base.atomic_files import check_folder, check_package, check_writable, replacing
 from dmis.base.plugins import load_plugin
-from dmis.cli.arguments import make_parser
+from dmis.cli.arguments import REMOVED_OPTIONS, make_parser
 from dmis.cli.check import check
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
-from dmis.experiment.evenness import measure_evenness
-from dmis.experiment.ladder import make_ladder
 from dmis.experiment.oracle import make_oracle
 from dmis.experiment.reference import cache_folder, make_reference
 from dmis.experiment.speed.bench import HEADER, bench
@@ -63,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
         command = options.command
-        parser.error(f"{command} does not take {' '.join(unknown)}; python -m dmis {command} --help lists its options")
+        fix = REMOVED_OPTIONS.get(unknown[0], f"python -m dmis {command} --help lists its options")
+        parser.error(f"{command} does not take {' '.join(unknown)}; {fix}")
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: print(f"dmis: warning: {message}", file=sys.stderr)  # type: ignore[assignment]
@@ -323,25 +322,18 @@ def _oracle(options: argparse.Namespace) -> int:
     check_folder(options.output)
     scene, settings = _load(options), make_settings(**_given_settings(options))
     with _progress(options.quiet) as progress:
-        rendered: dict[str, Any] = {"settings": settings, "parallel": options.threads, "progress": progress}
-        oracle = make_oracle(scene, options.spp, **rendered)
-        ladder = make_ladder(oracle)
-        if ladder is None:
-            raise ValueError(f"an oracle needs noise; every sample of scene {scene.name!r} is the same")
-        if options.ladder:
-            ladder = make_ladder(oracle, measure_evenness(scene, oracle, **rendered))
-    from dmis.experiment.report.plots import write_best_shares, write_ladder
+        oracle = make_oracle(scene, options.spp, settings=settings, parallel=options.threads, progress=progress)
+    if not oracle.variance.any():
+        raise ValueError(f"an oracle needs noise; every sample of scene {scene.name!r} is the same")
+    from dmis.experiment.report.plots import write_best_shares
 
     options.output.mkdir(parents=True, exist_ok=True)
-    text, paths = oracle.text(), [options.output / name for name in ("oracle.md", "best_shares.png", "ladder.png")]
+    text, paths = oracle.text(), [options.output / name for name in ("oracle.md", "best_shares.png")]
     write_best_shares(oracle, paths[1], scene.name)
-    if options.ladder and ladder is not None:
-        text += f"\n{ladder.text()}"
-        write_ladder(ladder, paths[2], scene.name)
     with replacing(paths[0]) as partial:
         partial.write_text(f"{text}\n", "utf-8")
     if not options.quiet:
-        print(text, *(paths if options.ladder else paths[:2]), sep="\n")
+        print(text, *paths, sep="\n")
     return 0
 
 

@@ -17,7 +17,6 @@ from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
-from dmis.experiment.ladder import Ladder, cached_ladder
 from dmis.experiment.oracle import Oracle, cached_oracle
 from dmis.experiment.reference import Reference
 from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure
@@ -181,7 +180,7 @@ def compare(
     folder
         Output directory; an existing comparison in it is resumed.
     oracle
-        Oracle of the maps of regret and of the ladder of bounds. Default: that of the cache, if it has one.
+        Oracle of the maps of regret. Default: that of the cache, if it has one.
     progress, options
         See `dmis.experiment.runs.measure`; the reference has the same integrator and depth.
 
@@ -211,16 +210,10 @@ def compare(
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    bounds = _oracle_and_ladder(scene, settings, oracle)
-    comparison = Comparison(results.about, runs, results.layers(runs), reference, *bounds)
+    oracle = oracle or cached_oracle(scene, settings=settings)
+    comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
     _draw(comparison, folder)
     return comparison
-
-
-def _oracle_and_ladder(scene: Scene, settings: Settings, oracle: Oracle | None) -> tuple[Oracle | None, Ladder | None]:
-    """Return the oracle, by default that of the cache, and the cached ladder of the scene."""
-    oracle = oracle or cached_oracle(scene, settings=settings)
-    return oracle, None if oracle is None else cached_ladder(scene, oracle, settings=settings)
 
 
 def _check_rule_texts(rules: Any) -> list[str]:

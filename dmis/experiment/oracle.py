@@ -62,8 +62,7 @@ class Oracle:
     shape
         ``(H, W)`` of the image: patches at its border may be smaller, and count for less; None: all are whole.
     halves
-        Curves of two independent halves of the pilot, without their standard errors, for
-        `dmis.experiment.ladder`; None: not kept.
+        Curves of two independent halves of the pilot, without their standard errors; None: not kept.
     shading_samples
         Shading samples S of a camera sample.
     base_cost

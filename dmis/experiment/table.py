@@ -23,7 +23,6 @@ from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, resolve_auto
-from dmis.experiment.ladder import Ladder
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference
 from dmis.experiment.runs import PINNED, Budget, Run
@@ -217,8 +216,6 @@ class Comparison:
         One image of each rule and budget, with the layers RGB, weight, variance, samples.
     oracle
         Oracle of the scene; None: not rendered.
-    ladder
-        Ladder of bounds of the scene, which comes with its oracle.
     """
 
     about: Mapping[str, Any]
@@ -226,7 +223,6 @@ class Comparison:
     pictures: Mapping[Budget, Mapping[str, Array]]
     reference: Reference
     oracle: Oracle | None
-    ladder: Ladder | None = None
 
     @property
     def scene(self) -> str:

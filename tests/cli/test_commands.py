@@ -222,6 +222,7 @@ def test_bench_prints_a_table(scene, capsys):
             ["render", "SCENE", "-o", "a.exr", "--samples", "4"],
             "render does not take --samples 4; python -m dmis render --help",
         ),
+        (["oracle", "SCENE", "-o", "a", "--ladder"], "run benchmarks/print_ladder.py SCENE"),
         (["render", "SCENE"], "-o"),
         ([], "COMMAND"),
     ],
@@ -373,22 +374,18 @@ def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatc
         assert main(command) == 0 and (tmp_path / "out" / "report.html").exists()
 
 
-def test_oracle_and_ladder(tmp_path, monkeypatch, capsys):
-    """``oracle`` prints what the best weights leave and plots them; with --ladder also the rungs, from the cache."""
+def test_oracle(tmp_path, monkeypatch, capsys):
+    """``oracle`` prints what the best weights leave and plots them, from the cache the second time."""
     pytest.importorskip("matplotlib")
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     command = ["oracle", "teapot-area-light", "--resolution", "24x24", "--spp", "64", "-o", str(tmp_path / "out")]
     assert main(command) == 0
     captured = capsys.readouterr()
-    assert captured.out.startswith("The best weights leave 0.") and "B0" not in captured.out and captured.err == ""
+    assert captured.out.startswith("The best weights leave 0.") and captured.err == ""
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["best_shares.png", "oracle.md"]
     monkeypatch.setattr("dmis.experiment.oracle.render_half", lambda *_, **__: pytest.fail("rendered again"))
-    assert main([*command, "--ladder"]) == 0
-    out = capsys.readouterr().out
-    rungs = dict(re.findall(r"^\| (B\S+) \| [^|]+ \| ([^|]+) \|", out, re.M))
-    assert list(rungs) == ["B0", "B1", "B2", "B2'", "B2''", "B3", "B6", "B7"] and rungs["B0"] == "1"
-    assert "With Sobol points the error of the balance heuristic at 128 samples per pixel is" in out
-    assert (tmp_path / "out" / "oracle.md").read_text("utf-8") in out and (tmp_path / "out" / "ladder.png").exists()
+    assert main(command) == 0
+    assert (tmp_path / "out" / "oracle.md").read_text("utf-8") in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("drawn")

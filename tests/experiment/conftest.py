@@ -13,7 +13,7 @@ from dmis.experiment.table import Comparison
 
 @pytest.fixture(scope="session")
 def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path]:
-    """A comparison with an oracle, of independent samples, as the ladder's, and its folder."""
+    """A comparison of independent samples, with an oracle, and its folder."""
     pytest.importorskip("matplotlib")
     folder = tmp_path_factory.mktemp("report")
     reference = dmis.make_reference(box, 64, folder=folder)

@@ -164,33 +164,6 @@ def test_efficiency_follows_from_the_file(made, page):
             assert (cells["seconds at equal error"], cells["error in equal time"]) == ("1.000", "1.000")
 
 
-@pytest.mark.usefixtures("without_plots")
-def test_rules_stand_on_rungs(made, page):
-    """Each rule is on the lowest rung that its error times CPU seconds does not exceed.
-
-    That is over the balance heuristic, or with other points than independent ones over the pinned baseline, which has
-    two shading samples: with more of them rules stand on no rung.
-    """
-    comparison, _ = made
-    ladder = comparison.ladder
-    head, *shown = Tables(page).tables["efficiency"]
-    for line, gain in zip(shown, gains(comparison.runs), strict=True):
-        assert dict(zip(head, line, strict=True))["rung"] == (ladder.reached(gain.error_time.value) or "–")
-    head, *rungs = Tables(page).tables["ladder"]
-    assert {row[0]: row[2] for row in rungs} == {name: ladder.rung_text(name) for name in ladder.rungs}
-    assert ladder.rung_text("B0") == "1"
-    standing = [rule for row in rungs for rule in row[3].split(", ") if rule]
-    assert "balance" in standing and len(standing) == len(set(standing))
-    for shading_samples in (2, 4):
-        about = {**comparison.about, "sampler": "sobol", "shading_samples": shading_samples}
-        write_report([dataclasses.replace(comparison, about=about)], made[1] / "sobol.html")
-        tables = Tables((made[1] / "sobol.html").read_text("utf-8")).tables
-        for line, gain in zip(tables["efficiency"][1:], gains(comparison.runs), strict=True):
-            rung = ladder.reached(gain.error_time_over_pinned.value) if shading_samples == 2 else ""
-            assert line[-3] == (rung or "–")
-        assert any(row[3] for row in tables["ladder"][1:]) == (shading_samples == 2)
-
-
 def test_several_scenes(made, tmp_path):
     """An overview, a section and a comparer for each, and still no name twice."""
     comparison, _ = made
@@ -226,7 +199,7 @@ def test_errors_that_have_no_logarithm(made, tmp_path):
         convergence(report, tmp_path / "convergence.png")
         tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
         assert all(row[1:] == ["–"] * 3 for row in tables["slopes"][1:])
-        assert all(row[-5:-2] == ["–", "–", "B0" if row[1] == "balance" else "–"] for row in tables["efficiency"][1:])
+        assert all(row[-4:-2] == ["–", "–"] for row in tables["efficiency"][1:])
 
 
 def test_linear_png_keeps_all_half_floats():
@@ -289,7 +262,7 @@ def test_names_that_are_code(made, tmp_path):
     write_report([odd], tmp_path / "report.html")
     convergence(odd, tmp_path / "convergence.png")
     page = (tmp_path / "report.html").read_text("utf-8")
-    assert "<img src=x" not in page and page.count("<svg") == 3 and page.count("<script>") == 2
+    assert "<img src=x" not in page and page.count("<svg") == 2 and page.count("<script>") == 2
     assert f"<h2>{html.escape(name)}</h2>" in page
     assert html.escape(f"Root mean squared error over seconds, {name}") in page
 

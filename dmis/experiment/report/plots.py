@@ -15,7 +15,6 @@ from dmis import plot
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.experiment.convergence import Axis, line
-from dmis.experiment.ladder import RUNGS, Ladder
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.report.comparer import png
 from dmis.experiment.runs import Budget, Run
@@ -44,8 +43,6 @@ RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆", "v": "▼", "P": "
 70 rules differ in one of the two, and rules of one colour differ in their markers."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
-MIN_RUNG = 1e-4
-"""Least end of a bar in a plot of a ladder; rungs may be smaller, and estimates of them below 0."""
 AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays", "seconds": "seconds"}
 
 
@@ -108,33 +105,6 @@ def convergence(comparison: Comparison, path: Path) -> None:
     )
 
 
-def ladder_bars(axis: Axes, ladder: Ladder, errors: Mapping[str, float] | None = None, ink: str = "0.35") -> None:
-    """Draw the rungs of a ladder as bars on a log scale, and the `errors` of rules, by name, as vertical lines."""
-    names, values = list(ladder.rungs), np.maximum(list(ladder.rungs.values()), MIN_RUNG)
-    axis.barh(names, 1 - values, left=values, color="#2b8cd6", alpha=0.35, height=0.7)
-    for row, (name, value) in enumerate(ladder.rungs.items()):
-        text = ladder.rung_text(name) if name in ladder.unclear else f"{value:.2g}"
-        axis.text(values[row] / 1.05, row, text, va="center", ha="right", color=ink, fontsize=8)
-    for k, (rule, error) in enumerate((errors or {}).items()):
-        if error > 0:
-            colour, mark = line_style(k)
-            axis.plot([error, error], [-0.5, len(names) - 0.5], color=colour, marker=mark, markersize=6, label=rule)
-    axis.set_xscale("log")
-    axis.set_xlim(values.min() / 2.5, 2)
-    axis.invert_yaxis()
-    axis.grid(alpha=0.25, axis="x", linewidth=0.5)
-    axis.set_xlabel("error in equal time, over independent samples of the balance heuristic")
-    plot.round_ticks(axis.xaxis)
-
-
-def write_ladder(ladder: Ladder, path: Path, scene: str) -> None:
-    """Write the plot of a ladder, with its caption, as a PNG file."""
-    figure, axes = plot.canvas(1, 1, 8, 3.6)
-    ladder_bars(axes[0, 0], ladder)
-    meanings = "; ".join(f"{name}: {RUNGS[name]}" for name in ladder.rungs)
-    plot.save(figure, path, f"{scene}: ladder of bounds", f"{meanings}. Bars end at the least error that is possible.")
-
-
 def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
     """Write the plot of the best weights, with its caption, as a PNG file."""
     rows, columns = oracle.variance.shape[1:]
@@ -180,16 +150,6 @@ def error_svg(comparison: Comparison, over: Axis) -> str:
         _legend(axis)
 
     return _svg(draw, f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}", (5.4, 3.9))
-
-
-def ladder_svg(ladder: Ladder, errors: Mapping[str, float], scene: str) -> str:
-    """Return `ladder_bars` as a figure with the page's colour and fonts."""
-
-    def draw(axis: Axes) -> None:
-        ladder_bars(axis, ladder, errors, INK)
-        _legend(axis)
-
-    return _svg(draw, f"Ladder of bounds, {scene}", (7.0, 3.6))
 
 
 def _legend(axis: Axes) -> None:

@@ -8,11 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dmis.estimator.presets import PRESETS
 from dmis.experiment import alarm
 from dmis.experiment.convergence import Axis, Gain, Interval, gains, line, slope
-from dmis.experiment.ladder import RUNGS
-from dmis.experiment.report.plots import RULE_MARKS, ladder_svg, line_style
+from dmis.experiment.report.plots import RULE_MARKS, line_style
 from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 
 LINES_NOTE = """Lines: root of the mean squared error over {seeds}; bands: lowest to highest seed. Dotted: the slope −½
@@ -27,10 +25,6 @@ below 1. Seconds at equal error: the rule's seconds over those in which the bala
 in equal time: MSE over that of the balance heuristic in the rule's seconds. Both are interpolated on the line of the
 balance heuristic; † where it is extrapolated as MSE ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis,
 which is one light and one BRDF sample and independent points, whatever the settings of the others."""
-LADDER_NOTE = """Least MSE × time that is possible with one freedom after another, without a pilot, over that of the
-balance heuristic with independent samples. Rules, at the largest number of samples: in the lowest rung that their MSE ×
-CPU seconds do not exceed. With other points than independent ones that is over the pinned baseline, which has two
-shading samples; with another number rules stand nowhere."""
 OVERVIEW_NOTE = """Seconds at equal error, over those of the balance heuristic, at the largest number of samples. Below
 1 is better."""
 RUNS_NOTE = f"""mean_z: mean of the image less that of the reference, in standard errors, of the channel where it is
@@ -58,11 +52,11 @@ def slopes_table(c: Comparison) -> str:
 
 
 def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
-    """Return the table of errors and their ratios of all rules and budgets, with rungs if there is a ladder."""
+    """Return the table of errors and their ratios of all rules and budgets."""
     alarmed = {budget for budget, by_seed in c.runs.items() if any(map(alarm.raises_alarm, by_seed))}
     head = [
         "spp", "rule", "MSE", "MSE / balance", "MSE·CPU s / balance", "seconds at equal error", "error in equal time",
-        *(["rung"] if c.ladder else []), "MSE / pinned", "MSE·CPU s / pinned",
+        "MSE / pinned", "MSE·CPU s / pinned",
     ]  # fmt: skip
     rows = []
     for g in gains_of_budgets:
@@ -74,7 +68,6 @@ def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
                 str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else ""),
                 f"{g.mse:.4g}", f"{ratio_text(g.over_balance)}{interval}", interval_text(g.error_time),
                 f"{ratio_text(g.equal_error)}{dagger}", f"{ratio_text(g.equal_time)}{dagger}",
-                *([c.ladder.reached(_over_independent(c, g)) or "–"] if c.ladder else []),
                 ratio_text(g.over_pinned), interval_text(g.error_time_over_pinned),
             ]
         )  # fmt: skip
@@ -107,41 +100,6 @@ def _row_marks(gains_of_budgets: Sequence[Gain]) -> list[str]:
 def _rule(name: str) -> str:
     """Return a rule's name, which may be broken after colons and commas."""
     return re.sub("([:,])", r"\1<wbr>", escaped(name))
-
-
-def _over_independent(c: Comparison, g: Gain) -> float:
-    """Return a rule's error times CPU seconds over that of the balance heuristic with independent samples, or NaN.
-
-    With another sampler that is the pinned baseline, if it has as many shading samples.
-    """
-    if c.about["sampler"] == "independent":
-        return g.error_time.value
-    same = c.about["shading_samples"] == PRESETS["thesis"].values["shading_samples"]
-    return g.error_time_over_pinned.value if same else float("nan")
-
-
-def ladder_elements(c: Comparison, rows: Sequence[Gain]) -> list[str]:
-    """Return the plot of the scene's ladder with the rules at the largest budget, and its table; empty if none."""
-    if c.ladder is None:
-        return []
-    largest = max(g.spp for g in rows)
-    errors = {g.rule: _over_independent(c, g) for g in rows if g.spp == largest}
-    head = ["rung", "what may be chosen", "error in equal time", "rules"]
-    reached = {rule: c.ladder.reached(error) for rule, error in errors.items()}
-    lines = [
-        [
-            name,
-            escaped(RUNGS[name]),
-            escaped(c.ladder.rung_text(name)),
-            escaped(", ".join(r for r, rung in reached.items() if rung == name)),
-        ]
-        for name in c.ladder.rungs
-    ]
-    return [
-        "<h3>Ladder of bounds</h3>",
-        f'<div class="plots">{ladder_svg(c.ladder, errors, c.scene)}</div>',
-        f'{html_table(head, lines, "ladder")}<p class="note">{LADDER_NOTE} {c.ladder.note()}</p>',
-    ]
 
 
 def overview_table(comparisons: Sequence[Comparison]) -> str:

@@ -1,19 +1,15 @@
 """Ladder of bounds: closed forms on planted curves, order, scale, noise that does not flatter, and its measurement."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
+from evenness import Evenness, measure_evenness
+from ladder import RUNGS, Ladder, make_ladder
 from scipy.optimize import minimize_scalar
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.experiment.evenness import Evenness, measure_evenness
-from dmis.experiment.ladder import RUNGS, Ladder, cached_ladder, make_ladder
 from dmis.experiment.oracle import Oracle, make_oracle
 from dmis.fit.curve_minimum import PatchCurves
-from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.variance.curves import GRID, HALF, share_variance
 
 S, BASE_COST = 2, 1.3
@@ -80,18 +76,13 @@ def test_closed_forms() -> None:
     assert ladder.position == pytest.approx(position.mean() / v_half.mean())
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_order(seed: int) -> None:
     """More freedom never raises the error, on random curves."""
     rungs = ladder_of(oracle_of(random_curves(seed)), Evenness(128, 0.3, 1.3)).rungs
     for higher, lower in (("B0", "B1"), ("B1", "B2'"), ("B0", "B2"), ("B2", "B2'"), ("B2'", "B2''"), ("B2''", "B3")):
         assert rungs[lower] <= rungs[higher] * (1 + 1e-12), (higher, lower)
     assert rungs["B7"] < rungs["B6"] < rungs["B3"]
-
-
-def test_order_is_strict_where_there_is_something_to_gain() -> None:
-    rungs = ladder_of(oracle_of(random_curves(0)), Evenness(128, 0.3, 1.3)).rungs
-    assert rungs["B0"] > rungs["B1"] > rungs["B2'"] > rungs["B3"] > rungs["B6"] > rungs["B7"]
 
 
 def test_scale() -> None:
@@ -194,15 +185,6 @@ def test_a_rung_that_is_noise_is_shown_as_a_limit() -> None:
     assert "told from 0" not in Ladder({"B0": 1.0}, {"B0": 0.0}, rungs, 0.1).text()
 
 
-def test_rung_of_a_rule() -> None:
-    """A rule is on the lowest rung that it does not exceed; rungs need not be in order of their values."""
-    rungs = {"B0": 1.0, "B1": 0.66, "B2": 0.75, "B2'": 0.5}
-    ladder = Ladder(rungs, dict.fromkeys(rungs, 0.0), rungs, 0.1, Evenness(128, 0.1, 1.5))
-    reached = {ratio: ladder.reached(ratio) for ratio in (1.2, 1.0, 0.7, 0.66, 0.3)}
-    assert reached == {1.2: "", 1.0: "B0", 0.7: "B2", 0.66: "B1", 0.3: "B2'"}
-    assert ladder.reached(float("nan")) == ""
-
-
 def test_no_ladder() -> None:
     """An oracle without halves, or without variance, has no ladder."""
     assert make_ladder(Oracle(np.ones((len(GRID), 1, 1)), np.ones(len(GRID)), 4, 64)) is None
@@ -217,35 +199,15 @@ def test_ladder_of_a_scene(box: dmis.Scene, tmp_path, monkeypatch) -> None:
         np.mean([getattr(half, name) for half in oracle.halves], axis=0) for name in ("curve", "position")
     )
     np.testing.assert_allclose(oracle.variance, curve + np.maximum(position, 0), rtol=1e-9, atol=0)
-    before = cached_ladder(box, oracle, folder=tmp_path)
-    assert before is not None and "B7" not in before.rungs
+    assert "B7" not in ladder_of(oracle).rungs
     evenness = measure_evenness(box, oracle, folder=tmp_path)
     assert evenness.ratio < 0.8 and 1 < evenness.exponent < 2.5
-    monkeypatch.setattr("dmis.experiment.evenness.render", None)
+    monkeypatch.setattr("evenness.render", None)
     assert measure_evenness(box, oracle, folder=tmp_path) == evenness
-    ladder = cached_ladder(box, oracle, folder=tmp_path)
-    assert ladder is not None and set(ladder.rungs) == set(RUNGS)
+    ladder = ladder_of(oracle, evenness)
+    assert set(ladder.rungs) == set(RUNGS)
     rungs = ladder.rungs
     assert rungs["B0"] > rungs["B1"] > rungs["B2'"] > rungs["B3"] > rungs["B6"] > rungs["B7"] > 0
     # by the curves of all samples
     assert rungs["B1"] == pytest.approx(oracle.limit(costly=True), rel=0.02)
     assert rungs["B2'"] == pytest.approx(oracle.limit_with_counts(), rel=0.05)
-
-
-@pytest.mark.parametrize("compensation", [None, 0.0])
-def test_evenness_has_the_compensation_of_its_oracle(
-    compensation: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Renders with even points sample the sky as the oracle's do, or their error is over that of something else."""
-    scene = dmis.load_scene("tt", resolution=(12, 8))
-    settings = dmis.Settings(compensation=compensation)
-    oracle = make_oracle(scene, 16, settings=settings, folder=tmp_path)
-    asked = set()
-
-    def spy(*arguments: Any, settings: dmis.Settings, **options: Any) -> dmis.Result:
-        asked.add(settings.compensation)
-        return dmis.render(*arguments, settings=settings, **options)
-
-    monkeypatch.setattr("dmis.experiment.evenness.render", spy)
-    measure_evenness(scene, oracle, 8, 2, settings=settings, folder=tmp_path)
-    assert asked == {LEARNED_COMPENSATION if compensation is None else compensation}

@@ -13,24 +13,21 @@ ways round: noise raises the expected value of a rung, it does not lower it. The
 its patches; that of B6 and B7, which rest on the small estimate P alone, is large. Evaluated on the samples that it was
 made on, a choice looks better than it is; the difference says whether the samples are enough.
 
-Camera samples are independent up to the last rung, which assumes that they are even (`dmis.experiment.evenness`). What
+Camera samples are independent up to the last rung, which assumes that they are even (`evenness`). What
 control variates (B4) and product sampling without visibility (B5) could bring is left out.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from evenness import Evenness
 
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings
-from dmis.experiment.evenness import Evenness, cached_evenness
 from dmis.experiment.oracle import Oracle
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
-from dmis.scene.scene import Scene
 from dmis.variance.curves import HALF, share_variance
 
 RUNGS = {
@@ -104,30 +101,6 @@ class Ladder:
             return f"< {max(value, 0) + interval:.2g}"
         return f"{value:.3g} ± {interval:.2g}" if interval > 1e-9 else f"{value:.3g}"
 
-    def note(self) -> str:
-        """Return a sentence about the `unclear` rungs; empty if there are none."""
-        if not self.unclear:
-            return ""
-        return (
-            f"{' and '.join(self.unclear)} cannot be told from 0 with this oracle's samples per pixel: the table has "
-            f"the upper end of the 95 % interval. Give the oracle more of them (oracle --spp, compare --oracle-spp)."
-        )
-
-    def reached(self, ratio: float) -> str:
-        """Return the rung that an error in equal time has reached, the lowest that it does not exceed.
-
-        Parameters
-        ----------
-        ratio
-            Mean squared error times seconds over that of independent samples of the balance heuristic.
-
-        Returns
-        -------
-        The name of the rung; empty if the ratio is above them all, or NaN.
-        """
-        above = {name: value for name, value in self.rungs.items() if ratio <= value}
-        return min(above, key=lambda name: above[name], default="")
-
     def text(self) -> str:
         """Return the position's share, the evenness and a table of the rungs with 95 % intervals, in Markdown."""
         lines = [f"Of the variance at w = 1/2, {self.position:.0%} does not depend on the shading samples."]
@@ -141,8 +114,12 @@ class Ladder:
         lines += [
             f"| {name} | {RUNGS[name]} | {self.rung_text(name)} | {self.flattered[name]:.3g} |" for name in self.rungs
         ]
-        if note := self.note():
-            lines += ["", note]
+        if self.unclear:
+            lines += [
+                "",
+                f"{' and '.join(self.unclear)} cannot be told from 0 with this oracle's samples per pixel: the table "
+                f"has the upper end of the 95 % interval. Give the oracle more of them (--spp).",
+            ]
         return "\n".join(lines)
 
 
@@ -301,18 +278,3 @@ def _cost(oracle: Oracle, choice: _Choice) -> Array:
 def _at_index(values: Array, index: np.ndarray) -> Array:
     """Return the values ``(G, ...)`` at an index ``(...)`` into the grid."""
     return np.take_along_axis(values, index[None], axis=0)[0]
-
-
-def cached_ladder(
-    scene: Scene,
-    oracle: Oracle,
-    *,
-    settings: Settings | None = None,
-    folder: str | os.PathLike[str] | None = None,
-) -> Ladder | None:
-    """Return the ladder by an oracle of `scene`, with rung B7 if its evenness is in the cache.
-
-    It is None where `make_ladder` has none.
-    """
-    ladder = make_ladder(oracle)
-    return ladder and make_ladder(oracle, cached_evenness(scene, oracle, settings=settings, folder=folder))

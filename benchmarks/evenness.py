@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -70,11 +69,13 @@ def measure_evenness(
     settings, folder, parallel, progress
         See `dmis.experiment.oracle.make_oracle`.
     """
-    path = _evenness_path(scene, spp, seeds, settings, folder)
+    settings = compensated_settings(scene, settings)
+    key = json.dumps([__version__, fingerprint(scene), spp, seeds, *settings_key(settings)])
+    path = cache_folder(folder) / f"{scene.name}-evenness-{hashlib.sha256(key.encode()).hexdigest()[:12]}.json"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
-        settings = replace(compensated_settings(scene, settings), sampler="sobol")
+        settings = replace(settings, sampler="sobol")
         errors = []
         for n in (spp // EVEN_RATIO, spp):
             images = [
@@ -92,28 +93,3 @@ def measure_evenness(
     if not (error > 0 and independent > 0):
         raise ValueError("evenness needs an image with noise; got one whose error is 0")
     return Evenness(spp, error / independent, float(np.log(fewer / error) / np.log(EVEN_RATIO)))
-
-
-def cached_evenness(
-    scene: Scene,
-    oracle: Oracle,
-    *,
-    settings: Settings | None = None,
-    folder: str | os.PathLike[str] | None = None,
-) -> Evenness | None:
-    """Return the evenness of a scene if it is in the cache."""
-    if not _evenness_path(scene, EVEN_SPP, EVEN_SEEDS, settings, folder).exists():
-        return None
-    return measure_evenness(scene, oracle, settings=settings, folder=folder)
-
-
-def _evenness_path(
-    scene: Scene, spp: int, seeds: int, settings: Settings | None, folder: str | os.PathLike[str] | None
-) -> Path:
-    """Return the path of the errors that an evenness comes from in the cache."""
-    width, height = scene.camera.resolution
-    key = json.dumps(
-        [__version__, fingerprint(scene), spp, seeds, *settings_key(compensated_settings(scene, settings))]
-    )
-    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
-    return cache_folder(folder) / f"{scene.name}-{width}x{height}-evenness-{digest}.json"
