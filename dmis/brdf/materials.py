@@ -55,6 +55,8 @@ class Material:
     name: str = "material"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.lobes, tuple | list):
+            raise ValueError(f"lobes must be a tuple of lobes; got {self.lobes!r}. Write Material((lobe,))")
         for lobe in self.lobes:
             if not isinstance(lobe, Lobe):
                 raise ValueError(

@@ -20,10 +20,12 @@ A parameter out of its range is a ValueError that names it.
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 
+from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.cosines import MAX_EXPONENT
@@ -45,7 +47,7 @@ from dmis.brdf.microfacet import GGX, Microfacet
 from dmis.brdf.phong import BlinnPhong, Lafortune
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
 from dmis.brdf.specular import SpecularReflection
-from dmis.brdf.texture import FLOAT32_TINY, check_number, check_values
+from dmis.brdf.texture import FLOAT32_TINY, Image, check_number, check_values
 from dmis.brdf.ward import Ward
 
 
@@ -216,7 +218,21 @@ def _over(kd: Any, ks: Any, lobe: Lobe, name: str) -> Material:
     elif fresnel is not None and not callable(fresnel):
         raise ValueError(f"fresnel must be a Dielectric or Conductor, because it takes cosines, or None; got {fresnel}")
     lobes: tuple[Lobe, ...] = () if is_black("kd", kd) else (Lambert(kd),)
-    return Material(lobes if is_black("ks", ks) else (*lobes, lobe), name)
+    lobes = lobes if is_black("ks", ks) else (*lobes, lobe)
+    head_on = 1.0 if fresnel is None else np.ravel(fresnel(np.ones(1, np.float32)))
+    reflected = _largest(kd) + _largest(ks) * head_on
+    if len(lobes) > 1 and reflected.max() > 1 + 1e-6:
+        text = (
+            f"{name} reflects up to {reflected.max():.3g} of the light, kd = {_largest(kd).max():g} beside ks = "
+            f"{_largest(ks).max():g}, and no surface reflects more than it gets; lower one of them"
+        )
+        warnings.warn(text, stacklevel=3)
+    return Material(lobes, name)
+
+
+def _largest(value: Any) -> Array:
+    """Return the largest reflectance of each channel, ``(1,)`` or ``(3,)``."""
+    return value.texels.max(axis=(0, 1)) if isinstance(value, Image) else np.atleast_1d(value)
 
 
 def _power(name: str, exponent: Any) -> Any:

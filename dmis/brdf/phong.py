@@ -63,7 +63,8 @@ class Lafortune(Lobe):
         if np.max(self.exponent) <= MAX_COSINE_EXPONENT:
             across = directions.cos_io - directions.cos_i_signed * directions.cos_o
             cos = np.clip(self.c_t * across + self.c_n * (directions.cos_i_signed * directions.cos_o), 0, 1)
-            return power(cos if scaled else cos / np.sqrt(np.maximum(1 + beyond, TINY)), self.exponent)
+            base = cos if scaled else cos / np.sqrt(np.maximum(1 + beyond, TINY))
+            return power(base, self.exponent) * (cos > 0)  # `power` of 0 is above 0 where the exponent is near 0
         # a cosine near 1 is rounded by more than the lobe's width (`Directions.power_h`): 1 - cos = |a - b|^2 / 2
         away = normalise(self._towards(directions.surface)) - directions.wi
         log_cos = np.log1p(-np.minimum(dot(away, away) / 2, _NEARLY_1))

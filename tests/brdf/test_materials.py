@@ -254,3 +254,8 @@ def test_grazing_views_are_finite() -> None:
         directions = Directions(points, wi)
         assert np.isfinite(points.eval(directions)).all() and np.isfinite(points.pdf(directions)).all()
         assert np.isfinite(points.sample(uniforms(4))).all()
+
+
+def test_a_lobe_alone_is_no_tuple_of_lobes() -> None:
+    with pytest.raises(ValueError, match=r"lobes must be a tuple of lobes; got Lambert.* Write Material\(\(lobe,\)\)"):
+        Material(Lambert(0.5))

@@ -479,5 +479,27 @@ def test_bad_parameters(make, message: str) -> None:
 
 def test_black_parameters_leave_their_lobe_out() -> None:
     """A model without base is one lobe; with a base, two."""
-    assert len(dmis.ggx().lobes) == 1 and len(dmis.ggx(0.5).lobes) == 2
+    assert len(dmis.ggx().lobes) == 1 and len(dmis.ggx(0.5, 0.5).lobes) == 2
     assert dmis.phong(0, 0).lobes == ()
+
+
+@pytest.mark.parametrize("exponent", [1e-3, 0.02])
+def test_a_lobe_ends_where_its_cosine_does(exponent: float) -> None:
+    """Beyond 90 degrees from its axis it is 0, however small its power; so all rules have one mean."""
+    wo = polar(60.0)
+    w, weights = sphere_rule(wo * [-1, -1, 1], 500, 200)
+    points = surface(dmis.phong(0, 1, exponent), wo, w.shape[1])
+    directions = Directions(points, w)
+    beyond = wo * [-1, -1, 1] @ w < -1e-6
+    assert not points.eval(directions)[:, beyond].any() and not points.pdf(directions)[beyond].any()
+    some = surface(dmis.phong(0, 1, exponent), wo, 2**14)
+    accepted = (some.sample(uniforms(2**14))[2] > 0).mean()
+    np.testing.assert_allclose(points.pdf(directions).astype(float) @ weights, accepted, atol=0.01)
+
+
+def test_reflectances_that_add_up_to_more_than_1_are_named() -> None:
+    with pytest.warns(
+        UserWarning, match=r"ggx reflects up to 1\.1 of the light, kd = 0\.1 beside ks = 1, .* lower one"
+    ):
+        dmis.ggx(0.1)
+    dmis.ggx(0.1, fresnel=Dielectric(1.5)), dmis.ggx((1, 0.5, 0), (0, 0.5, 1))
