@@ -176,6 +176,19 @@ def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
     return unit(np.stack(total, axis=1))
 
 
+def repair_normals(vertices: Floats, faces: Ints, normals: Floats) -> Floats:
+    """Return `normals` (V, 3) with zeros and NaN, which exporters write, replaced by means of the faces' normals.
+
+    The replacements are on the side of the other normals, whatever the winding.
+    """
+    invalid = np.asarray(~(np.isfinite(normals).all(axis=1) & normals.any(axis=1)))[:, None]
+    if not invalid.any():
+        return normals
+    valid_normals = np.where(invalid, 0, normals)
+    against = np.einsum("fkc,fc->f", valid_normals[faces], flat_normals(vertices, faces)) < 0
+    return np.where(invalid, vertex_normals(vertices, np.where(against[:, None], faces[:, ::-1], faces)), normals)
+
+
 def weld(points: Floats) -> npt.NDArray[np.intp]:
     """Return, for each point, the index of the first point at the same place, up to a billionth of their extent."""
     step = max(1.0007e-9 * float(np.ptp(points, axis=0).max()), 1e-300)

@@ -1,4 +1,4 @@
-"""Meshes from files (OBJ, PLY, STL, GLB, ...), read by trimesh."""
+"""Meshes from files: OBJ by `dmis.geometry.wavefront`; GLB, PLY and STL by trimesh, after checks of their bytes."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ import json
 import os
 import reprlib
 import struct
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
-from dmis.base.vectors import Floats
 from dmis.geometry import wavefront
-from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals, weld
+from dmis.geometry.mesh import Mesh, concatenate, repair_normals, vertex_normals, weld
 
 if TYPE_CHECKING:
     import trimesh
@@ -60,19 +59,6 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
     return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
 
 
-def repair_normals(vertices: Floats, faces: npt.NDArray[Any], normals: Floats) -> Floats:
-    """Return `normals` (V, 3) with zeros and NaN, which exporters write, replaced by means of the faces' normals.
-
-    The replacements are on the side of the other normals, whatever the winding.
-    """
-    invalid = np.asarray(~(np.isfinite(normals).all(axis=1) & normals.any(axis=1)))[:, None]
-    if not invalid.any():
-        return normals
-    valid_normals = np.where(invalid, 0, normals)
-    against = np.einsum("fkc,fc->f", valid_normals[faces], flat_normals(vertices, faces)) < 0
-    return np.where(invalid, vertex_normals(vertices, np.where(against[:, None], faces[:, ::-1], faces)), normals)
-
-
 def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     """Read a GLB, OBJ, PLY or STL file.
 
@@ -102,30 +88,17 @@ def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple
         raise ValueError(f"mesh file {path} must have one of the extensions {' '.join(MESH_SUFFIXES)}; got {suffix!r}")
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
-    import trimesh
-
     try:
         data = _read_bytes(path)
-        if suffix == ".glb":
-            _check_glb(data)
-        if suffix == ".ply":  # names that trimesh does not know
-            header, end, rest = data.partition(b"end_header")
-            data = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t") + end + rest
-        obj = wavefront.read_obj(data) if suffix == ".obj" else None
-        # The file may name other files, anywhere. With bytes alone trimesh cannot find them.
-        bare: dict[str, Any] = {"skip_materials": True} if suffix == ".ply" else {}  # an image
-        with np.errstate(all="ignore"):  # what is not finite is refused below
-            loaded: Any = trimesh.load(
-                io.BytesIO(data if obj is None else obj.text), file_type=suffix[1:], process=False, **bare
-            )  # process=True would merge and reorder vertices
-            mesh = from_trimesh(loaded)
-        if obj is not None:
-            wavefront.check_triangles(obj.triangles, mesh.vertices[mesh.faces])
-        unread = _unread(suffix, data, obj)
+        if suffix == ".obj":
+            obj = wavefront.read_obj(data)
+            mesh, unread = obj.mesh, _summaries({"material": list(obj.materials)}, obj.coloured)
+        else:
+            mesh, unread = _load(data, suffix), _unread(suffix, data)
     except Exception as error:  # trimesh's readers let errors of any type through
         reason = str(error)
         if type(error) is not ValueError:
-            reason = f"it is damaged, or has a form that is not read ({type(error).__name__}: {error})"
+            reason = "it is damaged, or of a form that is not read: its data do not fit its header; export it again"
         if path.stat().st_size == 0:
             reason = "it is empty"
         if isinstance(error, ImportError):  # of the package with which trimesh guesses encodings
@@ -140,8 +113,45 @@ def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple
     return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv), unread
 
 
-def _unread(suffix: str, data: bytes, obj: wavefront.Obj | None) -> tuple[str, ...]:
-    """Return summaries of the materials, textures, lights and colours of a file, which are not read."""
+def _load(data: bytes, suffix: str) -> Mesh:
+    """Return the mesh of the bytes of a GLB, PLY or STL file. The file may name others, which are not looked for."""
+    import trimesh
+
+    bare: dict[str, Any] = {}
+    if suffix == ".glb":
+        _check_glb(data)
+    if suffix == ".ply":
+        header, end, rest = data.partition(b"end_header")
+        _check_ply(header.decode("latin-1"), rest)
+        header = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t")  # names that trimesh does not know
+        data, bare = header + end + rest, {"skip_materials": True}  # a material is an image
+    with np.errstate(all="ignore"):  # what is not finite is refused by Mesh
+        # process=True would merge and reorder vertices
+        loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **bare)
+        return from_trimesh(loaded)
+
+
+def _check_ply(header: str, body: bytes) -> None:
+    """Raise a ValueError for a PLY file whose lists hold fractions, of which trimesh would take the whole part."""
+    lines = [line.split() for line in header.splitlines()]
+    rule = "the lists of a PLY file must hold whole numbers, the indices of a face's corners"
+    for line in lines:
+        if line[:2] == ["property", "list"] and any(word.startswith(("float", "double")) for word in line[2:4]):
+            raise ValueError(f"{rule}; got {' '.join(line)!r}")
+    if ["format", "ascii", "1.0"] not in lines:
+        return
+    rows = [row for row in body.splitlines() if row.strip()]
+    for line, first in pairwise(lines):
+        if line[:1] == ["element"]:
+            count = int(line[2])
+            for row in map(bytes.split, rows[:count] if first[:2] == ["property", "list"] else []):
+                if b"." in b" ".join(row[: 1 + int(float(row[0]))]):
+                    raise ValueError(f"{rule}; got the row {b' '.join(row[:9]).decode('latin-1')!r}")
+            rows = rows[count:]
+
+
+def _unread(suffix: str, data: bytes) -> tuple[str, ...]:
+    """Return summaries of the materials, textures, lights and colours of a GLB, PLY or STL file, which are not read."""
     kinds: dict[str, list[str]] = {}  # their names, "" if they have none
     colours = False
     if suffix == ".glb":
@@ -157,8 +167,11 @@ def _unread(suffix: str, data: bytes, obj: wavefront.Obj | None) -> tuple[str, .
         kinds["texture"] = [" ".join(line[2:]) for line in words if line[:2] == ["comment", "TextureFile"]]
         kinds["material"] = [""] * sum(int(line[2]) for line in words if line[:2] == ["element", "material"])
         colours = any(line[:1] == ["property"] and line[-1] in ("red", "diffuse_red") for line in words)
-    elif obj is not None:
-        kinds["material"], colours = list(obj.materials), obj.coloured
+    return _summaries(kinds, colours)
+
+
+def _summaries(kinds: dict[str, list[str]], colours: bool) -> tuple[str, ...]:
+    """Return a summary of each kind of thing with at least one name, and ``colours`` if there are some."""
     summaries = [_summary(kind, names) for kind, names in kinds.items() if names]
     return (*summaries, "colours") if colours else tuple(summaries)
 
@@ -178,9 +191,9 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _check_glb(data: bytes) -> None:
-    """Raise a ValueError for a GLB file of another version, or with an array of more elements than the file has bytes.
+    """Raise a ValueError for a GLB file of another version, a compressed one, or one with too large an array.
 
-    trimesh would fill such an array with zeros.
+    trimesh would fill with zeros what it cannot decode, and an array of more elements than the file has bytes.
     """
     magic, version, length = struct.unpack("<4sII", data[:12].ljust(12, b"\0"))
     if magic != b"glTF" or (len(data) >= 8 and version != 2):
@@ -188,9 +201,15 @@ def _check_glb(data: bytes) -> None:
         raise ValueError(f"it must be binary glTF of version 2; got {got}, convert it")
     if len(data) < max(length, 20):
         raise ValueError(f"it is cut off: it must have {max(length, 20)} bytes; it has {len(data)}")
-    accessors = _glb_json(data).get("accessors", [])
-    if wrong := [a["count"] for a in accessors if not 0 <= a["count"] <= len(data)]:
+    gltf = _glb_json(data)
+    if missing := set(_COMPRESSIONS) & set(gltf.get("extensionsRequired", [])):
+        raise ValueError(f"its triangles are compressed ({missing.pop()}), which is not read; export it uncompressed")
+    if wrong := [a["count"] for a in gltf.get("accessors", []) if not 0 <= a["count"] <= len(data)]:
         raise ValueError(f"it must not have an array of more elements than its {len(data)} bytes; got {wrong[0]}")
+
+
+_COMPRESSIONS = "KHR_draco_mesh_compression", "EXT_meshopt_compression"
+"""Extensions of glTF without which the triangles of a file that requires them cannot be read."""
 
 
 def _glb_json(data: bytes) -> dict[str, Any]:

@@ -1,9 +1,8 @@
-"""Reader of Wavefront OBJ text: rewrites lines that trimesh misreads, and finds the triangles that it should read.
+"""Reader of Wavefront OBJ files: positions, texture coordinates, normals, polygons and names of materials.
 
-trimesh 5.2 counts relative indices from the end of the file, passes over lines whose keyword does not stand at the
-beginning with a blank behind it, joins the numbers on both sides of a line's continuation, and takes all corners of
-a material for written alike (``1``, ``1/2``, ``1//3``, ``1/2/3``) if they have equally many numbers. Lines that it
-reads rightly stay as they are. Source: Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1.
+`read_obj` reads the statements ``v``, ``vt``, ``vn``, ``f`` and ``usemtl``, and refuses those that make other surfaces
+or read other files; all others, such as ``o`` and ``s``, do not change the triangles. Source: Wavefront Technologies,
+*Advanced Visualizer Manual*, appendix B1.
 """
 
 from __future__ import annotations
@@ -13,13 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dmis.base.vectors import Floats
+from dmis.geometry.mesh import Ints, Mesh, flat_normals, repair_normals
 
-_NO_INDEX = 2**40
-"""Placeholder for an index that a corner of a face lacks."""
-_CORNER = re.compile(r"-?\d+/*|-?\d+/-?\d+/*|-?\d+/(-?\d+)?/-?\d+", re.ASCII)
+_CORNER = re.compile(r"(-?\d{1,12})(?:/(-?\d{1,12})?(?:/(-?\d{1,12})?)?)?", re.ASCII)
+"""A corner of a face: the index of its position, and those of its texture coordinates and its normal, if it has any."""
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_ABSENT = 2**40
+"""Index of what a corner lacks: larger than any of a file."""
 _UNREAD_STATEMENTS = {
     "fo": "write f in place of fo",
     "surf": "free-form surfaces are not read; export triangles",
@@ -36,24 +37,22 @@ class Obj:
 
     Attributes
     ----------
-    text
-        UTF-8 that trimesh reads rightly.
-    triangles
-        Corners of its triangles, (F, 3, 3); a polygon is a fan about its first corner.
+    mesh
+        Its triangles; a polygon is a fan about its first corner. If some faces have normals, the others have their
+        geometric normal; if some have texture coordinates, those of the others are 0.
     materials
         Names after ``usemtl``, each once.
     coloured
         Whether vertices have colours.
     """
 
-    text: bytes
-    triangles: Floats
+    mesh: Mesh
     materials: tuple[str, ...]
     coloured: bool
 
 
 def read_obj(data: bytes) -> Obj:
-    """Read the lines of an OBJ file that make triangles.
+    """Read the bytes of an OBJ file.
 
     Raises
     ------
@@ -61,193 +60,125 @@ def read_obj(data: bytes) -> Obj:
         If it is not text, has no faces, or a line cannot be read; the message begins with the line's number.
     """
     lines = _lines(data)
-    heads = np.array([line[:7].partition(" ")[0] for line in lines])
+    heads = np.array([(line.lstrip()[:8].split() or [""])[0] for line in lines])
     for word, remedy in _UNREAD_STATEMENTS.items():
         if (heads == word).any():
-            raise ValueError(f"line {int(np.argmax(heads == word)) + 1}: {word!r} is not supported; {remedy}")
-    rows, sides = _words(lines, heads == "vt", 1)
-    for k in rows[sides == 1].tolist():  # u alone, beside which trimesh reads no v of the others
-        lines[k] += " 0"
-    _words(lines, heads == "vn", 3)
-    positions, coloured = _positions(lines, *_words(lines, heads == "v", 3))
-    rows, sides = _words(lines, heads == "f", 0)
-    for k in rows[sides < 3].tolist():  # without area
-        lines[k] = ""
-    rows, sides = rows[sides >= 3], sides[sides >= 3]
-    if not len(rows):
-        raise ValueError("it has no faces, lines such as 'f 1 2 3'; got points or lines, or another format")
-    used = np.flatnonzero(heads == "usemtl")
-    names = ["", *(lines[k][7:] for k in used.tolist())]
-    faces = _Faces(rows, sides, np.cumsum(sides) - sides)
-    written = _corners(lines, faces)
-    corners = _absolute(lines, heads, faces, written)
-    present = written[:, 1:] != _NO_INDEX
-    mixed = bool((present.any(axis=0) != present.all(axis=0)).any())
-    if mixed or (written < 0).any():
-        present = np.logical_and.reduceat(present, faces.first)  # by all corners of a face
-        _rewrite(lines, faces, corners, present, [names[k] for k in np.searchsorted(used, rows)] if mixed else None)
-    materials = tuple(dict.fromkeys(name for name in names if name))
-    return Obj("\n".join(lines).encode(), positions[corners[_fans(faces), 0] - 1], materials, coloured)
-
-
-def check_triangles(expected: Floats, triangles: Floats) -> None:
-    """Raise a ValueError unless `triangles` (F, 3, 3) are the `expected` ones, in any order."""
-    if len(expected) != len(triangles):
-        raise ValueError(f"its lines make {len(expected)} triangles, trimesh read {len(triangles)}")
-    if _digest(expected) != _digest(triangles):
-        raise ValueError("its lines make other triangles than trimesh read; export it as PLY or GLB")
-
-
-@dataclass(frozen=True, eq=False)
-class _Faces:
-    """Faces as arrays (N,): their lines, their numbers of corners, and the index of the first corner among all."""
-
-    rows: npt.NDArray[np.intp]
-    sides: npt.NDArray[np.int64]
-    first: npt.NDArray[np.int64]
+            raise _fault(lines, int(np.argmax(heads == word)), f"is not supported; {remedy}")
+    positions, coloured = _numbers(lines, heads, "v", 3, 3)
+    tables = positions, _numbers(lines, heads, "vt", 1, 2)[0], _numbers(lines, heads, "vn", 3, 3)[0]
+    corners, sides = _corners(lines, heads)
+    names = (lines[k].split(None, 1)[1:] for k in np.flatnonzero(heads == "usemtl"))
+    materials = tuple(dict.fromkeys(" ".join(name[0].split()) for name in names if name))
+    return Obj(_mesh(tables, corners[_fans(sides)]), materials, coloured)
 
 
 def _lines(data: bytes) -> list[str]:
-    """Return lines with single blanks between words; lines that continue others become empty, so that numbers stay."""
+    """Return the lines without comments; a line that others continue holds them all, each behind a vertical tab."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data:
         raise ValueError("it is UTF-16 or binary; an OBJ file is text, save it as UTF-8")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:  # in comments and names
         text = data.decode("latin-1")
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    lines = text.split("\n")
-    if text[:1] == " " or any(blanks in text for blanks in ("\t", "\v", "\f", "  ", "\n ", " \n", "\\")):
-        lines = _join_continued([" ".join(line.split()) for line in lines])
-    if "#" in text:  # whole lines, and behind numbers
-        lines = [line.partition("#")[0].rstrip() if line[:1] in ("#", "v", "f") else line for line in lines]
-    return lines
+    text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\v", " ")
+    if "#" in text:  # whole lines, and behind numbers; a name may hold the sign
+        text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
+        text = re.sub(r"(?m)^([ \t]*[vf][^#\n]*)#.*$", r"\1", text)
+    return re.sub(r"\\[ \t]*\n", "\v", text).split("\n")
 
 
-def _join_continued(lines: list[str]) -> list[str]:
-    """Join each line that ends in a backslash with the lines that continue it, which become empty."""
-    start = 0
-    for k, line in enumerate(lines):
-        if k > start:  # the line before is continued
-            lines[start], lines[k] = f"{lines[start]} {line}".strip(), ""
-        if line.endswith("\\") and not lines[start].startswith("#"):
-            lines[start] = lines[start][:-1].rstrip()
-        else:
-            start = k + 1
-    return lines
+def _numbers(lines: list[str], heads: Any, word: str, least: int, columns: int) -> tuple[Floats, bool]:
+    """Return the first `columns` numbers of the lines of a statement, (N, columns), and whether a line has six or more.
 
-
-def _words(lines: list[str], chosen: Any, least: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64]]:
-    """Return the indices of the lines `chosen` and their numbers of words after the keyword, at least `least`, (N,)."""
-    rows = np.flatnonzero(chosen)
-    count = np.array([lines[k].count(" ") for k in rows.tolist()], np.int64)
-    if (count < least).any():
-        raise _fault(lines, rows[np.argmax(count < least)], f"needs {least} numbers")
-    return rows, count
-
-
-def _positions(lines: list[str], rows: npt.NDArray[np.intp], count: npt.NDArray[np.int64]) -> tuple[Floats, bool]:
-    """Return the positions of the vertices, (V, 3), and whether a vertex has a colour."""
-    first = (np.cumsum(count) - count)[:, None] + np.arange(3)
-    numbers = _parse(" ".join([lines[k][2:] for k in rows.tolist()]), np.float64)
-    if len(numbers) != count.sum():
-        for k in rows.tolist():
-            if len(_parse(lines[k][2:], np.float64)) != lines[k].count(" "):
-                raise _fault(lines, k, "must have numbers only")
-    return numbers[first], bool((count >= 6).any())
-
-
-def _parse(text: str, kind: Any) -> npt.NDArray[Any]:
-    """Return the numbers in a text, fewer than its words if a word is not a number."""
+    A line must have at least `least` numbers; those that it lacks are 0.
+    """
+    rows = np.flatnonzero(heads == word).tolist()
+    words = [lines[k].split()[1:] for k in rows]
+    counts = np.fromiter(map(len, words), np.int64, len(rows))
+    if (counts < least).any():
+        raise _fault(lines, rows[int(np.argmax(counts < least))], f"needs {least} numbers")
     try:
-        return np.fromstring(text, kind, sep=" ")
-    except (ValueError, DeprecationWarning):  # which older versions of NumPy have
-        return np.empty(0, kind)
+        flat = np.array([number for line in words for number in line] + [0], np.float64)
+    except ValueError:
+        bad = next(k for k, line in zip(rows, words, strict=True) if not all(map(_NUMBER.fullmatch, line)))
+        raise _fault(lines, bad, "must have numbers only") from None
+    place = (np.cumsum(counts) - counts)[:, None] + np.arange(columns)
+    return flat[np.where(np.arange(columns) < counts[:, None], place, -1)], bool((counts >= 6).any())
 
 
-def _corners(lines: list[str], faces: _Faces) -> npt.NDArray[np.int64]:
-    """Return the indices of position, texture coordinates and normal of each corner as written, (C, 3)."""
-    text = " ".join([lines[k][2:] for k in faces.rows.tolist()])
-    if "/ " in text or text.endswith("/"):
-        text = re.sub(r"/+(?= |$)", "", text)
-    letters = np.frombuffer(text.encode("ascii", "replace"), np.uint8)
-    words = np.concatenate([[0], np.flatnonzero(letters == ord(" ")) + 1])
-    count = 1 + np.add.reduceat(letters == ord("/"), words, dtype=np.int64)
-    flat = _parse(text.replace("//", f"/{_NO_INDEX}/").replace("/", " "), np.int64)
-    if len(flat) != count.sum() or count.max() > 3 or (flat == 0).any() or np.abs(flat).max() > _NO_INDEX:
-        for k in faces.rows.tolist():
-            for word in lines[k].split()[1:]:
-                if not _CORNER.fullmatch(word) or any(int(i or 1) == 0 or len(i) > 12 for i in word.split("/")):
-                    raise _fault(lines, k, f"has the corner {word!r}; write 1, 1/2, 1//3 or 1/2/3, counted from 1")
-    corners = np.full((len(words), 3), _NO_INDEX, np.int64)
-    start = np.cumsum(count) - count
-    for j in range(3):
-        corners[count > j, j] = flat[start[count > j] + j]
-    return corners
+def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints]:
+    """Return the indices of the corners of all faces into the tables of v, vt and vn, (C, 3), and the faces' sides.
 
-
-def _absolute(lines: list[str], heads: Any, faces: _Faces, written: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return indices counted from 1; negative ones as written count back from the face's line, -1 is the last above."""
-    absolute = written.copy()
-    for j, (word, what) in enumerate((("v", "vertex"), ("vt", "texture coordinate"), ("vn", "normal"))):
-        above = np.cumsum(heads == word)
-        if j and not above[-1]:
-            continue  # trimesh does without
-        here = np.repeat(above[faces.rows], faces.sides)
-        column = np.where(written[:, j] < 0, written[:, j] + 1 + here, written[:, j])
-        wrong = (written[:, j] != _NO_INDEX) & ((column < 1) | (column > above[-1]))
+    Indices count from 0; -1 stands for one that a corner of the face lacks, or whose table is empty. A negative index
+    of the file counts back from the face's line: -1 is the last one above.
+    """
+    faces = {int(k): lines[k].split()[1:] for k in np.flatnonzero(heads == "f")}
+    faces = {k: words for k, words in faces.items() if len(words) > 2}  # others have no area
+    if not faces:
+        raise ValueError("it has no faces, lines such as 'f 1 2 3'; got points or lines, or another format")
+    sides = np.fromiter(map(len, faces.values()), np.int64)
+    row = np.repeat(np.fromiter(faces, np.int64), sides)
+    codes: dict[str, int] = {}
+    code = np.array([codes.setdefault(word, len(codes)) for words in faces.values() for word in words])
+    groups = [match.groups(_ABSENT) if (match := _CORNER.fullmatch(word)) else (0, 0, 0) for word in codes]
+    written = np.array(groups, np.int64)[code]
+    if not written.all():
+        k = int(np.argmin(written.all(axis=1)))
+        what = f"has the corner {list(codes)[code[k]]!r}; write 1, 1/2, 1//3 or 1/2/3, counted from 1"
+        raise _fault(lines, row[k], what)
+    corners = np.full_like(written, -1)
+    for j, (head, what) in enumerate((("v", "vertex"), ("vt", "texture coordinate"), ("vn", "normal"))):
+        above = np.cumsum(heads == head)
+        index, here, count = written[:, j], above[row], above[-1]
+        if j and not count:
+            continue
+        absolute = np.where(index < 0, index + here, index - 1)
+        wrong = (index != _ABSENT) & ((absolute < 0) | (absolute >= count))
         if wrong.any():
             k = int(np.argmax(wrong))
-            row = np.repeat(faces.rows, faces.sides)[k]
-            count = f"{here[k]} above it" if written[k, j] < 0 else f"{above[-1]}"
-            raise _fault(lines, row, f"has the {what} {written[k, j]}, but there are {count}")
-        absolute[:, j] = column
-    return absolute
+            there = f"{here[k]} above it" if index[k] < 0 else f"{count}"
+            raise _fault(lines, row[k], f"has the {what} {index[k]}, but there are {there}")
+        corners[:, j] = np.where(index == _ABSENT, -1, absolute)
+    whole = np.logical_and.reduceat(corners >= 0, np.cumsum(sides) - sides)
+    return np.where(np.repeat(whole, sides, axis=0), corners, -1), sides
 
 
-def _fans(faces: _Faces) -> npt.NDArray[np.int64]:
-    """Return the corners of the triangles (0, 1, 2), (0, 2, 3), ... of each polygon, (F, 3)."""
-    count = faces.sides - 2
-    first = np.repeat(faces.first, count)
+def _fans(sides: Ints) -> Ints:
+    """Return the corners of the triangles (0, 1, 2), (0, 2, 3), ... of polygons of `sides` (N,) corners, (F, 3)."""
+    count = sides - 2
+    first = np.repeat(np.cumsum(sides) - sides, count)
     second = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first + 1
     return np.stack([first, second, second + 1], axis=1)
 
 
-def _rewrite(
-    lines: list[str], faces: _Faces, corners: npt.NDArray[np.int64], present: Any, names: list[str] | None
-) -> None:
-    """Write the faces with `corners`; `present` (N, 2) says whether all of a face have texture coordinates and normals.
+def _mesh(tables: tuple[Floats, Floats, Floats], corners: Ints) -> Mesh:
+    """Return the mesh of triangles whose corners are indices into the tables, (F, 3, 3); -1 if absent.
 
-    With the `names` of their materials, faces that are written in another form get another material.
+    Corners of equal indices are one vertex.
     """
-    forms = ("{0}", "{0}/{1}", "{0}//{2}", "{0}/{1}/{2}")
-    table, chosen, last = corners.tolist(), (present @ [1, 2]).tolist(), ""
-    for n, (k, begin, count) in enumerate(
-        zip(*(column.tolist() for column in (faces.rows, faces.first, faces.sides)), strict=True)
-    ):
-        form = forms[chosen[n]]
-        lines[k] = "f " + " ".join([form.format(*corner) for corner in table[begin : begin + count]])
-        if names is not None and (material := f"usemtl {names[n]} {form}") != last:
-            lines[k], last = f"{material}\n{lines[k]}", material
+    positions, uv, normals = tables
+    flat = corners[:, 0, 2] < 0
+    smooth = not flat.all()
+    if smooth and flat.any():
+        corners[flat, :, 2] = (len(normals) + np.arange(flat.sum()))[:, None]
+        normals = np.concatenate([normals, flat_normals(positions, corners[flat, :, 0])])
+    textured = (corners[:, 0, 1] >= 0).any()
+    key = corners[..., 0].ravel()
+    for j in (1, 2):  # keys are numbered anew, or the product of three sizes might overflow
+        _, key = np.unique(key * (corners[..., j].max() + 2) + corners[..., j].ravel() + 1, return_inverse=True)
+    _, first, faces = np.unique(key, return_index=True, return_inverse=True)
+    a, b, c = corners.reshape(-1, 3)[first].T
+    vertices, faces = positions[a], faces.reshape(-1, 3)
+    return Mesh(
+        vertices,
+        faces,
+        repair_normals(vertices, faces, normals[c]) if smooth else None,
+        np.append(uv, [[0.0, 0.0]], axis=0)[b] if textured else None,
+    )
 
 
-def _digest(triangles: Floats) -> int:
-    """Return a hash of 64 bits that depends neither on the order of the triangles nor on their first corners."""
-    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-    bits = np.ascontiguousarray(triangles + 0.0).view(np.uint64)  # of -0 those of 0
-    corner = _mix_bits((bits * factors).sum(axis=2, dtype=np.uint64))
-    edge = _mix_bits(corner * factors[0] + np.roll(corner, -1, axis=1) * factors[1])
-    return int(_mix_bits(edge.sum(axis=1, dtype=np.uint64)).sum(dtype=np.uint64))
-
-
-def _mix_bits(values: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """Return hashes in which each bit depends on all bits of the value (xor-shift and multiplication)."""
-    for shift in (32, 29):
-        values = (values ^ (values >> np.uint64(shift))) * np.uint64(0xD6E8FEB86659FD93)
-    return values ^ (values >> np.uint64(32))
-
-
-def _fault(lines: list[str], row: Any, what: str) -> ValueError:
+def _fault(lines: list[str], row: int, what: str) -> ValueError:
     """Return the error that line `row` has the fault `what`."""
-    line = lines[row] if len(lines[row]) < 60 else f"{lines[row][:57]}..."
-    return ValueError(f"line {row + 1}: {line!r} {what}")
+    number = row + 1 + sum(line.count("\v") for line in lines[:row])
+    line = " ".join(lines[row].split())
+    return ValueError(f"line {number}: {line if len(line) < 60 else f'{line[:57]}...'!r} {what}")

@@ -1,6 +1,7 @@
 """Meshes: subdivision against what is known of its limit, tessellations against exact normals, files, faults."""
 
 import importlib.util
+import json
 import pickle
 import re
 import struct
@@ -645,7 +646,7 @@ def test_no_manifold(faces, message):
         (
             "holes.glb",
             b'glTF\2\0\0\0\x27\0\0\0\x13\0\0\0JSON{"accessors": [{}]}',
-            r"it is damaged, or has a form that is not read \(KeyError: 'count'\)",
+            r"it is damaged, or of a form that is not read: its data do not fit its header; export it again",
         ),
         ("broken.stl", b"\x00" * 90, r"cannot be read as STL"),
         ("other.glb", b'{"asset": {"version": "2.0"}}', r"must be binary glTF of version 2; got another format"),
@@ -668,6 +669,35 @@ def test_bad_files(tmp_path, name, content, message):
     path.write_bytes(content)
     with pytest.raises(ValueError, match=re.escape(str(path)) + ".*" + message):
         load_mesh(path)
+
+
+def test_compressed_glb_is_refused(tmp_path):
+    """trimesh without a decoder fills its arrays with zeros."""
+    description = json.dumps({"extensionsRequired": ["KHR_draco_mesh_compression"], "accessors": []}).encode()
+    path = tmp_path / "a.glb"
+    path.write_bytes(
+        b"glTF" + struct.pack("<IIII", 2, 20 + len(description), len(description), 0x4E4F534A) + description
+    )
+    with pytest.raises(ValueError, match=r"compressed \(KHR_draco_mesh_compression\), .*; export it uncompressed"):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize(
+    "kind, row, got",
+    [
+        ("uchar int", "3 0 1.5 2", "got the row '3 0 1.5 2'"),
+        ("uchar int", "1.5 0 1 2", "got the row '1.5 0 1 2'"),
+        ("uchar float", "3 0 1 2", "got 'property list uchar float vertex_indices'"),
+        ("double int", "3 0 1 2", "got 'property list double int vertex_indices'"),
+    ],
+)
+def test_lists_of_fractions_in_ply_are_refused(tmp_path, kind, row, got):
+    """trimesh takes the whole part of each."""
+    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {n}" for n in "xyz"), "element face 1"]
+    text = [*head, f"property list {kind} vertex_indices", "end_header", "0 0 0", "1 0 0", "0 1 0", row, ""]
+    (tmp_path / "a.ply").write_text("\n".join(text))
+    with pytest.raises(ValueError, match=f"the lists of a PLY file must hold whole numbers, .*; {got}"):
+        load_mesh(tmp_path / "a.ply")
 
 
 def test_missing_file(tmp_path):

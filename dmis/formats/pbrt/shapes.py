@@ -17,7 +17,7 @@ from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.quadrics import choose_grids
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.geometry import mesh_files, subdivision
-from dmis.geometry.mesh import Mesh
+from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
 from dmis.scene.camera import Camera
 
@@ -92,7 +92,7 @@ def _triangles(p: Parameters) -> _Surface:
     for name, table in (("N", normals), ("st" if uv is st else "uv", uv)):
         if table is not None and len(table) != len(points):
             raise p.items[name].token.error(f"each of the {len(points)} points needs one {name}; got {len(table)}")
-    return Mesh(points, faces, None if normals is None else mesh_files.repair_normals(points, faces, normals), uv), None
+    return Mesh(points, faces, None if normals is None else repair_normals(points, faces, normals), uv), None
 
 
 def _loop(p: Parameters) -> _Surface:

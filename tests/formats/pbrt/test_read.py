@@ -1,6 +1,7 @@
 """The pbrt reader, on pbrt-v2: transforms, sides, defaults and quirks by hand, bad input by its message."""
 
 import functools
+import os
 import re
 import time
 import warnings
@@ -1114,8 +1115,10 @@ def test_broken_files(tmp_path, text, message):
 def test_no_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"there is no scene file .*none\.pbrt"):
         read_pbrt(tmp_path / "none.pbrt")
-    with pytest.raises(FileNotFoundError):
-        read_pbrt(tmp_path)
+    os.mkfifo(tmp_path / "pipe.pbrt")
+    for path in (tmp_path, tmp_path / "pipe.pbrt"):
+        with pytest.raises(FileNotFoundError, match=re.escape(f"{path} is no scene file but a folder, a pipe or a")):
+            read_pbrt(path)
 
 
 def test_long_hostile_text_is_refused_at_once(tmp_path):
