@@ -44,7 +44,7 @@ def configurations() -> dict[str, dict[str, Any]]:
             add(scene, rule, integrator="path" if scene == "cornell" else "direct")
     for rule in ("pbrt", "one-sample", "uniform", "resampled", "fixed:0.25", "thesis:patch=8,filter=none"):
         add("killeroo-gold", rule, integrator="direct")
-    for rule in ("second-moment", "second-moment:filter=gaussian", "neyman", "taylor", "linear", "simplex"):
+    for rule in ("second-moment", "second-moment:filter=gaussian", "neyman", "taylor", "representativity", "simplex"):
         add("tt", rule, integrator="direct")
     add("teapot-area-light", "simplex:light=0.5,brdf=0.3,uniform=0.2", integrator="direct")
     for sampler in ("sobol", "stratified"):

@@ -142,27 +142,6 @@ def _root(means: Means, cost: tuple[float, float]) -> Array:
     return np.where((xi == 0).all(axis=0), 0.5, between)
 
 
-def _normal(x: Array, d: Array) -> dict[str, Array]:
-    """Return the normal equations of the regression of X on ``p_l / q = 1 + d`` and ``p_b / q = 1 - d``.
-
-    Pairs of which neither sample met the light are left out: the surface faces away from it, or there is none.
-    """
-    met = (d[0] < 1) | (d[1] > -1) | (x.sum(axis=0) > 0)
-    light, brdf = 1 + d, 1 - d
-    pairs = {"matrix": (light * light, light * brdf, brdf * brdf), "vector": (x * light, x * brdf)}
-    return {name: np.stack([a.sum(axis=0) for a in rows]) / 2 * met for name, rows in pairs.items()}
-
-
-def _combination(means: Means, cost: tuple[float, float]) -> Array:
-    """Return ``a_l / (a_l + a_b)`` of the solution, at most one of which is negative; 1/2 without one."""
-    light, both, brdf = means["matrix"]
-    f_light, f_brdf = means["vector"]
-    regular = light * brdf - both * both > 1e-6 * light * brdf
-    a_light = np.where(regular, np.maximum(brdf * f_light - both * f_brdf, 0), 0)
-    a_brdf = np.where(regular, np.maximum(light * f_brdf - both * f_light, 0), 0)
-    return _proportion(a_light, a_brdf)
-
-
 def _divide(a: Array, b: Array, otherwise: float = 0.0) -> Array:
     """Return a / b, and `otherwise` where b is 0."""
     return np.divide(a, b, out=np.full(np.shape(a), otherwise), where=b != 0)
@@ -179,7 +158,6 @@ _OBJECTIVES = {
     "neyman": Objective(partial(Gather, _halves, True), _neyman),
     "representativity": Objective(partial(Gather, _squares, False), _representativity),
     "kl": Objective(partial(Gather, partial(_tsallis, 1.0), False), _root),
-    "linear": Objective(partial(Gather, _normal, False), _combination),
 }
 OBJECTIVE_NAMES = (*_OBJECTIVES, "tsallis")
 
@@ -203,16 +181,6 @@ def objective(name: str, gamma: float = 2.0) -> Objective:
     ``kl``, ``tsallis``
         Sbert, Szirmay-Kalos et al.: the root of ``xi(w) = E_q[(X / m)^gamma d]``, gamma = 1 for the Kullback-Leibler
         divergence of f and p_w, robust; gamma = 2 for the second moment.
-    ``linear``
-        After Sbert and Szirmay-Kalos 2023, who fit f by ``a_l p_l + a_b p_b`` and take shares in proportion to a: solve
-        ``P a = F``, ``P_ik = <p_k>_i``, ``F_i = <f>_i``, means over samples of technique i. Since
-        ``<g>_i = E_q[g p_i / q]``, these are the normal equations of least squares in the metric 1. Here the metric is
-        1 / q: ``P_ik = <p_k / q>_i``, ``F_i = <f / q>_i``, which minimises
-        ``E_q[(X - a_l (1 + d) - a_b (1 - d))^2]``, with scale-free terms that no spike of a density outweighs (the
-        equations of Kondapaneni et al. 2019 at equal counts); either metric recovers an f that is such a combination.
-        Both techniques' samples are in every mean. Samples that meet no light count with f = 0, d = 1 or -1: what a
-        technique wastes there keeps its share small. All lights have the same a. Negative a become 0. Erratic in small
-        patches, and a fit of f, not of its variance: a narrow peak that neither density follows moves it too little.
 
     Raises
     ------

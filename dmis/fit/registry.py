@@ -37,7 +37,7 @@ def _simplex(**options: Any) -> Rule:
     return rule if len(w) > 2 else replace(rule, w=w[0])
 
 
-_RELATIVES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis", "linear")
+_RELATIVES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")
 RULES: dict[str, Callable[..., Rule]] = {
     "balance": Fixed,
     "fixed": Fixed,
@@ -65,6 +65,8 @@ _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it f
 _HELD = dict.fromkeys(("balance", "pbrt", "uniform"), "w") | {"counts": "weights"}
 _HELD |= dict.fromkeys(("second-moment", *_RELATIVES), "objective")
 """The argument of a class that its rule of this name has already, so that it is no option."""
+_REMOVED_RULES = {"linear": "second-moment, which minimises the variance that linear fitted f for"}
+"""What to use in place of rules of earlier versions."""
 _REMOVED_OPTIONS = {"shrink": "curves of patches are filtered alone; choose the filter with filter= and size="}
 """What to do in place of options of earlier versions."""
 _REST = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
@@ -177,6 +179,8 @@ def make_rule(text: Rule | str | Any) -> Rule:
 
 def _no_such_rule(name: str) -> ValueError:
     """Return the error that a name is that of no rule."""
+    if name in _REMOVED_RULES:
+        return ValueError(f"rule {name} was removed. Use {_REMOVED_RULES[name]}")
     how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
     if loaded_plugins() and RULES.keys() == _SHIPPED:
         files = " and ".join(path.name for path in loaded_plugins())

@@ -32,7 +32,7 @@ class SecondMoment(PooledRule):
     time is least (`dmis.fit.curve_minimum.cost_weighted`): the pilot gives unbiased curves V(w)
     (`dmis.variance.curves`), which are averaged over patches, filtered, weighed with the cost of a camera sample at w
     (`dmis.estimator.cost`) and minimised on a grid of shares. The others, ``taylor``, ``inverse-variance``, ``neyman``,
-    ``representativity``, ``kl``, ``tsallis`` and ``linear``, are those of the literature (`dmis.fit.objectives`). The
+    ``representativity``, ``kl`` and ``tsallis``, are those of the literature (`dmis.fit.objectives`). The
     closest relative of ``second-moment`` is Grittmann et al. 2022, "Efficiency-aware multiple importance sampling for
     bidirectional rendering algorithms" (ACM Transactions on Graphics 41(4)), where the samples of one combination of
     techniques give the efficiencies of many others.

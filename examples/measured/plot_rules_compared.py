@@ -19,7 +19,7 @@ from examples.gallery import SCENES, options
 opts, _ = options("plot_rules_compared", __doc__)
 RULES = (
     "one-sample", "pbrt", "thesis", "inverse-variance", "neyman", "representativity",
-    "taylor", "kl", "tsallis", "linear", "second-moment", "auto",
+    "taylor", "kl", "tsallis", "second-moment", "auto",
 )  # fmt: skip
 SEEDS = range(opts.pick(1, 1, 5))
 

@@ -182,7 +182,7 @@ def test_rules_agree(rule: str) -> None:
 
 @pytest.mark.parametrize(
     "rule",
-    ["fixed:0", "fixed:1", "fixed:0.3", "balance", "pbrt", "one-sample", "resampled", "thesis", "linear"]
+    ["fixed:0", "fixed:1", "fixed:0.3", "balance", "pbrt", "one-sample", "resampled", "thesis", "representativity"]
     + ["second-moment", "auto"],
 )
 def test_furnace_of_an_emitting_sphere(rule: str) -> None:
