@@ -13,7 +13,6 @@ from dmis.fit.registry import RULES
 from dmis.pipeline.executor import MAX_WORKERS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene import camera
-from dmis.testing.exercises import LAST
 
 _SAMPLERS = (
     f"{', '.join(SAMPLERS)}, or one of a plugin; auto: sobol, or independent with a combiner that needs it "
@@ -209,12 +208,7 @@ def _check(command: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="directory of the pictures of what failed (default: that of the file)",
     )
-    command.add_argument(
-        "--exercise",
-        type=_exercise,
-        metavar="N",
-        help=f"check the file as the solution of exercise N, from 1 to {LAST}, in place of what it defines",
-    )
+    command.add_argument("--exercise", help=argparse.SUPPRESS)  # refused with the command that has replaced it
 
 
 def _bench(command: argparse.ArgumentParser) -> None:
@@ -318,13 +312,6 @@ def _workers(text: str) -> int:
     """Return a number of threads or processes."""
     if not (text.isdecimal() and 1 <= int(text) <= MAX_WORKERS):
         raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {MAX_WORKERS}; got {text!r}")
-    return int(text)
-
-
-def _exercise(text: str) -> int:
-    """Return the number of an exercise."""
-    if not (text.isdecimal() and 1 <= int(text) <= LAST):
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {LAST}; got {text!r}")
     return int(text)
 
 

@@ -15,10 +15,11 @@ def line(outcome: Outcome) -> str:
     return f"{'ok' if outcome.passed else 'FAILED':6}  {outcome.name}: {outcome.message}"
 
 
-def summary(outcomes: Sequence[Outcome]) -> str:
-    """Return the number of checks that failed, or that all passed."""
-    failed = sum(not outcome.passed for outcome in outcomes)
-    return f"{failed} of {len(outcomes)} checks failed" if failed else f"all {len(outcomes)} checks passed"
+def summary(outcomes: Sequence[Outcome], not_checked: Sequence[str] = ()) -> str:
+    """Return the number of checks that failed, or that all passed, and the names of what was not checked."""
+    failed, count = sum(not outcome.passed for outcome in outcomes), len(outcomes)
+    text = f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"
+    return f"{text.removeprefix('all ')}; not checked: {', '.join(not_checked)}" if not_checked else text
 
 
 def write_figures(outcomes: Sequence[Outcome], folder: Path, stem: str) -> list[Path]:

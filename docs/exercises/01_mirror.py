@@ -1,6 +1,6 @@
 """Exercise 1 (easy): mirror the directions of a batch.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 1``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 1 mine.py``.
 """
 
 

@@ -5,7 +5,7 @@ estimator needs it per solid angle: multiply by r^2 / cos. Here r is the distanc
 from p to x, and cos is that of the angle between the light's normal and the
 direction from x to p.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 2``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 2 mine.py``.
 """
 
 import numpy as np

@@ -4,7 +4,7 @@ A matte surface has the BRDF albedo / pi. Nothing stands between point and light
 estimate is f / p: BRDF times radiance times cosine, over the density per solid
 angle.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 3``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 3 mine.py``.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Exercise 4 (easy): a mean and its standard error.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 4``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 4 mine.py``.
 """
 
 

@@ -3,7 +3,7 @@
 A renderer sees its samples in blocks and keeps none of them. It keeps (n, mean, m2):
 their number, their mean, and the sum of their squared deviations from the mean.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 6``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 6 mine.py``.
 """
 
 

@@ -3,7 +3,7 @@
 The desk lamp of tutorial 2 brings cos t from the directions inside of its cone, and
 nothing from the others. A density in proportion to that has no variance.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 7``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 7 mine.py``.
 """
 
 import numpy as np

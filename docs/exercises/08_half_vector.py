@@ -4,7 +4,7 @@ Microfacet lobes pick a half vector h about the normal, here with Blinn's densit
 p_h = (e + 1) / (2 pi) |cos|^e, and mirror wo at it. The density of the mirrored
 direction is another one, because mirroring stretches solid angles.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 8``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 8 mine.py``.
 """
 
 from dmis.base.vectors import dot, normalise

@@ -4,7 +4,7 @@ A sky is a table of luminance. Its bright texels deserve most samples: pick a ro
 proportion to its sum, a texel of this row in proportion to its value, and a point
 evenly in this texel. Two uniform numbers are enough for all of that.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 9``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 9 mine.py``.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Exercise 10 (easy): the balance heuristic.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 10``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 10 mine.py``.
 """
 
 

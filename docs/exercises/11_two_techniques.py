@@ -1,6 +1,6 @@
 """Exercise 11 (medium): an estimate from samples of both techniques.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 11``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 11 mine.py``.
 """
 
 

@@ -5,7 +5,7 @@ heuristic. Derive N times the variance of their mean: each technique has a mean 
 own, m_l and m_b, and its samples vary about that. The starter has the variance for
 techniques that are drawn by lot.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 12``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 12 mine.py``.
 """
 
 import numpy as np

@@ -6,7 +6,7 @@ Equation (14) of the theory page has the minimum. Three things may go wrong:
 * The parabola has no minimum: take the best of the three shares.
 * All three variances are equal: take 1/2.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 13``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 13 mine.py``.
 """
 
 

@@ -5,7 +5,7 @@ seldom whole. Each slot alone must be a light sample with probability w, and the
 number must be w S rounded up or down. Equation (12) of the theory page does that
 with one random offset for each pixel.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 14``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 14 mine.py``.
 """
 
 import numpy as np

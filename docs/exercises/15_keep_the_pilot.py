@@ -3,7 +3,7 @@
 The pilot's samples are unbiased, and thrown away they are lost. The starter weighs
 both means by their own estimated variances. That looks wise, and is wrong.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 15``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 15 mine.py``.
 """
 
 import numpy as np

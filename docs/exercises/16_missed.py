@@ -1,6 +1,6 @@
 """Exercise 16 (easy): how many samples does it take to see a spike?
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 16``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 16 mine.py``.
 """
 
 

@@ -3,7 +3,7 @@
 The pilot has w = 1/2, so its samples come from q = (p_l + p_b) / 2. What would they
 count at another share w, and how often would they be drawn? Express p_w / q by w and d.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 17``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 17 mine.py``.
 """
 
 import numpy as np

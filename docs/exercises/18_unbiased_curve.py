@@ -5,7 +5,7 @@ variance of a sample at the share w. Estimate it for every w from the n light an
 BRDF samples of one pilot at w = 1/2, without bias. What do the samples of a group say
 about f / p_w within their own technique?
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 18``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 18 mine.py``.
 """
 
 import numpy as np

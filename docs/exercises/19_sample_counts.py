@@ -3,7 +3,7 @@
 The error of the image is the sum of V / n over its pixels, its price the sum of n C.
 Equation (20) of the theory page has the best n.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 19``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 19 mine.py``.
 """
 
 import numpy as np

@@ -2,10 +2,10 @@
 
 Tutorial 6 samples velvet like a matte surface, by cos / pi. But velvet is bright
 where the cosine is small. Write a density that fits better: its relative variance of
-f cos / p must be 0.8 or less (that of cos / pi is 1.4). Two uniform numbers and the
-inverse of a simple distribution function are enough.
+f cos / p must be 0.3 or less (cos / pi has 1.4, a uniform density 0.37). Two uniform
+numbers and the inverse of a simple distribution function are enough.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 20``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 20 mine.py``.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,12 @@
 """Exercise 21 (hard): a rule that beats the balance heuristic.
 
-Your rule renders two scenes with 32 samples per pixel, its pilot included: the teapot
-below its lamp (64 by 38 pixels), where light samples are better, and the car under its
-sky (``tt-overcast``, 64 by 36), where BRDF samples are. On each its error over that of
+Your rule renders two scenes of 64 by 36 pixels with 32 samples per pixel, its pilot
+included: the teapot below its lamp, where light samples are better, and the car under
+its sky (``tt-overcast``), where BRDF samples are. On each its error over that of
 ``balance`` must be below 0.85, with the whole 95 % interval, and its image must be
 unbiased. No constant share does that, so ``fit`` has to learn from the pilot.
 
-Copy this file to mine.py, and check it: ``python -m dmis check mine.py --exercise 21``.
+Copy this file to mine.py, and check it: ``python docs/exercises/checks 21 mine.py``.
 """
 
 from dataclasses import dataclass

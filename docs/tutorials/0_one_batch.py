@@ -217,7 +217,7 @@ figure.colorbar(shown, ax=axes[2], label="z")
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python -m dmis check FILE --exercise N``.
+# the file, and check it with ``python docs/exercises/checks N FILE``.
 #
 # 1. *Easy.* Mirror the directions of a batch (``01_mirror.py``).
 # 2. *Medium.* Write the density of a point on a light per solid angle

@@ -171,7 +171,7 @@ for n, result in images.items():
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python -m dmis check FILE --exercise N``.
+# the file, and check it with ``python docs/exercises/checks N FILE``.
 #
 # 4. *Easy.* Write a mean and its standard error (``04_standard_error.py``).
 # 5. *Medium.* Solve the variance of one sample of the lamp's integral by formula

@@ -160,7 +160,7 @@ for exponent, y in rows.items():
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python -m dmis check FILE --exercise N``.
+# the file, and check it with ``python docs/exercises/checks N FILE``.
 #
 # 7. *Easy.* Write the map and the density without variance for the desk lamp
 #    (``07_no_variance.py``).

@@ -173,7 +173,7 @@ axis.legend()
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python -m dmis check FILE --exercise N``.
+# the file, and check it with ``python docs/exercises/checks N FILE``.
 #
 # 10. *Easy.* Write the balance heuristic (``10_balance_weight.py``).
 # 11. *Medium.* Write the estimate from any numbers of samples of both techniques

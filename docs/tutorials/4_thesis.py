@@ -190,7 +190,7 @@ print(f"ratio in equal CPU time {value:.2f} ± {half:.2f}")
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python -m dmis check FILE --exercise N``.
+# the file, and check it with ``python docs/exercises/checks N FILE``.
 #
 # 13. *Easy.* Write the minimum of the parabola, with all special cases
 #     (``13_parabola.py``).

@@ -224,7 +224,7 @@ axis.legend()
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python -m dmis check FILE --exercise N``.
+# the file, and check it with ``python docs/exercises/checks N FILE``.
 #
 # 16. *Easy.* Compute the chance to miss a spike, and the samples that make it small
 #     (``16_missed.py``).

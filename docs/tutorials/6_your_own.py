@@ -224,7 +224,7 @@ print(", ".join(layers), "|", attributes["dmis.provenance"][:60], "...")
 # Exercises
 # ---------
 # The page "Syllabus" links to the starter files and to solutions. Write your code into
-# the file, and check it with ``python -m dmis check FILE --exercise N``.
+# the file, and check it with ``python docs/exercises/checks N FILE``.
 #
 # 19. *Easy.* Divide a budget over pixels by variance and cost
 #     (``19_sample_counts.py``).

@@ -15,7 +15,6 @@ from dmis.base import plugins
 from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.registry import RULES
-from dmis.testing.exercises import EXERCISES
 from dmis.testing.outcome import Outcome
 
 DUST = """
@@ -150,8 +149,9 @@ def test_what_is_recognised(
     """Objects, classes with defaults, registered names; other classes are named with the reason."""
     for name in ("lobe", "light", "technique", "rule"):
         monkeypatch.setattr(f"dmis.testing.find.check_{name}", lambda item, label="": [Outcome(str(label), True, "")])
-    assert main(["check", write(tmp_path, DUST + MORE)]) == 0
+    assert main(["check", write(tmp_path, DUST + MORE)]) == 1
     out, error = capsys.readouterr()
+    assert out.splitlines()[-1] == "7 checks passed; not checked: Tinted, Broken"
     subjects = [line for line in out.splitlines()[:-1] if not line.startswith("ok")]
     assert subjects == [
         "light lamp", "lobe paint.lobes[0]", "lobe paint.lobes[1]", "technique again", "rule Other", "rule third",
@@ -168,7 +168,6 @@ def test_what_is_recognised(
     ("text", "options", "message"),
     [
         ("a = 1", [], r"my_lobe\.py must define something to check; it has nothing of: classes that derive from Lobe"),
-        ("a = 1", [], r"For the solution of an exercise, add --exercise N"),
         (
             DUST.replace("tint: Any = 0.5", "tint: Any"),
             [],
@@ -178,9 +177,7 @@ def test_what_is_recognised(
         ),
         ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),
         (None, [], r"no such file: .*my_lobe\.py; check needs a Python file"),
-        (DUST, ["--exercise", "5"], r"exercise must be one that has a check: 2; got 5"),
-        (DUST, ["--exercise", "0"], r"--exercise: must be a whole number from 1 to 21; got '0'"),
-        (DUST, ["--exercise", "two"], r"--exercise: must be a whole number from 1 to 21; got 'two'"),
+        (DUST, ["--exercise", "5"], r"--exercise has moved.* write python docs/exercises/checks 5 my_lobe\.py"),
         (DUST, ["-o", "my_lobe.py"], r"my_lobe\.py is not a directory"),
     ],
 )
@@ -193,9 +190,6 @@ def test_bad_input(
     message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for number in list(EXERCISES):
-        monkeypatch.delitem(EXERCISES, number)
-    monkeypatch.setitem(EXERCISES, 2, lambda module: [])
     if text is not None:
         write(tmp_path, text)
     try:
@@ -206,29 +200,7 @@ def test_bad_input(
     assert code == 2 and out == "" and re.search(message, error) and "Traceback" not in error
 
 
-@pytest.mark.parametrize("passed", [True, False])
-def test_an_exercise(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], passed: bool
-) -> None:
-    """The function of its number gets the module; what the module defines is not checked."""
-    monkeypatch.setitem(EXERCISES, 21, lambda module: [Outcome("answer", passed, f"{module.ANSWER}")])
-    file = write(tmp_path, "ANSWER = 42\n", "my_21-answer (2).py")
-    assert main(["check", file, "--exercise", "21"]) == (not passed)
-    lines = capsys.readouterr().out.splitlines()
-    assert lines == (
-        ["ok      answer: 42", "all 1 checks passed"] if passed else ["FAILED  answer: 42", "1 of 1 checks failed"]
-    )
-
-
-def test_what_raises_is_a_failure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A lobe without a method, and a solution without the function that its check calls: exit code 1."""
-    monkeypatch.setitem(EXERCISES, 3, lambda module: module.estimate())
-    incomplete = DUST.replace("def pdf", "def density")
-    assert main(["check", write(tmp_path, incomplete)]) == 1
+def test_what_raises_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A lobe without a method: exit code 1."""
+    assert main(["check", write(tmp_path, DUST.replace("def pdf", "def density"))]) == 1
     assert "FAILED  Dust: Dust must define the method pdf(directions)" in capsys.readouterr().out
-    raising = "def estimate():\n    return 1 / 0\n"
-    assert main(["check", write(tmp_path, raising, "my_answer.py"), "--exercise", "3"]) == 1
-    out = capsys.readouterr().out
-    assert "FAILED  exercise 3: estimate raised ZeroDivisionError: division by zero (my_answer.py, line 2)" in out

@@ -7,20 +7,19 @@ from types import ModuleType
 
 import numpy as np
 
-from dmis.testing.graded.grading import Failed, at_most, call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
+from grading import at_most, call, compare, exercise, z_test
 
 
-@exercise
+@exercise(4)
 def mean_and_error(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 4: a mean and its standard error."""
     samples = np.array([[1.0, 2], [3, 2], [5, 2], [3, 2]])
     mean, error = call(module, "mean_and_error", samples, shapes=[(2,), (2,)])
     yield compare("mean", mean, np.array([3.0, 2]), 1e-6)
     expected = np.array([np.sqrt(8 / 3 / 4), 0])
-    yield compare(
-        "standard error", error, expected, 1e-6, "Divide by n - 1 for the variance, by n for that of the mean"
-    )
+    advice = "Divide by n - 1 for the variance, by n for that of the mean"
+    yield compare("standard error", error, expected, 1e-6, advice)
     pairs = np.random.default_rng(1).normal(0, 3, (2, 100_000))
     _, error = call(module, "mean_and_error", pairs, shapes=[(100_000,)] * 2)
     yield z_test("squared errors from two samples are unbiased", error**2, 4.5)
@@ -30,7 +29,7 @@ def mean_and_error(module: ModuleType) -> Iterator[Outcome]:
     yield at_most("95 % intervals hold the truth", float(abs(inside.mean() - 0.95)), 0.01, "the distance from 95 %")
 
 
-@exercise
+@exercise(5)
 def lamp_variance(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 5: the variance of one sample of the lamp's integral."""
     for degrees in (90, 25, 1):
@@ -45,7 +44,7 @@ def lamp_variance(module: ModuleType) -> Iterator[Outcome]:
     yield z_test("agrees with 20,000 sample variances", samples.var(axis=0, ddof=1), float(variance))
 
 
-@exercise
+@exercise(6)
 def merge(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 6: moments of two parts, merged."""
     rng = np.random.default_rng(4)
@@ -74,9 +73,4 @@ def _moments(samples: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
 def _call(module: ModuleType, a: tuple, b: tuple) -> tuple[float, np.ndarray, np.ndarray]:
     shape = a[1].shape
     n, mean, m2 = call(module, "merge", a, b, shapes=[(), shape, shape])
-    if n < 1:
-        raise Failed("number of samples", f"merge must return the number of all samples first; got {float(n):g}")
-    return int(n), mean, m2
-
-
-CHECKS = {4: mean_and_error, 5: lamp_variance, 6: merge}
+    return float(n), mean, m2

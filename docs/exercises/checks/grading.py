@@ -1,12 +1,13 @@
-"""Tools of the exercises' checks: calls of a reader's functions, and comparisons that return an `Outcome`.
+"""Tools of the exercises' checks: calls of a student's functions, and comparisons that return an `Outcome`.
 
-A check is a generator of outcomes. `exercise` turns it into a function that returns their list. Where the reader's
-code is missing, raises an exception or returns the wrong shape, the list ends with an outcome that says so.
+A check is a generator of outcomes; the decorator `exercise` makes it a function that returns their list. Where the
+student's code is missing, raises an exception or returns the wrong shape, the list ends with an outcome that says so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from copy import deepcopy
 from functools import wraps
 from types import ModuleType
 from typing import Any
@@ -23,6 +24,8 @@ Z_LIMIT = 4.0
 LEAST_P = 1e-4
 """Least p-value of a chi-square test of a right solution."""
 Check = Callable[[ModuleType], list[Outcome]]
+EXERCISES: dict[int, Check] = {}
+"""Check of each exercise: takes the module of a student's file, returns its outcomes."""
 
 
 class Failed(Exception):
@@ -33,23 +36,27 @@ class Failed(Exception):
         self.outcome = Outcome(name, False, message)
 
 
-def exercise(check: Callable[[ModuleType], Iterator[Outcome]]) -> Check:
-    """Return a function that lists the outcomes of `check`, up to the first thing that ends it."""
+def exercise(number: int) -> Callable[[Callable[[ModuleType], Iterator[Outcome]]], Check]:
+    """Return a decorator that lists the outcomes of a check up to what ends it, and enters it in `EXERCISES`."""
 
-    @wraps(check)
-    def outcomes(module: ModuleType) -> list[Outcome]:
-        results: list[Outcome] = []
-        try:
-            results.extend(check(module))
-        except Failed as failed:
-            results.append(failed.outcome)
-        return results
+    def decorator(check: Callable[[ModuleType], Iterator[Outcome]]) -> Check:
+        @wraps(check)
+        def outcomes(module: ModuleType) -> list[Outcome]:
+            results: list[Outcome] = []
+            try:
+                results.extend(check(module))
+            except Failed as failed:
+                return [*results, failed.outcome]
+            return results
 
-    return outcomes
+        EXERCISES[number] = outcomes
+        return outcomes
+
+    return decorator
 
 
 def call(module: ModuleType, name: str, *arguments: Any, shapes: Sequence[tuple[int, ...]]) -> list[Array]:
-    """Return the arrays that a function of a reader returns, after a check of their number, shapes and values.
+    """Call a student's function with copies of the arguments; return its arrays, float64 copies.
 
     Parameters
     ----------
@@ -64,29 +71,29 @@ def call(module: ModuleType, name: str, *arguments: Any, shapes: Sequence[tuple[
         If there is no such function, it raises an exception, or it returns something else or values that are not
         finite.
     """
-    returned = call_object(f"{name}", getattr(module, name, None), *arguments)
+    returned = call_object(name, getattr(module, name, None), *arguments)
     values = (returned,) if len(shapes) == 1 else returned
     if not isinstance(values, tuple | list) or len(values) != len(shapes):
-        raise Failed(
-            f"{name} runs", f"{name} must return {len(shapes)} arrays as a tuple; got {type(returned).__name__}"
-        )
-    arrays = []
-    for value, shape in zip(values, shapes, strict=True):
-        try:
-            array = np.asarray(value, np.float64)
-        except (TypeError, ValueError):
-            raise Failed(f"{name} runs", f"{name} must return numbers of shape {shape}; got {value!r:.80}") from None
-        if array.shape != shape:
-            raise Failed(f"{name} has the right shape", f"{name} must return shape {shape}; got {array.shape}")
-        if not np.isfinite(array).all():
-            bad = np.count_nonzero(~np.isfinite(array))
-            raise Failed(f"{name} is finite", f"{name} must return finite numbers; {bad} of {array.size} are not")
-        arrays.append(array)
-    return arrays
+        got = type(returned).__name__
+        raise Failed(f"{name} runs", f"{name} must return {len(shapes)} arrays as a tuple; got {got}")
+    return [check_array(name, value, shape) for value, shape in zip(values, shapes, strict=True)]
+
+
+def check_array(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return a copy of what the function `name` returned, float64; raise Failed unless it is finite and of `shape`."""
+    try:
+        array = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        raise Failed(f"{name} runs", f"{name} must return numbers of shape {shape}; got {value!r:.80}") from None
+    if array.shape != shape:
+        raise Failed(f"{name} has the right shape", f"{name} must return shape {shape}; got {array.shape}")
+    if bad := np.count_nonzero(~np.isfinite(array)):
+        raise Failed(f"{name} is finite", f"{name} must return finite numbers; {bad} of {array.size} are not")
+    return array
 
 
 def call_object(name: str, function: Any, *arguments: Any) -> Any:
-    """Return what a reader's `function` returns; an exception that it raises ends the check.
+    """Return what a student's `function` returns for copies of the arguments, which it may then change.
 
     Raises
     ------
@@ -97,10 +104,10 @@ def call_object(name: str, function: Any, *arguments: Any) -> Any:
         raise Failed(f"{name} exists", f"the file must define {name}; it has none. Keep the starter's name")
     try:
         with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
-            return function(*arguments)
+            return function(*deepcopy(arguments))
     except NotImplementedError:
         raise Failed(f"{name} is written", f"{name} raises NotImplementedError: replace its body") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise Failed(f"{name} runs", raised(error)) from None
 
 
@@ -140,12 +147,12 @@ def z_test(name: str, estimates: Array, exact: float, advice: str = "") -> Outco
 
 
 def likely_mistake(values: Array, mistakes: Iterable[tuple[str, Array]], otherwise: str = "") -> str:
-    """Return the advice whose mistake gives the values of a reader; `otherwise` if none does.
+    """Return the advice whose mistake gives the values of a student; `otherwise` if none does.
 
     Parameters
     ----------
     values
-        What the reader's function returned.
+        What the student's function returned.
     mistakes
         Advice, and the values that the mistake gives, of the same shape.
     """

@@ -8,8 +8,8 @@ from types import ModuleType
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.graded.grading import at_most, call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
+from grading import at_most, call, compare, exercise, z_test
 
 _SIGMA = 0.1, 0.5
 """Standard deviations of the two densities."""
@@ -35,7 +35,7 @@ def exact_variance(w: float, x: Array) -> float:
     return float(m_2 - w * m_l**2 - (1 - w) * m_b**2)
 
 
-@exercise
+@exercise(10)
 def balance_weight(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 10: the MIS weight of a light sample."""
     rng = np.random.default_rng(1)
@@ -50,7 +50,7 @@ def balance_weight(module: ModuleType) -> Iterator[Outcome]:
     yield compare("densities of 0: weights 0, 1, 0", weight, np.array([0.0, 1, 0]), 1e-6)
 
 
-@exercise
+@exercise(11)
 def estimate(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 11: the estimate of samples of both techniques."""
     rng = np.random.default_rng(2)
@@ -70,7 +70,7 @@ def estimate(module: ModuleType) -> Iterator[Outcome]:
         yield compare(f"{name}: values", values, np.asarray(right), 1e-5, advice)
 
 
-@exercise
+@exercise(12)
 def variance_curve(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 12: the variance as a function of the share."""
     x = np.linspace(-3, 3, 3001)
@@ -88,6 +88,3 @@ def variance_curve(module: ModuleType) -> Iterator[Outcome]:
         values += (integrand(samples) / (0.75 * p_l + 0.25 * p_b)).sum(axis=0) / 4
     squares = (values - values.mean()) ** 2 * 4
     yield z_test("3 light samples and 1 BRDF sample, simulated", squares, float(curve[3]))
-
-
-CHECKS = {10: balance_weight, 11: estimate, 12: variance_curve}

@@ -8,11 +8,11 @@ from types import ModuleType
 import numpy as np
 
 from dmis.fit.thesis import parabola_minimum
-from dmis.testing.graded.grading import at_most, call, compare, exercise, z_test
 from dmis.testing.outcome import Outcome
+from grading import at_most, call, compare, exercise, z_test
 
 
-@exercise
+@exercise(13)
 def best_share(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 13: the minimum of a parabola through three variances."""
     cases = {
@@ -32,7 +32,7 @@ def best_share(module: ModuleType) -> Iterator[Outcome]:
     yield compare("1,200 patches of noise, as the rule thesis", share, expected, 1e-5)
 
 
-@exercise
+@exercise(14)
 def light_slots(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 14: shares rounded to whole samples."""
     rng = np.random.default_rng(2)
@@ -50,7 +50,7 @@ def light_slots(module: ModuleType) -> Iterator[Outcome]:
             yield at_most(f"w = {share}: every slot alike", float(worst), 4.0, "the largest z of a slot's share")
 
 
-@exercise
+@exercise(15)
 def combine(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 15: the samples of a pilot in the image, without bias."""
     rng = np.random.default_rng(3)
@@ -69,6 +69,3 @@ def combine(module: ModuleType) -> Iterator[Outcome]:
     yield compare("weights do not depend on the samples", values, fixed, 1e-6, "Fix them before any sample is seen")
     (values,) = call(module, "combine", np.ones((6, n)), np.ones((26, n)), shapes=[(n,)])
     yield compare("samples of 1 give 1", values, 1.0, 1e-6, "The weights of both passes must sum to 1")
-
-
-CHECKS = {13: best_share, 14: light_slots, 15: combine}

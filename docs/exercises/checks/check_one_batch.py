@@ -9,15 +9,15 @@ import numpy as np
 
 from dmis.base.vectors import Array, dot, normalise
 from dmis.light.area import QuadLight
-from dmis.testing.graded.grading import call, compare, exercise, likely_mistake, z_test
 from dmis.testing.outcome import Outcome
 from dmis.testing.sphere import columns, uniforms
+from grading import call, compare, exercise, likely_mistake, z_test
 
 _LIGHT = QuadLight((-1.0, -0.5, 2.0), (0.0, 1.0, 0.0), (2.0, 0.0, 0.0), (3.0, 2.0, 1.0))
 """A rectangle of 2 by 1 at the height 2 that shines down."""
 
 
-@exercise
+@exercise(1)
 def mirror(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 1: mirror directions of a batch."""
     rng = np.random.default_rng(1)
@@ -32,7 +32,7 @@ def mirror(module: ModuleType) -> Iterator[Outcome]:
     yield compare("wi is wo mirrored at n", wi, expected, 1e-4, "Keep the part along n, and reverse the part across n")
 
 
-@exercise
+@exercise(2)
 def light_density(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 2: the density of a point on a light, per solid angle."""
     normal = np.array([0, 0, -1], np.float32)
@@ -51,7 +51,7 @@ def light_density(module: ModuleType) -> Iterator[Outcome]:
     yield z_test("1 / density adds up to the solid angle", 1 / np.maximum(density, 1e-9), solid_angle)
 
 
-@exercise
+@exercise(3)
 def direct_light(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 3: one light sample of the radiance that a matte point reflects."""
     n = 50_000
@@ -106,6 +106,3 @@ def _reflected(p: Array, n: Array, side: int = 600) -> float:
     r = np.sqrt(r2)
     cos_i = np.maximum(np.tensordot(n, to, 1) / r, 0)
     return float((cos_i / np.pi * (to[2] / r) / r2).mean() * 2.0)
-
-
-CHECKS = {1: mirror, 2: light_density, 3: direct_light}

@@ -8,12 +8,12 @@ from types import ModuleType
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.graded.grading import at_most, call, check_directions, chi_square, compare, exercise
 from dmis.testing.outcome import Outcome
 from dmis.testing.sphere import columns, uniforms
+from grading import at_most, call, check_directions, chi_square, compare, exercise
 
 
-@exercise
+@exercise(7)
 def no_variance(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 7: directions in a lamp's cone in proportion to their cosine."""
     half_angle, n = np.radians(25), 100_000
@@ -38,7 +38,7 @@ def no_variance(module: ModuleType) -> Iterator[Outcome]:
     yield at_most("cos / density has no variance", spread, 1e-3, "its relative standard deviation")
 
 
-@exercise
+@exercise(8)
 def half_vectors(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 8: directions mirrored at half vectors, and their density."""
     n, exponent = 100_000, 30.0
@@ -54,7 +54,7 @@ def half_vectors(module: ModuleType) -> Iterator[Outcome]:
         yield from check_directions(f"wo at {degrees}°", wi, density)
 
 
-@exercise
+@exercise(9)
 def sky(module: ModuleType) -> Iterator[Outcome]:
     """Exercise 9: points of a table in proportion to its values."""
     n = 200_000
@@ -76,6 +76,3 @@ def sky(module: ModuleType) -> Iterator[Outcome]:
     points, density = call(module, "sample_table", table, corner, shapes=[(2, 1), (1,)])
     at_end = bool((points < 1).all() and density[0] > 0)
     yield Outcome("u just below 1", at_end, f"point {points[:, 0]}, density {density[0]:.3g}; it must be in the table")
-
-
-CHECKS = {7: no_variance, 8: half_vectors, 9: sky}

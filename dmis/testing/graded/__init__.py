@@ -1,1 +1,0 @@
-"""Checks of the exercises, one file for each tutorial; `dmis.testing.exercises` has them by number."""
