@@ -71,8 +71,7 @@ def describe_source(source: Mapping[str, Any]) -> Iterator[str]:
         shapes = "sphere, cylinder or disk" if found["shapes"] == 1 else "spheres, cylinders and disks"
         yield (
             f"  {found['shapes']:,} {shapes}: {found['triangles']:,} triangles, off by at most "
-            f"{max(found['pixels'], found['lamp_pixels']):.2g} pixels of this camera, and by {found['radii']:.2g} of a "
-            f"radius"
+            f"{max(found['pixels'], found['lamp_pixels']):.2g} pixels of this camera"
         )
 
 

@@ -24,7 +24,7 @@ from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.objects import Textures
 from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, Parameters
 from dmis.formats.pbrt.parts import areas, make_light_part, merge
-from dmis.formats.pbrt.quadrics import MAX_ERROR
+from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.suggestions import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame
@@ -279,11 +279,11 @@ class Reader:
             if named:
                 places = ", ".join(self._places(what, *tokens) for what, tokens in named.items())
                 warnings.warn(PbrtWarning(f"{self.source.path}: {text}: {places}"), stacklevel=stacklevel + 1)
-        if self.quadrics is not None and self.quadrics["pixels"] > 1.01 * MAX_ERROR:
+        if self.quadrics is not None and self.quadrics["pixels"] > VISIBLE_ERROR:
             text = (
                 f"{self.source.path}: spheres, cylinders and disks ({self.quadrics['shapes']:,}) are off by up to "
-                f"{self.quadrics['pixels']:.2g} pixels, because a scene must have at most {MAX_SCENE_TRIANGLES} "
-                f"triangles; have fewer of them, farther from the camera, or a lower resolution"
+                f"{self.quadrics['pixels']:.2g} pixels, because they have at most {TRIANGLE_BUDGET} triangles; have "
+                f"fewer of them, farther from the camera, a field of view from 1 to 170 degrees, or a lower resolution"
             )
             warnings.warn(PbrtWarning(text), stacklevel=stacklevel + 1)
         if self.v1_token is not None and self.dialect.name == "v2" and not self.filter_line:

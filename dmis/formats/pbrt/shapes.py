@@ -197,36 +197,24 @@ def tessellate_quadrics(
     """Return the shapes, with quadrics tessellated as the camera needs, and a report; see `dmis.formats.pbrt.quadrics`.
 
     The first `lamps` of the shapes emit. `most` is the largest number of triangles. The report is None if there is no
-    quadric, else it has their number ``shapes``, their ``triangles``, their largest error in ``pixels`` (of spheres
-    that emit: ``lamp_pixels``), and in ``radii``.
+    quadric, else it has their number ``shapes``, their ``triangles``, and their largest error in ``pixels`` (of spheres
+    that emit: ``lamp_pixels``).
     """
-    curved = [
-        (shape.quadric, shape.to_world, k < lamps and shape.kind == "sphere" and not shape.reverse)
-        for k, shape in enumerate(shapes)
-        if shape.quadric is not None
-    ]
+    lamp = [k < lamps and shape.kind == "sphere" and not shape.reverse for k, shape in enumerate(shapes)]
+    curved = [(s.quadric, s.to_world, emits) for s, emits in zip(shapes, lamp, strict=True) if s.quadric is not None]
     if not curved:
         return list(shapes), None
     others = sum(shape.mesh.triangles for shape in shapes if shape.quadric is None)
-    grids = choose_grids(curved, camera, most - others)
     meshes: dict[tuple[object, ...], Mesh] = {}  # instances of one shape share a mesh
-    remaining = iter(grids)
-    finished = []
-    for shape in shapes:
+    finished, pixels, triangles = [], [0.0, 0.0], 0
+    grids = iter(choose_grids(curved, camera, most - others))
+    for shape, emits in zip(shapes, lamp, strict=True):
         if shape.quadric is not None:
-            grid = next(remaining)
-            key = id(shape.quadric), grid.u.tobytes(), grid.v.tobytes()
-            if key not in meshes:
-                meshes[key] = shape.quadric.mesh(grid.u, grid.v)
+            u, v, error = next(grids)
+            key = id(shape.quadric), u.tobytes(), v.tobytes()
+            meshes[key] = meshes.get(key) or shape.quadric.mesh(u, v)
             shape = replace(shape, mesh=meshes[key])
+            pixels[emits], triangles = max(pixels[emits], error), triangles + shape.mesh.triangles
         finished.append(shape)
-    errors = [
-        [grid.pixels for grid, (*_, lamp) in zip(grids, curved, strict=True) if lamp is kind] for kind in (False, True)
-    ]
-    return finished, {
-        "shapes": len(grids),
-        "triangles": sum(shape.mesh.triangles for shape in finished if shape.quadric is not None),
-        "pixels": max(errors[False], default=0.0),
-        "lamp_pixels": max(errors[True], default=0.0),
-        "radii": max(grid.radii for grid in grids),
-    }
+    report = {"shapes": len(curved), "triangles": triangles, "pixels": pixels[False], "lamp_pixels": pixels[True]}
+    return finished, report
