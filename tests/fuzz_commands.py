@@ -17,7 +17,7 @@ AMOUNTS += "0 1 2 3 4 5 16 -1 0.5 0.25 1e400 1e-400 1e9 99999999999999999999 nan
 def rule_text(rng: random.Random) -> str:
     """A rule with options, right or wrong."""
     name = rng.choice([*RULES, "none", ""])
-    keys = ["patch", "spp", "strategies", "filter", "size", "sigma", "reuse", "combiner", "sampler"]
+    keys = ["patch", "spp", "filter", "size", "sigma", "reuse", "combiner", "sampler"]
     keys += ["guard", "gamma", "cost", "w", "techniques", "objective", "channels"]
     words = ["gaussian", "none", "joint", "yes", "no", "rgb", "balance", "power", "optimal", "sobol"]
     words += [

@@ -40,7 +40,6 @@ SIZES = (4, 8, 16, 32)
 def choose_patch(
     w: Array,
     variance: Array,
-    degrees_of_freedom: Array,
     fit: Callable[[Array, Array], Array],
     sizes: Sequence[int] = SIZES,
 ) -> tuple[int, Array]:
@@ -52,8 +51,6 @@ def choose_patch(
         Shares w_i of the pilot, ``(n,)``.
     variance
         Variances ``s_i^2(p)`` of the pixels, ``(n, H, W)``; those that are not finite count as 0.
-    degrees_of_freedom
-        Degrees of freedom of the variances, ``(n,)``, as in `dmis.fit.thesis.parabola_minimum`.
     fit
         ``fit(y, area)`` returns the shares of patches, ``(rows, columns)``, from their mean variances y ``(n, rows,
         columns)`` and their numbers of pixels.
@@ -78,7 +75,7 @@ def choose_patch(
             y = sums / np.maximum(number, 1)
             share = patch_spread(fit(y, number), size // base, area.shape)
             # sum_p sum_i l_i(w) s_i^2(p) over the fold
-            scores[k] += (_parabola_basis(w, degrees_of_freedom, share) * held_out).sum()
+            scores[k] += (_parabola_basis(w, share) * held_out).sum()
     best = len(sizes) - 1 - int(scores[::-1].argmin())  # of equal scores the last
     return sizes[best], scores / (shape[0] * shape[1])
 
@@ -93,12 +90,11 @@ def _in_patches(variance: Array, corner: tuple[int, int], size: int) -> tuple[Ar
     return patch_sum(np.where(np.isfinite(variance), variance, 0) * inside, size), patch_sum(inside, size)
 
 
-def _parabola_basis(w: Array, degrees_of_freedom: Array, share: Array) -> Array:
+def _parabola_basis(w: Array, share: Array) -> Array:
     """Return ``l_i`` at `share` ``(rows, columns)``, ``(n, rows, columns)``: of the least-squares parabola in the y_i.
 
     Of three shares it is the parabola through the points, and l_i is Lagrange's polynomial.
     """
-    root = np.sqrt(degrees_of_freedom / np.max(degrees_of_freedom))
-    # coefficients = pinv(root w^j) (root y),  V^(w) = sum_j w^j coefficients_j
-    coefficients = np.linalg.pinv(root[:, None] * np.vander(w, 3)) * root
+    # coefficients = pinv(w_i^j) y,  V^(w) = sum_j w^j coefficients_j
+    coefficients = np.linalg.pinv(np.vander(w, 3))
     return np.tensordot(coefficients, np.stack([share**2, share, np.ones_like(share)]), axes=(0, 0))

@@ -67,7 +67,10 @@ _HELD |= dict.fromkeys(("second-moment", *_RELATIVES), "objective")
 """The argument of a class that its rule of this name has already, so that it is no option."""
 _REMOVED_RULES = {"linear": "second-moment, which minimises the variance that linear fitted f for"}
 """What to use in place of rules of earlier versions."""
-_REMOVED_OPTIONS = {"shrink": "curves of patches are filtered alone; choose the filter with filter= and size="}
+_REMOVED_OPTIONS = {
+    "shrink": "curves of patches are filtered alone; choose the filter with filter= and size=",
+    "strategies": "the pilot has the thesis's three; spp= sets its samples at each",
+}
 """What to do in place of options of earlier versions."""
 _REST = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
 

@@ -39,8 +39,8 @@ class Thesis(Rule):
     patch
         Side of a patch in pixels (the thesis tries 4 to 32); ``auto``: the one of 4, 8, 16 and 32 for which the pilot
         predicts the least variance, see `dmis.fit.patch_size`.
-    spp, strategies
-        Pilot samples at each weight, at least 2 (the thesis: 2 or 4); number of weights, odd (the thesis: 3).
+    spp
+        Pilot samples at each of the three weights, at least 2 (the thesis: 2 or 4).
     channels
         Variance that is fitted: of ``luminance``, or ``rgb``, the mean of the three.
     filter, size, sigma
@@ -57,8 +57,8 @@ class Thesis(Rule):
     Notes
     -----
     The maps of its `Fit` are ``status`` (see `STATUS`), ``raw`` and ``filtered``, the weights before and after the
-    filter, and ``variances``, those of the pilot, ``(strategies, rows, columns)``; with ``patch=auto`` also
-    ``sizes``, the sizes and their predicted variances, ``(2, 4)``.
+    filter, and ``variances``, those of the pilot, ``(3, rows, columns)``; with ``patch=auto`` also ``sizes``, the
+    sizes and their predicted variances, ``(2, 4)``.
 
     Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance. The
     thesis does not say what happens without a minimum in [0, 1] (here: `STATUS`), which variance of a colour is meant,
@@ -70,7 +70,6 @@ class Thesis(Rule):
 
     patch: int | Literal["auto"] = 16
     spp: int = 2
-    strategies: int = 3
     channels: str = "luminance"
     filter: str = "gaussian"
     size: int = 5
@@ -89,11 +88,6 @@ class Thesis(Rule):
             raise ValueError(
                 f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
             )
-        if not 3 <= self.strategies <= 101 or self.strategies % 2 == 0:
-            raise ValueError(
-                f"strategies must be odd, at least 3 and at most 101, because a parabola has three coefficients and "
-                f"w = 1/2 is among them; got {self.strategies}"
-            )
         for name, value, allowed in (
             ("channels", self.channels, ("luminance", "rgb")),
             ("filter", self.filter, ("gaussian", "none")),
@@ -110,8 +104,8 @@ class Thesis(Rule):
 
     @property
     def pilot(self) -> Mapping[float, int]:
-        """Camera samples per pixel at w = 0, 1/2, 1, or at more weights in equal steps."""
-        return {k / (self.strategies - 1): self.spp for k in range(self.strategies)}
+        """Camera samples per pixel at w = 0, 1/2, 1."""
+        return dict.fromkeys((0.0, 0.5, 1.0), self.spp)
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -121,24 +115,22 @@ class Thesis(Rule):
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return the weight of each pixel, from the pilot at each weight w_i."""
         w = np.array(list(pilot))
-        moments = [p.moments for p in pilot.values()]
-        # s^2 = sum (x - mean x)^2 / (n - 1) of each pixel, of n - 1 degrees of freedom
-        s2 = np.stack([self._grey(m.variance()) for m in moments])
-        freedom = np.array([float(np.mean(m.n)) - 1 for m in moments])
+        # s^2 = sum (x - mean x)^2 / (n - 1) of each pixel
+        s2 = np.stack([self._grey(p.moments.variance()) for p in pilot.values()])
         patch, maps = self.patch, {}
         if patch == "auto":
-            patch, scores = choose_patch(w, s2, freedom, lambda y, area: self._weights(w, y, freedom, area)[0])
+            patch, scores = choose_patch(w, s2, lambda y, area: self._weights(w, y, area)[0])
             maps["sizes"] = np.stack([SIZES, scores])
         # y_i = mean over the patch's pixels of s^2
         y = np.stack([patch_mean(variance, patch) for variance in s2])
-        weight, raw, status = self._weights(w, y, freedom, patch_sum(np.ones(s2.shape[1:]), patch))
+        weight, raw, status = self._weights(w, y, patch_sum(np.ones(s2.shape[1:]), patch))
         maps |= {"status": status, "raw": raw, "filtered": weight, "variances": y}
         return Fit(patch_spread(weight, patch, s2.shape[1:]), maps)
 
-    def _weights(self, w: Array, y: Array, freedom: Array, area: Array) -> tuple[Array, Array, np.ndarray]:
+    def _weights(self, w: Array, y: Array, area: Array) -> tuple[Array, Array, np.ndarray]:
         """Return the weights of patches after and before the filter, and their status; `area` is in pixels."""
-        # a2 w^2 + a1 w + a0 through (w_i, y_i), minimum -a1 / (2 a2); points count by their degrees of freedom
-        raw, status = parabola_minimum(w, y, degrees_of_freedom=freedom)
+        # a2 w^2 + a1 w + a0 through (w_i, y_i), minimum -a1 / (2 a2)
+        raw, status = parabola_minimum(w, y)
         if self.filter == "none":
             return raw, raw, status
         # weight_p = sum_q g(p - q) c_q raw_q / sum_q g(p - q) c_q,  g(d) ~ exp(-|d|^2 / (2 sigma^2)) over size x size
@@ -153,7 +145,7 @@ class Thesis(Rule):
         return luminance(variance) if self.channels == "luminance" else variance.mean(axis=-1)
 
 
-def parabola_minimum(w: Array, variance: Array, degrees_of_freedom: Array | None = None) -> tuple[Array, np.ndarray]:
+def parabola_minimum(w: Array, variance: Array) -> tuple[Array, np.ndarray]:
     """Return the minimum over [0, 1] of the least-squares parabola through (w, variance): thesis Eqs. 3.2-3.5.
 
     Parameters
@@ -162,8 +154,6 @@ def parabola_minimum(w: Array, variance: Array, degrees_of_freedom: Array | None
         At least three distinct weights, ``(n,)``; the parabola meets three points exactly.
     variance
         ``(n, ...)``.
-    degrees_of_freedom
-        Degrees of freedom n_i of the variances, ``(n,)``, positive, which weight the points; None: all equal.
 
     Returns
     -------
@@ -174,11 +164,6 @@ def parabola_minimum(w: Array, variance: Array, degrees_of_freedom: Array | None
     """
     if len(np.unique(w)) < 3:
         raise ValueError(f"a parabola needs at least three distinct weights; got {w.tolist()}")
-    n = np.ones(len(w)) if degrees_of_freedom is None else np.asarray(degrees_of_freedom, float)
-    if n.shape != np.shape(w) or not (n > 0).all():
-        raise ValueError(
-            f"degrees_of_freedom must be one positive number for each of {len(w)} weights; got {n.tolist()}"
-        )
 
     # y_i / max |y_i|, of scale 1; 0 without a signal: y_i not finite, or max y_i - min y_i <= 1e-12 max |y_i|
     y = variance.reshape(len(w), -1)
@@ -188,12 +173,11 @@ def parabola_minimum(w: Array, variance: Array, degrees_of_freedom: Array | None
         signal &= np.ptp(y, axis=0) > 1e-12 * scale
     y = np.where(signal, y / np.where(signal, scale, 1), 0)
 
-    # min over a of sum_i n_i (a2 w_i^2 + a1 w_i + a0 - y_i)^2   (Eqs. 3.2-3.4), in v = w - 1/2 for its rounding:
+    # min over a of sum_i (a2 w_i^2 + a1 w_i + a0 - y_i)^2   (Eqs. 3.2-3.4), in v = w - 1/2 for its rounding:
     # a2 w^2 + a1 w + a0 = a2 v^2 + b1 v + b0,  b1 = a1 + a2
     # of three points at w = 0, 1/2, 1:  a2 = 2 (y_0 + y_1 - 2 y_h),  a1 = -3 y_0 + 4 y_h - y_1
-    v, root = w - 0.5, np.sqrt(n / n.max())[:, None]
-    powers = np.stack([v**2, v, np.ones_like(v)], axis=1)
-    (a2, b1, _), *_ = np.linalg.lstsq(root * powers, root * y, rcond=None)
+    v = w - 0.5
+    (a2, b1, _), *_ = np.linalg.lstsq(np.stack([v**2, v, np.ones_like(v)], axis=1), y, rcond=None)
 
     # w = -a1 / (2 a2) = 1/2 - b1 / (2 a2)   (Eq. 3.5), where a2 > 0
     convex = signal & (a2 > 1e-12)

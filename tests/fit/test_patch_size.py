@@ -16,7 +16,6 @@ from dmis.testing.statistics import z_score
 from dmis.variance.moments import Moments
 
 W = np.array([0.0, 0.5, 1.0])
-FREEDOM = np.ones(3)
 
 
 def parabolas(minimum: Array, floor: float) -> Array:
@@ -44,16 +43,14 @@ def fit_patches(y: Array, area: Array) -> Array:
 @pytest.mark.parametrize("side", SIZES)
 def test_planted_patterns(side: int, floor: float) -> None:
     """Squares of a checkerboard are found, from two samples at each share, although the noise is as large as V."""
-    sizes = [
-        choose_patch(W, sampled(parabolas(checkers(side), floor), seed), FREEDOM, fit_patches)[0] for seed in range(5)
-    ]
+    sizes = [choose_patch(W, sampled(parabolas(checkers(side), floor), seed), fit_patches)[0] for seed in range(5)]
     assert np.mean(np.array(sizes) == side) >= 0.8
 
 
 def test_smooth_noisy_maps_get_large_patches() -> None:
     """Where the minimum is the same everywhere, the largest patch has the least noise."""
     variance = parabolas(np.full((128, 128), 0.3), 1.0)
-    sizes = [choose_patch(W, sampled(variance, seed), FREEDOM, fit_patches)[0] for seed in range(5)]
+    sizes = [choose_patch(W, sampled(variance, seed), fit_patches)[0] for seed in range(5)]
     assert np.mean(np.array(sizes) == SIZES[-1]) >= 0.8
 
 
@@ -81,7 +78,7 @@ def scores_and_truth(seed: int, fit: Callable[[Array, Array], Array]) -> tuple[A
         maps.append(fit(y, area))
         return maps[-1]
 
-    _, scores = choose_patch(W, s2, FREEDOM, recorded)
+    _, scores = choose_patch(W, s2, recorded)
     row, column = np.mgrid[:32, :40] % 2
     truth, naive = np.zeros((2, len(SIZES)))
     basis = np.linalg.inv(np.vander(W, 3))  # coefficients of the parabola through three points
@@ -102,32 +99,19 @@ def test_scores_have_the_mean_of_the_true_variance() -> None:
     assert z_score(naive[:, 0] - truth[:, 0], 0.0) < -2 * Z_LIMIT
 
 
-def test_more_than_three_shares() -> None:
-    """Five shares of a parabola give the same score as three, without noise, whatever the degrees of freedom."""
-    minimum, five = checkers(8, 32), np.linspace(0, 1, 5)
-    exact = np.stack([(w - minimum) ** 2 + 0.1 for w in five])
-
-    def fit(y: Array, area: Array) -> Array:
-        return parabola_minimum(five if len(y) == 5 else W, y)[0]
-
-    size, scores = choose_patch(five, exact, np.array([1, 3, 2, 1, 1.0]), fit)
-    assert size == 8
-    np.testing.assert_allclose(scores, choose_patch(W, exact[::2], FREEDOM, fit)[1], atol=1e-9)
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (3, 50), (33, 17), (128, 5)])
 def test_any_resolution(shape: tuple[int, int]) -> None:
     """Ragged patches, folds without a pixel, black and infinite pixels: a size, finite scores, no warning."""
     variance = parabolas(np.full(shape, 0.3), 0.1)
     variance[:, ::2] = 0
     variance[0, 0, 0] = np.inf
-    size, scores = choose_patch(W, variance, FREEDOM, fit_patches)
+    size, scores = choose_patch(W, variance, fit_patches)
     assert size in SIZES and np.isfinite(scores).all()
 
 
 def test_black_pilot() -> None:
     """Of equal scores the largest size is taken."""
-    assert choose_patch(W, np.zeros((3, 64, 64)), FREEDOM, fit_patches) == (SIZES[-1], pytest.approx(np.zeros(4)))
+    assert choose_patch(W, np.zeros((3, 64, 64)), fit_patches) == (SIZES[-1], pytest.approx(np.zeros(4)))
 
 
 def test_renders(box: dmis.Scene) -> None:

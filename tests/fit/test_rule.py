@@ -265,6 +265,7 @@ def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
     ("rule", "message"),
     [
         ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: .* choose the filter"),
+        ("thesis:strategies=5", "rule thesis has no option strategies any more: .* spp= sets"),
         ("linear:patch=8", "rule linear was removed. Use second-moment"),
         ("second-moment:combiner=balance+power", "must be one heuristic, .* Use balance or power"),
     ],

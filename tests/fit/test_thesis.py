@@ -83,22 +83,6 @@ def test_least_squares_of_more_points() -> None:
     np.testing.assert_allclose(parabola_minimum(w[order], y[order])[0], weight, atol=1e-12)
 
 
-def test_weighted_least_squares() -> None:
-    """A point of k times the degrees of freedom counts as k points; with three points they change nothing."""
-    w = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-    y = np.random.default_rng(5).random((5, 20)) + 4 * (w[:, None] - 0.4) ** 2
-    freedom = np.array([1, 3, 2, 1, 1])
-    repeated = parabola_minimum(np.repeat(w, freedom), np.repeat(y, freedom, axis=0))[0]
-    np.testing.assert_allclose(parabola_minimum(w, y, freedom)[0], repeated, atol=1e-12)
-    assert not np.allclose(parabola_minimum(w, y)[0], repeated, atol=1e-3)
-    np.testing.assert_allclose(
-        parabola_minimum(w[::2], y[::2], freedom[::2])[0], parabola_minimum(w[::2], y[::2])[0], atol=1e-12
-    )
-    for bad in ([1, 1], [1, 1, 0, 1, 1], [1, 1, np.nan, 1, 1]):
-        with pytest.raises(ValueError, match="degrees_of_freedom must be one positive number for each"):
-            parabola_minimum(w, y, np.array(bad))
-
-
 @pytest.mark.parametrize(
     "variance, weight, status",
     [
@@ -184,7 +168,6 @@ def test_thesis_pilot() -> None:
     assert Thesis().pilot == {0.0: 2, 0.5: 2, 1.0: 2}
     assert Thesis(spp=4).pilot == {0.0: 4, 0.5: 4, 1.0: 4}
     assert sum(Thesis().pilot.values()) == 6
-    assert Thesis(strategies=5).pilot == {0.0: 2, 0.25: 2, 0.5: 2, 0.75: 2, 1.0: 2}
 
 
 def test_chance_that_the_pilot_misses_a_spike() -> None:
@@ -272,7 +255,7 @@ def test_ragged_patches_may_count_by_their_area() -> None:
         ("thesis:8", Thesis(8)),
         ("thesis:patch=8,filter=none", Thesis(8, filter="none")),
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
-        ("thesis:strategies=5,channels=rgb,size=3,reuse=no", Thesis(strategies=5, channels="rgb", size=3)),
+        ("thesis:channels=rgb,size=3,reuse=no", Thesis(channels="rgb", size=3)),
         ("thesis:reuse=ON", Thesis(reuse=True)),
         ("thesis:auto", Thesis("auto")),
         ("thesis:patch=auto,no_signal=skip,ragged=area", Thesis("auto", no_signal="skip", ragged="area")),
@@ -310,8 +293,6 @@ def test_rules_by_text(text: str, expected: Rule) -> None:
         ("thesis:sigma=nan", "sigma must be positive"),
         ("thesis:shape=3", "rule thesis has the options .*; got 'shape'"),
         ("thesis:size=4", "size must be odd, 1 to 1001"),
-        ("thesis:strategies=2", "strategies must be odd, at least 3"),
-        ("thesis:strategies=4", "strategies must be odd"),
         ("thesis:channels=red", "channels must be luminance or rgb"),
         ("thesis:reuse=maybe", "option reuse of rule thesis must be yes or no; got 'maybe'"),
     ],

@@ -28,7 +28,7 @@ def mirror_scene() -> dmis.Scene:
     ("rule", "same"),
     [
         ("thesis", "balance"),
-        ("thesis:patch=auto,reuse=yes,strategies=5", "balance"),
+        ("thesis:patch=auto,reuse=yes", "balance"),
         ("thesis:combiner=power,sampler=sobol", "pbrt:sampler=sobol"),
         ("second-moment", "balance"),
         ("second-moment:combiner=controlled", "balance"),

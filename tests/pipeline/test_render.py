@@ -222,7 +222,7 @@ def balanced(box):
         "thesis:patch=4",
         "thesis:patch=1,filter=none",
         "thesis:patch=8,reuse=yes",
-        "thesis:patch=4,strategies=5,spp=4,channels=rgb",
+        "thesis:patch=4,spp=4,channels=rgb",
         "thesis:patch=64,combiner=power",
     ],
 )
