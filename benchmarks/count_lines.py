@@ -4,7 +4,8 @@ How much code one render runs through
 
 Renders a small scene of direct lighting with one rule, and counts the files of `dmis` and the lines of those functions
 that it called. A line counts if it has code: docstrings, comments and blank lines do not. The last column counts
-docstrings, too. Files come in the order in which docs/code.md says to read them, the others after them.
+docstrings, too. Files come in the order in which docs/code.md says to read them, the others after them. The last line
+is the sentence of that page; ``--write`` puts it there.
 
 The scene has one lobe (Lambert) and one light (a quadrilateral). What is kept with it (its units, plan, triangle tables
 and Embree scene) is made before, unless `--first` is given.
@@ -104,12 +105,20 @@ def reading_path(page: Path = PAGE) -> list[str]:
     return re.findall(r"`([a-z_]+(?:/[a-z_]+)*\.py)`", steps)
 
 
+def write_sentence(sentence: str, page: Path = PAGE) -> None:
+    """Put the sentence between the marks of the page, see `main`."""
+    text = page.read_text("utf-8")
+    new = re.sub(r"(?<=<!-- lines: begin -->\n).*?(?=<!-- lines: end -->)", f"{sentence}\n", text, flags=re.S)
+    page.write_text(new, "utf-8")
+
+
 def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rule", default="thesis", help="rule with its options (default thesis)")
     parser.add_argument("--spp", type=int, default=16, help="camera samples per pixel (default 16)")
     parser.add_argument("--first", action="store_true", help="count what prepares the scene for its first render, too")
+    parser.add_argument("--write", action="store_true", help="put the last sentence into docs/code.md")
     arguments = parser.parse_args()
     scene = small_scene()
     if not arguments.first:  # plan, tables and Embree scene are kept with the scene
@@ -128,6 +137,13 @@ def main() -> None:
     print(f"{f'{len(lines)} files':38} {total:6} {described:16}")
     read, described = (sum(lines[name][k] for name in path if name in lines) for k in (0, 1))
     print(f"{f'{len(path)} on the reading path':38} {read:6} {described:16}")
+    sentence = (
+        f"Such a render calls some {round(total, -2):,} lines of code in {len(lines)} files, "
+        f"{round(read, -2):,} of them in the {len(path)} files above."
+    )
+    print(sentence)
+    if arguments.write:
+        write_sentence(sentence)
 
 
 if __name__ == "__main__":

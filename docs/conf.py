@@ -80,27 +80,23 @@ sphinx_gallery_conf = {
 # The table of contents ------------------------------------------------------------------------------------------------
 
 CONTENTS = {
-    "Begin": ["quickstart", "generated/tutorials/index", "syllabus", "checks", "rules", "settings", "faq", "glossary"],
+    "Begin": ["quickstart", "generated/tutorials/index", "syllabus", "checks", "rules", "faq", "glossary"],
     "Know": [
         "theory",
         "theory-extensions",
         "thesis",
         "estimator",
         "learned-rules",
-        "simplex",
         "sampling",
         "brdfs",
         "paths",
-        "plan",
         "conventions",
     ],
     "Use": ["cli", "scenes", "pbrt", "report", "reading-reports", "extending", "cluster"],
     "Measured": [
         "measurements",
         "generated/figures/index",
-        "scripts",
         "reproduction",
-        "patch-sizes",
         "why",
         "thesis-figures",
         "performance",

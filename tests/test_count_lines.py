@@ -63,7 +63,7 @@ def test_lines_of_a_function(tmp_path: Path) -> None:
 
 
 def test_reading_path_is_what_a_render_calls() -> None:
-    """Every file of the reading path of docs/code.md is called, in its order; the last sums are those of the column."""
+    """Every file of the reading path of docs/code.md is called, in its order; the page has the sentence of the sums."""
     done = subprocess.run(
         [sys.executable, SCRIPT],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -74,7 +74,10 @@ def test_reading_path_is_what_a_render_calls() -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     path = load().reading_path()
-    _, *rows, total, _ = (line.split() for line in done.stdout.splitlines())
+    *table, sentence = done.stdout.splitlines()
+    page = (ROOT / "docs" / "code.md").read_text("utf-8")
+    assert f"\n{sentence}\n" in page, "run python benchmarks/count_lines.py --write"
+    _, *rows, total, _ = (line.split() for line in table)
     assert len(path) > 10 and [row[0] for row in rows[: len(path)]] == path
     assert all(int(row[1]) > 0 and int(row[2]) >= int(row[1]) for row in rows)
     sums = [sum(int(row[k]) for row in rows) for k in (1, 2)]

@@ -7,7 +7,7 @@ After this tutorial you can
 * compute the chance that a pilot misses what matters;
 * say what a parabola gets wrong, and why this costs less than one would think;
 * estimate the variance at every share from the samples of one pilot;
-* explain why even points beat better shares, and when both pay.
+* explain why low-discrepancy points beat better shares, and when both pay.
 
 The rule of the thesis lost on two of its four scenes. Its idea is right: with exact
 variances the parabola would win. But two samples of a technique that fails do not say
@@ -188,8 +188,8 @@ for rule in rules[1:]:
 # already be 32/26 = 1.23. And patches of 8 by 8 pixels miss spikes. With patches of 16
 # by 16 it is 1.14 ± 0.05, and from 128 samples 0.95 ± 0.03.
 #
-# Why evenness beats weights
-# --------------------------
+# Why low-discrepancy points beat shares
+# --------------------------------------
 # All of this divided *independent* samples. Their error is V / n, and a better share
 # makes V smaller. Points that fill each other's gaps change the exponent. For what is
 # smooth the error may fall like :math:`n^{-2}`. It falls more slowly at edges: like
@@ -217,8 +217,8 @@ axis.set_ylabel("mean squared error")
 axis.legend()
 
 # %%
-# Shares still pay once the points are even. They then work on the part that is left:
-# edges and shadows. The page "Even points" says how such points are made, and the page
+# Shares still pay with such points. They then work on the part that is left: edges and
+# shadows. The page "Low-discrepancy points" says how the points are made, and the page
 # "How the learned rules work" what ``auto`` does.
 #
 # Exercises
