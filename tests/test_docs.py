@@ -310,7 +310,8 @@ def test_every_option_is_in_the_page_about_the_command_line():
 
     page = (ROOT / "docs" / "cli.md").read_text("utf-8")
     subparsers = next(x for x in make_parser()._actions if isinstance(x, argparse._SubParsersAction)).choices
-    options = {name for parser in subparsers.values() for action in parser._actions for name in action.option_strings}
+    actions = [action for parser in subparsers.values() for action in parser._actions]
+    options = {name for action in actions if action.help != argparse.SUPPRESS for name in action.option_strings}
     assert {"-o", "--rules", "--plugin"} < options
     names = [*subparsers, *(options - {"-h", "--help"})]
     assert [name for name in names if not re.search(rf"`{re.escape(name)}[` ]", page)] == []
