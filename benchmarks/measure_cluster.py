@@ -125,7 +125,6 @@ def merge_seconds(scene, tiles, file):
                 store.append(film_tile)
             film.merge_tile(film_tile)
         seconds = (time.perf_counter() - begin) / 100
-        store.close()
     return seconds
 
 

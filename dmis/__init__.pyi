@@ -54,6 +54,7 @@ from dmis.light.delta import PointLight as PointLight
 from dmis.light.delta import SpotLight as SpotLight
 from dmis.light.environment import EnvironmentLight as EnvironmentLight
 from dmis.light.mesh_light import MeshLight as MeshLight
+from dmis.pipeline.checkpoint import remove_checkpoint as remove_checkpoint
 from dmis.pipeline.executor import Processes as Processes
 from dmis.pipeline.render import render as render
 from dmis.pipeline.result import Result as Result

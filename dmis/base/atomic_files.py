@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -17,18 +18,27 @@ def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
     Raises
     ------
     OSError
-        If it cannot: the directory does not exist or is write-protected, the disk is full, or the path is that of
-        a directory.
+        If it cannot: the directory does not exist or is write-protected, the disk is full, the name is too long, or the
+        path is that of a directory.
+    ValueError
+        If the path is not UTF-8.
     """
     path = Path(path)
-    if path.is_dir():
-        raise IsADirectoryError(f"cannot write {path}: it is a directory")
+    try:
+        str(path.resolve()).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(f"cannot write {os.fsencode(path)!r}: its path must be UTF-8") from error
     folder = path.resolve().parent
     if not folder.is_dir():
         raise FileNotFoundError(f"cannot write {path}: its directory does not exist; create it first")
-    if path.exists() and not os.access(path, os.W_OK):
+    mode = 0
+    with suppress(FileNotFoundError):
+        mode = path.stat().st_mode  # an error if the name is too long
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(f"cannot write {path}: it is a directory")
+    if mode and not os.access(path, os.W_OK):
         raise PermissionError(f"cannot write {path}: it is write-protected")
-    if path.exists() and not path.is_file():
+    if mode and not stat.S_ISREG(mode):
         return  # a pipe or a device is written in place
     _check_folder_writable(folder, f"cannot write {path}")
     free = shutil.disk_usage(folder).free
@@ -78,6 +88,11 @@ def _mb(size: int) -> str:
     return f"{size / 1e6:.1f} MB"
 
 
+def partial_path(path: str | os.PathLike[str]) -> Path:
+    """Return a new short path beside `path`, where its content is written before it is moved there."""
+    return Path(path).resolve().with_name(f".{os.urandom(8).hex()}.partial")
+
+
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a path beside `path` to write to, and at the end replace `path` by it in one step.
@@ -88,11 +103,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     if path.exists() and not path.is_file():
         yield path
         return
-    path = path.resolve()  # a symbolic link stays, and its target is replaced
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    partial = partial_path(path)
     try:
         yield partial
-        os.replace(partial, path)
+        os.replace(partial, path.resolve())  # a symbolic link stays, and its target is replaced
     except BaseException:
         partial.unlink(missing_ok=True)
         raise

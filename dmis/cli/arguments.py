@@ -101,7 +101,7 @@ def _render(command: argparse.ArgumentParser) -> None:
     )
     _add_compensation(command, "0.9 with rules that learn from densities, such as auto, else 0")
     command.add_argument(
-        "--checkpoint", metavar="FILE", help="file for finished tiles; an interrupted render is resumed from it"
+        "--checkpoint", metavar="DIR", help="folder for finished tiles; an interrupted render is resumed from it"
     )
     command.add_argument(
         "--stats",

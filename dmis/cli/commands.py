@@ -40,6 +40,7 @@ from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.image import check_image, write_png
+from dmis.pipeline.checkpoint import remove_checkpoint
 from dmis.pipeline.executor import Processes
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress, reporting
@@ -197,12 +198,13 @@ def _render(options: argparse.Namespace) -> int:
         raise ValueError(f"-o must end in .exr (or .png for a preview); got {output}")
     if options.png is not None and Path(options.png).suffix.lower() != ".png":
         raise ValueError(f"--png must end in .png; got {options.png}")
-    files = [path for path in (output, options.png, options.stats, options.checkpoint) if path is not None]
+    files = [path for path in (output, options.png, options.stats) if path is not None]
     check_image(output)
     for path in files:
         check_writable(path)
-    names = [Path(path).resolve() for path in (*files, options.scene)]
-    if repeated := [path for path in files if names.count(Path(path).resolve()) > 1]:
+    given = [path for path in (*files, options.checkpoint, options.scene) if path is not None]
+    names = [Path(path).resolve() for path in given]
+    if repeated := [path for path in given if names.count(Path(path).resolve()) > 1]:
         raise ValueError(f"files to write must differ from each other and from the scene; got {repeated[0]} twice")
     threads = options.threads or options.workers or os.cpu_count() or 1
     scene = _load(options)
@@ -222,6 +224,8 @@ def _render(options: argparse.Namespace) -> int:
         embree_floor = embree_seconds(job.scene, tiles, threads)
         with replacing(options.stats) as partial:
             partial.write_text(json.dumps(_stats(result, embree_floor, peak_bytes, threads), indent=2) + "\n")
+    if options.checkpoint:
+        remove_checkpoint(options.checkpoint)
     if not options.quiet:
         seconds = result.seconds["total"]
         rate = _samples(result) / seconds / 1e6

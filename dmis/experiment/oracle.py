@@ -25,7 +25,7 @@ from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
-from dmis.experiment.reference import REFERENCE_SEED, cache_folder, render_half, settings_key
+from dmis.experiment.reference import REFERENCE_SEED, cache_folder, remove_halves, render_half, settings_key
 from dmis.fit.curve_minimum import PatchCurves, cost_weighted
 from dmis.fit.rule import Fit, Pilot
 from dmis.fit.second_moment import SecondMoment
@@ -270,6 +270,7 @@ def _render_halves(
     maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _PARTS}
     with replacing(path) as partial, open(partial, "wb") as archive:
         np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
+    remove_halves(path)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule
 from dmis.image import check_image, read_exr, write_exr
-from dmis.pipeline.checkpoint import UnusableCheckpoint
+from dmis.pipeline.checkpoint import UnusableCheckpoint, remove_checkpoint
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import MAX_SPP
@@ -109,7 +109,7 @@ def make_reference(
     Raises
     ------
     ValueError
-        If an argument is out of range, or another process is rendering the same reference.
+        If an argument is out of range.
     OSError
         If it cannot be written.
     """
@@ -133,6 +133,7 @@ def make_reference(
             for k in range(2)
         ]  # fmt: skip
         write_exr(path, {"first": halves[0], "second": halves[1]}, {"spp": str(spp)})
+        remove_halves(path)
     layers, _ = read_exr(path)
     return Reference(layers["first"], layers["second"], spp)
 
@@ -140,8 +141,8 @@ def make_reference(
 def render_half(path: Path, half: int, scene: Scene, rule: Rule | str, spp: int, **options: Any) -> Result:
     """Render one of two halves that a file of the cache is made of; an interrupted one is resumed.
 
-    Its checkpoint lies beside the file. One that another version of dmis has left there, or a damaged one, is
-    discarded: nothing else writes into the cache.
+    Its checkpoint lies beside the file, until `remove_halves` removes it. One that another version of dmis has left
+    there, or a damaged one, is discarded: nothing else writes into the cache.
 
     Parameters
     ----------
@@ -149,18 +150,23 @@ def render_half(path: Path, half: int, scene: Scene, rule: Rule | str, spp: int,
         File of the cache; 0 or 1.
     scene, rule, spp, options
         See `dmis.pipeline.render.render`.
-
-    Raises
-    ------
-    ValueError
-        If another process is rendering the same half.
     """
-    checkpoint = path.with_suffix(f".{half}.checkpoint")
+    checkpoint = _checkpoint(path, half)
     try:
         return render(scene, rule, spp, checkpoint=checkpoint, **options)
     except UnusableCheckpoint:
-        checkpoint.unlink(missing_ok=True)
+        remove_checkpoint(checkpoint)
         return render(scene, rule, spp, checkpoint=checkpoint, **options)
+
+
+def remove_halves(path: Path) -> None:
+    """Remove the checkpoints of both halves of a file of the cache, because it is written."""
+    for half in range(2):
+        remove_checkpoint(_checkpoint(path, half))
+
+
+def _checkpoint(path: Path, half: int) -> Path:
+    return path.with_suffix(f".{half}.tiles")
 
 
 def settings_key(settings: Settings | None) -> list[dict[str, Any]]:

@@ -1,29 +1,30 @@
-"""Checkpoints: the finished tiles of an image in a file, so that an interrupted render can be resumed.
+"""Checkpoints: the finished tiles of an image in a folder, so that an interrupted render can be resumed.
 
-The file is a log. Each tile is appended as it is finished, as an ``.npz`` archive (arrays and JSON, no pickles) with a
-checksum; then the number of complete bytes, at the head of the file, is raised. A process that is killed loses only the
-tiles that it had not finished: a record that was half appended is not counted, and the next one overwrites it.
+Each tile is a file of its own, an ``.npz`` archive (arrays and JSON, no pickles) that appears in one step. A process
+that is killed loses only the tiles that it had not finished. A tile file that cannot be read is rendered again. Several
+processes may share a checkpoint, because a tile has the same bits whichever process renders it.
 """
 
 from __future__ import annotations
 
-import fcntl
 import io
 import json
 import os
-import zlib
+import re
+import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
-from dmis.base.atomic_files import replacing
+from dmis.base.atomic_files import check_writable, partial_path, replacing
 from dmis.pipeline.film import FilmTile
 
-MAGIC = b"dmis checkpoint 3\n"
-_NUMBER = 8  # bytes of a length or checksum, little-endian
-_START = len(MAGIC) + _NUMBER
+KEY = "dmis-checkpoint-4.json"
+"""File of a checkpoint that says which image its tiles belong to; 4 is the version of the files."""
+_OUR_NAMES = re.compile(rf"{re.escape(KEY)}|\d+-\d+\.npz|\.[0-9a-f]+\.partial")
 
 
 class UnusableCheckpoint(ValueError):
@@ -31,142 +32,116 @@ class UnusableCheckpoint(ValueError):
 
 
 class Store:
-    """Appends the finished tiles of all passes to a file, and reads them back.
+    """Writes the finished tiles of all passes into a folder, and reads them back.
 
     Parameters
     ----------
     path
-        The checkpoint, which is made if it does not exist.
-    provenance
-        Everything that the tiles depend on, which must be that of the file.
+        The folder, which is made if it does not exist.
+    key
+        JSON data: everything that the tiles depend on, which must be the key of the checkpoint.
+    size
+        Bytes that the tiles may need on the disk.
 
     Raises
     ------
     UnusableCheckpoint
-        If the file is not a checkpoint, is damaged, or belongs to another image.
-    ValueError
-        If another process is using it.
+        If the path is no checkpoint, or a checkpoint of another version or another image.
+    OSError
+        If the folder cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike[str], provenance: Mapping[str, Any]) -> None:
-        self._places: dict[int, list[int]] = {}
-        self._path = Path(path)
-        if not self._path.exists():
-            key = _pack({"key": dict(provenance)}, {})
-            with replacing(self._path) as partial:
-                partial.write_bytes(MAGIC + (_START + len(key)).to_bytes(_NUMBER, "little") + key)
-        self._file: BinaryIO = open(self._path, "r+b", buffering=0)
-        try:
-            self._whole = self._read(json.loads(json.dumps(provenance)))
-        except BaseException:
-            self._file.close()
-            raise
-
-    def finished_tiles(self, pass_: int) -> Iterator[FilmTile]:
-        """Yield the tiles of a pass that the file had when it was opened."""
-        for place in self._places.get(pass_, []):
-            yield _tile_of(*self._unpack(place)[:2])
-
-    def append(self, tile: FilmTile) -> None:
-        """Append a tile to the file."""
-        record = _record(tile)
-        self._write(self._whole, record)
-        self._whole += len(record)
-        self._write(len(MAGIC), self._whole.to_bytes(_NUMBER, "little"))
-
-    def close(self) -> None:
-        """Close the file and keep it, so that the render can be resumed."""
-        self._file.close()
-
-    def remove(self) -> None:
-        """Delete the file, because the image is finished."""
-        self._path.unlink(missing_ok=True)
-        self._file.close()
-
-    def _write(self, place: int, data: bytes) -> None:
-        try:
-            while data:  # an unbuffered file may take a part
-                written = os.pwrite(self._file.fileno(), data, place)
-                place, data = place + written, data[written:]
-        except OSError as error:
-            raise type(error)(f"cannot write checkpoint {self._path}: {error.strerror}") from error
-
-    def _read(self, provenance: Mapping[str, Any]) -> int:
-        """Check the whole file, note where its tiles are, and return the number of complete bytes."""
-        try:
-            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ValueError(f"checkpoint {self._path} is in use by another process ({error.strerror})") from error
-        head, size = self._file.read(_START), os.fstat(self._file.fileno()).st_size
-        name = MAGIC.rpartition(b" ")[0]
-        if not head.startswith(name):
+    def __init__(self, path: str | os.PathLike[str], key: Mapping[str, Any], size: int = 0) -> None:
+        self._folder, self._key = Path(path).resolve(), json.loads(json.dumps(key))
+        check_writable(self._folder / KEY if self._folder.is_dir() else self._folder, size)
+        self._create()
+        if differences := _differences(self._stored_key(), self._key):
             raise UnusableCheckpoint(
-                f"checkpoint {self._path} is not readable as one: it does not begin with {name.decode()}"
-            )
-        if not head.startswith(MAGIC):
-            raise UnusableCheckpoint(
-                f"checkpoint {self._path} is of another version: {head.splitlines()[0]!r}, and not {MAGIC[:-1]!r}"
-            )
-        whole = int.from_bytes(head[len(MAGIC) :], "little")
-        if size < whole or len(head) < _START:
-            raise UnusableCheckpoint(
-                f"checkpoint {self._path} is truncated: it has {size} bytes of {whole}; remove it to begin again"
-            )
-        about, _, place = self._unpack(_START)
-        if differences := _differences(about.get("key", {}), provenance):
-            raise UnusableCheckpoint(
-                f"checkpoint {self._path} belongs to a different image; remove it, or use the same arguments: "
+                f"checkpoint {self._folder} belongs to a different image; remove it, or use the same arguments: "
                 + "; ".join(differences)
             )
-        while place < whole:
-            begin = place
-            about, _, place = self._unpack(place)
-            self._places.setdefault(about["pass"], []).append(begin)
-        if place != whole:
-            raise UnusableCheckpoint(
-                f"checkpoint {self._path} is damaged: a record ends at byte {place}, not at {whole}"
-            )
-        return whole
 
-    def _unpack(self, place: int) -> tuple[dict[str, Any], dict[str, np.ndarray], int]:
-        """Return the JSON and the arrays of the record at byte `place`, and the place of the next record."""
+    def finished_tiles(self, pass_: int) -> Iterator[FilmTile]:
+        """Yield the tiles of a pass that are in the folder, but for damaged ones."""
+        for path in sorted(self._folder.glob(f"{pass_}-*.npz")):
+            if (tile := _read_tile(path)) is not None:
+                yield tile
+
+    def append(self, tile: FilmTile) -> None:
+        """Write a tile into the folder."""
+        about = {"pass": tile.pass_, "number": tile.number, "rows": tile.rows, "columns": tile.columns}
+        about_text = np.array(json.dumps({**about, "rays": dict(tile.rays), "sums": list(tile.sums)}))
+        archive = io.BytesIO()
+        np.savez(archive, about=about_text, mean=tile.mean, root=tile.root, **tile.sums)  # type: ignore[arg-type]
+        name = f"{tile.pass_}-{tile.number}.npz"
         try:
-            self._file.seek(place)
-            length, checksum = (int.from_bytes(self._file.read(_NUMBER), "little") for _ in range(2))
-            if length > os.fstat(self._file.fileno()).st_size - self._file.tell():
-                raise ValueError(f"a length of {length} bytes")
-            data = self._file.read(length)
-            if zlib.crc32(data) != checksum:
-                raise ValueError("the checksum is wrong")
-            with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-                arrays = dict(archive)
-            return json.loads(str(arrays.pop("about"))), arrays, self._file.tell()
-        except Exception as error:
+            try:
+                self._write(name, archive)
+            except FileNotFoundError:  # another process has finished this image, and removed the folder
+                self._create()
+                self._write(name, archive)
+        except OSError as error:
+            raise type(error)(f"cannot write checkpoint {self._folder}: {error.strerror}") from error
+
+    def _write(self, name: str, archive: io.BytesIO) -> None:
+        with replacing(self._folder / name) as partial:
+            partial.write_bytes(archive.getbuffer())
+
+    def _create(self) -> None:
+        """Make the folder with its key in one step, unless there is something at its path."""
+        partial = partial_path(self._folder)
+        try:
+            partial.mkdir()
+            (partial / KEY).write_text(json.dumps(self._key), "utf-8")
+            with suppress(OSError):  # a file, or a folder that is not empty: `_stored_key` looks into it
+                partial.rename(self._folder)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+    def _stored_key(self) -> dict[str, Any]:
+        """Return the key of the checkpoint at the path."""
+        try:
+            return dict(json.loads((self._folder / KEY).read_text("utf-8")))
+        except (OSError, ValueError, TypeError) as error:
             raise UnusableCheckpoint(
-                f"checkpoint {self._path} is damaged at byte {place}: {error}; remove it to begin again"
+                f"{self._folder} is not a checkpoint of this version of dmis, which is a folder with the file {KEY}, "
+                f"or is damaged ({error}). Remove it to begin again, or name a path where there is nothing yet"
             ) from error
 
 
-def _record(tile: FilmTile) -> bytes:
-    """Return the record of a tile."""
-    about = {"pass": tile.pass_, "number": tile.number, "rows": tile.rows, "columns": tile.columns}
-    return _pack({**about, "rays": dict(tile.rays)}, {"mean": tile.mean, "root": tile.root, **tile.sums})
+def remove_checkpoint(path: str | os.PathLike[str]) -> None:
+    """Delete a checkpoint, because its image is written; do nothing if there is none.
+
+    Raises
+    ------
+    ValueError
+        If there is something else at the path, or the folder has other files in it: everything is left as it is.
+    OSError
+        If it cannot be deleted.
+    """
+    folder, removed = Path(path).resolve(), partial_path(path)
+    with suppress(FileNotFoundError):  # another process that shared it has removed it
+        names = [] if folder.is_file() else os.listdir(folder)
+        if KEY not in names or not all(map(_OUR_NAMES.fullmatch, names)):
+            raise ValueError(f"{folder} is not removed: it is not a checkpoint, or has other files in it; remove it")
+        folder.rename(removed)  # in one step: a process that shares it makes a new one
+        shutil.rmtree(removed, ignore_errors=True)
 
 
-def _tile_of(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> FilmTile:
-    """Return the tile of which `_record` made a record."""
-    sums = dict(arrays)
-    mean, root = sums.pop("mean"), sums.pop("root")
-    rows, columns = tuple(about["rows"]), tuple(about["columns"])
-    return FilmTile(about["pass"], about["number"], rows, columns, mean, root, about["rays"], sums)
-
-
-def _pack(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Return a record: its length, its checksum and an ``.npz`` archive of the JSON and the arrays."""
-    file = io.BytesIO()
-    np.savez(file, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
-    data = file.getvalue()
-    return b"".join(number.to_bytes(_NUMBER, "little") for number in (len(data), zlib.crc32(data))) + data
+def _read_tile(path: Path) -> FilmTile | None:
+    """Return the tile of a file; None if it is damaged."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            if archive.zip.testzip() is not None:  # a checksum is wrong
+                return None
+            arrays = dict(archive)
+        about = json.loads(str(arrays["about"]))
+        area = tuple(about["rows"]), tuple(about["columns"])
+        mean, root = arrays["mean"], arrays["root"]
+        sums = {name: arrays[name] for name in about["sums"]}
+        return FilmTile(about["pass"], about["number"], *area, mean, root, about["rays"], sums)
+    except Exception:  # of zipfile, zlib, json or NumPy, as the damage has it
+        return None
 
 
 def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.atomic_files import check_writable
 from dmis.base.malloc import release
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
@@ -37,7 +36,7 @@ _CHECKPOINT_BYTES = 24  # of a pixel in a pass, statistics not counted
 
 
 class Passes:
-    """Renders the passes of a job; a context manager that closes the executor, and the checkpoint after an error.
+    """Renders the passes of a job; a context manager that closes the executor.
 
     Parameters
     ----------
@@ -76,8 +75,7 @@ class Passes:
         self._store: Store | None = None
         if checkpoint is not None:
             passes = (len(job.rule.pilot) + 1) * job.settings.replicates
-            check_writable(checkpoint, _CHECKPOINT_BYTES * self._pixels * passes)
-            self._store = Store(checkpoint, job.key)
+            self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
         self._workers = Workers(job.scene, parallel)
 
     def __enter__(self) -> Passes:
@@ -86,8 +84,6 @@ class Passes:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None and self._store is not None:
-            self._store.close()
         self._workers.close(now=kind is not None)
 
     def pilot(self) -> tuple[dict[Any, Pilot], list[Film]]:
@@ -186,11 +182,6 @@ class Passes:
         techniques = tuple(settings.techniques)
         of_pass = moments, dict(film.rays), film.sums, settings.shading_samples
         return Pilot(*of_pass, techniques=techniques, budget=self._job.spp)
-
-    def finish(self) -> None:
-        """Remove the checkpoint, once the image is made."""
-        if self._store:
-            self._store.remove()
 
 
 def _pool_replicates(pilots: Sequence[Pilot]) -> Pilot:

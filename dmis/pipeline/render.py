@@ -62,13 +62,14 @@ def render(
         True for a bar (extra ``progress``), a widget in a notebook; or a function that is called in this thread after
         each tile, see `dmis.pipeline.progress.Progress`.
     checkpoint
-        File that every finished tile is saved to; a render resumes from it if it exists. It is removed at the end.
+        Folder that every finished tile is saved to; a render resumes from it if it exists. It is left there, because
+        the image is not written yet: `dmis.remove_checkpoint` removes it. Several processes may share it.
 
     Raises
     ------
     ValueError
         If an argument is out of range, settings and rule disagree, a rule's weights are none, a pixel is infinite or
-        NaN, or the checkpoint is damaged, in use, or of a different image.
+        NaN, or the checkpoint is damaged or of a different image.
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
@@ -103,7 +104,6 @@ def render_job(
         times.append(time.perf_counter())
     # weights are the budgets: those of adaptive samples depend on the pilot, and would bias the mean
     image, deviation = _average([(final, job.final_spp), *films], job.gain)
-    passes.finish()
     return _result(job, final_pass, (image, deviation), times, (passes.rays, pilot_rays))
 
 

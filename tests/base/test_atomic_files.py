@@ -7,6 +7,7 @@ import pytest
 
 import dmis
 from dmis.base.atomic_files import check_writable, replacing
+from dmis.image import check_image
 
 
 def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path):
@@ -57,6 +58,20 @@ def test_images_are_replaced_whole(box, tmp_path, name):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_bytes() == before and os.listdir(tmp_path) == [name]
+
+
+def test_long_names_are_written_and_impossible_ones_refused_first(box, tmp_path):
+    """As long as the disk allows; one byte more, and bytes that are not UTF-8, are refused before anything is made."""
+    result = dmis.render(box, "balance", 2)
+    for end in (".exr", ".png"):
+        longest = tmp_path / ("x" * (255 - len(end)) + end)
+        check_image(longest)
+        dmis.write_image(longest, result)
+        with pytest.raises(OSError, match="too long"):
+            check_image(tmp_path / f"x{longest.name}")
+        with pytest.raises(ValueError, match=r"cannot write b'.*a\\xff\.\w+': its path must be UTF-8"):
+            check_image(tmp_path / os.fsdecode(b"a\xff" + end.encode()))
+    assert len(os.listdir(tmp_path)) == 2
 
 
 def test_room_is_compared_with_what_is_free(tmp_path):

@@ -270,14 +270,14 @@ def test_interrupt_keeps_the_checkpoint(scene, tmp_path):
     """Ctrl-C ends with 130 and prints the command that resumes, which gives the pixels of an undisturbed render."""
     paths = {name: str(tmp_path / name) for name in ("a.exr", "b.exr", "c")}
     options = ["--spp", "128", "--rule", "balance", "--resolution", "192x144", "--quiet", "--threads", "1"]
-    some = 100_000  # bytes: two of thirty tiles, so that half a second of work is left when the signal comes
+    some = 3  # files: two of thirty tiles, so that half a second of work is left when the signal comes
     command = ["render", scene, "-o", paths["a.exr"], *options, "--checkpoint", paths["c"]]
     # what runs in the background of a shell begins with Ctrl-C ignored, these tests perhaps among it
     heed = """import runpy, signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 runpy.run_module("dmis", run_name="__main__", alter_sys=True)"""
     with subprocess.Popen([sys.executable, "-c", heed, *command], stderr=subprocess.PIPE, text=True) as process:
-        while process.poll() is None and not (os.path.exists(paths["c"]) and os.path.getsize(paths["c"]) > some):
+        while process.poll() is None and not (os.path.exists(paths["c"]) and len(os.listdir(paths["c"])) > some):
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
         error = process.communicate(timeout=300)[1]
@@ -291,12 +291,29 @@ runpy.run_module("dmis", run_name="__main__", alter_sys=True)"""
     np.testing.assert_array_equal(*(read_exr(paths[name])[0]["RGB"] for name in ("a.exr", "b.exr")))
 
 
+@pytest.mark.parametrize("writer", ["dmis.pipeline.result.write_exr", "dmis.cli.commands.write_png"])
+def test_checkpoint_is_removed_after_the_image_is_written(scene, tmp_path, monkeypatch, writer):
+    """If writing fails, the finished tiles are kept, and the same command renders none of them again."""
+    names = [str(tmp_path / name) for name in ("a.exr", "a.png", "c")]
+    command = ["render", scene, "--spp", "4", "--quiet", "-o", names[0], "--png", names[1], "--checkpoint", names[2]]
+
+    def full(*_):
+        raise OSError("No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(writer, full)
+        assert main(command) == 2 and os.path.exists(names[2])
+    monkeypatch.setattr("dmis.pipeline.executor.render_tile", lambda *_: pytest.fail("rendered again"))
+    assert main(command) == 0
+    assert sorted(os.listdir(tmp_path)) == ["a.exr", "a.png", "scene.pbrt"]
+
+
 @pytest.mark.parametrize("option", ["-o", "--png", "--stats", "--checkpoint"])
 @pytest.mark.parametrize(
     ("trouble", "message"),
     [
         ("full", r"may need .* MB, and .* has 0.0 MB left"),
-        ("folder", "is a directory"),
+        ("folder", "is a directory|is not a checkpoint of this version"),
         ("missing", "its directory does not exist"),
         ("forbidden", "cannot write /proc/"),
     ],
@@ -305,7 +322,7 @@ def test_what_cannot_be_written_is_refused_first(scene, tmp_path, monkeypatch, c
     """A full disk, a missing folder and a missing permission are refused before the first ray, for every file."""
     monkeypatch.setattr("dmis.pipeline.executor.Workers.render", lambda *_: pytest.fail("it has begun"))
     for kind in ("exr", "png"):
-        (tmp_path / f"folder.{kind}").mkdir()
+        (tmp_path / f"folder.{kind}" / "mine").mkdir(parents=True)
     kind = "png" if option == "--png" else "exr"
     name = {"full": "x", "folder": "folder", "missing": "no/x", "forbidden": "/proc/x"}[trouble] + f".{kind}"
     if trouble == "full":

@@ -8,7 +8,7 @@ import pytest
 import dmis
 from dmis.experiment import reference
 from dmis.experiment.oracle import make_oracle
-from dmis.pipeline.checkpoint import Store
+from dmis.pipeline.checkpoint import KEY, Store
 from dmis.testing.scenes import box_scene
 
 
@@ -120,35 +120,19 @@ def test_an_interrupted_reference(box, tmp_path, monkeypatch, stale):
             patch.setattr("dmis.pipeline.job.package_hash", lambda: "another")
         with pytest.raises(Interrupted):
             dmis.make_reference(large, 32, folder=tmp_path, parallel=1, progress=interrupt)
-    checkpoint = next(tmp_path.glob("*.0.checkpoint"))
+    checkpoint = next(tmp_path.glob("*.0.tiles"))
     if stale == "damaged":
-        checkpoint.write_bytes(checkpoint.read_bytes()[:-7])
+        (checkpoint / KEY).write_bytes((checkpoint / KEY).read_bytes()[:-7])
     tiles = []
     monkeypatch.setattr(Store, "append", lambda self, tile, append=Store.append: tiles.append(append(self, tile)))
     again = dmis.make_reference(large, 32, folder=tmp_path)
     of_one = len(tiles)
     np.testing.assert_array_equal(again.first, whole.first)
     np.testing.assert_array_equal(again.second, whole.second)
-    assert not list(tmp_path.glob("*.checkpoint"))
+    assert not list(tmp_path.glob("*.tiles"))
     tiles.clear()
     dmis.make_reference(large, 32, folder=tmp_path / "third")
     assert (of_one < len(tiles)) == (stale == "resumed")
-
-
-def test_a_half_in_use_by_another_process(box, tmp_path, monkeypatch):
-    """An error, and the file of the other process stays."""
-    with pytest.raises(Interrupted):
-        dmis.make_reference(box, 32, folder=tmp_path, parallel=1, progress=interrupt)
-    checkpoint = next(tmp_path.glob("*.0.checkpoint"))
-    before = checkpoint.read_bytes()
-
-    def locked(*_: object) -> None:
-        raise OSError("locked")
-
-    monkeypatch.setattr("dmis.pipeline.checkpoint.fcntl.lockf", locked)
-    with pytest.raises(ValueError, match="is in use by another process"):
-        dmis.make_reference(box, 32, folder=tmp_path)
-    assert checkpoint.read_bytes() == before
 
 
 def test_a_stale_checkpoint_of_an_oracle_is_discarded(box, tmp_path, monkeypatch):
@@ -157,9 +141,9 @@ def test_a_stale_checkpoint_of_an_oracle_is_discarded(box, tmp_path, monkeypatch
         patch.setattr("dmis.pipeline.job.package_hash", lambda: "another")
         with pytest.raises(Interrupted):
             make_oracle(box, 16, folder=tmp_path, parallel=1, progress=interrupt)
-    assert list(tmp_path.glob("*.0.checkpoint"))
+    assert list(tmp_path.glob("*.0.tiles"))
     assert make_oracle(box, 16, folder=tmp_path).spp == 16
-    assert not list(tmp_path.glob("*.checkpoint"))
+    assert not list(tmp_path.glob("*.tiles"))
 
 
 def test_standard_error_is_said():

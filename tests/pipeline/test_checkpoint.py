@@ -1,5 +1,6 @@
-"""Interrupted work: nothing finished is lost, nothing is done twice, and no wrong file is taken for a checkpoint."""
+"""Interrupted work: nothing finished is lost, nothing is done twice, and no wrong folder is taken for a checkpoint."""
 
+import os
 import random
 import signal
 import subprocess
@@ -25,17 +26,20 @@ import numpy as np
 import dmis
 from dmis.pipeline.checkpoint import Store
 
-append = Store.append
+append, written = Store.append, []
 def append_and_print(store, tile):
+    if len(written) == int(sys.argv[4]):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
     append(store, tile)
+    written.append(tile)
     print(tile.pass_, tile.number, flush=True)
 
 Store.append = append_and_print
-if len(sys.argv) > 4:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[4]),) * 2)
 scene = dmis.load_scene("teapot-area-light", resolution=(int(sys.argv[3]),) * 2)
+sys.stdin.readline()
 result = dmis.render(scene, "thesis", 40, seed=3, parallel=2, checkpoint=sys.argv[1])
 np.savez(sys.argv[2], image=result.image, variance=result.variance, rays=json.dumps(result.rays))
+dmis.remove_checkpoint(sys.argv[1])
 """
 
 
@@ -98,7 +102,9 @@ def test_only_the_missing_tiles_are_traced(wide, tmp_path):
     assert before - stored < one_tile
     assert np.array_equal(whole.image, resumed.image) and np.array_equal(whole.variance, resumed.variance)
     assert whole.rays == resumed.rays
-    assert not file.exists()
+    assert np.array_equal(whole.image, dmis.render(wide, checkpoint=file, progress=pytest.fail, **OPTIONS).image)
+    dmis.remove_checkpoint(file)
+    assert not os.listdir(tmp_path)
 
 
 @pytest.mark.parametrize("after", [1, 7])
@@ -114,8 +120,8 @@ def test_rules_of_two_rounds_resume(wide, tmp_path, rule, after):
     assert whole.rays == resumed.rays
 
 
-class Least:
-    """A plain class as a rule, without a ``__repr__`` of its own."""
+class Least(dmis.Rule):
+    """A rule without a ``__repr__`` of its own."""
 
     pilot = {0.5: 2}  # noqa: RUF012
 
@@ -126,22 +132,28 @@ class Least:
         return dmis.Fit(weight=self.least)
 
 
-def test_equal_objects_of_a_plain_class_resume(wide, tmp_path):
+def test_equal_rules_resume(wide, tmp_path):
     """The text of a rule has no memory address: another object with the same fields resumes, as a new process would."""
     first, second = Least(0.2), Least(0.2)
     file = interrupt(wide, tmp_path / "c", rule=first)
     resumed = dmis.render(wide, checkpoint=file, **{**OPTIONS, "rule": second})
     assert np.array_equal(resumed.image, dmis.render(wide, **{**OPTIONS, "rule": first}).image)
     assert resumed.provenance["rule"] == "Least(least=0.2)"
-    file = interrupt(wide, tmp_path / "c", rule=first)
     with pytest.raises(ValueError, match=r"Least\(least=0.2\) in the checkpoint and Least\(least=0.3\) in this render"):
         dmis.render(wide, checkpoint=file, **{**OPTIONS, "rule": Least(0.3)})
 
 
-def start(*arguments):
-    """A render in a process of its own, which says when a tile is finished."""
-    command = [sys.executable, "-c", CHILD, *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def start(checkpoint, result, size, room=10**6):
+    """A render in a process of its own, which says when a tile is finished; the disk has room for so many tiles."""
+    command = [sys.executable, "-c", CHILD, *map(str, (checkpoint, result, size, room))]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, text=True, **pipes)
+
+
+def same(one, other):
+    """Whether two files of arrays have the same bits."""
+    with np.load(one) as a, np.load(other) as b:
+        return all(np.array_equal(a[name], b[name]) for name in a)
 
 
 @pytest.mark.parametrize(
@@ -154,6 +166,8 @@ def test_kills_lose_nothing(tmp_path, kills, size):
     finished = []
     for _ in range(kills):
         with start(file, out, size) as process:
+            process.stdin.write("\n")
+            process.stdin.flush()
             finished += [process.stdout.readline() for _ in range(rng.randint(1, 4))]
             time.sleep(rng.uniform(0, 0.05))
             process.kill()
@@ -161,39 +175,58 @@ def test_kills_lose_nothing(tmp_path, kills, size):
         assert process.returncode == -signal.SIGKILL
     for arguments in ((file, out), (tmp_path / "unused", other)):
         with start(*arguments, size) as process:
-            rest, error = process.communicate(timeout=300)
+            rest, error = process.communicate("\n", timeout=300)
         assert process.returncode == 0, error
         if arguments[0] == file:
             finished += rest.splitlines(keepends=True)
     assert len(set(finished)) == len(finished)
     tiles = 3 * (size // 128 + (size % 128 > 0)) ** 2 + (size // 32) ** 2
     assert tiles - kills <= len(finished) <= tiles  # killed between writing a tile and saying so
-    with np.load(out) as one, np.load(other) as two:
-        for name in one:
-            np.testing.assert_array_equal(one[name], two[name])
-    assert not file.exists()
+    assert same(out, other) and not file.exists()
 
 
 def test_a_disk_that_fills_up(tmp_path):
     """An error that says so; what is written is good, and there is a way on."""
     file, out = tmp_path / "c", tmp_path / "a.npz"
-    with start(file, out, 160, 1_500_000) as process:
-        said, error = process.communicate(timeout=300)
+    with start(file, out, 160, 7) as process:
+        said, error = process.communicate("\n", timeout=300)
     assert process.returncode == 1 and f"cannot write checkpoint {file}: File too large" in error.splitlines()[-1]
     with start(file, out, 160) as process:
-        rest, error = process.communicate(timeout=300)
+        rest, error = process.communicate("\n", timeout=300)
     assert process.returncode == 0, error
-    assert said and rest and not set(said.splitlines()) & set(rest.splitlines())
+    assert len(said.splitlines()) == 7 and rest and not set(said.splitlines()) & set(rest.splitlines())
 
 
-def test_a_file_in_use_is_refused(tmp_path):
-    """Two renders do not write to one file."""
-    file = tmp_path / "c"
-    with start(file, tmp_path / "a.npz", 512) as process:
-        process.stdout.readline()
-        with pytest.raises(ValueError, match="is in use by another process"):
-            dmis.render(dmis.load_scene("teapot-area-light", (8, 8)), "balance", 2, checkpoint=file)
-        process.kill()
+def test_two_processes_share_a_checkpoint(tmp_path):
+    """They start at the same moment; each ends with the image of one go, though the first removes the checkpoint."""
+    files = [tmp_path / name for name in ("a.npz", "b.npz", "c.npz")]
+    both = [start(tmp_path / "c", file, 160) for file in files[:2]]
+    time.sleep(1)  # until both have imported
+    for process in both:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    for process in both:
+        with process:
+            _, error = process.communicate(timeout=300)
+        assert process.returncode == 0, error
+    with start(tmp_path / "unused", files[2], 160) as process:
+        process.communicate("\n", timeout=300)
+    assert same(files[0], files[2]) and same(files[1], files[2])
+    assert sorted(os.listdir(tmp_path)) == ["a.npz", "b.npz", "c.npz"]
+
+
+def test_a_checkpoint_that_another_process_removed(wide, tmp_path):
+    """The tiles from then on are in a new one."""
+    file, left = tmp_path / "c", []
+
+    def remove(*_):
+        left.append(len(list(file.iterdir())))
+        if len(left) == 5:
+            dmis.remove_checkpoint(file)
+
+    whole = dmis.render(wide, **OPTIONS)
+    assert np.array_equal(dmis.render(wide, checkpoint=file, progress=remove, **OPTIONS).image, whole.image)
+    assert left[:6] == [2, 3, 4, 5, 6, 2]
 
 
 @pytest.mark.parametrize(
@@ -206,12 +239,12 @@ def test_a_file_in_use_is_refused(tmp_path):
     ],
 )
 def test_a_checkpoint_of_another_image_is_refused(wide, tmp_path, changes, difference):
-    """The difference is named, no other is, and the file is left alone."""
+    """The difference is named, no other is, and the folder is left alone."""
     file = interrupt(wide, tmp_path / "c", 1)
-    before = file.read_bytes()
+    before = {path: path.read_bytes() for path in file.iterdir()}
     with pytest.raises(ValueError, match=f"belongs to a different image; .*: {difference}$"):
         dmis.render(wide, checkpoint=file, **{**OPTIONS, **changes})
-    assert file.read_bytes() == before
+    assert {path: path.read_bytes() for path in file.iterdir()} == before
 
 
 def test_a_checkpoint_of_another_scene_or_version_is_refused(wide, tmp_path, monkeypatch):
@@ -223,42 +256,72 @@ def test_a_checkpoint_of_another_scene_or_version_is_refused(wide, tmp_path, mon
     monkeypatch.setattr(sys.modules["dmis.pipeline.job"], "__version__", "9.9")
     with pytest.raises(ValueError, match=r": dmis is 0\.1\S+ in the checkpoint and 9\.9 in this render$"):
         dmis.render(wide, checkpoint=file, **OPTIONS)
-    file.write_bytes(file.read_bytes().replace(b"checkpoint 3", b"checkpoint 2"))
-    with pytest.raises(ValueError, match="is of another version: b'dmis checkpoint 2'"):
-        dmis.render(wide, checkpoint=file, **OPTIONS)
 
 
-def test_damage_is_found(tmp_path):
-    """Wherever the file ends and whatever byte is changed: an error that names it."""
-    file, key = tmp_path / "c", {"seed": 1}
-    rng, settings = np.random.default_rng(1), dmis.Settings()
-    store = checkpoint.Store(file, key)
-    for k in range(3):
-        columns = 4 * k, 4 * k + 4
-        tile = Tile(1, 0, k, (0, 4), columns, 2, pixel_shares(0.5), settings)
-        moments = Moments(2, rng.random((4, 4, 3)), rng.random((4, 4, 3)))
-        store.append(FilmTile.of(tile, Rendered(k, moments, Counter(camera=k), {"sums": rng.random((2, 1, 1))})))
-    store.close()
-    good = file.read_bytes()
+@pytest.mark.parametrize("content", ["file", "old", "folder", "key"])
+def test_what_is_no_checkpoint_is_refused_and_left_alone(box, tmp_path, content):
+    """A file, a log of an earlier version, a folder of other files, and a checkpoint whose key is damaged."""
+    path = tmp_path / "c"
+    if content in ("file", "old"):
+        path.write_bytes(b"dmis checkpoint 3\n" if content == "old" else b"mine")
+    else:
+        path.mkdir()
+        (path / (checkpoint.KEY if content == "key" else "mine.npz")).write_bytes(b"mine")
+    with pytest.raises(ValueError, match=f"{path} is not a checkpoint of this version of dmis, .*Remove it"):
+        dmis.render(box, "balance", 4, checkpoint=path, progress=pytest.fail)
+    if content != "key":
+        with pytest.raises(ValueError, match="is not removed: it is not a checkpoint"):
+            dmis.remove_checkpoint(path)
+    (file,) = path.iterdir() if path.is_dir() else [path]
+    assert file.read_bytes().startswith((b"mine", b"dmis")) and os.listdir(tmp_path) == ["c"]
+
+
+def test_files_of_others_in_a_checkpoint_are_not_removed(box, tmp_path):
+    """The folder is left as it is; a checkpoint that is not there is no error."""
+    dmis.render(box, "balance", 4, checkpoint=tmp_path / "c", parallel=1)
+    (tmp_path / "c" / "mine").touch()
+    before = sorted((tmp_path / "c").iterdir())
+    with pytest.raises(ValueError, match="has other files in it"):
+        dmis.remove_checkpoint(tmp_path / "c")
+    assert sorted((tmp_path / "c").iterdir()) == before
+    dmis.remove_checkpoint(tmp_path / "absent")
+
+
+def stored(path):
+    """A checkpoint with one tile of 4x4 pixels, and the tile's file."""
+    rng, moments = np.random.default_rng(1), np.random.default_rng(2).random((2, 4, 4, 3))
+    tile = Tile(1, 0, 5, (0, 4), (4, 8), 2, pixel_shares(0.5), dmis.Settings())
+    store = checkpoint.Store(path, {"seed": 1})
+    rendered = Rendered(5, Moments(2, *moments), Counter(camera=5), {"sums": rng.random((2, 1, 1))})
+    store.append(FilmTile.of(tile, rendered))
+    return store, path / "0-5.npz"
+
+
+def test_damaged_tiles_are_rendered_again(tmp_path):
+    """Wherever the file ends and whatever byte is changed, it is either the tile or none."""
+    store, file = stored(tmp_path / "c")
+    (whole,), good = store.finished_tiles(0), file.read_bytes()
     for place in range(0, len(good), 7):
         file.write_bytes(good[:place])
-        with pytest.raises(ValueError, match=f"checkpoint {file} is (not readable|truncated|of another)"):
-            checkpoint.Store(file, key)
+        assert not list(store.finished_tiles(0))
+    number = 0
     for place in range(0, len(good), 3):
         file.write_bytes(good[:place] + bytes([good[place] ^ 0x55]) + good[place + 1 :])
-        with pytest.raises(ValueError, match=f"checkpoint {file} is"):
-            checkpoint.Store(file, key)
+        for tile in store.finished_tiles(0):
+            number += 1
+            assert (tile.number, tile.rows, tile.columns, tile.rays) == (5, (0, 4), (4, 8), {"camera": 5})
+            np.testing.assert_array_equal(tile.mean, whole.mean)
+            np.testing.assert_array_equal(tile.root, whole.root)
+            np.testing.assert_array_equal(tile.sums["sums"], whole.sums["sums"])
+    assert number < len(good) / 15  # times and places that nothing depends on
 
 
 def test_no_pickles(tmp_path):
-    """A record with a Python object in it is refused, and not run."""
-    key = {"seed": 1}
-    file = tmp_path / "c"
-    evil = checkpoint._pack({"key": key}, {"x": np.array([_Evil()], dtype=object)})
-    file.write_bytes(checkpoint.MAGIC + (checkpoint._START + len(evil)).to_bytes(8, "little") + evil)
-    with pytest.raises(ValueError, match="damaged at byte 26: Object arrays cannot be loaded"):
-        checkpoint.Store(file, key)
-    assert not _Evil.ran
+    """A Python object in a tile's file is not run; the tile is rendered again."""
+    store, file = stored(tmp_path / "c")
+    with np.load(file) as archive:
+        np.savez(file, **{**archive, "mean": np.array([_Evil()], dtype=object)})
+    assert not list(store.finished_tiles(0)) and not _Evil.ran
 
 
 class _Evil:

@@ -54,7 +54,6 @@ def test_tiles_of_a_checkpoint_are_those_that_were_appended(rendered, tmp_path):
     store = Store(tmp_path / "c", {"seed": 1})
     for tile in tiles:
         store.append(tile)
-    store.close()
     store = Store(tmp_path / "c", {"seed": 1})
     assert not list(store.finished_tiles(2))
     for tile, read in zip(tiles, store.finished_tiles(3), strict=True):
@@ -63,4 +62,3 @@ def test_tiles_of_a_checkpoint_are_those_that_were_appended(rendered, tmp_path):
         for name in ("mean", "root"):
             np.testing.assert_array_equal(getattr(read, name), getattr(tile, name))
         np.testing.assert_array_equal(read.sums["curve"], tile.sums["curve"])
-    store.close()
