@@ -41,7 +41,7 @@ def release(pixels: int) -> None:
 
 
 def peak() -> int:
-    """Return the peak resident memory of this process, in bytes (POSIX).
+    """Return the peak resident memory of this process, in bytes; 0 where the system does not tell, as on Windows.
 
     In Linux it is read from ``/proc``, because `resource.getrusage` includes the peak of the parent process.
     """
@@ -49,7 +49,9 @@ def peak() -> int:
     if status.exists():
         (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
         return 1024 * int(line.split()[1])
-    import resource
-
+    try:
+        import resource
+    except ImportError:
+        return 0
     peak_memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak_memory if sys.platform == "darwin" else 1024 * peak_memory

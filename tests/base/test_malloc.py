@@ -1,10 +1,12 @@
-"""Freed memory, kept and given back."""
+"""Freed memory, kept and given back; systems that do not say how much there is."""
 
 import platform
 import sys
+from pathlib import Path
 
 import pytest
 
+import dmis
 from dmis.experiment.speed.bench import fresh_python
 
 GLIBC = pytest.mark.skipif(
@@ -32,16 +34,8 @@ def page_faults(code: str) -> int:
 
 
 @GLIBC
-def test_kept_memory_is_not_filled_with_zeros_again() -> None:
-    """The arrays of later rounds take the place of those of the first; by itself, the C library begins with new pages
-    each time.
-    """
-    assert page_faults("keep(); rounds(1); print(rounds(20))") < 0.1 * page_faults("rounds(1); print(rounds(20))")
-
-
-@GLIBC
 def test_memory_is_kept_where_the_environment_says_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Dask starts its workers with this setting."""
+    """As in Dask's workers; the arrays of later rounds take the place of those of the first."""
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
     assert page_faults("keep(); rounds(1); print(rounds(20))") < 0.1 * page_faults("rounds(1); print(rounds(20))")
 
@@ -51,3 +45,27 @@ def test_what_was_kept_can_be_given_back() -> None:
     """After `release`, a round begins with new pages."""
     kept = page_faults("keep(); rounds(1); print(rounds(1))")
     assert kept < 0.1 * page_faults("keep(); rounds(1); release(10**9); print(rounds(1))")
+
+
+WITHOUT_POSIX = """
+import sys
+sys.modules["fcntl"] = sys.modules["resource"] = None
+import pkgutil, pathlib, importlib
+import dmis
+for module in pkgutil.walk_packages(dmis.__path__, "dmis."):
+    if module.name != "dmis.__main__":
+        importlib.import_module(module.name)
+from dmis.base import malloc
+from dmis.cli.commands import main
+malloc.Path = lambda _: pathlib.Path("absent")
+words = ["render", "cornell", "--resolution", "16x12", "--spp", "4", "--quiet", "-o", "a.exr"]
+code = main([*words, "--checkpoint", "c", "--stats", "s.json"])
+print(code, malloc.peak(), *sorted(path.name for path in pathlib.Path().iterdir()))
+"""
+
+
+def test_systems_without_fcntl_and_resource(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows has neither: every module is imported, and an image is rendered with a checkpoint."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(Path(dmis.__file__).parents[1]))
+    assert fresh_python(WITHOUT_POSIX).split() == ["0", "0", "a.exr", "s.json"]
