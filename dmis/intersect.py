@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from time import thread_time
 from typing import Protocol
 
 import numpy as np
@@ -98,6 +99,27 @@ class Intersector:
         if self._check and (np.isnan(o).any() or np.isnan(d).any()):
             raise ValueError("rays must not contain NaN, because Embree would walk the whole tree")
         return o.T, d.T
+
+
+class TimedCaster:
+    """Ray caster that passes queries on to another one and adds up the CPU seconds that they take, in `seconds`."""
+
+    def __init__(self, caster: RayCaster) -> None:
+        self._caster, self.seconds = caster, 0.0
+
+    def closest(self, origin: Array, direction: Array) -> Hits:
+        """See `Intersector.closest`."""
+        begin = thread_time()
+        hits = self._caster.closest(origin, direction)
+        self.seconds += thread_time() - begin
+        return hits
+
+    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
+        """See `Intersector.occluded`."""
+        begin = thread_time()
+        occluded = self._caster.occluded(origin, direction, distance)
+        self.seconds += thread_time() - begin
+        return occluded
 
 
 class BruteForce:

@@ -264,6 +264,6 @@ def test_commands_that_ask_for_too_much(folder, monkeypatch, capsys, words, mess
 
 def test_no_memory_is_an_error(folder, monkeypatch, capsys):
     """Where no limit is known beforehand."""
-    monkeypatch.setattr("dmis.cli.commands.load_scene", lambda *_, **__: np.empty(2**55))
+    monkeypatch.setattr("dmis.cli.shared.load_scene", lambda *_, **__: np.empty(2**55))
     assert main(["info", str(folder / "scene.pbrt")]) == 2
     assert "there is not enough memory" in capsys.readouterr().err

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from dmis.base.validate import did_you_mean, whole
@@ -17,8 +17,20 @@ from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 from dmis.scene.scene import Scene, SceneWarning
 
-MOST = 100
-"""Shading samples of a camera sample."""
+MAX_SHADING_SAMPLES = 100
+"""Largest number of shading samples of a camera sample."""
+
+
+def _depth(text: str) -> int | str | None:
+    """Return a path depth: a number, ``auto``, or None for ``none``, which sets no limit."""
+    return None if text == "none" else text if text == "auto" else int(text)
+
+
+def _option(
+    default: Any, text: str, parse: Callable[[str], Any] = str, metavar: str = "", choices: tuple[str, ...] = ()
+) -> Any:
+    """Return a field of `Settings` that is an option of the command line, with its help, parser and allowed values."""
+    return field(default=default, metadata={"help": text, "type": parse, "metavar": metavar, "choices": choices})
 
 
 @dataclass(frozen=True)
@@ -68,21 +80,40 @@ class Settings:
         `make_settings` makes settings of a preset.
     """
 
-    shading_samples: int = 2
+    shading_samples: int = _option(2, "light and BRDF samples together per camera sample (default 2)", int, "S")
     techniques: tuple[str, ...] = ("light", "brdf")
     combiner: str = "balance"
     allocation: str = "systematic"
-    lights: str = "all"
-    integrator: str = "auto"
-    max_depth: int | str | None = "auto"
-    sampler: str = "auto"
+    lights: str = _option(
+        "all",
+        "lights sampled at a point: all, one at random, or as pbrt-v2 (default all)",
+        choices=("all", "one", "pbrt"),
+    )
+    integrator: str = _option(
+        "auto",
+        "light straight from lights, or by paths (default: as the scene says)",
+        choices=("auto", "direct", "path"),
+    )
+    max_depth: int | str | None = _option(
+        "auto", "surfaces on a path, at most; path: none sets no limit (default: as the scene says, or 5)", _depth, "D"
+    )
+    sampler: str = _option(
+        "auto",
+        "sample points: independent, stratified, sobol or lowdiscrepancy (default: sobol if it can)",
+        str,
+        "NAME",
+    )
     reuse_pilot: bool | None = None
-    compensation: float | None = None
+    compensation: float | None = _option(
+        None, "share of a sky's samples drawn from what exceeds its mean (default: 0.9 if rules learn)", float, "SHARE"
+    )
     replicates: int = 1
-    preset: str | None = None
+    preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MOST))
+        object.__setattr__(
+            self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MAX_SHADING_SAMPLES)
+        )
         if isinstance(self.techniques, str) or not isinstance(self.techniques, Iterable):
             raise ValueError(f"techniques must be names such as ('light', 'brdf'); got {self.techniques!r}")
         object.__setattr__(self, "techniques", tuple(self.techniques))
@@ -102,14 +133,11 @@ class Settings:
                 f"combiner {self.combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use "
                 f"combiner balance or power"
             )
-        for option, value, allowed in (
-            ("integrator", self.integrator, ("auto", "direct", "path")),
-            ("allocation", self.allocation, ("systematic", "random")),
-            ("lights", self.lights, ("all", "one", "pbrt")),
-            ("sampler", self.sampler, ("auto", *SAMPLERS)),
-        ):
-            if value not in allowed:
-                raise ValueError(f"{option} must be {' or '.join(allowed)}; got {value!r}")
+        choices = {option.name: option.metadata.get("choices") for option in fields(self) if option.name != "preset"}
+        choices |= {"allocation": ("systematic", "random"), "sampler": ("auto", *SAMPLERS)}
+        for name, allowed in choices.items():
+            if allowed and getattr(self, name) not in allowed:
+                raise ValueError(f"{name} must be {' or '.join(allowed)}; got {getattr(self, name)!r}")
         if combiner.fits_pixels and self.lights != "all":
             raise ValueError(
                 f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light"
@@ -164,7 +192,8 @@ class Settings:
         """Return the settings that the file of `scene` suggests, see `dmis.scene.suggestions.Suggestions`.
 
         `options` are settings that replace what the file says. Direct lighting takes as many shading samples as the
-        light with the most has light and BRDF samples in pbrt, at most `MOST`; paths take one of each, of one light.
+        light with the most has light and BRDF samples in pbrt, at most `MAX_SHADING_SAMPLES`; paths take one of each,
+        of one light.
 
         Warns
         -----
@@ -172,19 +201,20 @@ class Settings:
             If the file asks for what dmis does not have.
         """
         suggested = scene.suggested
-        preset = options.get("preset")
         direct = resolve_auto(make_settings(**options), scene).integrator == "direct"
         samples = (suggested.shading_samples if direct else None) or 2
-        unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {MOST})"] if samples > MOST else [])]
+        unmet = list(suggested.unmet)
+        if samples > MAX_SHADING_SAMPLES:
+            unmet.append(f"{samples} shading samples (at most {MAX_SHADING_SAMPLES})")
         if unmet:
             text = f"scene {scene.name}: the file asks for what dmis does not have: {', '.join(unmet)}"
             warnings.warn(SceneWarning(text), stacklevel=2)
         values = {
-            "shading_samples": min(samples, MOST),
+            "shading_samples": min(samples, MAX_SHADING_SAMPLES),
             "lights": (suggested.lights or "all") if direct else "one",
-            **({"sampler": suggested.sampler} if suggested.sampler else {}),
+            "sampler": suggested.sampler or "auto",
         }
-        if preset is not None:  # what it pins stays as it is
+        if preset := options.get("preset"):  # what it pins stays as it is
             values = {name: value for name, value in values.items() if name in PRESETS[preset].choices}
         return make_settings(**{**values, **options})
 

@@ -23,7 +23,7 @@ from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.patterns import PatternMap
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.records import Statistic
-from dmis.estimator.settings import MOST, Settings, resolve_auto
+from dmis.estimator.settings import MAX_SHADING_SAMPLES, Settings, resolve_auto
 from dmis.estimator.technique import technique_by_name
 from dmis.fit import control_variate
 from dmis.fit.fixed import Fixed
@@ -288,7 +288,12 @@ def default_rule(spp: int, settings: Settings) -> Rule | str:
     if settings.preset is not None:
         return PRESETS[settings.preset].rule
     s = settings.shading_samples
-    if MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2 and s % 2 == 0 and 2 * s <= MOST and _densities_known(settings):
+    if (
+        MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2
+        and s % 2 == 0
+        and 2 * s <= MAX_SHADING_SAMPLES
+        and _densities_known(settings)
+    ):
         return "auto"
     rule = Fixed(0.5, settings.combiner, settings.techniques, settings.allocation)
     return "balance" if rule == Fixed() else rule

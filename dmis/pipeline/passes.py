@@ -51,6 +51,8 @@ class Passes:
     ----------
     rays
         Rays traced in all passes so far, by kind.
+    embree_seconds
+        CPU seconds of the ray queries of all tiles that were rendered so far.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Passes:
         self._job, self._progress, self._observer = job, progress, observer
         self._pixels = math.prod(job.scene.camera.resolution)
         self.rays: Counter[str] = Counter()
+        self.embree_seconds = 0.0
         parallel = check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:
@@ -169,6 +172,7 @@ class Passes:
         finished = total - sum(tile.camera_samples for tile in missing)
         with closing(self._workers.render(missing)) as results:
             for tile, rendered in results:
+                self.embree_seconds += rendered.embree_seconds
                 film_tile = FilmTile.of(tile, rendered)
                 if self._store:
                     self._store.append(film_tile)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -104,14 +104,16 @@ def render_job(
         times.append(time.perf_counter())
     # weights are the budgets: those of adaptive samples depend on the pilot, and would bias the mean
     image, deviation = _average([(final, job.final_spp), *films], job.gain)
-    return _result(job, final_pass, (image, deviation), times, (passes.rays, pilot_rays))
+    seconds = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
+    seconds |= {"total": times[-1] - times[0], "embree": passes.embree_seconds}
+    return _result(job, final_pass, (image, deviation), seconds, (passes.rays, pilot_rays))
 
 
 def _result(
     job: Job,
     final: FinalPass,
     image: tuple[Array, Array],
-    times: Sequence[float],
+    seconds: Mapping[str, float],
     counts: tuple[Mapping[str, int], Mapping[str, int]],
 ) -> Result:
     """Return the result of a job; `counts` are all rays and those of the pilot, by kind."""
@@ -130,7 +132,6 @@ def _result(
     deviation_of = "replicates" if replicates > 1 else deviation_of
     of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
     of_image["deviation_of"] = deviation_of
-    stages = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
     return Result(
         image=image[0],
         deviation=image[1],
@@ -138,7 +139,7 @@ def _result(
         weight=np.full(shape, weight, np.float32),
         samples=np.full(shape, samples, np.float32),
         shading_samples=np.asarray(shading_samples, np.float32),
-        seconds={**stages, "total": times[-1] - times[0]},
+        seconds=seconds,
         rays=rays,
         maps=final.fit.maps,
         describe=lambda: {**described.provenance, **of_image},

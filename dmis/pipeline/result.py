@@ -68,7 +68,8 @@ class Result:
     shading_samples
         ``(H, W)`` float32: shading samples of each of the `samples`, on average.
     seconds
-        ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``.
+        ``pilot``, ``fit``, ``render`` (the final pass) and their sum ``total``; ``embree``: CPU seconds of the ray
+        queries of all threads and processes, without tiles from a checkpoint.
     rays
         Rays traced, by kind: ``camera`` (one per camera sample, but for pixels that are known to see nothing),
         ``shadow`` (of light samples), ``brdf``, ``uniform``, ``resampled``, ``delta`` (towards lights of a single

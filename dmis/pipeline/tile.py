@@ -17,7 +17,7 @@ from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
-from dmis.intersect import RayCaster
+from dmis.intersect import RayCaster, TimedCaster
 from dmis.pipeline.camera_samples import SampleAllocation, SampleBlock, sample_batches
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import Sampler, is_sequence, make_sampler, stream
@@ -125,12 +125,15 @@ class Rendered:
         Rays traced, by kind.
     sums
         Sums of the statistic over patches of `PATCH` pixels, ``(..., ceil(rows / PATCH), ceil(columns / PATCH))``.
+    embree_seconds
+        CPU seconds of its ray queries.
     """
 
     number: int
     moments: Moments
     rays: Counter[str]
     sums: Mapping[str, Array]
+    embree_seconds: float = 0.0
 
 
 def batch_size(settings: Settings) -> int:
@@ -237,6 +240,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     stages = 1 if collector is None else collector.stages
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     rays: Counter[str] = Counter()
+    timed = TimedCaster(caster or scene.intersector)
     moments = SubBlocks(tile.spp, pixels) if is_sequence(settings.sampler) else PixelMoments(pixels)
     for group, shares, settings in tile.groups():
         sampler = tile.sampler(settings, scene.camera.resolution[0], rng)
@@ -250,7 +254,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
             # L_i, the radiance of camera sample i
             batch = Batch(
                 scene,
-                caster or scene.intersector,
+                timed,
                 settings,
                 sampler,
                 rng,
@@ -275,7 +279,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     if collector is not None:
         total = replace(total, mean=total.mean + collector.correction())
     _check_finite(total, tile)
-    return Rendered(tile.number, _image_moments(total, tile), rays, _patch_sums(statistic, tile))
+    return Rendered(tile.number, _image_moments(total, tile), rays, _patch_sums(statistic, tile), timed.seconds)
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:

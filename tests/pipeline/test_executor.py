@@ -282,7 +282,7 @@ def test_cluster_on_the_command_line(cluster, tmp_path):
 def test_no_cluster(monkeypatch, capsys, tmp_path):
     """An address where no one answers ends with a message."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr("dmis.cli.commands.CLUSTER_TIMEOUT", 0.5)
+    monkeypatch.setattr("dmis.cli.rendering.CLUSTER_TIMEOUT", 0.5)
     arguments = ["render", "teapot-area-light", "-o", str(tmp_path / "a.exr"), "--cluster"]
     assert main([*arguments, "tcp://127.0.0.1:9"]) == 2
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err

@@ -1,6 +1,5 @@
 """Renders in replicates: an unbiased error estimate, its price, and what does not go with it."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +9,6 @@ from helpers import Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.cli.commands import main
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
 from dmis.fit.rounds import Rounds
@@ -161,16 +159,3 @@ def test_what_does_not_go(box: dmis.Scene, options: dict, message: str) -> None:
 def test_a_rule_may_bring_the_sampler(box: dmis.Scene) -> None:
     result = dmis.render(box, "balance:sampler=sobol", 8, replicates=2)
     assert result.deviation_of == "replicates"
-
-
-def test_command_line_and_file(tmp_path: Path) -> None:
-    """The file says what its variance is estimated from."""
-    out = tmp_path / "a.exr"
-    command = ["render", "teapot-area-light", "-o", str(out), "--resolution", "16x16", "--spp", "8", "--quiet"]
-    assert main([*command, "--rule", "balance", "--sampler", "sobol", "--replicates", "2"]) == 0
-    layers, attributes = dmis.read_exr(out)
-    provenance = json.loads(attributes["dmis.provenance"])
-    assert provenance["deviation_of"] == "replicates" and provenance["settings"]["replicates"] == 2
-    scene = dmis.load_scene("teapot-area-light", resolution=(16, 16))
-    result = dmis.render(scene, "balance", 8, sampler="sobol", replicates=2)
-    np.testing.assert_allclose(layers["variance"], result.variance, rtol=1e-2, atol=1e-9)

@@ -1,0 +1,147 @@
+"""The command ``render``: a scene to an image, with its preview, its checkpoint and its statistics."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dmis.base import malloc
+from dmis.base.atomic_files import check_writable, replacing
+from dmis.cli.shared import check_settings, describe, load, progress_bar, settings_of, spp_of
+from dmis.estimator.settings import make_settings
+from dmis.image import check_image, write_png
+from dmis.pipeline.checkpoint import remove_checkpoint
+from dmis.pipeline.executor import Parallel, Processes
+from dmis.pipeline.job import Job
+from dmis.pipeline.render import render_job
+from dmis.pipeline.result import Result, write_image
+
+CLUSTER_TIMEOUT = 30.0
+"""Seconds to wait for a Dask scheduler to answer, and again for its first worker."""
+BYTES_OF_PIXEL, BYTES_OF_DESCRIPTION = 32, 2**16
+"""Bytes of a pixel in an image file, of eight channels, and of all that describes the image."""
+
+
+def render(options: argparse.Namespace) -> int:
+    """Run ``render`` and return its exit code."""
+    check_settings(options)
+    files = _check_files(options)
+    scene = load(options)
+    for path in files:
+        check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
+    with _executor(options) as parallel, progress_bar(options.quiet) as progress:
+        spp = spp_of(options, scene) if options.spp is None else options.spp
+        job = Job.of(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
+        result = render_job(job, parallel, progress, options.checkpoint)
+    write_image(options.output, result)
+    if options.png:
+        write_png(options.png, result.image)
+    if options.stats:
+        with replacing(options.stats) as partial:
+            partial.write_text(json.dumps(_stats(options, result), indent=2) + "\n")
+    if options.checkpoint:
+        remove_checkpoint(options.checkpoint)
+    if not options.quiet:
+        print(_summary(options, job, result))
+    if options.verbose:
+        print(f"  {describe(scene)}", *_time_and_rays(result), sep="\n")
+    return 0
+
+
+def _check_files(options: argparse.Namespace) -> list[Path]:
+    """Return the files that will be written, after a check of their names, or raise a ValueError or an OSError."""
+    check_image(options.output)
+    if options.png is not None and Path(options.png).suffix.lower() != ".png":
+        raise ValueError(f"--png must end in .png; got {options.png}")
+    files = [Path(path) for path in (options.output, options.png, options.stats) if path is not None]
+    for path in files:
+        check_writable(path)
+    paths = [*files, *(Path(path) for path in (options.checkpoint, options.scene) if path is not None)]
+    resolved = [path.resolve() for path in paths]
+    if repeated := [path for path in paths if resolved.count(path.resolve()) > 1]:
+        raise ValueError(f"files to write must differ from each other and from the scene; got {repeated[0]} twice")
+    return files
+
+
+@contextmanager
+def _executor(options: argparse.Namespace) -> Iterator[Parallel]:
+    """Yield what the render runs on: threads, processes, or an executor of the Dask cluster at an address."""
+    address = options.cluster
+    if address is None:
+        yield Processes(options.workers) if options.workers else options.threads
+        return
+    if "://" not in address and not re.fullmatch(r"([^\s:/]+|\[[\da-fA-F:.]+\]):\d{1,5}", address):
+        raise ValueError(
+            f"--cluster must be the address of a Dask scheduler, HOST:PORT or tcp://HOST:PORT; got {address}"
+        )
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError("--cluster needs Dask: pip install 'dmis[cluster]'") from error
+    try:
+        client = Client(address, timeout=CLUSTER_TIMEOUT, set_as_default=False)
+    except OSError as error:
+        raise ValueError(f"no Dask scheduler answers at {address}: {error}. Start one with: dask scheduler") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT)
+        except TimeoutError as error:
+            raise ValueError(
+                f"the Dask scheduler at {address} has no workers. Start one with: dask worker {address}"
+            ) from error
+        yield client.get_executor(pure=False)
+
+
+def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
+    """Return what was rendered and how fast, why by another rule, and the number of fireflies."""
+    rule, seconds = result.provenance["rule"], result.seconds["total"]
+    taken = f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
+    about = f"{rule}, {job.spp} spp{taken if options.as_in_file else ''}"
+    rate = result.rays.get("camera", 0) / seconds / 1e6
+    text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{fireflies(result)}"
+    if reason := result.provenance.get("fallback"):
+        text += f"\n  {rule} at {job.spp} spp: {reason}"
+    return text
+
+
+def fireflies(result: Result) -> str:
+    """Return a line that counts the pixels that look like fireflies and says what helps; empty if there are none."""
+    number = int(result.fireflies.sum())
+    if not number:
+        return ""
+    are = "is a noisy speck (firefly)" if number == 1 else "are noisy specks (fireflies)"
+    return (
+        f"\n  {number} of {result.fireflies.size:,} pixels {are}, made by a few rare bright samples: the image is "
+        f"right on average, and a larger --spp removes {'it' if number == 1 else 'them'}"
+    )
+
+
+def _time_and_rays(result: Result) -> list[str]:
+    """Return lines with the seconds of each stage, the rays of each kind and the mean share of light samples."""
+    stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
+    rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
+    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.weight.mean():.0%}"]
+
+
+def _stats(options: argparse.Namespace, result: Result) -> dict[str, object]:
+    """Return the content of the ``--stats`` file, see docs/cli.md."""
+    samples, threads = result.rays.get("camera", 0), options.threads or options.workers or os.cpu_count() or 1
+    stages = {stage: seconds for stage, seconds in result.seconds.items() if stage != "embree"}
+    return {
+        "seconds": result.seconds["total"],
+        "seconds_by_stage": stages,
+        "samples": samples,
+        "samples_per_second": samples / result.seconds["total"],
+        "rays": dict(result.rays),
+        "fireflies": int(result.fireflies.sum()),
+        "embree_seconds": result.seconds["embree"] / threads,
+        "peak_rss_bytes": malloc.peak(),
+        "threads": threads,
+        "provenance": dict(result.provenance),
+    }
