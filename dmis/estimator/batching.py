@@ -157,9 +157,14 @@ def facing_light(surface: ShadingPoints, light_sample: LightSample) -> Index | N
     return indices(light_sample.emits & (dot(surface.ng, light_sample.wi) > 0))
 
 
-def unoccluded(batch: Batch, kind: str, origin: Array, wi: Array, distance: Array) -> np.ndarray:
-    """Return V, whether nothing occludes the light from the points, ``(N,)`` bool; rays are counted as `kind`."""
-    batch.rays[kind] += wi.shape[1]
+def unoccluded(
+    batch: Batch, kind: str, origin: Array, wi: Array, distance: Array, sample: Selection | None
+) -> np.ndarray:
+    """Return V, whether nothing occludes the light from the points, ``(N,)`` bool.
+
+    Rays are counted as `kind`, and as those of the camera samples `sample`.
+    """
+    batch.count_rays(kind, wi.shape[1], sample)
     return ~batch.caster.occluded(origin, wi, np.broadcast_to(distance * SHADOW_END, wi.shape[1:]))
 
 

@@ -23,6 +23,22 @@ UNTRACED = "untraced"
 """Beside the kinds of rays: camera samples of pixels that no triangle covers, for which no ray is traced."""
 
 
+def ray_kind_of_colour(kind: str, colour: int) -> str:
+    """Return the kind under which the rays of the pixels of one colour are counted, beside those of all pixels."""
+    return f"{kind} of colour {colour}"
+
+
+def rays_of_all_pixels(rays: Mapping[str, int]) -> dict[str, int]:
+    """Return the rays of a pass by kind, without those that are counted once more by colour."""
+    return {kind: number for kind, number in rays.items() if " of colour " not in kind}
+
+
+def rays_of_colours(rays: Mapping[str, int], colours: Sequence[int]) -> dict[str, int]:
+    """Return the rays of the pixels of some colours, by kind, from the `rays` of a pass that counts them apart."""
+    names = {kind: [ray_kind_of_colour(kind, colour) for colour in colours] for kind in rays}
+    return {kind: sum(rays.get(name, 0) for name in of_colours) for kind, of_colours in names.items()}
+
+
 def count_camera_samples(rays: Mapping[str, int]) -> int:
     """Return the number of camera samples of a pass, at least 1."""
     return max(rays.get("camera", 0) + rays.get(UNTRACED, 0), 1)

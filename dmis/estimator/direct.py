@@ -80,7 +80,8 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     f_over_p_w = np.zeros((3, 0), np.float32)
     if size(visible, 1):
         shadow_ray = take(surface.p, visible), take(wi, visible), take(take(light_sample.distance, lit), visible)
-        visible = compose(visible, indices(unoccluded(batch, techniques[k].rays, *shadow_ray)))
+        camera_sample = compose(vertices.sample, compose(samples.vertex, compose(lit, visible)))
+        visible = compose(visible, indices(unoccluded(batch, techniques[k].rays, *shadow_ray, camera_sample)))
         lit_and_visible = compose(lit, visible)
 
         # f / p_w / S,  f = f_r L |n.wi| V; L, such as a sky's, is looked up only where V = 1
@@ -118,7 +119,7 @@ def _add_delta_light(
     visible: np.ndarray | bool = True
     if traced and size(lit, 1):
         shadow_ray = take(surface.p, lit), take(light_sample.wi, lit), take(light_sample.distance, lit)
-        visible = unoccluded(batch, "delta", *shadow_ray)
+        visible = unoccluded(batch, "delta", *shadow_ray, compose(vertices.sample, compose(index, lit)))
         if 2 * np.count_nonzero(visible) < len(visible):  # few: to gather them takes less time than to shade all
             lit, visible = compose(lit, np.flatnonzero(visible)), True
     if not size(lit, 1):

@@ -40,9 +40,10 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     """
     total = np.zeros(direction.shape, np.float32)
     traced = size(coverage, direction.shape[1])
-    batch.rays["camera"] += traced
+    batch.count_rays("camera", traced, coverage)
     if traced < direction.shape[1]:
-        batch.rays[UNTRACED] += direction.shape[1] - traced
+        uncovered = np.delete(np.arange(direction.shape[1]), coverage)
+        batch.count_rays(UNTRACED, len(uncovered), uncovered)
     if not traced:
         return total
     pending = [Rays(take(origin, coverage), take(direction, coverage), coverage, None, 0, ())]
@@ -67,7 +68,7 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
     hits = batch.caster.closest(rays.origin, rays.direction)
     if rays.depth:
         kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
-        batch.rays[kind] += len(hits.prim)
+        batch.count_rays(kind, len(hits.prim), rays.sample)
     group_of = plan.face_group.take(hits.prim)
     if rays.adds_emission is not False:
         yield from _emission(batch, rays, hits)

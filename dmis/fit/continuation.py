@@ -23,14 +23,16 @@ class Continuation:
         Camera samples in proportion, not negative, ``(H, W)``.
     cost
         Cost of a camera sample with the pattern of each pixel, ``(H, W)``.
-    spent, budget
-        In the same units, the cost of the first round of a pixel, and what a pixel costs on average, all in all.
+    spent
+        Cost of the first round of each pixel in the same units, ``(H, W)``.
+    budget
+        Cost of a pixel on average, all in all.
     """
 
     patterns: PatternMap
     density: Array
     cost: Array
-    spent: float
+    spent: Array
     budget: float
 
     def of_replicate(self, replicates: int) -> Continuation:

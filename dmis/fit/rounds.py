@@ -42,7 +42,7 @@ import numpy as np
 from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.combiner import combiner_by_name
-from dmis.estimator.cost import camera_sample_cost
+from dmis.estimator.cost import camera_sample_cost, rays_of_colours
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES, PatternMap
 from dmis.estimator.records import Statistic
 from dmis.filter import gaussian
@@ -166,14 +166,14 @@ class Rounds(Rule):
         first = pilot[0.5]
         n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
         scale = first.shading_samples // int(SAMPLES_OF[FIRST])
-        cost = _costs(first, scale)
         # variance of each pixel's mean of n samples
         variance = (first.moments.m2.mean(axis=2) / (n * max(n - 1, 1))).astype(np.float32)
         pattern, begin = np.empty(shape, np.uint8), np.empty(shape, np.int32)
-        density, trust, patches = np.empty(shape), np.ones(len(COLOURS)), []
+        density, cost_of_pixel, spent = np.empty((3, *shape))
+        trust, patches = np.ones(len(COLOURS)), []
         for colour, at in enumerate(COLOURS):
             if pattern[at].size:
-                curves = self._curves(first, colour, shape)
+                curves, cost = self._curves(first, colour, shape), _costs(first, scale, colour)
                 v = self._variance(variance, curves, n, at)
                 trust[colour] = self._trust(first, variance, curves, n, colour)
                 v **= trust[colour]
@@ -181,10 +181,11 @@ class Rounds(Rule):
                 best_of, anew, ratio = (patch_spread(a, PATCH, shape)[at] for a in of_patches)
                 pattern[at], begin[at] = best_of, np.where(anew, 0, n)
                 density[at] = self._density(v[at] * ratio, cost[best_of])
+                cost_of_pixel[at], spent[at] = cost[best_of], cost[FIRST] * n
                 patches.append(of_patches[0])
         sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
         patterns = PatternMap(sizes, pattern, begin, sizes[FIRST])
-        plan = Continuation(patterns, density, cost[pattern], cost[FIRST] * n, cost[EQUAL] * first.budget)
+        plan = Continuation(patterns, density, cost_of_pixel, spent, float(first.budget))
         maps = {"pattern": np.stack(patches), "variance": variance, "trust": trust}
         return Fit(SHARES[SHARE_OF][pattern], maps, continuation=plan)
 
@@ -240,7 +241,7 @@ class Rounds(Rule):
         """Return n_1 / n of each patch, if all pixels keep the pattern of the first round."""
         density = self._density(variance, cost[FIRST])
         mean = density.mean()
-        samples = density * (budget * cost[EQUAL] / cost[FIRST] / mean) if mean > 0 else np.zeros_like(density)
+        samples = density * (budget / cost[FIRST] / mean) if mean > 0 else np.zeros_like(density)
         return n / patch_mean(np.maximum(samples, n), PATCH)
 
     def _best_patterns(self, curves: PatchCurves, cost: Array, spent: Array) -> tuple[np.ndarray, np.ndarray, Array]:
@@ -273,11 +274,15 @@ class Rounds(Rule):
         return best[0].astype(np.uint8), anew, ratio
 
 
-def _costs(first: Pilot, scale: int) -> Array:
-    """Return the cost of a camera sample with each pattern, of `scale` times the samples."""
+def _costs(first: Pilot, scale: int, colour: int) -> Array:
+    """Return the cost of a camera sample with each pattern, of `scale` times the samples, over that of `EQUAL`.
+
+    Rays are those of the other colours, so that a pixel's own samples do not decide how many it gets.
+    """
+    rays = rays_of_colours(first.rays, [k for k in range(len(COLOURS)) if k != colour])
     shares = np.array([SHARES[SHARE_OF], 1 - SHARES[SHARE_OF]])
-    costs = (
-        camera_sample_cost(first.rays, shares[:, k, None], first.shading_samples, scale * samples, first.techniques)
+    costs = np.concatenate([
+        camera_sample_cost(rays, shares[:, k, None], first.shading_samples, scale * samples, first.techniques)
         for k, samples in enumerate(SAMPLES_OF)
-    )
-    return np.concatenate([*costs])
+    ])  # fmt: skip
+    return np.asarray(costs / costs[EQUAL])

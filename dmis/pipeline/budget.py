@@ -62,7 +62,7 @@ def fill_budget(plan: Continuation, first: int, rng: np.random.Generator) -> np.
         if not cost.size:
             continue
         least = np.where(begin > 0, first, 2)  # one sample has no variance
-        budget = (plan.budget - plan.spent + begin * cost).sum()  # as if the first round had this cost
+        budget = (plan.budget - plan.spent[colour] + begin * cost).sum()  # as if the first round had this cost
         # t is rounded up to 2^(k + 1) with probability t / 2^k - 1, if to a power of two up to 2 t / (1 + chance)
         density = plan.density[colour]
         x = 2 * density / (1 + chance[colour]) / max(density.max(), 1e-300)

@@ -16,6 +16,7 @@ import numpy as np
 from dmis.base.malloc import release
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
+from dmis.estimator.cost import rays_of_all_pixels
 from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings
@@ -181,7 +182,7 @@ class Passes:
                 if self._progress:
                     self._progress(stage, finished, total)
         release(self._pixels)
-        self.rays.update(film.rays)
+        self.rays.update(rays_of_all_pixels(film.rays))
         moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
         techniques = tuple(settings.techniques)
         of_pass = moments, dict(film.rays), film.sums, settings.shading_samples

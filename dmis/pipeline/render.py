@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator.cost import UNTRACED
+from dmis.estimator.cost import UNTRACED, rays_of_all_pixels
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule
 from dmis.pipeline.executor import Parallel
@@ -97,7 +97,7 @@ def render_job(
         times.append(time.perf_counter())
         final_pass = job.final_pass(pilot)  # variance, fit, filter
         films = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if job.settings.reuse_pilot else []
-        pilot_rays = sum((Counter(p.rays) for p in pilot.values()), Counter[str]())
+        pilot_rays = sum((Counter(rays_of_all_pixels(p.rays)) for p in pilot.values()), Counter[str]())
         del pilot  # its statistics are large, and nothing else of them is needed
         times.append(time.perf_counter())
         final = passes.final(final_pass, first_round)  # samples again

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.patches import PATCH, by_colour, patch_sum
+from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.selection import indices, take
 from dmis.base.vectors import Array
 from dmis.estimator.batch import Batch
@@ -237,6 +237,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     rng = stream(tile.seed, tile.pass_, tile.number)
     collector = combiner_by_name(settings.combiner).collector(tile.shares, tile.spp * np.full(pixels, shading_samples))
     statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
+    colour = _pixel_colours(tile) if getattr(statistic, "by_colour", False) else None
     stages = 1 if collector is None else collector.stages
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     rays: Counter[str] = Counter()
@@ -262,6 +263,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
                 samples.counts,
                 rays,
                 None if statistic is None and collector is None else [],
+                None if colour is None else colour.take(samples.pixel),
                 None if tile.control is None else tile.control.take(samples.pixel, axis=1),
             )
             values = radiance(
@@ -294,6 +296,14 @@ def _pixel_corners(tile: Tile) -> tuple[Array, Array]:
     """Return the raster coordinates x and y of the top left corners of the pixels of a tile, ``(P,)`` float32 each."""
     y, x = (a.reshape(-1).astype(np.float32) for a in np.mgrid[slice(*tile.rows), slice(*tile.columns)])
     return x, y
+
+
+def _pixel_colours(tile: Tile) -> np.ndarray:
+    """Return the number of the colour of each pixel of a tile, see `COLOURS`, ``(P,)`` uint8."""
+    colour = np.empty(tile.shape, np.uint8)  # tiles begin at multiples of two
+    for number, at in enumerate(COLOURS):
+        colour[at] = number
+    return colour.reshape(-1)
 
 
 def _camera_rays(

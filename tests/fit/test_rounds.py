@@ -9,7 +9,7 @@ import pytest
 import dmis
 from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
-from dmis.estimator.cost import camera_sample_cost
+from dmis.estimator.cost import camera_sample_cost, ray_kind_of_colour
 from dmis.estimator.patterns import FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
 from dmis.fit import rounds
 from dmis.fit.registry import make_rule
@@ -20,6 +20,7 @@ from dmis.variance.moments import Film
 PLAIN = Rounds(spp=16, exponent=1.4, filter="none", guard=0.0)
 """A rule that believes planted curves."""
 RAYS = {"camera": 1000, "shadow": 1900, "brdf": 1300}
+RAYS_BY_COLOUR = {ray_kind_of_colour(kind, k): n // 4 for kind, n in RAYS.items() for k in range(4)}
 Z_LIMIT = 4.5
 
 
@@ -33,7 +34,7 @@ def pilot(curve: Array, position: Array | float = 0.0, size: int = 16, budget: i
     # a quarter of the 16 pixels of a patch has each colour
     of_colour = {name: np.repeat(4 * a[None].astype(float), 4, axis=0) for name, a in sums.items()}
     ones = np.ones((size, size, 3), np.float32)
-    return with_roots(Pilot(Film(8, ones, ones), RAYS, of_colour, budget=budget), ones)
+    return with_roots(Pilot(Film(8, ones, ones), RAYS | RAYS_BY_COLOUR, of_colour, budget=budget), ones)
 
 
 def with_roots(first: Pilot, root: Array) -> Pilot:
@@ -123,7 +124,7 @@ def random_pilot(shape: tuple[int, int], seed: int = 1) -> Pilot:
     sums |= {"square": sums["curve"] ** 2, "cross": sums["curve"] * sums["curve"][:, HALF : HALF + 1]}
     sums |= {"position": rng.lognormal(0, 1, (4, rows, columns))}
     root = rng.lognormal(0, 2, (*shape, 3)).astype(np.float32)
-    return with_roots(Pilot(Film(8, np.ones((*shape, 3), np.float32), root), RAYS, sums, budget=64), root)
+    return with_roots(Pilot(Film(8, np.ones((*shape, 3), np.float32), root), RAYS | RAYS_BY_COLOUR, sums, budget=64), root)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 3), (3, 2), (17, 30)])
@@ -139,10 +140,13 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int]) -> N
             a[colour] *= np.random.default_rng(2).lognormal(0, 2, a[colour].shape)
         root = first.moments.root.copy()
         root[at] *= 100
-        changed = rule.fit({0.5: replace(first, sums=sums, moments=Film(8, first.moments.mean, root))}).continuation
+        rays = {**first.rays, ray_kind_of_colour("brdf", colour): 10**5}
+        film = Film(8, first.moments.mean, root)
+        changed = rule.fit({0.5: replace(first, sums=sums, moments=film, rays=rays)}).continuation
         assert changed is not None
         np.testing.assert_array_equal(changed.patterns.pattern[at], plan.patterns.pattern[at])
         np.testing.assert_array_equal(changed.density[at], plan.density[at])
+        np.testing.assert_array_equal(changed.cost[at], plan.cost[at])
         if plan.density.size > 100:
             assert (changed.density != plan.density).any()
 

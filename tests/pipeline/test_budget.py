@@ -18,7 +18,7 @@ def plan(density: np.ndarray, spp: float, pattern: np.ndarray | None = None) -> 
     pattern = np.zeros(density.shape, np.uint8) if pattern is None else pattern
     begin = np.where(pattern == 0, FIRST, 0).astype(np.int32)
     patterns = PatternMap(((2, 2), (1, 1)), pattern, begin, (2, 2))
-    return Continuation(patterns, density, COST[pattern], COST[0] * FIRST, 2.0 * spp)
+    return Continuation(patterns, density, COST[pattern], np.full(pattern.shape, COST[0] * FIRST), 2.0 * spp)
 
 
 def spent(plan: Continuation, samples: np.ndarray) -> np.ndarray:
