@@ -18,16 +18,26 @@ Heuristic = Callable[[Sequence[Array], int], Array]
 """``(a, k) -> W / a[k]``; k breaks ties, so that the weights of all techniques sum to 1."""
 
 
+LARGEST_EXPONENT = 1e8
+"""Exponent above which two float32 densities that differ have the weights 1 and 0 to float32's precision."""
+
+
 def balance(a: Sequence[Array], k: int) -> Array:
     """``W = a_k / sum a``."""
     return 1 / np.maximum(_total(a), TINY)
 
 
 def power(beta: float) -> Heuristic:
-    """``W = a_k^beta / sum a^beta``, written with the ratios to a_k so that nothing overflows."""
-    if not beta > 0:
-        raise ValueError(f"the exponent of the power heuristic must be positive; got {beta}")
+    """``W = a_k^beta / sum a^beta``, written with the ratios to a_k so that nothing overflows.
 
+    From `LARGEST_EXPONENT` on it is `maximum`, its limit.
+    """
+    if not 0 < beta < np.inf:
+        raise ValueError(
+            f"the exponent of the power heuristic must be positive and finite; got {beta}. Use maximum for its limit"
+        )
+    if beta > LARGEST_EXPONENT:
+        return maximum
     least = np.float32(1e-18 ** min(1, 2 / beta))  # of a ratio; below it W is 0 to any float
 
     def raised(a: Array, b: Array) -> Array:

@@ -98,12 +98,15 @@ def test_closed_forms() -> None:
 
 
 def test_limits() -> None:
-    """Power 1 and cutoff 0 are balance; cutoff 1 is maximum but for ties, which it shares."""
+    """Power 1 and cutoff 0 are balance; cutoff 1 is maximum but for ties, which it shares; large powers are maximum."""
     a, b = np.random.default_rng(2).random((2, 100), dtype=np.float32)
     np.testing.assert_allclose(power(1)((a, b), 0), balance((a, b), 0), rtol=1e-6)
     np.testing.assert_allclose(cutoff(0)((a, b), 0), balance((a, b), 0), rtol=1e-6)
     np.testing.assert_allclose(cutoff(1)((a, b), 0), maximum((a, b), 0), rtol=1e-6)
     np.testing.assert_allclose(cutoff(1)((a, a), 0) * a, 0.5)
+    for beta in (1e8, 1e10, 1e308):
+        for k in (0, 1):
+            np.testing.assert_allclose(power(beta)((a, b), k), maximum((a, b), k), rtol=1e-6)
 
 
 # Frozen weights -----------------------------------------------------------------------------------------------------
@@ -236,6 +239,7 @@ def test_frozen_renders(box: dmis.Scene) -> None:
         ("power-", "combiner must be"),
         ("power-nan", "combiner must be"),
         ("power-0", "exponent of the power heuristic must be positive"),
+        ("power-inf", "exponent of the power heuristic must be positive and finite"),
         ("power--1", "exponent of the power heuristic must be positive"),
         ("cutoff-2", "threshold of the cutoff heuristic must be in"),
     ],
