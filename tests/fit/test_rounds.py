@@ -124,7 +124,8 @@ def random_pilot(shape: tuple[int, int], seed: int = 1) -> Pilot:
     sums |= {"square": sums["curve"] ** 2, "cross": sums["curve"] * sums["curve"][:, HALF : HALF + 1]}
     sums |= {"position": rng.lognormal(0, 1, (4, rows, columns))}
     root = rng.lognormal(0, 2, (*shape, 3)).astype(np.float32)
-    return with_roots(Pilot(Film(8, np.ones((*shape, 3), np.float32), root), RAYS | RAYS_BY_COLOUR, sums, budget=64), root)
+    film = Film(8, np.ones((*shape, 3), np.float32), root)
+    return with_roots(Pilot(film, RAYS | RAYS_BY_COLOUR, sums, budget=64), root)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 3), (3, 2), (17, 30)])
