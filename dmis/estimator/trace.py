@@ -42,7 +42,8 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     traced = size(coverage, direction.shape[1])
     batch.count_rays("camera", traced, coverage)
     if traced < direction.shape[1]:
-        uncovered = np.delete(np.arange(direction.shape[1]), coverage)
+        every = np.arange(direction.shape[1])
+        uncovered = np.setdiff1d(every, take(every, coverage), assume_unique=True)
         batch.count_rays(UNTRACED, len(uncovered), uncovered)
     if not traced:
         return total
