@@ -41,7 +41,7 @@ from dmis.brdf.materials import (
 from dmis.brdf.models import ggx
 from dmis.experiment.metrics import block_error
 
-PAGE = ROOT / "docs" / "performance.md"
+PAGE = ROOT / "docs" / "tables.md"
 GOLD = ExactConductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
 
 

@@ -2,9 +2,10 @@
 The table of README: what the rule auto saves
 =============================================
 
-The table is put together from tables that are on other pages, so nothing is rendered: error times CPU seconds of `auto`
-over that of the balance heuristic with independent and with Sobol points (docs/measurements.md), and over that of
-Mitsuba's best sampler (docs/performance.md). The scripts that measure those tables write this one, too.
+The table is put together from tables that are on other pages, so nothing is rendered: the error of `auto` in equal time
+over that of the balance heuristic with independent points (docs/measurements.md) and with Sobol points
+(docs/tables.md), and over that of Mitsuba's best sampler (docs/performance.md). The scripts that measure those tables
+write this one, too.
 """
 
 import sys
@@ -15,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import ROOT, replace_table
 
 DOCS = ROOT / "docs"
-POINTS = DOCS / "measurements.md"
+STEPS = DOCS / "measurements.md"
+POINTS = DOCS / "tables.md"
 MITSUBA = DOCS / "performance.md"
 COLUMNS = ("balance, independent points", "balance, Sobol points", "Mitsuba's best sampler")
 
@@ -36,21 +38,19 @@ def number(cell: str) -> float:
     return float(cell.strip("*").split()[0].replace("–", "0"))
 
 
-def front_rows(points: Path = POINTS, mitsuba: Path = MITSUBA) -> list[str]:
+def front_rows(steps: Path = STEPS, points: Path = POINTS, mitsuba: Path = MITSUBA) -> list[str]:
     """Return the lines of the table; a ratio that was not measured is a dash.
 
     Of the lines that the table of Mitsuba has for a scene that with the largest ratio is taken: its best set-up of all.
     """
-    over = [
-        {row["scene"]: row["128 spp"] for row in read_rows(points, mark) if row["rule"] == "auto"}
-        for mark in ("points", "points strong")
-    ]
+    independent = {row["scene"]: row["all three"] for row in read_rows(steps, "steps")}
+    sobol = {row["scene"]: row["128 spp"] for row in read_rows(points, "points") if row["rule"] == "auto"}
     best: dict[str, str] = {}
     for row in read_rows(mitsuba, "mitsuba-errors"):
         best[row["scene"]] = max(best.get(row["scene"], "–"), row.get("`auto`, sobol", "–"), key=number)
     lines = [f"| scene | {' | '.join(COLUMNS)} |", "|---" * (1 + len(COLUMNS)) + "|"]
-    for scene in over[0]:
-        cells = (over[0][scene], over[1][scene], best.get(scene.split()[0], "–"))
+    for scene in independent:
+        cells = (independent[scene], sobol[scene], best.get(scene.split()[0], "–"))
         lines.append(f"| {scene} | {' | '.join(cells)} |")
     return lines
 

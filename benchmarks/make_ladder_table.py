@@ -31,12 +31,12 @@ SPP = opts.pick(64, 2048)
 PLAIN = dmis.Settings(compensation=0)
 
 # %%
-# The oracle is rendered once and kept; the ladder follows from it, but for the renders with even points.
+# The oracle is rendered once and kept; the ladder follows from it, but for the renders with Sobol points.
 ladders = {}
 for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
     oracle = make_oracle(scene, SPP, settings=PLAIN, parallel=opts.threads, progress=show(f"{name}: oracle"))
-    progress = show(f"{name}: even points")
+    progress = show(f"{name}: Sobol points")
     evenness = measure_evenness(scene, oracle, settings=PLAIN, parallel=opts.threads, progress=progress)
     ladder = make_ladder(oracle, evenness)
     assert ladder is not None, f"{name} has no noise"
@@ -45,7 +45,7 @@ for name, shrink in TABLES.items():
 
 # %%
 # Rungs by scenes, and below what they follow from.
-lines = ["| rung | what may be chosen | " + " | ".join(ladders) + " |", "|---|---|" + "---|" * len(ladders)]
+lines = ["| bound | what may be chosen | " + " | ".join(ladders) + " |", "|---|---|" + "---|" * len(ladders)]
 for name, meaning in RUNGS.items():
     values = [ladder.rung_text(name) for ladder in ladders.values()]
     lines.append(f"| {name} | {meaning} | {' | '.join(values)} |")
@@ -62,7 +62,7 @@ difference = max(
     if name not in ("B6", "B7")
 )
 about = (
-    f"Made on {date.today()} with {SPP} samples per pixel and, for even points, {EVEN_SEEDS} renders each of "
+    f"Made on {date.today()} with {SPP} samples per pixel and, with Sobol points, {EVEN_SEEDS} renders each of "
     f"{EVEN_SPP // 4} and {EVEN_SPP}, on {machine()}.",
     f"Chosen and evaluated on the same samples, B0 to B3 are within {difference:.0%} of these.",
 )

@@ -1,6 +1,6 @@
 """
-The parabola of docs/why.md, with exact and with estimated variances
-====================================================================
+The parabola of docs/thesis.md, with exact and with estimated variances
+=======================================================================
 
 Does the thesis's rule lose because V(w) is no parabola, or because three variances from two samples per pixel are
 wrong? Both are read off the oracle's curves V(w): the weights of parabolas through three *exact* variances of each
@@ -28,7 +28,7 @@ opts, given = options(
     __file__,
     "exact and estimated parabolas",
     seeds={"type": int, "default": 8, "help": "number of pilots (default 8)"},
-    page={"type": Path, "default": ROOT / "docs" / "why.md", "help": "the page whose table is replaced"},
+    page={"type": Path, "default": ROOT / "docs" / "thesis.md", "help": "the page whose table is replaced"},
 )
 ENDS = [0, HALF, len(GRID) - 1]
 MISSED = 0.1

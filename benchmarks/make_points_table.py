@@ -1,6 +1,6 @@
 """
-Even points, numbers of samples, weights: what each saves
-==========================================================
+Low-discrepancy points, numbers of samples, shares: what each saves
+===================================================================
 
 The error in equal time of three steps over one light and one BRDF sample with independent points and the balance
 heuristic: Sobol points, numbers of samples per pixel (`counts`), and shares of light samples (`auto`). Two more rows
@@ -14,12 +14,13 @@ ratio in equal time. Over Sobol points, whose error falls faster, it is
 Each render is one line of ``docs/tables/points.csv``, written as soon as it is made; a run that was interrupted goes on
 after the last. Remove the file to measure again. The first budget takes the most seeds: it is that of the thesis.
 
-With ``--scene-dir`` the original pbrt-v2 scenes are measured instead, and have a file and tables of their own.
+With ``--scene-dir`` the original pbrt-v2 scenes are measured instead, and have a file of their own. With ``--page
+docs/tables.md`` this page gets the table of all budgets, of the shipped scenes only, and measurements.md beside it what
+each step saves.
 """
 
 import csv
 import sys
-from collections.abc import Callable
 from dataclasses import asdict, fields
 from datetime import date
 from pathlib import Path
@@ -33,34 +34,42 @@ import dmis
 from dmis.experiment.convergence import Interval, equal_time_ratio
 from dmis.experiment.runs import Run, measure
 
-PAGE = ROOT / "docs" / "measurements.md"
+PAGE = ROOT / "docs" / "tables.md"
 RESULTS = ROOT / "docs" / "tables" / "points.csv"
 ORIGINAL = RESULTS.with_name("points-original.csv")
 """Results of the original scenes."""
 HELD_OUT = {"veach-mis": 2, "ten-lights": 2}
 """Held-out scenes, and how much smaller than by default they are rendered."""
 PINNED, SOBOL = "balance:sampler=independent", "balance:sampler=sobol"
+COUNTS, AUTO = "counts:sampler=sobol", "auto:sampler=sobol"
 RULES = {
     PINNED: "balance, independent",
     SOBOL: "balance, Sobol",
-    "pbrt:sampler=sobol": "power heuristic, Sobol",
-    "fixed:1,sampler=sobol": "light samples alone, Sobol",
-    "counts:sampler=sobol": "counts",
-    "auto:sampler=sobol": "auto",
+    "pbrt:sampler=sobol": "power heuristic",
+    "fixed:1,sampler=sobol": "light samples alone",
+    COUNTS: "counts",
+    AUTO: "auto",
 }
 """Rules, and what the table calls them."""
+STEPS = {
+    "low-discrepancy points": (SOBOL, PINNED),
+    "numbers of samples": (COUNTS, SOBOL),
+    "shares": (AUTO, COUNTS),
+    "all three": (AUTO, PINNED),
+}
+"""Steps from the baseline to `auto`: a rule, and the rule that it is compared with."""
 MORE_SEEDS = {"killeroo-gold": 3}
 """Seeds more than for other scenes, where few pixels have most of the error."""
 
 opts, given = options(
     __file__,
-    "even points, numbers of samples and weights, in equal time",
+    "low-discrepancy points, numbers of samples and shares, in equal time",
     seeds={"type": int, "default": 3, "help": "number of seeds (default 3)"},
     most={"type": int, "default": 5, "help": "number of seeds at 128 samples (default 5)"},
     budgets={"type": int, "nargs": "+", "help": "camera samples per pixel (default 128 16 32 64 512)"},
     scenes={"nargs": "+", "help": "only these scenes (default: all)"},
     csv={"type": Path, "help": "results; those in it are not measured again (default: docs/tables/points.csv)"},
-    page={"type": Path, "help": "docs/measurements.md gets the tables between its marks 'points', and README its own"},
+    page={"type": Path, "help": "docs/tables.md; it, measurements.md beside it and README get their tables"},
 )
 BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64, 512))
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
@@ -87,19 +96,15 @@ def write(name: str, run: Run) -> None:
         csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow({"scene": name, **asdict(run)})
 
 
-def over_pinned(name: str, rule: str, spp: int) -> Interval:
-    """Return the error in equal time over the balance heuristic with independent points."""
-    return equal_time_ratio(measured[name, rule, spp], [measured[name, PINNED, spp]])
-
-
-def over_sobol(name: str, rule: str, spp: int) -> Interval:
-    """Return the error in equal time over the balance heuristic with Sobol points."""
-    return equal_time_ratio(measured[name, rule, spp], [measured[name, SOBOL, n] for n in BUDGETS])
+def over(name: str, rule: str, spp: int, base: str) -> Interval:
+    """Return the error of a rule in equal time over that of the rule `base`; independent points need one budget."""
+    budgets = [spp] if base == PINNED else BUDGETS
+    return equal_time_ratio(measured[name, rule, spp], [measured[name, base, n] for n in budgets])
 
 
 def cell(value: float, low: float, high: float) -> str:
     """Return a ratio and its interval, bold if all of it is below 1."""
-    text = f"{value:.3f} ({low:.3f} – {high:.3f})"
+    text = f"{value:.3f} ({low:.3f}–{high:.3f})"
     return f"**{text}**" if high < 1 else text
 
 
@@ -137,34 +142,47 @@ for name in names:
         )
         for rule in RULES:
             measured[name, rule, spp] = runs[rule, spp]
-            print(name, spp, RULES[rule], *over_pinned(name, rule, spp), flush=True)
+            print(name, spp, RULES[rule], *over(name, rule, spp, PINNED), flush=True)
 
 
 # %%
 # Ratios with 95 % intervals over seeds; bold where the interval is below 1.
-def table(ratio: Callable[[str, str, int], Interval], rules: list[str]) -> list[str]:
-    """Return the lines of a table of `rules`; `ratio` is that of scene, rule and budget."""
+def title(name: str) -> str:
+    """Return the first cell of a row."""
+    return f"{titles[name]} {sizes[name]}{', held out' if name in HELD_OUT else ''}"
+
+
+def table() -> list[str]:
+    """Return the lines of the table of all rules by scene and budget: first Sobol over independent points."""
     budgets = sorted(BUDGETS)
     lines = [
         "| scene | rule | " + " | ".join(f"{spp} spp" for spp in budgets) + " |",
         "|---|---|" + "---|" * len(budgets),
     ]
     for name in names:
-        for rule in rules:
-            cells = [cell(*ratio(name, rule, spp)) for spp in budgets]
-            held_out = ", held out" if name in HELD_OUT else ""
-            lines.append(f"| {titles[name]} {sizes[name]}{held_out} | {RULES[rule]} | " + " | ".join(cells) + " |")
+        for rule in list(RULES)[1:]:
+            base = PINNED if rule == SOBOL else SOBOL
+            cells = [cell(*over(name, rule, spp, base)) for spp in budgets]
+            told = f"{RULES[rule]} / {RULES[base]}" if rule == SOBOL else RULES[rule]
+            lines.append(f"| {title(name)} | {told} | {' | '.join(cells)} |")
+    return lines
+
+
+def steps() -> list[str]:
+    """Return the lines of the table of `STEPS`, at the budget of the most seeds."""
+    lines = [f"| scene | {' | '.join(STEPS)} |", "|---" * (1 + len(STEPS)) + "|"]
+    for name in names:
+        cells = [cell(*over(name, rule, BUDGETS[0], base)) for rule, base in STEPS.values()]
+        lines.append(f"| {title(name)} | {' | '.join(cells)} |")
     return lines
 
 
 number = f"{given.seeds} seeds ({given.most} or more at 128 spp)"
 about = f"Made on {date.today()} with {number}, one thread, on {machine()}."
-others = list(RULES)[1:]
-for mark, ratio, rules in ((f"points{KIND}", over_pinned, others), (f"points strong{KIND}", over_sobol, others[1:])):
-    lines = table(ratio, rules)
+for page, mark, lines in (("tables.md", "points", table()), ("measurements.md", f"steps{KIND}", steps())):
     print("", about, "", *lines, sep="\n")
-    if given.page is not None:
-        replace_table(given.page, mark, about, "", *lines)
+    if given.page is not None and (mark != "points" or not KIND):
+        replace_table(given.page.with_name(page), mark, about, "", *lines)
 
 # %%
 # For README, what `auto` saves at 128 samples.

@@ -140,10 +140,10 @@ def main() -> int:
             for s in speeds
         ),
     ]
+    print(*where, sep="\n")
     table = ["| target | measured | to reach | met |", "|---|---|---|---|", *(target.row() for target in targets)]
     replace_table(given.page, "targets", about, "", *table)
     replace_table(given.page, "speed", about, "", HEADER, *(speed.row() for speed in speeds))
-    replace_table(given.page, "parts", about, "", *where)
     data = {"machine": machine(), "date": str(date.today()), "spp": given.spp}
     data |= {"speeds": [asdict(speed) for speed in speeds], "targets": [asdict(target) for target in targets]}
     given.json.write_text(json.dumps(data, indent=1) + "\n", "utf-8")

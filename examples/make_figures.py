@@ -4,8 +4,7 @@ All figures and a contact sheet
 
 Runs every ``plot_*.py`` at the size asked for, and writes ``figures/index.html``, which shows all figures by section
 with their captions. What a script prints goes to ``<script>.txt`` beside its figure. With ``--publish docs`` the
-figures also go to the pages of the project: as WebP files to ``docs/figures``, where the gallery takes them from, and
-those of the thesis with their captions to ``docs/thesis-figures.md``, each between marks with the name of its script.
+figures also go to the project: as WebP files to ``docs/figures``, where pages and the gallery take them from.
 """
 
 import html
@@ -18,7 +17,7 @@ import time
 from datetime import date
 from pathlib import Path
 
-from common import ROOT, options, replace_table
+from common import ROOT, options
 from PIL import Image
 
 SECTIONS = {"thesis": "The thesis, figure by figure", "explained": "Explained", "measured": "Measured"}
@@ -100,17 +99,6 @@ for k, script in enumerate(scripts, 1):
         publish(picture, cpu)
     end = f"FAILED, see {log}" if done.returncode else picture
     print(f"{time.perf_counter() - begin:6.1f} s ({cpu:6.1f} s CPU)  {end}", flush=True)
-
-# %%
-# On the page of the thesis each figure has its own marks, with the command, date and commit that drew it.
-if given.publish is not None:
-    captions = json.loads((given.publish / "figures" / "captions.json").read_text("utf-8"))
-    drawn = [script.stem for script in scripts if script.parent.name == "thesis" and script.stem not in failed]
-    for stem in drawn:
-        title, caption, made = (captions[stem][key] for key in ("title", "caption", "made"))
-        lines = ["", f"### {title}", "", f"![{title}](figures/{stem}.webp)", ""]
-        lines += [f"{caption} ([`{stem}.py`](../examples/thesis/{stem}.py); {made}.)", ""]
-        replace_table(given.publish / "thesis-figures.md", stem, *lines)
 
 # %%
 # The contact sheet shows the pictures of this run and of earlier ones: titles and captions are in their metadata.

@@ -64,14 +64,11 @@ for name in given.scenes:
 # %%
 # One page for all.
 write_report(comparisons, page, "Error against time, on four scenes")
-print(page)
 
 # %%
 # The same in a table and a picture, for the pages of the project. Error ratios at the largest budget.
-lines = [
-    "| scene | rule | slope, samples | slope, seconds | MSE, equal samples | MSE, equal time | seconds, equal error |",
-    "|---|---|---|---|---|---|---|",
-]
+rows = {rule: f"| {rule} |" for rule in RULES[1:]}
+best = "| *best shares, no pilot* |"
 figure, axes = plot.canvas(2, len(given.scenes), 22, 10, sharey="col")
 for column, comparison, oracle in zip(axes.T, comparisons, limits, strict=True):
     runs, title = comparison.runs, SCENES[comparison.scene].title
@@ -79,18 +76,22 @@ for column, comparison, oracle in zip(axes.T, comparisons, limits, strict=True):
         error_lines(axis, runs, over, oracle)
     column[0].set_title(title, fontsize=11)
     for gain in (gain for gain in gains(runs) if gain.spp == BUDGETS[-1]):
-        slopes = (slope(*line(runs, gain.rule, over)) for over in ("spp", "seconds"))
-        told = " | ".join(f"{value:.3f} ± {error:.3f}" for value, error in slopes)
-        mark = "†" if gain.extrapolated else ""
-        lines.append(
-            f"| {title} | {gain.rule} | {told} | {gain.over_balance:.3f} ± {gain.interval:.3f} "
-            f"| {gain.equal_time:.2f}{mark} | {gain.equal_error:.2f}{mark} |"
-        )
-    best = f"{oracle.limit():.3f} | {oracle.limit(costly=True):.2f} | {oracle.limit(costly=True):.2f}"
-    lines.append(f"| {title} | *best weights there are* | | | {best} |")
+        slopes = [slope(*line(runs, gain.rule, over)) for over in ("spp", "seconds")]
+        print(title, gain.rule, "slopes:", *(f"{value:.3f} ± {error:.3f}" for value, error in slopes))
+        if gain.rule in rows:
+            mark = "†" if gain.extrapolated else ""
+            rows[gain.rule] += f" {gain.over_balance:.3f} ± {gain.interval:.3f}, {gain.equal_time:.2f}{mark} |"
+    best += f" {oracle.limit():.3f}, {oracle.limit(costly=True):.2f} |"
+lines = [
+    f"| rule | {' | '.join(SCENES[comparison.scene].title for comparison in comparisons)} |",
+    "|---" * (1 + len(comparisons)) + "|",
+    *rows.values(),
+    best,
+]
 figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center")
 if given.docs is not None:
     figure.savefig(given.docs.parent / "images" / "error-vs-time.png", dpi=80)
     took = f"{time.perf_counter() - begun:.0f} s"
     about = f"Made on {date.today()} in {took} with {given.seeds} seeds, on {machine()}."
     replace_table(given.docs, "four scenes", about, "", *lines)
+print(page)

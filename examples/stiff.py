@@ -63,7 +63,7 @@ class Case:
     solve
         Gives `truth`, the radiance that the camera should see, the same in all pixels and channels.
     rounding
-        The relative error that float32 may make of it, by what is said in docs/rounding.md; from 1 on, all is lost.
+        The relative error that float32 may make of it, by what is said in docs/stability.md; from 1 on, all is lost.
     settings
         Of the estimator, where they are not the usual ones.
     """

@@ -134,15 +134,15 @@ def test_figures_of_original_scenes_are_not_published(by_option, tmp_path):
 def test_reproduction_grid_is_resumed(run, tmp_path):
     """A line for each comparison; a second run makes none again, and its table is the same."""
     page, results = tmp_path / "page.md", tmp_path / "rows.csv"
-    marks = "".join(f"<!-- {mark}: begin -->\nstale\n<!-- {mark}: end -->\n" for mark in ("nearest", "grid"))
-    page.write_text(f"before\n{marks}after\n", "utf-8")
+    page.write_text("before\n<!-- grid: begin -->\nstale\n<!-- grid: end -->\nafter\n", "utf-8")
     script = ROOT / "examples" / "thesis" / "make_reproduction.py"
     arguments = ("--seeds", "1", "--csv", results, "--page", page, "--scenes", "killeroo-gold")
     printed = run(script, *arguments)
     rows = results.read_bytes()
     assert rows.count(b"\n") == 1 + (2 * 4 + 1) + 2  # header; set-ups, sizes of patches; by paths
     text = page.read_text("utf-8")
-    assert text.startswith("before\n<!-- nearest: begin -->\nMade on ") and text.endswith("<!-- grid: end -->\nafter\n")
+    assert text.startswith("before\n<!-- grid: begin -->\nMade on ") and text.endswith("<!-- grid: end -->\nafter\n")
+    assert (tmp_path / "reproduction.md").read_text("utf-8").count("\n| killeroo-gold ") == 1
     assert text.count("as in the file, direct |") == 4 and text.count(", path |") == 2
     assert "stale" not in text and "nan" not in text
     results.write_bytes(rows[: rows.rindex(b"\n", 0, -1) + 1])  # as if interrupted before the last line
@@ -173,14 +173,16 @@ def test_tables_of_rules(run, tmp_path, script, arguments, counts):
 
 def test_points_table_is_resumed(run, tmp_path):
     """A line for each render; a second run makes none again, and its tables are the same."""
-    page, results = tmp_path / "page.md", tmp_path / "runs.csv"
+    page, results = tmp_path / "tables.md", tmp_path / "runs.csv"
     script = ROOT / "benchmarks" / "make_points_table.py"
     arguments = ("--seeds", "2", "--scenes", "killeroo-gold", "veach-mis", "--csv", results, "--page", page)
     printed = run(script, *arguments)
     rows = results.read_bytes()
     assert rows.count(b"\n") == 1 + 2 * 2 * 6 * 2  # header; scenes, budgets, rules, seeds
     text = page.read_text("utf-8")
-    assert text.count("| auto |") == 4 and text.count("| balance, Sobol |") == 2 and text.count(", held out |") == 5 + 4
+    assert text.count("| auto |") == text.count("| balance, Sobol / balance, independent |") == 2
+    steps = (tmp_path / "measurements.md").read_text("utf-8")
+    assert steps.count(", held out |") == 1 and "| shares |" in steps
     assert "| 16 spp | 32 spp |" in text and "nan" not in text
     assert run(script, *arguments) == printed and results.read_bytes() == rows
 

@@ -1,4 +1,4 @@
-"""The table of README is put together from the tables of two other pages."""
+"""The table of README is put together from the tables of three other pages."""
 
 import runpy
 from pathlib import Path
@@ -16,15 +16,23 @@ MITSUBA = """<!-- mitsuba-errors: begin -->
 """
 
 
-def table(mark: str, ratio: str) -> str:
-    """Return a table of `make_points_table` with two budgets and two rules on two scenes."""
-    rows = [
-        f"| {scene} | {rule} | 9 | {ratio if rule == 'auto' else 8} |"
-        for scene in ("tt 3×2", "room, held out")
-        for rule in ("counts", "auto")
-    ]
-    head = "| scene | rule | 32 spp | 128 spp |\n|---|---|---|---|\n"
-    return f"<!-- {mark}: begin -->\nMade today.\n\n{head}" + "\n".join(rows) + f"\n<!-- {mark}: end -->\n"
+STEPS = """<!-- steps: begin -->
+| scene | shares | all three |
+|---|---|---|
+| tt 3×2 | 0.9 | **0.1 ± 0.0** |
+| room, held out | 0.8 | 0.3 ± 0.0 |
+<!-- steps: end -->
+"""
+POINTS = """<!-- points: begin -->
+Made today.
+
+| scene | rule | 32 spp | 128 spp |
+|---|---|---|---|
+| tt 3×2 | counts | 9 | 8 |
+| tt 3×2 | auto | 9 | 0.2 ± 0.1 |
+| room, held out | auto | 9 | 0.4 ± 0.1 |
+<!-- points: end -->
+"""
 
 
 @pytest.fixture
@@ -35,12 +43,12 @@ def front() -> SimpleNamespace:
 @pytest.mark.parametrize("column, best", [("`auto`, sobol", "0.6 ± 0.1"), ("ratio", "–")])
 def test_rows(front, tmp_path, column, best):
     """The ratios of auto at 128 samples, and over the last of Mitsuba's lines; a dash where none was measured."""
-    points, mitsuba = tmp_path / "points.md", tmp_path / "mitsuba.md"
-    points.write_text(table("points", "**0.1 ± 0.0**") + table("points strong", "0.2 ± 0.1"), "utf-8")
-    mitsuba.write_text(MITSUBA.format(column=column), "utf-8")
-    assert front.front_rows(points, mitsuba)[2:] == [
+    pages = [tmp_path / name for name in ("steps.md", "points.md", "mitsuba.md")]
+    for page, text in zip(pages, (STEPS, POINTS, MITSUBA.format(column=column)), strict=True):
+        page.write_text(text, "utf-8")
+    assert front.front_rows(*pages)[2:] == [
         f"| tt 3×2 | **0.1 ± 0.0** | 0.2 ± 0.1 | {best} |",
-        "| room, held out | **0.1 ± 0.0** | 0.2 ± 0.1 | – |",
+        "| room, held out | 0.3 ± 0.0 | 0.4 ± 0.1 | – |",
     ]
 
 
@@ -53,5 +61,5 @@ def test_page_without_marks(front, tmp_path):
 
 
 def test_readme_has_the_table_of_the_pages(front):
-    """README shows what the two pages show now."""
+    """README shows what these pages show now."""
     assert "\n".join(front.front_rows()) in (ROOT / "README.md").read_text("utf-8")
