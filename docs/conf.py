@@ -53,6 +53,7 @@ html_theme = "furo"
 html_title = f"dmis {version}"
 html_static_path = ["_static", str(Path(ziamath.__file__).parent / "fonts")]  # STIX Two Math, for the formulas
 html_css_files = ["dmis.css"]
+html_search_scorer = str(DOCS / "search_scorer.js")
 html_show_sourcelink = False
 html_show_copyright = False
 html_show_sphinx = False
