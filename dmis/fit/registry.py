@@ -3,52 +3,34 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Mapping
+import reprlib
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
-from inspect import Parameter, signature
-from typing import Any
+from inspect import signature
+from typing import Any, Literal, get_args, get_origin
 
 from dmis.base.plugins import loaded_plugins
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.fixed import Fixed
+from dmis.fit.objectives import OBJECTIVE_NAMES
 from dmis.fit.rounds import Rounds
-from dmis.fit.rule import Rule, complete_rule
+from dmis.fit.rule import Rule
 from dmis.fit.second_moment import SecondMoment
 from dmis.fit.simplex import Simplex
 from dmis.fit.thesis import Thesis
 
-
-def _simplex(**options: Any) -> Rule:
-    shares = {name: options.pop(name) for name in tuple(options) if name in TECHNIQUES}
-    if not shares:
-        return Simplex(**options)
-    allowed = ("combiner", "sampler", "compensation")
-    if wrong := options.keys() - set(allowed):
-        raise ValueError(
-            f"rule simplex with shares that are given has the options {', '.join(allowed)}; got "
-            f"{', '.join(sorted(wrong))}"
-        )
-    if len(shares) < 2:
-        raise ValueError(f"rule simplex needs shares of at least two techniques; got {', '.join(shares)}")
-    w = tuple(shares.values())
-    rule = Fixed(w, techniques=tuple(shares), **options)
-    return rule if len(w) > 2 else replace(rule, w=w[0])
-
-
-_RELATIVES = ("taylor", "inverse-variance", "neyman", "representativity", "kl", "tsallis")
 RULES: dict[str, Callable[..., Rule]] = {
-    "balance": Fixed,
+    "balance": partial(Fixed, 0.5),
     "fixed": Fixed,
-    "pbrt": lambda **options: Fixed(**{"combiner": "power", **options}),
-    "one-sample": lambda **options: Fixed(**{"allocation": "random", **options}),
-    "uniform": lambda **options: Fixed(**{"w": 1.0, "techniques": ("uniform", "brdf"), **options}),
-    "resampled": lambda **options: Fixed(**{"techniques": ("resampled", "brdf"), **options}),
+    "pbrt": partial(Fixed, 0.5, combiner="power"),
+    "one-sample": partial(Fixed, allocation="random"),
+    "uniform": partial(Fixed, 1.0, techniques=("uniform", "brdf")),
+    "resampled": partial(Fixed, techniques=("resampled", "brdf")),
     "thesis": Thesis,
-    "second-moment": partial(SecondMoment, "second-moment"),
-    **{name: partial(SecondMoment, name) for name in _RELATIVES},
-    "simplex": _simplex,
+    **{name: partial(SecondMoment, name) for name in ("second-moment", *OBJECTIVE_NAMES)},
+    "simplex": Simplex,
     "counts": partial(Rounds, False),
     "auto": Rounds,
 }
@@ -62,9 +44,6 @@ equal shares (`dmis.fit.rounds`).
 """
 _SHIPPED = frozenset(RULES)
 _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
-_HELD = dict.fromkeys(("balance", "pbrt", "uniform"), "w") | {"counts": "weights"}
-_HELD |= dict.fromkeys(("second-moment", *_RELATIVES), "objective")
-"""The argument of a class that its rule of this name has already, so that it is no option."""
 _REMOVED_RULES = {"linear": "second-moment, which minimises the variance that linear fitted f for"}
 """What to use in place of rules of earlier versions."""
 _REMOVED_OPTIONS = {
@@ -72,10 +51,9 @@ _REMOVED_OPTIONS = {
     "strategies": "the pilot has the thesis's three; spp= sets its samples at each",
 }
 """What to do in place of options of earlier versions."""
-_REST = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
 
 
-def register_rule(name: str, cls: Callable[..., Any]) -> None:
+def register_rule(name: str, cls: Callable[..., Rule]) -> None:
     """Add a rule by name, so that `render`, `compare` and the command line find it as text, ``name:option=value``.
 
     Parameters
@@ -83,10 +61,10 @@ def register_rule(name: str, cls: Callable[..., Any]) -> None:
     name
         Letters and digits, words joined by hyphens, such as ``quieter-patches``.
     cls
-        Class of the rule: one that derives from `dmis.fit.rule.Rule`, or a plain one with a method ``fit``; or a
-        function that returns a rule. Its arguments, such as the fields of a dataclass, are the rule's options: each
-        has a default, and those whose default is a number, a string, True or False may be given as text. The class of
-        a name may be defined anew, as a notebook cell that runs twice does.
+        Class that derives from `dmis.fit.rule.Rule`, or a function that returns a rule. Its arguments, such as the
+        fields of a dataclass, are the rule's options: each has a default, and those whose default is a number, a
+        string, True or False may be given as text. The class of a name may be defined anew, as a notebook cell that
+        runs twice does.
 
     Raises
     ------
@@ -95,44 +73,40 @@ def register_rule(name: str, cls: Callable[..., Any]) -> None:
     """
     if not isinstance(name, str) or not re.fullmatch("[A-Za-z][A-Za-z0-9]*(-[A-Za-z0-9]+)*", name):
         raise ValueError(f"name of a rule must be letters, digits and hyphens, such as my-rule; got {name!r}")
-    if not callable(cls):
+    if not callable(cls) or (isinstance(cls, type) and not issubclass(cls, Rule)):
         raise ValueError(
-            f"rule {name} must be a class with a method fit, or a function that returns a rule; got {cls!r}. "
-            f"Write dmis.register_rule({name!r}, MyRule)"
+            f"rule {name} must be a class that derives from dmis.Rule, or a function that returns a rule; got {cls!r}. "
+            f"Write class MyRule(dmis.Rule), then dmis.register_rule({name!r}, MyRule)"
         )
     if name in _RESERVED:
         raise ValueError(f"name of a rule must not be {name}, because {_RESERVED[name]}. Choose another name")
     if name in _SHIPPED or (name in RULES and _origin(RULES[name]) != _origin(cls)):
-        owner = "dmis" if name in _SHIPPED else ".".join(_origin(RULES[name]))
+        owner = "dmis" if name in _SHIPPED else _origin(RULES[name])
         raise ValueError(f"name of a rule must be new; {name!r} is taken by {owner}. Choose another name")
     try:
-        required = [key for key, p in signature(cls).parameters.items() if p.default is p.empty and p.kind not in _REST]
-    except ValueError:  # some classes of C have no signature
-        required = []
-    if required:
+        rule = cls()
+    except TypeError as error:
         raise ValueError(
-            f"rule {name} must have a default for every option, because its name alone is a rule; "
-            f"{', '.join(required)} of {_origin(cls)[1]} has none. Write {required[0]}=..."
-        )
-    complete_rule(cls())
+            f"rule {name} must have a default for every option, because its name alone is a rule; got: {error}"
+        ) from error
+    make_rule(rule)
     RULES[name] = cls
 
 
-def _origin(cls: Any) -> tuple[str, str]:
-    """Return module and name of a class or function."""
-    return cls.__module__, getattr(cls, "__qualname__", repr(cls))
+def _origin(cls: Callable[..., Rule]) -> str:
+    """Return the module and the name of a class or function."""
+    return f"{cls.__module__}.{getattr(cls, '__qualname__', repr(cls))}"
 
 
-def make_rule(text: Rule | str | Any) -> Rule:
-    """Read a rule: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
+def make_rule(rule: Rule | str) -> Rule:
+    """Return a rule from its text: ``thesis``, ``thesis:patch=16,filter=none``, ``fixed:0.25``.
 
-    A bare value is the rule's first option. A rule object stays as it is; one of a plain class gets the defaults of
-    `Rule`.
+    A bare value is the rule's first option.
 
     Parameters
     ----------
-    text
-        A name of `RULES`, a colon, and options ``name=value`` separated by commas.
+    rule
+        A name of `RULES`, a colon, and options ``name=value`` separated by commas. A rule object is returned as it is.
 
     Returns
     -------
@@ -144,92 +118,67 @@ def make_rule(text: Rule | str | Any) -> Rule:
     ValueError
         If it is neither, there is no such rule or option, or a value does not fit.
     """
-    if not isinstance(text, str):
-        return complete_rule(text)
-    name, _, rest = text.strip().partition(":")
+    if not isinstance(rule, str):
+        return _check_object(rule)
+    name, _, rest = rule.strip().partition(":")
     if name not in RULES:
         raise _no_such_rule(name)
-    convert: dict[type, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
-    types, words = _option_types(name, convert), _option_words(name)
-    types.pop(_HELD.get(name, ""), None)
-    if name == "simplex":
-        types |= dict.fromkeys(TECHNIQUES, float)
-    options: dict[str, Any] = {}
-    for item in filter(None, rest.split(",")):
-        key, equals, value = item.partition("=")
-        if not equals and key in _arguments(name) and key in types:
-            raise ValueError(f"option {key} of rule {name} needs a value: {name}:{key}={_example(name, key)}")
-        if not equals and types:
-            key, value = next(iter(types)), item
-        if key not in types and key in _REMOVED_OPTIONS:
-            raise ValueError(f"rule {name} has no option {key} any more: {_REMOVED_OPTIONS[key]}; got {item!r}")
-        if key not in types:
-            known = f"the options {', '.join(types)}" if types else "no options"
-            raise ValueError(f"rule {name} has {known}; got {key!r}{did_you_mean(key, types)}")
-        if key in options:
-            raise ValueError(f"option {key} of rule {name} must be given once; got {options[key]} and {value}")
-        try:
-            options[key] = value if value in words.get(key, ()) else convert[types[key]](value)
-        except ValueError:
-            kind_of = "yes or no" if types[key] is bool else f"of type {types[key].__name__}"
-            kind_of = " or ".join([kind_of, *words.get(key, ())])
-            first = "" if equals else f", of which a value without a name is the first; there are {', '.join(types)}"
-            raise ValueError(f"option {key} of rule {name} must be {kind_of}; got {value!r}{first}") from None
+    options = _read_options(name, rest)
+    if name == "simplex" and TECHNIQUES.keys() & options.keys():
+        return _given_shares(options)
     if name == "fixed" and "w" not in options:
         raise ValueError("rule fixed needs the share of light samples, such as fixed:0.5; got none")
-    return complete_rule(RULES[name](**options))
+    return _check_object(RULES[name](**options))
+
+
+def _check_object(rule: Any) -> Rule:
+    """Return an object; raise a ValueError unless it is a rule with a fit."""
+    must = f"rule must be a rule, or text such as thesis:patch=16; got {reprlib.repr(rule)}"
+    if isinstance(rule, type):
+        raise ValueError(f"{must}. Make an object of the class: {rule.__name__}()")
+    if not isinstance(rule, Rule):
+        derive = f"Derive its class from dmis.Rule: class {type(rule).__name__}(dmis.Rule)"
+        raise ValueError(f"{must}. {derive if hasattr(rule, 'fit') else 'A map of weights is dmis.Given(weight=...)'}")
+    if type(rule).fit is Rule.fit:
+        raise ValueError(
+            f"{must}, which has no method fit. Add it to class {type(rule).__name__}: "
+            f"def fit(self, pilot): return dmis.Fit(weight=0.5)"
+        )
+    return rule
 
 
 def _no_such_rule(name: str) -> ValueError:
     """Return the error that a name is that of no rule."""
     if name in _REMOVED_RULES:
         return ValueError(f"rule {name} was removed. Use {_REMOVED_RULES[name]}")
+    hint = did_you_mean(name, RULES) or "."
     how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
     if loaded_plugins() and RULES.keys() == _SHIPPED:
         files = " and ".join(path.name for path in loaded_plugins())
         how = f"{files} registered no rule: end it with dmis.register_rule({name!r}, ...), and the rule's class"
     return ValueError(
-        f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}"
-        f"{did_you_mean(name, RULES) or '.'} {how}"
+        f"rule must be one of {', '.join(RULES)}, and options behind a colon, as in thesis:patch=4; got {name!r}{hint} "
+        f"{how}"
     )
 
 
-def _arguments(name: str) -> Mapping[str, Parameter]:
-    """Return the arguments of a rule that are its options, by name."""
-    arguments = signature(type(RULES[name]())) if name in _SHIPPED else signature(RULES[name])
-    return {key: p for key, p in arguments.parameters.items() if p.kind not in _REST}
+def _given_shares(options: dict[str, Any]) -> Rule:
+    """Return the rule ``simplex`` with the shares of techniques that are given."""
+    shares = {name: options.pop(name) for name in tuple(options) if name in TECHNIQUES}
+    allowed = ("combiner", "sampler", "compensation")
+    if wrong := options.keys() - set(allowed):
+        raise ValueError(
+            f"rule simplex with shares that are given has the options {', '.join(allowed)}; got "
+            f"{', '.join(sorted(wrong))}"
+        )
+    if len(shares) < 2:
+        raise ValueError(f"rule simplex needs shares of at least two techniques; got {', '.join(shares)}")
+    w = tuple(shares.values())
+    rule = Fixed(w, techniques=tuple(shares), **options)
+    return rule if len(w) > 2 else replace(rule, w=w[0])
 
 
-def _example(name: str, option: str) -> str:
-    """Return the default value of a rule's option as text, an example of what it may be."""
-    argument = _arguments(name)[option]
-    default = argument.default
-    if default is None and _type_of(argument) is float:
-        return "0.5"
-    return "no" if default in (None, False) else "yes" if default is True else str(default)
-
-
-def _option_types(name: str, readable: Container[type]) -> dict[str, type]:
-    """Return the types of a rule's options by name."""
-    types = {key: _type_of(p) for key, p in _arguments(name).items()}
-    return {key: kind for key, kind in types.items() if kind in readable}
-
-
-def _type_of(argument: Parameter) -> type:
-    """Return the type of an option: that of its default; where this is None, float if annotated so, else bool."""
-    if argument.default is not None:
-        return type(argument.default)
-    return float if "float" in str(argument.annotation) else bool
-
-
-def _option_words(name: str) -> dict[str, list[str]]:
-    """Return the words that options take beside numbers, by name: those of ``Literal`` in an annotation."""
-    literal = re.compile(r"Literal\[(.*?)\]")
-    return {
-        key: re.findall(r"\w+", match[1])
-        for key, p in _arguments(name).items()
-        if (match := literal.search(str(p.annotation)))
-    }
+# Options ------------------------------------------------------------------------------------------------------------
 
 
 def _yes_or_no(text: str) -> bool:
@@ -237,3 +186,57 @@ def _yes_or_no(text: str) -> bool:
     if text.lower() not in words:
         raise ValueError(text)
     return words[text.lower()]
+
+
+_READERS: dict[Any, Callable[[str], Any]] = {int: int, float: float, str: str, bool: _yes_or_no}
+
+
+def _options(name: str) -> dict[str, list[Any]]:
+    """Return the options of a rule: the type of their values, one of `_READERS`, and words that they may be, too.
+
+    They are the arguments whose default can be text. Where this is None, the type is that of the annotation.
+    """
+    try:
+        parameters = signature(RULES[name], eval_str=True).parameters
+    except NameError:  # an annotation that only type checkers see
+        parameters = signature(RULES[name]).parameters
+    options = {}
+    for key, p in parameters.items():
+        kinds = get_args(p.annotation)  # of ``int | Literal["auto"]`` or ``float | None``
+        kind = type(p.default) if p.default is not None else next((k for k in kinds if k in _READERS), None)
+        if kind in _READERS:
+            options[key] = [kind, *(word for k in kinds if get_origin(k) is Literal for word in get_args(k))]
+    return options
+
+
+def _read_options(name: str, text: str) -> dict[str, Any]:
+    """Return the values of a rule's options from ``option=value,option=value``."""
+    own = _options(name)
+    options = own | ({key: [float] for key in TECHNIQUES} if name == "simplex" else {})
+    values: dict[str, Any] = {}
+    for item in filter(None, text.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals and own and key not in own:
+            key, value = next(iter(own)), item
+        if key not in options:
+            raise _no_such_option(name, key, options)
+        if key in values:
+            raise ValueError(f"option {key} of rule {name} must be given once; got {values[key]} and {value}")
+        kind, *words = options[key]
+        allowed = " or ".join(["yes or no" if kind is bool else f"of type {kind.__name__}", *words])
+        if item == key:
+            raise ValueError(f"option {key} of rule {name} needs a value, {allowed}: {name}:{key}=...")
+        try:
+            values[key] = value if value in words else _READERS[kind](value)
+        except ValueError:
+            first = "" if equals else f", of which a value without a name is the first; there are {', '.join(options)}"
+            raise ValueError(f"option {key} of rule {name} must be {allowed}; got {value!r}{first}") from None
+    return values
+
+
+def _no_such_option(name: str, key: str, options: Collection[str]) -> ValueError:
+    """Return the error that a rule has no option of a name."""
+    if key in _REMOVED_OPTIONS:
+        return ValueError(f"rule {name} has no option {key} any more: {_REMOVED_OPTIONS[key]}")
+    known = f"the options {', '.join(options)}" if options else "no options"
+    return ValueError(f"rule {name} has {known}; got {key!r}{did_you_mean(key, options)}")

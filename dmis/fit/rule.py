@@ -8,7 +8,6 @@ names of all rules.
 from __future__ import annotations
 
 import re
-import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -101,8 +100,7 @@ class Pilot:
 class Rule:
     """Base class of weight rules: defaults for everything but `fit`.
 
-    A class of one's own derives from it, or is a plain class with the same names: `complete_rule` gives it the
-    defaults. The names below are class attributes, fields or properties.
+    A class of one's own derives from it. The names below are class attributes, fields or properties.
 
     Attributes
     ----------
@@ -162,69 +160,6 @@ class Rule:
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Return the weights, from the `Pilot` at each weight of `pilot`."""
         raise NotImplementedError(f"class {type(self).__name__} needs a method fit(self, pilot) that returns a Fit")
-
-
-@dataclass(frozen=True)
-class _Completed(Rule):
-    """A rule of a plain class, with the defaults of `Rule` for the names that the class does not have."""
-
-    rule: Any
-
-    def __repr__(self) -> str:
-        return rule_text(self.rule)
-
-    def _attribute(self, name: str) -> Any:
-        return getattr(self.rule, name, getattr(Rule, name))
-
-    @property
-    def pilot(self) -> Mapping[Any, int]:
-        return self._attribute("pilot")
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        return self._attribute("settings")
-
-    @property
-    def statistic(self) -> Callable[..., Statistic] | None:
-        return self._attribute("statistic")
-
-    @property
-    def needs_features(self) -> bool:
-        return self._attribute("needs_features")
-
-    @property
-    def multi_technique(self) -> bool:
-        return self._attribute("multi_technique")
-
-    @property
-    def shares_only(self) -> bool:
-        return self._attribute("shares_only")
-
-    @property
-    def continues(self) -> bool:
-        return self._attribute("continues")
-
-    def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
-        return self.rule.fit(pilot)
-
-
-def complete_rule(rule: Any) -> Rule:
-    """Return an object as a rule: as it is if its class derives from `Rule`, else with the defaults of `Rule`.
-
-    Raises
-    ------
-    ValueError
-        If it is a class in place of an object, or has no method ``fit``.
-    """
-    must = f"rule must be a rule, or text such as thesis:patch=16; got {reprlib.repr(rule)}"
-    if isinstance(rule, type):
-        raise ValueError(f"{must}. Make an object of the class: {rule.__name__}()")
-    if not callable(getattr(rule, "fit", None)) or getattr(type(rule), "fit", None) is Rule.fit:
-        raise ValueError(
-            f"{must}, which has no method fit. Add it to class {type(rule).__name__}: "
-            f"def fit(self, pilot): return dmis.Fit(weight=0.5); or give a map of weights as dmis.Given(weight=...)"
-        )
-    return rule if isinstance(rule, Rule) else _Completed(rule)
 
 
 def rule_text(rule: Any) -> str:
@@ -297,7 +232,7 @@ def _is_number(value: object) -> bool:
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
     """Return how a rule gets the `value` of a setting that it has an option for, or that it has none."""
     option = {"reuse_pilot": "reuse"}.get(name, name)
-    if not hasattr(rule.rule if isinstance(rule, _Completed) else rule, option):
+    if not hasattr(rule, option):
         return f"The rule has no option {option}: leave it out of the settings, or use another rule"
     if "(" in text:
         return f"Make the rule with {option}={value!r}"

@@ -22,9 +22,7 @@ from dataclasses import dataclass
 import dmis
 
 @dataclass(frozen=True)
-class Third:
-    pilot = {}
-    settings = {}
+class Third(dmis.Rule):
     w: float = 0.25
 
     def fit(self, pilot):

@@ -131,7 +131,7 @@ def test_who_decides(rule: str, settings: dict[str, Any], expected: float) -> No
         ("auto:compensation=0.5", {"compensation": 0.3}, 'Write rule="auto:compensation=0.3"'),
         ("auto:compensation=0.5", {"preset": "thesis"}, "preset thesis has compensation 0.0; got 0.5"),
         ("balance", {"preset": "thesis", "compensation": 0.5}, "preset thesis has compensation 0.0; got 0.5"),
-        ("auto:compensation", {}, "needs a value: auto:compensation=0.5"),
+        ("auto:compensation", {}, "needs a value, of type float: auto:compensation=..."),
         ("auto:compensation=much", {}, "compensation of rule auto must be of type float; got 'much'"),
         ("auto:compensation=1", {}, r"compensation must be in \[0, 1\).*; got 1.0"),
         ("balance", {"compensation": "0.5"}, r"compensation must be in \[0, 1\).*; got '0.5'"),

@@ -240,15 +240,11 @@ def test_frozen_weights_are_never_at_the_ends(box: dmis.Scene, w: float) -> None
 
 
 @dataclass(frozen=True)
-class Given:
+class Given(dmis.Rule):
     """A rule of one's own that has no pilot."""
 
     w: float
     combiner: str
-
-    @property
-    def pilot(self) -> dict:
-        return {}
 
     @property
     def settings(self) -> dict:

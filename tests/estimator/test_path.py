@@ -1,7 +1,7 @@
 """Path tracing: furnaces with closed forms, a sum over bounces by brute force, all rules, with and without roulette."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -243,12 +243,8 @@ def test_lamp_in_a_mirror_counts_and_elsewhere_does_not() -> None:
     assert abs(z_score(a, b)) < Z_LIMIT  # the lamp reflects nothing
 
 
-@dataclass(frozen=True)
-class Checkered:
+class Checkered(dmis.Rule):
     """Every other pixel has nearly all light samples, the rest nearly none."""
-
-    pilot: Mapping[float, int] = field(default_factory=dict)
-    settings: Mapping[str, Any] = field(default_factory=dict)
 
     def fit(self, pilot: Mapping[float, Any]) -> Fit:
         height, width = ROOM.camera.resolution

@@ -1,7 +1,5 @@
 """Oracle: closed forms on planted curves, agreement with renders, and its cache."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import pytest
 
@@ -91,11 +89,7 @@ def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
 
     oracle = make_oracle(box, 512, folder=tmp_path)
 
-    @dataclass(frozen=True)
-    class Best:
-        pilot: dict = field(default_factory=dict)
-        settings: dict = field(default_factory=dict)
-
+    class Best(dmis.Rule):
         def fit(self, pilot: object) -> Fit:
             return Fit(pixels_of(oracle.best(), box))
 

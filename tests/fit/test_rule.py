@@ -1,4 +1,4 @@
-"""The base class of rules: defaults, plain classes, names, errors; and the rule that docs/extending.md shows."""
+"""The base class of rules: defaults, names, errors; and the rule that docs/extending.md shows."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from dmis.brdf.materials import plastic
 from dmis.cli.commands import main
 from dmis.experiment.compare import compare, parse_rules
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.rule import Pilot, Rule, complete_rule, rule_text
+from dmis.fit.rule import Pilot, rule_text
 from dmis.fit.thesis import Thesis
 from dmis.light.area import DiskLight
 from dmis.pipeline.fingerprint import digest
@@ -37,8 +37,8 @@ def box() -> dmis.Scene:
     return box_scene(plastic(0.4, 0.2, 0.05), (DiskLight((0, 2.5, 2.5), (0, -1, -1), 0.5, (5.0,) * 3),), (), (32, 24))
 
 
-class Plain:
-    """A class with nothing but a fit, whose options are the arguments of its constructor."""
+class Constant(dmis.Rule):
+    """A rule with nothing but a fit, whose options are the arguments of its constructor."""
 
     def __init__(self, w: float = 0.25, name: str = "", steep: bool = False, table: tuple = ()) -> None:
         self.w, self.name, self.steep, self.table = w, name, steep, table
@@ -47,69 +47,62 @@ class Plain:
         return dmis.Fit(weight=self.w)
 
 
-class Derived(dmis.Rule):
-    """A rule with a pilot of its own, the rest by default."""
-
-    pilot = {0.5: 2}  # noqa: RUF012
+class Plain:
+    """A class that does not derive from `dmis.Rule`."""
 
     def fit(self, pilot: object) -> dmis.Fit:
         return dmis.Fit(weight=0.25)
 
 
-def test_only_fit_must_be_given(box: dmis.Scene) -> None:
-    """A plain class and a derived one get the same defaults; the image is that of the weight."""
-    plain, derived = make_rule(Plain()), make_rule(Derived())
-    assert isinstance(plain, Rule) and type(derived) is Derived
-    assert dict(plain.pilot) == dict(plain.settings) == dict(derived.settings) == {} and derived.pilot == {0.5: 2}
-    for rule in (plain, derived):
-        assert rule.statistic is None and not rule.needs_features and not rule.multi_technique
-    fixed = dmis.render(box, "fixed:0.25", 8, seed=1)
-    np.testing.assert_array_equal(dmis.render(box, Plain(), 8, seed=1).image, fixed.image)
-    assert dmis.render(box, Derived(), 8, seed=1).provenance["pilot_rays"]
-
-
-def test_names_of_a_plain_class_are_kept() -> None:
-    """Class attributes, properties and attributes of the object all count."""
-
-    class Mixed(Plain):
-        needs_features = True
-
-        @property
-        def settings(self) -> dict:
-            return {"reuse_pilot": False}
-
-    rule = Mixed()
-    rule.pilot = {0.0: 2, 1.0: 2}
-    found = make_rule(rule)
-    assert (found.needs_features, found.settings, found.pilot) == (True, {"reuse_pilot": False}, {0.0: 2, 1.0: 2})
-
-
-def test_options_and_code_of_a_plain_class_are_in_the_fingerprint() -> None:
-    """A comparison or a checkpoint of another rule is not resumed."""
-
-    class Other(Plain):
-        def fit(self, pilot: object) -> dmis.Fit:
-            return dmis.Fit(weight=1 - self.w)
-
-    assert digest(make_rule(Plain())) == digest(make_rule(Plain()))
-    assert len({digest(make_rule(rule)) for rule in (Plain(), Plain(0.5), Other())}) == 3
-
-
-class NoFit:
-    pilot = {0.5: 2}  # noqa: RUF012
-
-
-class DerivedNoFit(dmis.Rule):
+class NoFit(dmis.Rule):
     pass
 
 
-@pytest.mark.parametrize("rule", [NoFit(), DerivedNoFit(), 3, None, np.zeros((2, 2))])
-def test_a_missing_fit_is_named(rule: object) -> None:
-    """The error says what is missing and how to add it."""
-    with pytest.raises(
-        ValueError, match=rf"(?s)has no method fit. Add it to class {type(rule).__name__}: def fit\(self, pi"
-    ):
-        complete_rule(rule)
+def test_only_fit_must_be_given(box: dmis.Scene) -> None:
+    """Everything else has a default; the image is that of the weight."""
+    rule = make_rule(Constant())
+    assert dict(rule.pilot) == dict(rule.settings) == {}
+    assert rule.statistic is None and not rule.needs_features and not rule.multi_technique
+    fixed = dmis.render(box, "fixed:0.25", 8, seed=1)
+    np.testing.assert_array_equal(dmis.render(box, rule, 8, seed=1).image, fixed.image)
+    rule.pilot = {0.5: 2}  # type: ignore[misc]
+    assert dmis.render(box, rule, 8, seed=1).provenance["pilot_rays"]
+
+
+def test_options_and_code_are_in_the_fingerprint() -> None:
+    """A comparison or a checkpoint of another rule is not resumed."""
+
+    class Other(Constant):
+        def fit(self, pilot: object) -> dmis.Fit:
+            return dmis.Fit(weight=1 - self.w)
+
+    assert digest(Constant()) == digest(Constant())
+    assert len({digest(rule) for rule in (Constant(), Constant(0.5), Other())}) == 3
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        (Plain(), r"Derive its class from dmis\.Rule: class Plain\(dmis\.Rule\)"),
+        (NoFit(), r"(?s)has no method fit. Add it to class NoFit: def fit\(self, pilot\)"),
+        (Constant, r"Make an object of the class: Constant\(\)"),
+        (None, r"got None. A map of weights is dmis\.Given\(weight=...\)"),
+        (np.zeros((2, 2)), r"A map of weights is dmis\.Given\(weight=...\)"),
+        ("linear:patch=8", "rule linear was removed. Use second-moment"),
+        ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: .* choose the filter"),
+        ("thesis:strategies=5", "rule thesis has no option strategies any more: .* spp= sets"),
+    ],
+)
+def test_what_is_no_rule_is_told_what_is(rule: Any, message: str) -> None:
+    """Errors say what is missing, what was meant, or what to use in place of what was removed."""
+    with pytest.raises(ValueError, match=message):
+        make_rule(rule)
+
+
+def test_several_heuristics_are_no_combiner() -> None:
+    """The pilot chose between them in earlier versions."""
+    with pytest.raises(ValueError, match=r"must be one heuristic, .* Use balance or power"):
+        dmis.Settings(combiner="balance+power")
 
 
 @pytest.mark.parametrize(
@@ -122,14 +115,14 @@ def test_a_missing_fit_is_named(rule: object) -> None:
 )
 def test_bad_parts_are_named(box: dmis.Scene, name: str, value: object, message: str) -> None:
     """Before anything is rendered."""
-    rule = Plain()
+    rule = Constant()
     setattr(rule, name, value)
     with pytest.raises(ValueError, match=message):
         dmis.render(box, rule, 8)
 
 
-class Described:
-    """A plain class that refers to a function, of whose ``repr`` the address is a part."""
+class Described(dmis.Rule):
+    """A rule that refers to a function, of whose ``repr`` the address is a part."""
 
     def __init__(self) -> None:
         self.best = 3
@@ -145,7 +138,6 @@ class Described:
         ("thesis:patch=8", "thesis:patch=8"),
         (dmis.Given(0.25), "Given(weight=0.25, samples=None)"),
         (Described(), "Described(best=3, shape=<function Described.__init__.<locals>.<lambda>>)"),
-        (complete_rule(Described()), rule_text(Described())),
     ],
 )
 def test_text_of_a_rule(rule: object, text: str) -> None:
@@ -187,70 +179,53 @@ def test_a_pilot_of_no_numbers_is_refused(box: dmis.Scene, pilot: dict[Any, Any]
         dmis.render(box, rule, 16)
 
 
-def test_a_class_is_no_rule() -> None:
-    """But its object is."""
-    with pytest.raises(ValueError, match=r"Make an object of the class: Derived\(\)"):
-        make_rule(Derived)
-
-
 # Names --------------------------------------------------------------------------------------------------------------
 
 
-def test_registered_plain_class() -> None:
+def test_registered_rule() -> None:
     """Arguments of the constructor are options, read by the type of their defaults; what text cannot say is none."""
-    dmis.register_rule("plain-class", Plain)
-    rule = make_rule("plain-class:0.75,name=x,steep=yes").rule
+    dmis.register_rule("constant", Constant)
+    rule: Any = make_rule("constant:0.75,name=x,steep=yes")
     assert (rule.w, rule.name, rule.steep) == (0.75, "x", True)
-    assert parse_rules("plain-class:0.5,steep=no,balance") == ["plain-class:0.5,steep=no", "balance"]
-    with pytest.raises(ValueError, match="rule plain-class has the options w, name, steep; got 'table'"):
-        make_rule("plain-class:table=3")
-    with pytest.raises(ValueError, match="option w of rule plain-class must be of type float; got 'x'"):
-        make_rule("plain-class:w=x")
+    assert parse_rules("constant:0.5,steep=no,balance") == ["constant:0.5,steep=no", "balance"]
+    with pytest.raises(ValueError, match="rule constant has the options w, name, steep; got 'table'"):
+        make_rule("constant:table=3")
+    with pytest.raises(ValueError, match="option w of rule constant must be of type float; got 'x'"):
+        make_rule("constant:w=x")
 
 
 def test_registered_rule_without_options() -> None:
     """A function that returns a rule is enough."""
-    dmis.register_rule("three-quarters", lambda: Plain(0.75))
+    dmis.register_rule("three-quarters", lambda: Constant(0.75))
     assert make_rule("three-quarters").fit({}).weight == 0.75
-    with pytest.raises(ValueError, match="rule three-quarters has no options; got 'patch'"):
-        make_rule("three-quarters:patch=4")
-    with pytest.raises(ValueError, match="rule three-quarters has no options; got '4'"):
-        make_rule("three-quarters:4")
+    for text, name in (("three-quarters:patch=4", "patch"), ("three-quarters:4", "4")):
+        with pytest.raises(ValueError, match=f"rule three-quarters has no options; got '{name}'"):
+            make_rule(text)
 
 
 def test_a_class_that_is_defined_anew_replaces_itself() -> None:
     """As a notebook's cell that runs twice; another class of that name may not."""
-    again = type("Plain", (Plain,), {"__module__": Plain.__module__, "__qualname__": Plain.__qualname__})
-    dmis.register_rule("mine", Plain)
+    again = type("Constant", (Constant,), {"__module__": __name__, "__qualname__": "Constant"})
+    dmis.register_rule("mine", Constant)
     dmis.register_rule("mine", again)
     assert RULES["mine"] is again
-    with pytest.raises(ValueError, match=r"name of a rule must be new; 'mine' is taken by .*test_rule\.Plain. Choose"):
-        dmis.register_rule("mine", Derived)
+    with pytest.raises(
+        ValueError, match=r"name of a rule must be new; 'mine' is taken by .*test_rule\.Constant. Choose"
+    ):
+        dmis.register_rule("mine", Stubborn)
 
 
 @pytest.mark.parametrize(
     "name, cls, message",
     [
-        ("thesis", Plain, "name of a rule must be new; 'thesis' is taken by dmis"),
-        ("all", Plain, "must not be all, because compare has it for every rule"),
-        ("", Plain, "must be letters, digits and hyphens, such as my-rule; got ''"),
-        ("my rule", Plain, "got 'my rule'"),
-        ("a:b", Plain, "got 'a:b'"),
-        ("a,b", Plain, "got 'a,b'"),
-        ("3d", Plain, "got '3d'"),
-        ("mine-", Plain, "got 'mine-'"),
-        ("my--rule", Plain, "got 'my--rule'"),
-        ("my_rule", Plain, "got 'my_rule'"),
-        (Plain, "mine", "must be letters, digits and hyphens"),
-        ("mine", Plain(), r"must be a class with a method fit.*; got <.*Write dmis.register_rule\('mine', MyRule\)"),
+        ("thesis", Constant, "name of a rule must be new; 'thesis' is taken by dmis"),
+        ("all", Constant, "must not be all, because compare has it for every rule"),
+        *((bad, Constant, "must be letters, digits and hyphens") for bad in ("", "my rule", "a:b", "3d", "my-", "m_r")),
+        (Constant, "mine", "must be letters, digits and hyphens, such as my-rule; got <class"),
+        ("mine", Constant(), r"must be a class that derives from dmis\.Rule.*; got .*Write class MyRule\(dmis\.Rule\)"),
+        ("mine", Plain, r"must be a class that derives from dmis\.Rule.*; got <class .*Plain"),
         ("mine", NoFit, "has no method fit. Add it to class NoFit"),
-        ("mine", DerivedNoFit, "has no method fit. Add it to class DerivedNoFit"),
-        ("mine", int, "has no method fit"),
-        (
-            "mine",
-            lambda patch: Plain(),
-            "must have a default for every option.*; patch of .* has none. Write patch=...",
-        ),
+        ("mine", lambda patch: Constant(), "must have a default for every option.*; got: .*'patch'"),
     ],
 )
 def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
@@ -259,21 +234,6 @@ def test_bad_names_and_classes(name: object, cls: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         dmis.register_rule(name, cls)
     assert known == RULES
-
-
-@pytest.mark.parametrize(
-    ("rule", "message"),
-    [
-        ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: .* choose the filter"),
-        ("thesis:strategies=5", "rule thesis has no option strategies any more: .* spp= sets"),
-        ("linear:patch=8", "rule linear was removed. Use second-moment"),
-        ("second-moment:combiner=balance+power", "must be one heuristic, .* Use balance or power"),
-    ],
-)
-def test_removed_names_say_what_to_use(rule: str, message: str) -> None:
-    """Rules, options and values of earlier versions."""
-    with pytest.raises(ValueError, match=message):
-        dmis.Settings(**make_rule(rule).settings)
 
 
 # docs/extending.md ----------------------------------------------------------------------------------------------------

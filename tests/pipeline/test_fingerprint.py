@@ -290,12 +290,10 @@ def test_a_value_that_contains_itself_is_refused():
 
 
 @dataclass(frozen=True, eq=False)
-class Map:
+class Map(dmis.Rule):
     """A rule with a given share map."""
 
     weight: Any
-    pilot = {}  # noqa: RUF012
-    settings = {}  # noqa: RUF012
 
     def fit(self, pilot):
         return Fit(self.weight)

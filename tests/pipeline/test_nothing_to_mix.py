@@ -72,14 +72,10 @@ def test_rules_that_divide_camera_samples_keep_their_pilot(delta_scene: dmis.Sce
     assert result.provenance["pilot_rays"]["camera"] > 0 and "nothing_to_mix" not in result.provenance
 
 
-class Own:
+class Own(dmis.Rule):
     """A rule of one's own, of which it is not known what it decides."""
 
-    shares_only = False
-
-    @property
-    def pilot(self):
-        return {0.5: 2}
+    pilot = {0.5: 2}  # noqa: RUF012
 
     def fit(self, pilot):
         return Fit(0.25)

@@ -167,7 +167,7 @@ def test_default_sampler(box, rule, options, sampler):
 
 
 @dataclass(frozen=True)
-class Divided:
+class Divided(dmis.Rule):
     """A rule whose pixels have different numbers of samples."""
 
     spread: float
@@ -321,8 +321,8 @@ def test_every_part_of_a_scene_is_in_its_hash(box):
         ({"rule": "thesis:patch=0"}, "patch must be 1 to 65535"),
         ({"rule": "thesi"}, r"got 'thesi', did you mean 'thesis'\? dmis\.register_rule adds one"),
         ({"rule": "thesis:pach=4"}, r"rule thesis has the options .*; got 'pach', did you mean 'patch'\?"),
-        ({"rule": "thesis:patch"}, "option patch of rule thesis needs a value: thesis:patch=16$"),
-        ({"rule": "thesis:reuse"}, "option reuse of rule thesis needs a value: thesis:reuse=no$"),
+        ({"rule": "thesis:patch"}, "option patch of rule thesis needs a value, of type int or auto: thesis:patch="),
+        ({"rule": "thesis:reuse"}, "option reuse of rule thesis needs a value, yes or no: thesis:reuse="),
         ({"rule": "thesis:patch=4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
         ({"rule": "thesis:4,patch=8"}, "option patch of rule thesis must be given once; got 4 and 8"),
         ({"shading_sample": 4}, r"got shading_sample, did you mean 'shading_samples'\?"),
@@ -347,12 +347,8 @@ def test_bad_arguments(box, options, message):
         dmis.render(box, **{"rule": "balance", "spp": 4, **options})
 
 
-@dataclass(frozen=True)
-class Halves:
+class Halves(dmis.Rule):
     """A rule of a user's own: light sampling on the left, BRDF sampling on the right."""
-
-    pilot: dict = field(default_factory=dict)
-    settings: dict = field(default_factory=dict)
 
     def fit(self, pilot):
         weight = np.ones((24, 32))
@@ -415,7 +411,7 @@ def test_a_rule_may_carry_its_sampler_and_combiner(box):
     assert not same(carried, dmis.render(box, "pbrt", 8, seed=1))
 
 
-class _Own:
+class _Own(dmis.Rule):
     """A rule of one's own, with what is given."""
 
     def __init__(self, fit, pilot=None, settings=None):

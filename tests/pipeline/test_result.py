@@ -18,11 +18,10 @@ from dmis.image import png_of, write_png
 
 
 @dataclass
-class Keep:
+class Keep(dmis.Rule):
     """A rule that keeps its pilot."""
 
     pilot: Mapping[Any, int] = field(default_factory=lambda: {0.5: 2})
-    settings: Mapping[str, Any] = field(default_factory=dict)
     kept: list[Pilot] = field(default_factory=list)
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> dmis.Fit:
