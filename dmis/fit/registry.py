@@ -44,6 +44,8 @@ equal shares (`dmis.fit.rounds`).
 """
 _SHIPPED = frozenset(RULES)
 _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
+_GUESSES = {"power": "pbrt", "light": "fixed:1", "brdf": "fixed:0", "bsdf": "fixed:0"}
+"""The rules that are meant by names which are none."""
 _REMOVED_RULES = {"linear": "second-moment, which minimises the variance that linear fitted f for"}
 """What to use in place of rules of earlier versions."""
 _REMOVED_OPTIONS = {
@@ -118,6 +120,8 @@ def make_rule(rule: Rule | str) -> Rule:
     ValueError
         If it is neither, there is no such rule or option, or a value does not fit.
     """
+    if isinstance(rule, int | float) and 0 <= rule <= 1:
+        raise _no_such_rule(f"{float(rule):g}")
     if not isinstance(rule, str):
         return _check_object(rule)
     name, _, rest = rule.strip().partition(":")
@@ -151,7 +155,8 @@ def _no_such_rule(name: str) -> ValueError:
     """Return the error that a name is that of no rule."""
     if name in _REMOVED_RULES:
         return ValueError(f"rule {name} was removed. Use {_REMOVED_RULES[name]}")
-    hint = did_you_mean(name, RULES) or "."
+    guess = _GUESSES.get(name.lower(), f"fixed:{name}" if re.fullmatch(r"[01]|[01]?\.\d+", name) else "")
+    hint = f", did you mean {guess!r}?" if guess else did_you_mean(name, RULES) or "."
     how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
     if loaded_plugins() and RULES.keys() == _SHIPPED:
         files = " and ".join(path.name for path in loaded_plugins())

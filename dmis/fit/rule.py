@@ -232,6 +232,9 @@ def _is_number(value: object) -> bool:
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
     """Return how a rule gets the `value` of a setting that it has an option for, or that it has none."""
     option = {"reuse_pilot": "reuse"}.get(name, name)
+    if option == "techniques" and hasattr(rule, option):
+        shares = ",".join(f"{name}={1 / len(value):.3g}" for name in value)
+        return f'Write rule="simplex:{shares}" with your shares, or rule="simplex:{"+".join(value)}" to learn them'
     if not hasattr(rule, option):
         return f"The rule has no option {option}: leave it out of the settings, or use another rule"
     if "(" in text:

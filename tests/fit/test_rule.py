@@ -88,6 +88,11 @@ def test_options_and_code_are_in_the_fingerprint() -> None:
         (Constant, r"Make an object of the class: Constant\(\)"),
         (None, r"got None. A map of weights is dmis\.Given\(weight=...\)"),
         (np.zeros((2, 2)), r"A map of weights is dmis\.Given\(weight=...\)"),
+        (0.5, "got '0.5', did you mean 'fixed:0.5'?"),
+        ("0.5", "got '0.5', did you mean 'fixed:0.5'?"),
+        ("power", "got 'power', did you mean 'pbrt'?"),
+        ("light", "got 'light', did you mean 'fixed:1'?"),
+        ("brdf", "got 'brdf', did you mean 'fixed:0'?"),
         ("linear:patch=8", "rule linear was removed. Use second-moment"),
         ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: .* choose the filter"),
         ("thesis:strategies=5", "rule thesis has no option strategies any more: .* spp= sets"),
@@ -162,6 +167,8 @@ class Stubborn(dmis.Rule):
         ("thesis:reuse=no", {"reuse_pilot": True}, 'Write rule="thesis:reuse=yes"'),
         (Thesis(8), {"combiner": "power"}, "Make the rule with combiner='power'"),
         (Stubborn(), {"combiner": "power"}, "The rule has no option combiner: leave it out of the settings"),
+        ("fixed:0.3", {"techniques": ("resampled", "brdf")}, 'Write rule="simplex:resampled=0.5,brdf=0.5" with your'),
+        ("simplex", {"techniques": ("light", "uniform")}, 'Write rule="simplex:light=0.5,uniform=0.5" with your'),
     ],
 )
 def test_a_conflict_names_rule_and_option(box: dmis.Scene, rule: Any, setting: dict[str, Any], advice: str) -> None:
