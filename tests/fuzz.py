@@ -258,7 +258,7 @@ def command(rng: random.Random, folder: Path) -> None:
     out, err = io.StringIO(), io.StringIO()
     quiet = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
     with contextlib.chdir(folder), quiet[0], quiet[1], warnings.catch_warnings():
-        warnings.simplefilter("ignore", reader.PbrtWarning)  # about a dialect that was asked for
+        warnings.simplefilter("ignore", SceneWarning)  # about a dialect that was asked for
         before = (folder / "scene.pbrt").read_bytes()
         try:
             code = main(words)

@@ -90,7 +90,7 @@ def load_scene(
     -----
     SceneWarning
         If a mesh file holds materials and none is given, or triangles without area, or an image is to be on a mesh
-        without texture coordinates. `dmis.formats.pbrt.reader.PbrtWarning` is one of these.
+        without texture coordinates. `dmis.formats.pbrt.notes.PbrtWarning` is one of these.
     """
     if (path := _pbrt_file(source)) is not None:
         for name, value in (("camera", camera), ("lights", lights), ("material", material), ("up", up)):

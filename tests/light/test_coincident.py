@@ -12,8 +12,8 @@ from dmis import Camera, render
 from dmis.base.vectors import Array
 from dmis.brdf.materials import glass, matte, plastic
 from dmis.formats.load_scene import light_part
+from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.shapes import quad
 from dmis.intersect import BruteForce, Hits, Intersector

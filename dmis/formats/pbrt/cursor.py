@@ -10,7 +10,7 @@ import numpy as np
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import SAME_TYPE
 from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, Parameters
-from dmis.formats.pbrt.tokens import Source, Token, is_number, number_of, numbers_of, tokens_of
+from dmis.formats.pbrt.tokens import Source, Token, either, is_number, number_of, numbers_of, tokens_of
 
 _WORDS = ("bool", "string", "texture")
 
@@ -64,37 +64,38 @@ class Cursor:
         items: dict[str, Parameter] = {}
         while self.peek().kind == "string":
             declaration = self.next()
-            parameter = self._parameter(declaration)
+            parameter = self._parameter(directive, declaration)
             if parameter.name in items:
-                raise declaration.error(f"parameter {parameter.name!r} is given twice; it must be given once")
+                raise parameter.error("is given twice; it must be given once")
             items[parameter.name] = parameter
         return Parameters(directive, items)
 
-    def _parameter(self, declaration: Token) -> Parameter:
+    def _parameter(self, directive: Token, declaration: Token) -> Parameter:
         words = declaration.name.split()
         if len(words) != 2:
             raise declaration.error('a parameter is declared by its type and name, like "float fov"')
         kind, name = words
-        dialect = declaration.source.dialect
-        if kind not in dialect.types and kind not in _WORDS and kind != "spectrum":
-            types = ", ".join([*dialect.types, "spectrum", *_WORDS])
-            raise declaration.error(f"the type of a parameter must be one of {types} in {dialect.name}; got {kind!r}")
+        types = [*declaration.source.dialect.types, "spectrum", *_WORDS]
+        if kind not in types:
+            raise declaration.error(
+                f"the type of a parameter must be {either(types)} in {declaration.dialect}; got {kind!r}"
+            )
         token = self.next()
         values: Floats | tuple[str, ...]
         if token.kind == "list":
             values = numbers_of(token)
         elif is_number(token):
             values = np.array([number_of(token)])
-        elif token.kind == "string":
-            values = (token.name,)
-        elif _bare(token):
-            values = (token.text,)
+        elif token.kind == "string" or _bare(token):
+            values = (token.text.strip('"'),)
         elif token.kind == "open":
             values = self._strings(token)
         else:
             raise token.error(f"parameter {name!r} needs a value: a number, a string, or a list of them in brackets")
-        _check(declaration, kind, name, values)
-        return Parameter(SAME_TYPE.get(kind, kind), name, values, declaration)
+        parameter = Parameter(SAME_TYPE.get(kind, kind), name, values, declaration, directive)
+        if fault := _fault(parameter, kind):
+            raise parameter.error(fault)
+        return parameter
 
     def _strings(self, opening: Token) -> tuple[str, ...]:
         """Read the rest of a list that does not consist of numbers alone."""
@@ -124,28 +125,29 @@ def _bare(token: Token) -> bool:
     return token.source.dialect.bare_words and token.kind == "word" and token.text in ("true", "false")
 
 
-def _check(declaration: Token, kind: str, name: str, values: Floats | tuple[str, ...]) -> None:
-    """Raise a `PbrtError` unless the values of a parameter have the kind and the number that its type needs."""
-    widths = declaration.source.dialect.types
+def _fault(parameter: Parameter, kind: str) -> str | None:
+    """Return what is wrong with the values of a parameter declared as `kind`, None if nothing is."""
+    values, widths = parameter.values, parameter.token.source.dialect.types
+    count, width = len(values), widths.get(kind, 1)
     strings = isinstance(values, tuple)
-    if (strings and kind in widths) or (not strings and kind in _WORDS and len(values)):
-        expected, got = ("numbers", "strings") if strings else ("strings in quotes", "numbers")
-        raise declaration.error(f"parameter {name!r} of type {kind} needs {expected}; got {got}")
-    if not len(values) and kind not in widths.keys() - set(SPECTRUM_TYPES):
-        raise declaration.error(f"parameter {name!r} needs a value; got an empty list")
+    if strings and kind in widths:
+        return f"of type {kind} needs numbers; got strings"
+    if not strings and kind in _WORDS and count:
+        return f"of type {kind} needs strings in quotes; got numbers"
+    if not count and kind not in widths.keys() - set(SPECTRUM_TYPES):
+        return "needs a value; got an empty list"
     if kind == "bool" and values not in (("true",), ("false",)):
-        raise declaration.error(f'parameter {name!r} of type bool must be "true" or "false"; got {values}')
-    if (kind == "texture" and len(values) != 1) or (kind == "spectrum" and strings and len(values) != 1):
-        raise declaration.error(f"parameter {name!r} must name one {kind}; got {len(values)}")
-    if strings:
-        return
-    assert isinstance(values, np.ndarray)
-    if kind == "integer" and ((values != np.rint(values)).any() or (np.abs(values) >= 2**31).any()):
-        bad = values[(values != np.rint(values)) | (np.abs(values) >= 2**31)][0]
-        raise declaration.error(f"parameter {name!r} needs whole numbers below 2**31; got {bad:g}")
-    if kind == "spectrum" and len(values) % 2:
-        raise declaration.error(f"parameter {name!r} needs pairs of wavelength and value; got {len(values)} numbers")
-    if kind in widths and len(values) % widths[kind]:
-        raise declaration.error(f"parameter {name!r} needs {widths[kind]} numbers for each {kind}; got {len(values)}")
-    if kind in SPECTRUM_TYPES[:4] and len(values) != widths[kind]:
-        raise declaration.error(f"parameter {name!r} must be one {kind}; got {len(values) // widths[kind]}")
+        return f'of type bool must be "true" or "false"; got {values}'
+    if (kind == "texture" or (kind == "spectrum" and strings)) and count != 1:
+        return f"must name one {kind}; got {count}"
+    if kind == "integer":
+        numbers = parameter.numbers
+        wrong = (numbers != np.rint(numbers)) | (np.abs(numbers) >= 2**31)
+        return f"needs whole numbers below 2**31; got {numbers[wrong][0]:g}" if wrong.any() else None
+    if kind == "spectrum" and not strings and count % 2:
+        return f"needs pairs of wavelength and value; got {count} numbers"
+    if count % width:
+        return f"needs {width} numbers for each {kind}; got {count}"
+    if kind in widths.keys() & set(SPECTRUM_TYPES) and count != width:
+        return f"must be one {kind}; got {count // width}"
+    return None

@@ -35,8 +35,8 @@ class Dialect:
         Names of the film that makes an image.
     film_size
         Width and height where the Film line has none.
-    fixed
-        Parameters that change the image, by directive, with the only supported value.
+    required
+        Parameters that change the image, by directive, with the only supported value; None if they must be absent.
     radius
         Names of a pixel filter's half widths.
     filter
@@ -46,7 +46,7 @@ class Dialect:
     t_up
         Whether the first row of a texture's image is t = 1, not 0.
     global_names
-        Whether textures and named materials outlive the block that defines them.
+        Whether textures and named materials outlive the block that defines them, and exist once.
     beyond
         Number of scattering surfaces beyond ``maxdepth`` of a path integrator.
     overrides
@@ -62,7 +62,7 @@ class Dialect:
     directives: frozenset[str]
     film: tuple[str, ...] = ("image",)
     film_size: tuple[int, int] = (1280, 720)
-    fixed: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    required: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     radius: tuple[str, str] = ("xwidth", "ywidth")
     filter: PixelFilter | None = None
     levels: tuple[str, ...] = ("levels",)
@@ -87,7 +87,7 @@ V3 = Dialect(
     "v3",
     types=_NUMERIC | _SPECTRAL | _LATER,
     directives=frozenset({"Integrator", "MakeNamedMedium", "MediumInterface"}),
-    fixed={"Film": {"scale": 1.0, "maxsampleluminance": float("inf")}},
+    required={"Film": {"scale": 1.0, "maxsampleluminance": None}},
     levels=("levels", "nlevels"),
 )
 V4 = Dialect(
@@ -95,8 +95,8 @@ V4 = Dialect(
     types=_NUMERIC | _LATER | {"blackbody": 1},
     directives=frozenset({*V3.directives, "Attribute", "ColorSpace", "Import", "Option"}),
     film=("rgb", "gbuffer", "spectral"),
-    fixed={
-        "Film": {"iso": 100.0, "sensor": "cie1931", "whitebalance": 0.0, "maxcomponentvalue": float("inf")},
+    required={
+        "Film": {"iso": 100.0, "sensor": "cie1931", "whitebalance": 0.0, "maxcomponentvalue": None},
         "Camera": {"shutteropen": 0.0, "shutterclose": 1.0},
         "Integrator": {"regularize": False},
         "Option": {"disablepixeljitter": False, "forcediffuse": False, "disabletexturefiltering": False},
@@ -109,8 +109,6 @@ V4 = Dialect(
     ends=False,
 )
 DIALECTS = {dialect.name: dialect for dialect in (V2, V3, V4)}
-V1_MATERIALS = ("bluepaint", "brushedmetal", "clay", "felt", "primer", "skin")
-"""Materials that only pbrt-v1 has."""
 V1_PARAMETERS = {"Camera": ("hither", "yon"), "Film": ("premultiplyalpha", "writefrequency")}
 """Parameters that only pbrt-v1 has, by directive."""
 IRRELEVANT = {
@@ -119,12 +117,14 @@ IRRELEVANT = {
     "LightSource": frozenset({"nsamples", "samples"}),
     "AreaLightSource": frozenset({"nsamples", "samples"}),
     "Shape": frozenset({"discarddegenerateUVs", "levels", "nlevels"}),
+    "Option": frozenset({"seed", "quiet", "pixelstats", "wavefront", "rendercoordsys", "disablewavelengthjitter"}),
     **dict.fromkeys(
         ("Integrator", "SurfaceIntegrator"),
         frozenset({"lightsamplestrategy", "lightsampler", "rrthreshold", "pixelbounds", "nsamples"}),
     ),
 }
 """Parameters that do not change the expected image, by directive; those of Sampler and Renderer never do."""
+_V1_MATERIALS = "bluepaint", "brushedmetal", "clay", "felt", "primer", "skin"
 _EARLIER = ("matte", "plastic", "metal", "mirror", "glass", "substrate", "uber", "translucent")
 _V4_MATERIALS = (
     "diffuse",
@@ -167,7 +167,7 @@ _NAMES = {
         "bilinearmesh": "v4",
     },
     "Material": {
-        **dict.fromkeys((*V1_MATERIALS, "shinymetal"), "v2"),
+        **dict.fromkeys((*_V1_MATERIALS, "shinymetal"), "v2"),
         **dict.fromkeys(_EARLIER, "v2 v3"),
         **dict.fromkeys(("disney", "fourier"), "v3"),
         **dict.fromkeys(("", "none", "hair"), "v3 v4"),

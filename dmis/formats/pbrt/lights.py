@@ -1,116 +1,117 @@
-"""Lights of pbrt files, by dialect: a table of functions for lights without a shape, and the emission of area lights.
+"""Lights of pbrt files: those without a shape, and the emission of area lights.
 
-The lights of pbrt-v2, which v3 shares, are in `dmis.formats.pbrt.objects`.
-
-pbrt-v4 brings a light to luminance 1 (one of type rgb: its white), and then has ``scale`` and, in place of the light's
-own strength, ``power`` (lumens) or ``illuminance`` (lux).
+The strength of a light is its colour times ``scale``; pbrt-v4 brings spectra to luminance 1 and has ``power`` (lumens)
+or ``illuminance`` (lux) in place of the light's own strength.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
 from dmis.base.color import Rgb
 from dmis.base.vectors import Floats
-from dmis.formats.pbrt.objects import V2_LIGHTS, radiance, similarity
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters, rgb
+from dmis.formats.pbrt.textures import image
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import Light
 
 
-def make_light(name: Token, parameters: Parameters, to_world: Floats) -> Light:
+def make_light(name: Token, p: Parameters, to_world: Floats) -> Light:
     """Return the light `name` of a ``LightSource`` line; `to_world` (4, 4) is the current transform."""
-    table = LIGHTS[name.source.dialect.name]
-    if name.name not in table:
-        raise name.error(f"a light must be one of {', '.join(table)}; others are not supported")
+    make = _LIGHTS[name.among("a light", _LIGHTS)]
     with blame(name):
-        return table[name.name](parameters, to_world)
+        return make(p, to_world)
 
 
-def emitted(parameters: Parameters, name: str, strength: str, per_unit: float) -> Rgb:
-    """Return the intensity or radiance of a light of pbrt-v4, whose colour is the parameter `name`.
+def similarity(matrix: Floats) -> float | None:
+    """Return the factor by which a matrix (4, 4) scales all lengths, None if it scales them differently.
 
-    `strength` names the parameter of its total power or illuminance, which is `per_unit` for a light of colour 1.
+    The matrix may also rotate and mirror.
     """
-    factor = parameters.number("scale", 1)
-    total = parameters.number(strength, -1)
-    if total > 0:
-        factor *= total / per_unit
-    r, g, b = (factor * np.asarray(parameters.illuminant(name, 1))).tolist()
-    return r, g, b
+    square = matrix[:3, :3].T @ matrix[:3, :3]
+    factor = np.trace(square) / 3
+    return float(np.sqrt(factor)) if np.allclose(square, factor * np.eye(3), atol=1e-4 * factor) else None
 
 
-def emission(parameters: Parameters, areas: Callable[[], Floats]) -> Rgb:
+def _strength(p: Parameters, name: str, total: str, per_unit: float) -> Rgb:
+    """Return the intensity or radiance of a light whose colour is the parameter `name`.
+
+    In v4 `total` names the parameter of its power or illuminance, which is `per_unit` for a light of colour 1.
+    """
+    colour = p.light(name)
+    if p.dialect != "v4":
+        scale = p.get("scale", *SPECTRUM_TYPES)
+        return rgb(np.multiply(colour, 1 if scale is None else scale.colour()))
+    factor, strength = p.number("scale", 1), p.number(total, -1)
+    return rgb((factor * (strength / per_unit) if strength > 0 else factor) * np.asarray(colour))
+
+
+def emission(p: Parameters, areas: Callable[[], Floats]) -> Rgb:
     """Return the radiance of an ``AreaLightSource``; `areas` (N,) are those of its shapes, each a light in v4."""
-    if parameters.directive.source.dialect.name == "v2":
-        return radiance(parameters)
-    if parameters.boolean("twosided", False):
-        raise parameters.items["twosided"].token.error(
+    if p.dialect != "v2" and p.boolean("twosided", False):
+        raise p.items["twosided"].token.error(
             "twosided must be false, because lights shine on one side here; repeat the light's Shape lines after "
             "ReverseOrientation, so that the copies shine on the other side"
         )
-    if parameters.directive.source.dialect.name == "v3":
-        return radiance(parameters)
-    parameters.refuse("filename", "an image that emits is not supported")
-    power = parameters.get("power", "float")
-    if power is None or parameters.number("power", -1) <= 0:
-        return emitted(parameters, "L", "power", 1)
-    size = areas()
+    size = np.ones(1)
+    if p.dialect == "v4":
+        p.refuse("an image that emits is not supported", "filename")
+        size = areas() if p.number("power", -1) > 0 else size
     if not np.allclose(size, size[0], rtol=1e-4):
-        raise power.token.error(
+        raise p.items["power"].token.error(
             "power is that of every triangle, so they must have one area, else their radiance differs; use L instead"
         )
-    return emitted(parameters, "L", "power", np.pi * float(size[0]))
+    return _strength(p, "L", "power", np.pi * float(size[0]))
 
 
-def _placing(parameters: Parameters) -> Parameters:
-    """Return the parameters of a light's position and direction, which all dialects share."""
-    items = {name: item for name, item in parameters.items.items() if name not in ("I", "L", "scale")}
-    return Parameters(parameters.directive, items, parameters.read_names)
+def _point(p: Parameters, to_world: Floats) -> Light:
+    start = p.point("from", (0, 0, 0))
+    moved = to_world[:3, :3] @ start if p.dialect == "v4" else start  # v2 and v3 add it in world space
+    return PointLight(rgb(moved + to_world[:3, 3]), _strength(p, "I", "power", 4 * np.pi))
 
 
-def _point(parameters: Parameters, to_world: Floats) -> Light:
-    x, y, z = (to_world[:3, :3] @ parameters.point("from", (0, 0, 0)) + to_world[:3, 3]).tolist()
-    return PointLight((x, y, z), emitted(parameters, "I", "power", 4 * np.pi))
-
-
-def _spot(parameters: Parameters, to_world: Floats) -> Light:
-    outer = parameters.number("coneangle", 30)
-    inner = outer - parameters.number("conedeltaangle", 5)
-    if inner != outer:
-        token = parameters.items.get("conedeltaangle")
-        raise (token.token if token else parameters.directive).error(
+def _spot(p: Parameters, to_world: Floats) -> Light:
+    if similarity(to_world) is None:
+        raise ValueError("a spot light must not be stretched, because its cone is round; scale all axes alike")
+    start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
+    outer, delta = p.number("coneangle", 30), p.number("conedeltaangle", 5)
+    if p.dialect == "v4" and delta != 0:
+        token = p.items["conedeltaangle"].token if "conedeltaangle" in p.items else p.directive
+        raise token.error(
             "conedeltaangle must be 0 in v4 (its default is 5), because the falloff of its spot is not supported"
         )
-    spot = V2_LIGHTS["spot"](_placing(parameters), to_world)
-    assert isinstance(spot, SpotLight)
-    intensity = emitted(parameters, "I", "power", 2 * np.pi * (1 - np.cos(np.radians(outer))))
-    return SpotLight(spot.position, spot.direction, intensity, outer, inner)
+    position, direction = to_world[:3, :3] @ start + to_world[:3, 3], to_world[:3, :3] @ (end - start)
+    intensity = _strength(p, "I", "power", 2 * np.pi * (1 - np.cos(np.radians(outer))))
+    inner = min(abs(outer - delta), outer)  # only its cosine counts
+    return SpotLight(rgb(position), rgb(direction), intensity, outer, inner)
 
 
-def _distant(parameters: Parameters, to_world: Floats) -> Light:
-    light = V2_LIGHTS["distant"](_placing(parameters), to_world)
-    assert isinstance(light, DistantLight)
-    return DistantLight(light.direction, emitted(parameters, "L", "illuminance", 1))
+def _distant(p: Parameters, to_world: Floats) -> Light:
+    start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
+    return DistantLight(rgb(to_world[:3, :3] @ (start - end)), _strength(p, "L", "illuminance", 1))
 
 
-def _infinite(parameters: Parameters, to_world: Floats) -> Light:
+def _infinite(p: Parameters, to_world: Floats) -> Light:
     factor = similarity(to_world)
     if factor is None:
         raise ValueError("an infinite light must not be stretched, because it is all directions; scale all axes alike")
-    parameters.refuse("filename", "maps of v4 are squares of equal area, which are not supported; only L is")
-    parameters.refuse("portal", "portals are not supported; remove the parameter")
-    rgb = emitted(parameters, "L", "illuminance", np.pi)
-    return EnvironmentLight(np.ones((1, 1, 3)), to_world[:3, :3] / factor, rgb)
+    texels = np.ones((1, 1, 3))
+    if p.dialect == "v4":
+        p.refuse("maps of v4 are squares of equal area, which are not supported; only L is", "filename")
+        p.refuse("portals are not supported; remove the parameter", "portal")
+    elif "mapname" in p.items:
+        texels = image(p, "mapname")
+    return EnvironmentLight(texels, to_world[:3, :3] / factor, _strength(p, "L", "illuminance", np.pi))
 
 
-LIGHTS: Mapping[str, Mapping[str, Callable[[Parameters, Floats], Light]]] = {
-    "v2": V2_LIGHTS,
-    "v3": V2_LIGHTS,
-    "v4": {"point": _point, "spot": _spot, "distant": _distant, "infinite": _infinite},
+_LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
+    "point": _point,
+    "spot": _spot,
+    "distant": _distant,
+    "infinite": _infinite,
 }
-"""By the names of the dialect and the light."""
+"""Functions that make lights without a shape, by name."""

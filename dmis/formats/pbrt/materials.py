@@ -1,4 +1,4 @@
-"""Materials of pbrt files: a table of functions for each dialect; those of pbrt-v2 are in `dmis.formats.pbrt.objects`.
+"""Materials of pbrt files: a table of functions by dialect; those of v2 are in `dmis.formats.pbrt.materials_v2`.
 
 All rough materials of pbrt-v3 and v4 are microfacets with the distribution of Trowbridge and Reitz (GGX).
 Sources: materials/ and core/microfacet.h of pbrt-v3, pbrt/materials.h, bxdfs.h and util/scattering.h of pbrt-v4.
@@ -6,7 +6,7 @@ Sources: materials/ and core/microfacet.h of pbrt-v3, pbrt/materials.h, bxdfs.h 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -23,35 +23,42 @@ from dmis.brdf.microfacet import GGX
 from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image, scale
-from dmis.formats.pbrt.dialect import V1_MATERIALS
-from dmis.formats.pbrt.objects import V2_MATERIALS, Lookup, Textures
-from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
+from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
 from dmis.formats.pbrt.spectra import SPECTRA
 from dmis.formats.pbrt.tokens import Token, blame
 
-Named = Callable[[Token, str], Material]
-"""Function that returns a named material, or raises an error about its token."""
 
+def make_material(
+    name: Token, lists: Sequence[Parameters], textures: Textures, named: Mapping[str, Material]
+) -> Material:
+    """Return the material `name`, with each parameter from the first of the `lists` that has it.
 
-def make_material(name: Token, lists: tuple[Parameters, ...], textures: Textures, named: Named) -> Material:
-    """Return the material `name`, with parameters from the first of the `lists` that has them."""
-    for parameters in lists:
-        for bump in ("bumpmap", "displacement", "normalmap"):
-            parameters.refuse(bump, "bump maps are not supported; remove the parameter, or bake it into the mesh")
+    In pbrt-v2 a texture in any list counts before a constant in any list. `named` are the materials that a mix may
+    name. What is read is noted in all lists, reflectances outside of [0, 1] in the first one.
+    """
+    items: dict[str, Parameter] = {}
+    for p in reversed(lists):
+        p.refuse(
+            "bump maps are not supported; remove the parameter, or bake it into the mesh",
+            *("bumpmap", "displacement", "normalmap"),
+        )
+        items |= p.items
+    if name.dialect == "v2":
+        for p in reversed(lists):
+            items |= {key: item for key, item in p.items.items() if item.kind == "texture"}
+    joined = replace(lists[0], directive=name, items=items, textures=textures, read_names=set())
+    make = MATERIALS[name.dialect][name.name]
     with blame(name), materials.unbounded():
-        return MATERIALS[name.source.dialect.name][name.name](Lookup(lists, textures, name, named))
+        material = _mix(joined, named) if make is None else make(joined)
+    for p in lists:
+        p.read_names |= joined.read_names
+    return material
 
 
 def check_material(name: Token) -> None:
     """Raise a `PbrtError` if the material `name` is unknown."""
-    dialect = name.source.dialect.name
-    if name.name in V1_MATERIALS:
-        raise name.error(
-            f"{name.name} is a material of pbrt-v1, made of measured data; write another one, such as matte"
-        )
-    if name.name not in MATERIALS[dialect]:
-        names = ", ".join(MATERIALS[dialect])
-        raise name.error(f"a material must be one of {names}; others are not supported in {dialect}")
+    name.among("a material", MATERIALS[name.dialect])
 
 
 def _polynomial(roughness: Any) -> Any:
@@ -79,20 +86,20 @@ MIN_ROUGH_ALPHA = 1e-3
 """Smallest alpha of a rough material: pbrt-v3 raises smaller ones to it, v4 makes them smooth."""
 
 
-def _roughness(p: Lookup, default: float) -> tuple[Any, Any]:
+def _roughness(p: Parameters, default: float) -> tuple[Any, Any]:
     """Return the roughness along both tangents, numbers or images.
 
     The default along each is ``roughness``; but along v, with ``uber``, it is the roughness along u.
     """
     default_roughness = p.real("roughness", default)
-    u = p.real("uroughness", default_roughness)  # type: ignore[arg-type]
-    return u, p.real("vroughness", u if p.name.name == "uber" else default_roughness)  # type: ignore[arg-type]
+    u = p.real("uroughness", default_roughness)
+    return u, p.real("vroughness", u if p.directive.name == "uber" else default_roughness)
 
 
-def _alphas(p: Lookup, roughness: tuple[Any, Any]) -> tuple[Any, Any]:
+def _alphas(p: Parameters, roughness: tuple[Any, Any]) -> tuple[Any, Any]:
     """Return the alpha along both tangents, numbers or images; the second is None if it is the same."""
     u, v = roughness
-    remap, v3 = p.boolean("remaproughness", True), p.name.source.dialect.name == "v3"
+    remap, v3 = p.boolean("remaproughness", True), p.dialect == "v3"
     same = u is v or (not isinstance(u, Image) and not isinstance(v, Image) and u == v)
     return _alpha(u, remap, v3), None if same else _alpha(v, remap, v3)
 
@@ -115,11 +122,11 @@ def _alpha(value: Any, remap: bool, v3: bool) -> Any:
     )
 
 
-def _smooth(p: Lookup) -> bool:
+def _smooth(p: Parameters) -> bool:
     """Return whether a material that may be rough or smooth is smooth."""
     roughness = _roughness(p, 0)
     values = _alphas(p, roughness)
-    if p.name.source.dialect.name == "v3":
+    if p.dialect == "v3":
         return all(not isinstance(value, Image) and value == 0 for value in roughness)
     below = [not isinstance(a, Image) and a < MIN_ROUGH_ALPHA for a in values if a is not None]
     if any(below) and not all(below):
@@ -132,7 +139,7 @@ def _black(value: Any) -> bool:
     return not np.any(value.texels if isinstance(value, Image) else value)
 
 
-def _plastic(p: Lookup) -> Material:
+def _plastic(p: Parameters) -> Material:
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
     remap, roughness = p.boolean("remaproughness", True), p.real("roughness", 0.1)
     # pbrt-v3 swaps the two media, like v2 (materials/plastic.cpp)
@@ -155,13 +162,13 @@ def _by_side(material: Material) -> tuple[Lobe, ...]:
     )
 
 
-def _metal(p: Lookup) -> Material:
+def _metal(p: Parameters) -> Material:
     eta = p.constant_colour("eta", materials.COPPER_ETA)
     k = p.constant_colour("k", materials.COPPER_K)
     return _rough_metal(p, eta, k, _roughness(p, 0.01), "metal")
 
 
-def _substrate(p: Lookup) -> Material:
+def _substrate(p: Parameters) -> Material:
     kd, ks = p.reflectance("Kd", 0.5), p.reflectance("Ks", 0.5)
     alphas = _alphas(p, (p.real("uroughness", 0.1), p.real("vroughness", 0.1)))
     if _black(kd) and _black(ks):
@@ -170,8 +177,8 @@ def _substrate(p: Lookup) -> Material:
     return Material((BlendBase(kd, ks), BlendCoat(ks, facets)), "substrate")
 
 
-def _uber(p: Lookup) -> Material:
-    ks, opacity = p.reflectance("Ks", 0.25), p.share("opacity", 1)
+def _uber(p: Parameters) -> Material:
+    ks, opacity = p.reflectance("Ks", 0.25), p.reflectance("opacity", 1, 1)
     index, (alpha, alpha_v) = p.index("eta", p.index()), _alphas(p, _roughness(p, 0.1))
     kd, kr, kt = p.reflectance("Kd", 0.25), p.reflectance("Kr", 0), p.reflectance("Kt", 0)
     others = materials.uber(kd, 0, kr, kt, eta=index, opacity=opacity)
@@ -179,31 +186,24 @@ def _uber(p: Lookup) -> Material:
     return replace(others, lobes=others.lobes + _by_side(rough))
 
 
-def _glass(p: Lookup) -> Material:
+def _glass(p: Parameters) -> Material:
     return _refractive(p, p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index()))
 
 
-def _refractive(p: Lookup, kr: Any, kt: Any, index: float) -> Material:
+def _refractive(p: Parameters, kr: Any, kt: Any, index: float) -> Material:
     """Return glass, rough or smooth; with the index 1 it is smooth, and light passes straight through."""
     if _smooth(p) or index == 1:
         return materials.glass(kr, kt, index)
     return models.rough_glass(kr, kt, *_alphas(p, _roughness(p, 0)), index)
 
 
-def _mix3(p: Lookup) -> Material:
-    first, second = (p.named(*p.string(f"namedmaterial{k}")) for k in (1, 2))
-    amount = np.asarray(p.constant_colour("amount", (0.5, 0.5, 0.5)))
-    return _mixed(p, first, second, amount, 1 - amount)
-
-
-def _diffuse(p: Lookup) -> Material:
+def _diffuse(p: Parameters) -> Material:
     return replace(materials.matte(p.albedo("reflectance", 0.5)), name="diffuse")
 
 
-def _conductor(p: Lookup) -> Material:
-    if p.has("reflectance"):
-        if p.has("eta") or p.has("k"):
-            raise p.error("reflectance", "must not stand beside eta and k, which give the same")
+def _conductor(p: Parameters) -> Material:
+    if "reflectance" in p.items:
+        p.refuse("parameter 'reflectance' must not stand beside eta and k, which give the same", "eta", "k")
         r = np.clip(p.constant_colour("reflectance", (0.5, 0.5, 0.5)), 0, 0.9999)
         eta, k = np.ones(3), 2 * np.sqrt(r) / np.sqrt(1 - r)
     else:
@@ -215,7 +215,7 @@ def _conductor(p: Lookup) -> Material:
     return _rough_metal(p, eta, k, _roughness(p, 0), "conductor")
 
 
-def _rough_metal(p: Lookup, eta: Any, k: Any, roughness: tuple[Any, Any], name: str) -> Material:
+def _rough_metal(p: Parameters, eta: Any, k: Any, roughness: tuple[Any, Any], name: str) -> Material:
     alpha, alpha_v = _alphas(p, roughness)
     return replace(models.ggx(0, 1, alpha, alpha_v, _fresnel(eta, k)), name=name)
 
@@ -228,22 +228,24 @@ def _fresnel(eta: Any, k: Any) -> ExactConductor:
     return ExactConductor((er, eg, eb), (kr, kg, kb))
 
 
-def _dielectric(p: Lookup) -> Material:
+def _dielectric(p: Parameters) -> Material:
     return replace(_refractive(p, 1, 1, p.index("eta", 1.5)), name="dielectric")
 
 
-def _coated(p: Lookup) -> Material:
+def _coated(p: Parameters) -> Material:
     if any(p.constant_colour("albedo", (0.0, 0.0, 0.0))):
-        raise p.error("albedo", "must be black, because light that is scattered inside of a coat has no formula")
+        raise p.items["albedo"].error("must be black, because light that is scattered inside of a coat has no formula")
     p.constant("g", 0), p.integer("nsamples", 1)  # of that medium; of random walks, whose mean is computed here
     depth, thickness = p.integer("maxdepth", 10), max(p.constant("thickness", 0.01), 0)
     if depth < 1:
-        raise p.error("maxdepth", f"must be at least 1, because the base is the first that light meets; got {depth}")
+        raise p.items["maxdepth"].error(
+            f"must be at least 1, because the base is the first that light meets; got {depth}"
+        )
     default_roughness = p.constant("roughness", 0)
     u, v = (p.constant(name, default_roughness) for name in ("uroughness", "vroughness"))
     if u != v:
-        name = next(name for name in ("uroughness", "vroughness") if p.has(name))
-        raise p.error(name, "must be the same along both tangents of a coat, because what passes it is tabulated")
+        name = next(name for name in ("uroughness", "vroughness") if name in p.items)
+        raise p.items[name].error("must be the same along both tangents of a coat, because what passes it is tabulated")
     alpha, _ = _alphas(p, (u, v))
     return models.coated_diffuse(
         p.albedo("reflectance", 0.5),
@@ -254,29 +256,32 @@ def _coated(p: Lookup) -> Material:
     )
 
 
-def _mix4(p: Lookup) -> Material:
-    token, *names = p.string("materials", count=2)
-    amount = p.constant("amount", 0.5)
-    return _mixed(p, p.named(token, names[0]), p.named(token, names[1]), np.float64(1 - amount), np.float64(amount))
-
-
-def _mixed(p: Lookup, first: Material, second: Material, a: Any, b: Any) -> Material:
+def _mix(p: Parameters, named: Mapping[str, Material]) -> Material:
     """Return the sum of two materials: pbrt-v4 picks one of them at random, with the same mean."""
-    if np.min(a) < 0 or np.min(b) < 0:
-        raise p.error("amount", "must be from 0 to 1, because it divides the surface")
+    amount: Any
+    if p.dialect == "v3":  # the share of the first
+        items = [p.required(f"namedmaterial{k}", "string") for k in (1, 2)]
+        names = [item.single()[0] for item in items]
+        amount = np.asarray(p.constant_colour("amount", (0.5, 0.5, 0.5)))
+        shares = amount, 1 - amount
+    else:  # of the second
+        items = [p.required("materials", "string")] * 2
+        names, amount = list(items[0].single(2)), p.constant("amount", 0.5)
+        shares = np.float64(1 - amount), np.float64(amount)
+    if np.min(shares[0]) < 0 or np.min(shares[1]) < 0:
+        raise p.items["amount"].error("must be from 0 to 1, because it divides the surface")
     lobes: list[Any] = []
-    for share, material in ((a, first), (b, second)):
-        chosen: tuple[Any, ...] = material.lobes if np.any(share) else ()
-        for lobe in chosen:
-            name = lobe.factor
-            if name is None:
-                raise p.name.error(f"a material of the kind {material.name} cannot be mixed")
-            changes: dict[str, Any] = {name: scale(getattr(lobe, name), tuple(np.broadcast_to(share, 3).tolist()))}
-            lobes.append(replace(lobe, **changes))
+    for item, name, share in zip(items, names, shares, strict=True):
+        material = item.token.find("material", name, named)
+        for lobe in material.lobes if np.any(share) else ():
+            if lobe.factor is None:
+                raise p.directive.error(f"a material of the kind {material.name} cannot be mixed")
+            factor = scale(getattr(lobe, lobe.factor), tuple(np.broadcast_to(share, 3).tolist()))
+            lobes.append(replace(lobe, **{lobe.factor: factor}))
     return Material(tuple(lobes), "mix")
 
 
-MATERIALS: Mapping[str, Mapping[str, Callable[[Lookup], Material]]] = {
+MATERIALS: Mapping[str, Mapping[str, Callable[[Parameters], Material] | None]] = {
     "v2": V2_MATERIALS,
     "v3": {
         "matte": V2_MATERIALS["matte"],
@@ -286,14 +291,14 @@ MATERIALS: Mapping[str, Mapping[str, Callable[[Lookup], Material]]] = {
         "uber": _uber,
         "metal": _metal,
         "substrate": _substrate,
-        "mix": _mix3,
+        "mix": None,
     },
     "v4": {
         "diffuse": _diffuse,
         "conductor": _conductor,
         "dielectric": _dielectric,
         "coateddiffuse": _coated,
-        "mix": _mix4,
+        "mix": None,
     },
 }
-"""Functions that make materials, by the names of the dialect and the material."""
+"""Functions that make materials, by the names of the dialect and the material; None for a mix of two others."""

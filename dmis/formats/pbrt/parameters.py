@@ -1,10 +1,9 @@
-"""Parameters of a directive: their values by type, and a record of the parameters that were read."""
+"""Parameters of a directive: their values by type, the textures that they name, and which of them were read."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,21 +11,32 @@ import numpy.typing as npt
 
 from dmis.base.color import Rgb, read_spd, spectrum_to_rgb, xyz_to_rgb
 from dmis.base.vectors import Floats
+from dmis.brdf.texture import Image
 from dmis.formats.pbrt.spectra import SPECTRA, luminous
-from dmis.formats.pbrt.tokens import PbrtError, Token, blame
+from dmis.formats.pbrt.tokens import PbrtError, Token, blame, either
 
 SPECTRUM_TYPES = ("color", "rgb", "xyz", "blackbody", "spectrum")
 """Types of parameters whose values are spectra."""
+Textures = Mapping[tuple[str, str], Any]
+"""Textures by their type, "float" or "color", and their name."""
+BRIGHT_REFLECTANCE = 1.001
+"""Reflectance above which a warning names the parameter; it is above 1 because spectra of 1 are rounded."""
+DARK_REFLECTANCE = -0.001
+"""Reflectance below which a warning names the parameter; it is below 0 because spectra are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A parameter as written; its values are numbers ``(n,)`` or strings, depending on its type."""
+    """A parameter as written; its values are numbers ``(n,)`` or strings, depending on its type.
+
+    `token` is its declaration, for errors, and `directive` is the line that it stands in.
+    """
 
     kind: str
     name: str
     values: Floats | tuple[str, ...]
     token: Token
+    directive: Token
 
     @property
     def numbers(self) -> Floats:
@@ -34,42 +44,40 @@ class Parameter:
         assert isinstance(self.values, np.ndarray)
         return self.values
 
-    def colour(self) -> Rgb:
-        """Return the linear RGB of a spectrum, of any of `SPECTRUM_TYPES`: a surface's or, before v4, a light's."""
-        spectra = SPECTRA[self.token.source.dialect.name]
+    def error(self, rule: str) -> PbrtError:
+        """Return the error that the parameter breaks a rule: "must be positive; got 0"."""
+        return self.token.error(f"parameter {self.name!r} {rule}")
+
+    def single(self, count: int = 1) -> Sequence[Any]:
+        """Return the values of a parameter that must hold `count` of them."""
+        if len(self.values) != count:
+            what = ("string" if isinstance(self.values, tuple) else "number") + "s" * (count > 1)
+            raise self.error(f"must be {'one' if count == 1 else count} {what}; got {len(self.values)}")
+        return self.values if isinstance(self.values, tuple) else self.values.tolist()
+
+    def colour(self, light: bool = False) -> Rgb:
+        """Return the linear RGB of a spectrum, of any of `SPECTRUM_TYPES`, of a surface or a `light`.
+
+        In v4 a light's spectrum is brought to luminance 1, unless it is of type rgb.
+        """
+        spectra = SPECTRA[self.token.dialect]
+        luminance = light and self.kind == "spectrum" and self.token.dialect == "v4"
+        sampled = spectrum_to_rgb if luminance else spectra.sampled
         with blame(self.token):
             if isinstance(self.values, tuple):
-                if self.values[0] in spectra.named():
-                    return spectra.named()[self.values[0]]
-                return spectra.sampled(*read_spd(self._file(self.values[0])))
-            if self.kind == "spectrum":
-                return spectra.sampled(self.values[::2], self.values[1::2])
-            if self.kind == "blackbody":
-                return spectra.blackbody(*self.values.tolist())
-            if self.kind == "xyz":
-                return xyz_to_rgb(self.values)
-        r, g, b = self.values.tolist()
+                (name,), named = self.values, spectra.named()
+                if named and "." not in name:
+                    rgb = self.token.find("spectrum of the name", name, named)
+                else:
+                    rgb = sampled(*read_spd(self.token.file(name)))
+            elif self.kind == "spectrum":
+                rgb = sampled(self.values[::2], self.values[1::2])
+            elif self.kind == "blackbody":
+                rgb = spectra.blackbody(*self.values.tolist())
+            else:
+                rgb = xyz_to_rgb(self.values) if self.kind == "xyz" else self.values.tolist()
+            r, g, b = luminous(rgb) if luminance else rgb
         return r, g, b
-
-    def illuminant(self) -> Rgb:
-        """Return the linear RGB of a light's spectrum; in v4 all but those of type rgb are scaled to luminance 1."""
-        spectra = SPECTRA[self.token.source.dialect.name]
-        if self.token.source.dialect.name != "v4" or self.kind != "spectrum":
-            return self.colour()
-        with blame(self.token):
-            if isinstance(self.values, tuple):
-                if self.values[0] in spectra.named():
-                    return luminous(spectra.named()[self.values[0]])
-                return luminous(spectrum_to_rgb(*read_spd(self._file(self.values[0]))))
-            return luminous(spectrum_to_rgb(self.values[::2], self.values[1::2]))
-
-    def _file(self, name: str) -> Path:
-        names = SPECTRA[self.token.source.dialect.name].named()
-        if names and "." not in name:
-            raise self.token.error(
-                f"there is no spectrum of the name {name!r} here, write it as rgb; there are {', '.join(names)}"
-            )
-        return self.token.file(name)
 
 
 @dataclass(eq=False)
@@ -78,117 +86,188 @@ class Parameters:
 
     Methods take a name and the default of an absent parameter, and raise `PbrtError` if the parameter has another type
     or not one value.
+
+    Attributes
+    ----------
+    directive
+        The directive, for errors about what is absent.
+    items
+        The parameters by name.
+    textures
+        Textures that values may name.
+    read_names
+        Names of the parameters that were read, absent ones too.
+    bright, negative
+        Reflectances above 1 and below 0.
     """
 
     directive: Token
-    items: dict[str, Parameter]
+    items: Mapping[str, Parameter]
+    textures: Textures = field(default_factory=dict)
     read_names: set[str] = field(default_factory=set)
-    bright_names: set[str] = field(default_factory=set)
-    """Names of reflectances above 1."""
-    negative_names: set[str] = field(default_factory=set)
-    """Names of reflectances below 0."""
+    bright: set[Parameter] = field(default_factory=set)
+    negative: set[Parameter] = field(default_factory=set)
+
+    @property
+    def dialect(self) -> str:
+        """Name of the dialect of the file."""
+        return self.directive.dialect
 
     def get(self, name: str, *kinds: str) -> Parameter | None:
         """Return the parameter `name`, which must be of one of the types `kinds`; None if it is absent."""
         self.read_names.add(name)
         parameter = self.items.get(name)
         if parameter is not None and parameter.kind not in kinds:
-            got = parameter.kind
-            raise parameter.token.error(f"parameter {name!r} must be of type {' or '.join(kinds)}; got {got}")
+            raise parameter.error(f"must be of type {either(kinds)}; got {parameter.kind}")
         return parameter
 
     def number(self, name: str, default: float) -> float:
         """Return the ``float`` called `name`."""
         parameter = self.get(name, "float")
-        return default if parameter is None else float(_single(parameter, 1)[0])
+        return default if parameter is None else float(parameter.single()[0])
 
     def integer(self, name: str, default: int) -> int:
         """Return the ``integer`` called `name`."""
         parameter = self.get(name, "integer")
-        return default if parameter is None else int(_single(parameter, 1)[0])
-
-    def string(self, name: str, default: str | None = None) -> str:
-        """Return the ``string`` called `name`, which is required if there is no default."""
-        parameter = self.get(name, "string")
-        if parameter is None:
-            if default is None:
-                raise self.missing(name, "string")
-            return default
-        if len(parameter.values) != 1:
-            raise parameter.token.error(f"parameter {name!r} must be one string; got {len(parameter.values)}")
-        return str(parameter.values[0])
+        return default if parameter is None else int(parameter.single()[0])
 
     def boolean(self, name: str, default: bool) -> bool:
         """Return the ``bool`` called `name`."""
         parameter = self.get(name, "bool")
         return default if parameter is None else parameter.values == ("true",)
 
+    def string(self, name: str, default: str | None = None, allowed: Sequence[str] = ()) -> str:
+        """Return the ``string`` called `name`, one of those `allowed`, if any; it is required without a default."""
+        parameter = self.get(name, "string") if default is not None else self.required(name, "string")
+        if parameter is None:
+            return str(default)
+        (value,) = parameter.single()
+        if allowed and value not in allowed:
+            raise parameter.token.error(f"{name} must be {either(allowed)}; got {value!r}")
+        return str(value)
+
+    def required(self, name: str, kind: str) -> Parameter:
+        """Return the parameter `name` of type `kind`, which must be there."""
+        parameter = self.get(name, kind)
+        if parameter is None:
+            raise self.directive.error(f'needs the parameter "{kind} {name}", which is missing')
+        return parameter
+
     def point(self, name: str, default: tuple[float, float, float]) -> Floats:
         """Return the ``point`` called `name`, (3,)."""
         parameter = self.get(name, "point")
-        return np.array(default) if parameter is None else _single(parameter, 3)
+        return np.array(default if parameter is None else parameter.single(3))
 
-    def colour(self, name: str, default: float) -> Rgb:
-        """Return the spectrum called `name`, of any type of spectrum, as linear RGB."""
-        parameter = self.get(name, *SPECTRUM_TYPES)
-        return (default, default, default) if parameter is None else parameter.colour()
+    def table(self, name: str, kinds: str | tuple[str, ...], columns: int, rows: int | None = None) -> Floats | None:
+        """Return the numbers of the parameter `name` in rows, (n, columns); None if it is absent.
 
-    def illuminant(self, name: str, default: float) -> Rgb:
-        """Return the spectrum of a light called `name`, of any type of spectrum, as linear RGB."""
-        parameter = self.get(name, *SPECTRUM_TYPES)
-        return (default, default, default) if parameter is None else parameter.illuminant()
-
-    def table(self, name: str, kind: str | tuple[str, ...], columns: int) -> Floats | None:
-        """Return the numbers of the parameter `name` in rows, (n, columns); None if it is absent."""
-        parameter = self.get(name, *((kind,) if isinstance(kind, str) else kind))
+        With `rows` there must be one for each of as many points.
+        """
+        parameter = self.get(name, *((kinds,) if isinstance(kinds, str) else kinds))
         if parameter is None:
             return None
         if len(parameter.numbers) % columns or not len(parameter.numbers):
-            rule = f"a positive multiple of {columns}" if columns > 1 else "one or more"
-            raise parameter.token.error(f"parameter {name!r} must hold {rule} numbers; got {len(parameter.numbers)}")
-        return parameter.numbers.reshape(-1, columns)
+            raise parameter.error(f"must hold a positive multiple of {columns} numbers; got {len(parameter.numbers)}")
+        table = parameter.numbers.reshape(-1, columns)
+        if rows not in (None, len(table)):
+            raise parameter.token.error(f"each of the {rows} points needs one {name}; got {len(table)}")
+        return table
 
-    def indices(self, count: int) -> npt.NDArray[np.int32]:
-        """Return the triangles ``integer indices`` (n, 3) into `count` vertices."""
-        table = self.table("indices", "integer", 3)
-        if table is None:
-            raise self.missing("indices", "integer")
+    def indices(self, count: int, corners: int = 3) -> npt.NDArray[np.int32]:
+        """Return the polygons ``integer indices`` (n, corners) into `count` points."""
+        parameter = self.required("indices", "integer")
+        table = self.table("indices", "integer", corners)
+        assert table is not None
         if table.min() < 0 or table.max() >= count:
             bad = int(table[(table < 0) | (table >= count)][0])
-            raise self.items["indices"].token.error(f"indices must be from 0 to {count - 1}, the last point; got {bad}")
+            raise parameter.token.error(f"indices must be from 0 to {count - 1}, the last point; got {bad}")
         return table.astype(np.int32)
 
-    def missing(self, name: str, kind: str) -> PbrtError:
-        """Return the error that a required parameter is absent."""
-        return self.directive.error(f'needs the parameter "{kind} {name}", which is missing')
+    def light(self, name: str, default: float = 1.0) -> Rgb:
+        """Return the spectrum of a light called `name`, of any type of spectrum, as linear RGB."""
+        parameter = self.get(name, *SPECTRUM_TYPES)
+        return (default, default, default) if parameter is None else parameter.colour(light=True)
 
-    def fixed(self, values: Mapping[str, Any]) -> None:
-        """Raise a `PbrtError` if one of these parameters has another value; infinity means that it must be absent."""
+    def real(self, name: str, default: float | Image) -> float | Image:
+        """Return the float or float texture `name`."""
+        parameter = self.get(name, "texture", "float")
+        if parameter is None:
+            return default
+        return self._texture("float", parameter) if parameter.kind == "texture" else float(parameter.single()[0])
+
+    def colour(self, name: str, default: float | Rgb) -> Rgb | Image:
+        """Return the spectrum or spectrum texture `name`, as linear RGB."""
+        parameter = self.get(name, "texture", *SPECTRUM_TYPES)
+        if parameter is None:
+            return default if isinstance(default, tuple) else (default, default, default)
+        return self._texture("color", parameter) if parameter.kind == "texture" else parameter.colour()
+
+    def _texture(self, kind: str, parameter: Parameter) -> Any:
+        named = {name: texture for (type_, name), texture in self.textures.items() if type_ == kind}
+        return parameter.token.find(f"{kind} texture", parameter.single()[0], named)
+
+    def constant(self, name: str, default: float) -> float:
+        """Return the float `name`, which may be a constant texture."""
+        return self._constant(name, self.real(name, default))
+
+    def constant_colour(self, name: str, default: Rgb) -> Rgb:
+        """Return the spectrum `name`, which may be a constant texture, as linear RGB."""
+        return self._constant(name, self.colour(name, default))
+
+    def _constant(self, name: str, value: Any) -> Any:
+        if isinstance(value, Image):
+            raise self.items[name].error("must be constant here; an image texture is not supported")
+        return value
+
+    def reflectance(self, name: str, default: float, most: float = np.inf) -> Rgb | Image:
+        """Return the spectrum or texture `name` with components brought to [0, `most`].
+
+        Components below 0 are noted for a warning, and without `most` those above 1.
+        """
+        value = self.colour(name, default)
+        texels = value.texels if isinstance(value, Image) else np.asarray(value)
+        if texels.min() < DARK_REFLECTANCE:
+            self.negative.add(self.items[name])
+        if texels.max() > BRIGHT_REFLECTANCE and most == np.inf:
+            self.bright.add(self.items[name])
+        clipped = np.clip(texels, 0, most)
+        return replace(value, texels=clipped) if isinstance(value, Image) else rgb(clipped)
+
+    def albedo(self, name: str, default: float) -> Rgb | Image:
+        """Return the reflectance `name` of pbrt-v4, which refuses an rgb outside of [0, 1] and clamps images."""
+        parameter = self.get(name, "texture", *SPECTRUM_TYPES)
+        if parameter is not None and parameter.kind == "rgb":
+            if ((parameter.numbers < 0) | (parameter.numbers > 1)).any():
+                raise parameter.error(f"must be from 0 to 1 in pbrt-v4; got {parameter.numbers.tolist()}")
+        return self.reflectance(name, default, 1)
+
+    def index(self, name: str = "index", default: float = 1.5) -> float:
+        """Return the index of refraction `name`, which must be positive."""
+        value = self.constant(name, default)
+        if not value > 0:
+            raise self.items[name].error(f"must be positive, because it is a ratio of speeds; got {value:g}")
+        return value
+
+    def require(self, values: Mapping[str, Any]) -> None:
+        """Raise a `PbrtError` if one of these parameters has another value; None means that it must be absent."""
         for name, value in values.items():
-            kind = "bool" if isinstance(value, bool) else "string" if isinstance(value, str) else "float"
-            parameter = self.get(name, kind)
-            if parameter is None:
-                continue
-            if value == float("inf"):
-                raise parameter.token.error(f"parameter {name!r} changes the image and is not supported; remove it")
-            got = parameter.values[0] == "true" if kind == "bool" else parameter.values[0]
-            if len(parameter.values) != 1 or got != value:
-                raise parameter.token.error(f"parameter {name!r} must be {value}, because another makes another image")
+            if value is None:
+                self.refuse(f"parameter {name!r} changes the image and is not supported; remove it", name)
+            elif name in self.items:
+                read: Any = {bool: self.boolean, str: self.string, float: self.number}[type(value)]
+                if read(name, value) != value:
+                    raise self.items[name].error(f"must be {value}, because another makes another image")
+            self.read_names.add(name)
 
-    def refuse(self, name: str, reason: str) -> None:
-        """Raise a `PbrtError` with `reason` if there is a parameter `name`."""
-        self.read_names.add(name)
-        if name in self.items:
-            raise self.items[name].token.error(reason)
-
-    def unused(self) -> list[str]:
-        """Return the names of the parameters that were not read."""
-        return [name for name in self.items if name not in self.read_names]
+    def refuse(self, reason: str, *names: str) -> None:
+        """Raise a `PbrtError` with `reason` if there is a parameter of one of the `names`."""
+        for name in names:
+            self.read_names.add(name)
+            if name in self.items:
+                raise self.items[name].token.error(reason)
 
 
-def _single(parameter: Parameter, width: int) -> Floats:
-    """Return the numbers of a parameter that must hold a single value of `width` numbers."""
-    if len(parameter.values) != width:
-        expected = "one number" if width == 1 else f"{width} numbers"
-        raise parameter.token.error(f"parameter {parameter.name!r} must be {expected}; got {len(parameter.values)}")
-    return parameter.numbers
+def rgb(values: Any) -> Rgb:
+    """Return three numbers (3,) as a tuple of Python floats."""
+    x, y, z = np.asarray(values, np.float64).tolist()
+    return x, y, z

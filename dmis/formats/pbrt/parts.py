@@ -21,7 +21,7 @@ from dmis.base.vectors import Floats
 from dmis.brdf.distributions import Anisotropic, Elliptic
 from dmis.brdf.materials import Material
 from dmis.brdf.texture import Image
-from dmis.formats.pbrt.objects import similarity
+from dmis.formats.pbrt.lights import similarity
 from dmis.formats.pbrt.shapes import QUADRICS, Shape, mirrors
 from dmis.formats.pbrt.tokens import blame
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals
@@ -72,7 +72,7 @@ def _bright(mesh: Mesh, shape: Shape) -> bool | np.ndarray:
     object space (v3, v4), unless they have vertex normals, whose side it is then (v3, v4). ReverseOrientation turns
     all of them; but in v3 vertex normals only where a ray hits them, and not where the light is sampled.
     """
-    dialect, mirrored = shape.token.source.dialect.name, mirrors(shape.to_world)
+    dialect, mirrored = shape.token.dialect, mirrors(shape.to_world)
     if shape.kind in QUADRICS:
         if mirrored and dialect != "v2":
             raise ValueError(f"a mirrored {shape.kind} that emits shines on both sides in {dialect}; do not mirror it")
@@ -164,9 +164,9 @@ def _join(shapes: list[Shape], material: Material) -> Mesh:
         mesh = mesh.transformed(shape.to_world)
     if not _has_sides(material):
         return mesh
-    mirrored = mirrors(shape.to_world) and shape.kind in QUADRICS and shape.token.source.dialect.name != "v2"
+    mirrored = mirrors(shape.to_world) and shape.kind in QUADRICS and shape.token.dialect != "v2"
     if mirrored and any(lobe.transmissive for lobe in material.lobes):
-        dialect = shape.token.source.dialect.name
+        dialect = shape.token.dialect
         raise shape.token.error(f"a mirrored {shape.kind} of glass is inside out in {dialect}; do not mirror it")
     return _flipped(mesh, _outside(mesh, shape), material)
 
@@ -184,7 +184,7 @@ def _outside(mesh: Mesh, shape: Shape) -> np.ndarray:
     changes handedness does so, too, if there are vertex normals. Disks, spheres and cylinders have the outside of their
     normals, turned by ReverseOrientation, and in v3 and v4 by a shape's transform that changes handedness.
     """
-    early, mirrored = shape.token.source.dialect.name == "v2", mirrors(shape.to_world)
+    early, mirrored = shape.token.dialect == "v2", mirrors(shape.to_world)
     if shape.kind in QUADRICS:
         return np.full(len(mesh.faces), shape.reverse != (mirrored != (shape.mirrored and not early)))
     if mesh.normals is not None:

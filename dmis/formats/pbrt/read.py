@@ -41,13 +41,9 @@ Deviations of v3 and v4 are described in the modules: sides of lights and glass 
 File names are relative to the folder of the file that they stand in, else to that of the file read first, and must not
 lead out of the latter unless the caller allows it.
 
-The modules: `dmis.formats.pbrt.dialect` (dialects as data), `dmis.formats.pbrt.tokens` and `dmis.formats.pbrt.cursor`
-(text), `dmis.formats.pbrt.parameters` (values), `dmis.formats.pbrt.directives`, `dmis.formats.pbrt.transforms` and
-`dmis.formats.pbrt.world` (lines), `dmis.formats.pbrt.reader` (state and scene), `dmis.formats.pbrt.objects`
-(textures, materials and lights of v2), `dmis.formats.pbrt.materials`, `dmis.formats.pbrt.lights` and
-`dmis.formats.pbrt.spectra` (by dialect), `dmis.formats.pbrt.shapes` (meshes), `dmis.formats.pbrt.quadrics` (their
-tessellation), `dmis.formats.pbrt.parts` (sides, parts, area lights), `dmis.formats.pbrt.suggestions` (samplers, numbers
-of samples).
+The modules, by the way of a line: text (`tokens`, `cursor`, `dialect`), values (`parameters`, `spectra`), directives as
+tables (`directives`, `transforms`, `world`), what they make (`textures`, `materials`, `materials_v2`, `lights`,
+`shapes`, `quadrics`, `parts`, `suggestions`), and the scene with its warnings (`reader`, `notes`).
 """
 
 from __future__ import annotations
@@ -64,7 +60,8 @@ import numpy as np
 from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.dialect import DIALECTS, Dialect, detect
 from dmis.formats.pbrt.directives import MAX_FILES, carry_out
-from dmis.formats.pbrt.reader import PbrtWarning, Reader
+from dmis.formats.pbrt.notes import PbrtWarning
+from dmis.formats.pbrt.reader import Reader
 from dmis.formats.pbrt.tokens import Source, Token, tokens_of
 from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene
@@ -128,7 +125,7 @@ def read_pbrt(
     reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
     if reason == "guess":
         warnings.warn(PbrtWarning(_guessed(path, chosen, fits)), stacklevel=2)
-    reader.warn(stacklevel=2)
+    reader.notes.warn(2, reader.filtered)
     return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
 
 

@@ -58,17 +58,14 @@ class Shape:
 
 def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:
     """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform."""
-    if name.name not in _SHAPES or (name.name == "bilinearmesh" and name.source.dialect.name != "v4"):
-        names = ", ".join(kind for kind in _SHAPES if kind != "bilinearmesh" or name.source.dialect.name == "v4")
-        raise name.error(f"a shape must be one of {names}; others are not supported, export them as a trianglemesh")
+    name.among("a shape", [kind for kind in _SHAPES if kind != "bilinearmesh" or name.dialect == "v4"])
     for alpha in ("alpha", "shadowalpha"):
         parameter = parameters.items.get(alpha)
-        if parameter is not None and parameter.kind == "float" and parameters.number(alpha, 1) == 1:
-            continue
-        parameters.refuse(alpha, "alpha is not supported: cut the holes into the mesh and remove the parameter")
-    for displaced in ("displacement", "emissionfilename"):
-        parameters.refuse(displaced, f"{displaced} is not supported; remove the parameter")
-    parameters.refuse("S", "tangents are not supported; remove the parameter")
+        if parameter is None or parameter.kind != "float" or parameters.number(alpha, 1) != 1:
+            parameters.refuse("alpha is not supported: cut the holes into the mesh and remove the parameter", alpha)
+    parameters.refuse("displacement is not supported; remove the parameter", "displacement")
+    parameters.refuse("an image that emits is not supported; remove the parameter", "emissionfilename")
+    parameters.refuse("tangents are not supported; remove the parameter", "S")
     with blame(name):
         surface, size = _SHAPES[name.name](parameters)
         quadric = surface if isinstance(surface, Quadric) else None
@@ -81,24 +78,18 @@ _Surface = tuple[Mesh | Quadric, tuple[float, float] | None]
 
 def _triangles(p: Parameters) -> _Surface:
     points = _points(p)
-    if "indices" not in p.items and len(points) == 3 and p.directive.source.dialect.name == "v4":
+    if "indices" not in p.items and len(points) == 3 and p.dialect == "v4":
         faces = np.arange(3, dtype=np.int32)[None]
     else:
         faces = p.indices(len(points))
-    normals = p.table("N", "normal", 3)
-    uv = p.table("uv", ("float", "point2"), 2)
-    st = p.table("st", ("float", "point2"), 2)
-    uv = st if uv is None else uv
-    for name, table in (("N", normals), ("st" if uv is st else "uv", uv)):
-        if table is not None and len(table) != len(points):
-            raise p.items[name].token.error(f"each of the {len(points)} points needs one {name}; got {len(table)}")
-    return Mesh(points, faces, None if normals is None else repair_normals(points, faces, normals), uv), None
+    normals = p.table("N", "normal", 3, len(points))
+    st, uv = (p.table(name, ("float", "point2"), 2, len(points)) for name in ("st", "uv"))
+    normals = None if normals is None else repair_normals(points, faces, normals)
+    return Mesh(points, faces, normals, st if uv is None else uv), None
 
 
 def _loop(p: Parameters) -> _Surface:
-    scheme = p.string("scheme", "loop")
-    if scheme != "loop":
-        raise p.items["scheme"].token.error(f"the scheme of subdivision must be loop; got {scheme!r}")
+    p.string("scheme", "loop", ("loop",))
     points = _points(p)
     names = p.directive.source.dialect.levels
     levels = p.integer(next((name for name in names if name in p.items), names[0]), 3)
@@ -142,28 +133,22 @@ def _cylinder(p: Parameters) -> _Surface:
 def _bilinear(p: Parameters) -> _Surface:
     """Return parallelograms as two triangles each; other bilinear patches, curved or with bilinear uv, are errors."""
     points = _points(p)
-    table = p.table("indices", "integer", 4)
-    if table is None and len(points) != 4:
-        raise p.missing("indices", "integer")
-    quads = np.arange(4)[None] if table is None else table.astype(np.int64)
-    if quads.min() < 0 or quads.max() >= len(points):
-        raise p.items["indices"].token.error(f"indices must be from 0 to {len(points) - 1}, the last point")
-    p.refuse("N", "normals of a bilinearmesh are not supported; use a trianglemesh")
+    p.refuse("normals of a bilinearmesh are not supported; use a trianglemesh", "N")
+    whole = "indices" not in p.items and len(points) == 4
+    quads = np.arange(4)[None] if whole else p.indices(len(points), 4).astype(np.int64)
     corners = points[quads]
-    gap = corners[:, 0] + corners[:, 3] - corners[:, 1] - corners[:, 2]
-    if not np.allclose(gap, 0, atol=1e-6 * np.abs(corners - corners[:, :1]).max()):
-        raise p.items["P"].token.error("the patches of a bilinearmesh must be parallelograms; others are not supported")
-    uv = p.table("uv", ("float", "point2"), 2)
-    if uv is not None and len(uv) != len(points):
-        raise p.items["uv"].token.error(f"each of the {len(points)} points needs one uv; got {len(uv)}")
-    uvs = (
-        np.tile([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], (len(quads), 1)) if uv is None else uv[quads.ravel()]
-    )
-    bent = uvs[0::4] + uvs[3::4] - uvs[1::4] - uvs[2::4]
-    if not np.allclose(bent, 0, atol=1e-6 * max(1.0, float(np.abs(uvs).max()))):
-        raise p.items["uv"].token.error("the uv of each patch of a bilinearmesh must be a parallelogram, too")
+    table = p.table("uv", ("float", "point2"), 2, len(points))
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    uv = np.broadcast_to(square, (len(quads), 4, 2)) if table is None else table[quads]
+    for name, values, scale in (
+        ("P", corners, np.abs(corners - corners[:, :1]).max()),
+        ("uv", uv, max(1.0, float(np.abs(uv).max()))),
+    ):
+        gap = values[:, 0] + values[:, 3] - values[:, 1] - values[:, 2]
+        if not np.allclose(gap, 0, atol=1e-6 * scale):
+            raise p.items[name].error("must make parallelograms of the patches of a bilinearmesh, in space and in uv")
     faces = (4 * np.arange(len(quads))[:, None, None] + [[0, 1, 3], [0, 3, 2]]).reshape(-1, 3)
-    return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uvs), None
+    return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uv.reshape(-1, 2)), None
 
 
 _SHAPES: dict[str, Callable[[Parameters], _Surface]] = {
@@ -180,9 +165,9 @@ QUADRICS = ("sphere", "disk", "cylinder")
 
 
 def _points(p: Parameters) -> Floats:
+    p.required("P", "point")
     points = p.table("P", "point", 3)
-    if points is None:
-        raise p.missing("P", "point")
+    assert points is not None
     return points
 
 

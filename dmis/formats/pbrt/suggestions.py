@@ -21,8 +21,6 @@ SAMPLER_NAMES = {
 """Samplers of dmis by the names of pbrt's."""
 ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist", "adaptive")
 """pbrt's samplers that round numbers of samples up to powers of two."""
-_PIXEL_SAMPLES = {"v2": (4, 2), "v3": (16, 4), "v4": (16, 4)}
-"""Defaults of pixelsamples, and of xsamples and ysamples, by dialect."""
 
 
 class SampleRequests:
@@ -45,7 +43,7 @@ class SampleRequests:
 
     def read_sampler(self, name: str, p: Parameters) -> None:
         """Read the line of the sampler `name`."""
-        count, side = _PIXEL_SAMPLES[self._dialect]
+        count, side = (4, 2) if self._dialect == "v2" else (16, 4)
         if name == "stratified":
             spp = _whole(p, "xsamples", side) * _whole(p, "ysamples", side)
         elif name == "adaptive":
@@ -54,11 +52,10 @@ class SampleRequests:
             spp = _whole(p, "pixelsamples", 4 if name == "random" else count)
         self._sampler, self._spp = name, power_of_two(spp) if name in ROUNDED else spp
 
-    def read_light(self, p: Parameters) -> int:
+    def of_light(self, p: Parameters) -> int:
         """Return the number of samples that a light asks for, rounded as the file's sampler does."""
         number = _whole(p, "nsamples", 1) if self._dialect != "v4" else 1
-        if self._dialect == "v3":
-            number = _whole(p, "samples", number)
+        number = _whole(p, "samples", number) if self._dialect == "v3" else number
         # without a Sampler line pbrt-v2 takes lowdiscrepancy
         rounded = self._sampler in ROUNDED or (self._sampler is None and self._dialect == "v2")
         return power_of_two(number) if rounded else number
@@ -66,14 +63,13 @@ class SampleRequests:
     def suggestions(self, integrator: tuple[str, int], lights: Sequence[Light | None]) -> Suggestions:
         """Return what the file asks for; `lights` are those of `light_samples`."""
         known = self._sampler is None or self._sampler in SAMPLER_NAMES
+        pairs = zip(lights, self.light_samples, strict=True)
         return Suggestions(
             *integrator,
             sampler=SAMPLER_NAMES.get(self._sampler or ""),
             spp=self._spp,
             lights=self.strategy,
-            light_samples=tuple(
-                n for light, n in zip(lights, self.light_samples, strict=True) if light is not None and not light.delta
-            ),
+            light_samples=tuple(number for light, number in pairs if light is not None and not light.delta),
             unmet=() if known else (f"sampler {self._sampler}",),
         )
 

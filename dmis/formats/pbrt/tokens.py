@@ -7,11 +7,11 @@ characters. `dmis.formats.pbrt.cursor` walks over the tokens.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,6 +77,23 @@ class Token(NamedTuple):
         """The text of a string without its quotes."""
         return self.text[1:-1]
 
+    @property
+    def dialect(self) -> str:
+        """Name of the dialect of the file."""
+        return self.source.dialect.name
+
+    def among(self, what: str, names: Iterable[str]) -> str:
+        """Return the name, of `what`; raise a `PbrtError` unless it is one of `names`."""
+        if self.name not in names:
+            raise self.error(f"{what} must be {either(names)}; others are not supported in {self.dialect}")
+        return self.name
+
+    def find(self, what: str, name: Any, table: Mapping[Any, Any]) -> Any:
+        """Return the entry `name` of a table of `what`; raise a `PbrtError` that lists its names if it has none."""
+        if name not in table:
+            raise self.error(f"there is no {what} {name!r} here; there are: {', '.join(map(repr, table)) or 'none'}")
+        return table[name]
+
     def error(self, message: str) -> PbrtError:
         """Return an error with the file, the line and the text of this token."""
         text = " ".join(self.text[:200].split()) or "end of file"
@@ -104,6 +121,12 @@ class Token(NamedTuple):
                 )
             return path
         raise self.error(f"there is no file {name!r} in {' or '.join(str(folder) for folder in self.source.folders)}")
+
+
+def either(names: Iterable[str]) -> str:
+    """Return names as words: "a, b or c"."""
+    *others, last = names
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 @contextmanager

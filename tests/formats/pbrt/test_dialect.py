@@ -22,8 +22,8 @@ from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.cli.commands import main
 from dmis.formats.pbrt.dialect import detect
 from dmis.formats.pbrt.materials import _polynomial
+from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError, Source, tokens_of
 from dmis.geometry.mesh import flat_normals
 from dmis.image import write_exr
@@ -177,7 +177,7 @@ def test_dialect_can_be_forced(read, tmp_path):
         read_pbrt(tmp_path / "scene.pbrt", dialect="v2")
     with pytest.raises(ValueError, match="dialect must be one of v2, v3, v4; got 'v5'"):
         read_pbrt(tmp_path / "scene.pbrt", dialect="v5")
-    with pytest.raises(PbrtError, match="a parameter must be one of integer"):
+    with pytest.raises(PbrtError, match="a parameter must be integer"):
         read("v4", TRIANGLE, 'Camera "perspective" "color a" 1')
 
 
@@ -302,15 +302,11 @@ def test_words_of_v1_are_named(tmp_path):
     with pytest.warns(PbrtWarning) as caught:
         assert dmis.load_scene(path).camera.filter is None
     said = " ".join(str(warning.message) for warning in caught)
-    assert 'old.pbrt:2: token "float hither": this parameter is of pbrt-v1' in said and "Mitchell" in said
+    assert "old.pbrt: of pbrt-v1" in said and "Mitchell" in said and "'hither' of Camera (line 2)" in said
     path.write_text(f'PixelFilter "box"\nCamera "perspective" "float hither" [.1]\n{world}')
     with pytest.warns(PbrtWarning, match="parameter 'hither' of Camera") as caught:
         assert dmis.load_scene(path).source["dialect_from"] == "file"
     assert len(caught) == 1
-    for name in ("bluepaint", "clay", "skin"):
-        path.write_text(f'SurfaceIntegrator "directlighting"\nWorldBegin\nMaterial "{name}" {world[10:]}')
-        with pytest.raises(PbrtError, match=f"old.pbrt:3: .*{name} is a material of pbrt-v1"):
-            dmis.load_scene(path)
 
 
 # Colours ------------------------------------------------------------------------------------------------------------
@@ -680,7 +676,7 @@ def test_bilinear_mesh(read):
     mesh = read("v4", add=add).parts[0].mesh
     close(flat_normals(mesh.vertices, mesh.faces), [[0, 0, 1]] * 2)
     close(mesh.uv, mesh.vertices[:, :2] / [2, 3])
-    with pytest.raises(PbrtError, match="must be parallelograms"):
+    with pytest.raises(PbrtError, match="must make parallelograms"):
         read("v4", add=add.replace("2 3 0]", "2 4 0]"))
 
 
@@ -710,7 +706,7 @@ def test_import_leaves_the_state_alone(read, tmp_path):
 def test_names_outlive_blocks_in_v4(read):
     world = 'AttributeBegin MakeNamedMaterial "a" "string type" "{}" AttributeEnd NamedMaterial "a"'
     assert len(lobes(read("v4", world.format("diffuse")))) == 1
-    with pytest.raises(PbrtError, match="no material of this name"):
+    with pytest.raises(PbrtError, match="there is no material 'a'"):
         read("v3", world.format("matte"))
 
 
@@ -738,7 +734,7 @@ BAD = {
     "jitter": ("v4", 'Option "bool disablepixeljitter" true', "", "'disablepixeljitter' must be False"),
     "option": ("v4", 'Option "bool nonsense" true', "", "there is no option 'nonsense'"),
     "space": ("v4", 'ColorSpace "rec2020"', "", "the colour space must be srgb"),
-    "bdpt": ("v4", 'Integrator "bdpt"', "", "the integrator must be path or volpath; others make other images"),
+    "bdpt": ("v4", 'Integrator "bdpt"', "", "the integrator must be path or volpath; others are not"),
     "filter": ("v4", 'PixelFilter "mitchell"', "", "a pixel filter must be one of box, triangle, gaussian, because"),
     "no width": ("v3", 'PixelFilter "gaussian" "float alpha" 0', "", "alpha must be positive"),
     "wide": ("v4", 'PixelFilter "box" "float xradius" 65', "", "radius of a pixel filter must be above 0, at most 64"),
@@ -756,7 +752,7 @@ BAD = {
     "negative": ("v3", "", 'Material "metal" "float roughness" -.1', "must not be negative, because it is a spread"),
     "no surface": ("v4", 'Integrator "path" "integer maxdepth" 0', "", "maxdepth must let 1 to 10000 surfaces"),
     "both": ("v4", "", 'Material "conductor" "rgb reflectance" [1 1 1] "rgb k" [1 1 1]', "must not stand beside eta"),
-    "material": ("v4", "", 'Material "matte"', "a material must be one of diffuse, conductor, dielectric"),
+    "material": ("v4", "", 'Material "matte"', "a material must be diffuse, conductor, dielectric"),
     "hair": ("v4", "", 'Material "hair"', "others are not supported in v4"),
     "named": ("v4", "", 'Material "conductor" "spectrum eta" "metal-Xx-eta"', "no spectrum of the name 'metal-Xx-eta'"),
     "bump": ("v4", "", 'Material "diffuse" "texture displacement" "x"', "bump maps are not supported"),
@@ -784,9 +780,9 @@ BAD = {
     "texture alpha": ("v3", "", TRIANGLE[:-1] + ' "texture alpha" "x"', "alpha is not supported"),
     "obj": ("v4", "", 'Shape "plymesh" "string filename" "a.obj"', "a plymesh must be a .ply file"),
     "twice": ("v4", "", 'Texture "a" "float" "constant" Texture "a" "float" "constant"', "there is a texture of this"),
-    "attribute": ("v4", "", 'Attribute "camera" "float fov" 1', "Attribute must be of shape"),
+    "attribute": ("v4", "", 'Attribute "camera" "float fov" 1', "an Attribute must be shape, light"),
     "v2 word": ("v4", 'Renderer "sampler"', "", "Renderer belongs to v2"),
-    "bilinear": ("v3", "", 'Shape "bilinearmesh"', "a shape must be one of trianglemesh, plymesh, loopsubdiv, sphere"),
+    "bilinear": ("v3", "", 'Shape "bilinearmesh"', "a shape must be trianglemesh, plymesh, loopsubdiv, sphere"),
 }
 
 

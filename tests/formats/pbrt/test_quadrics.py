@@ -10,9 +10,9 @@ import dmis
 from dmis.cli.commands import main
 from dmis.experiment.metrics import block_error
 from dmis.formats.pbrt import reader
+from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.quadrics import TARGET_ERROR, TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry import shapes, transforms
 

@@ -20,8 +20,8 @@ from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.brdf.texture import Image
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.formats.pbrt import reader
+from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.reader import PbrtWarning
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry.mesh import flat_normals
 from dmis.image import write_exr
@@ -902,14 +902,14 @@ BAD = {
     "overflow": ("", "Scale 1e300 1e300 1e300 Scale 1e300 1 1", 3, "token Scale: the current transform must be"),
     "no axis": ("", "Rotate 30 0 0 0", 3, "token Rotate: axis must not be zero"),
     "parallel up": ("LookAt 0 0 0  0 0 1  0 0 2", "", 1, "token LookAt: up must not be parallel"),
-    "no system": ("", 'CoordSysTransform "x"', 3, "no coordinate system of this name; there are: 'world'"),
-    "camera system": ("", 'CoordSysTransform "camera"', 3, "no coordinate system of this name"),
+    "no system": ("", 'CoordSysTransform "x"', 3, "there is no coordinate system 'x' here; there are: 'world'"),
+    "camera system": ("", 'CoordSysTransform "camera"', 3, "there is no coordinate system 'camera'"),
     "moving": ("", "ActiveTransform EndTime", 3, "token EndTime: ActiveTransform must be All"),
     "needs string": ("", "Material matte", 3, "token matte: Material needs a kind of material as a string"),
     "number for string": ("", "NamedMaterial 3", 3, "token 3: NamedMaterial needs a name as a string"),
     "few strings": ("", 'Texture "a"', 4, "token Shape: Texture needs a type"),
     "one word": ("", 'Material "matte" "Kd" [1 1 1]', 3, 'token "Kd": a parameter is declared by its type and name'),
-    "no type": ("", 'Material "matte" "colour Kd" [1 1 1]', 3, "must be one of integer, float, point"),
+    "no type": ("", 'Material "matte" "colour Kd" [1 1 1]', 3, "must be integer, float, point"),
     "no value": ("", 'Material "matte" "color Kd"\n', 5, "token Shape: parameter 'Kd' needs a value"),
     "empty": ("", 'Material "matte" "color Kd" []', 3, "parameter 'Kd' needs a value; got an empty list"),
     "string for number": ("", 'Material "matte" "float sigma" "x"', 3, "'sigma' of type float needs numbers; got str"),
@@ -938,18 +938,18 @@ BAD = {
     "shape in options": (TRIANGLE[:-1], "", 1, "token Shape: Shape must stand between WorldBegin and WorldEnd"),
     "second image": ("", f"{TRIANGLE}WorldEnd\nIdentity", 5, "token Identity: nothing may follow WorldEnd"),
     "camera": ('Camera "orthographic"', "", 1, "the camera must be perspective"),
-    "lens": ('Camera "perspective"\n"float lensradius" 1', "", 2, "lensradius must be 0; only a pinhole"),
-    "aspect": ('Camera "perspective" "float frameaspectratio" 1', "", 1, "must be that of square pixels, 1.33333"),
+    "lens": ('Camera "perspective"\n"float lensradius" 1', "", 2, "'lensradius' must be 0.0, because"),
+    "aspect": ('Camera "perspective" "float frameaspectratio" 1', "", 1, "must be that of square pixels, [1.33333]"),
     "screen": (
         'Camera "perspective" "float screenwindow" [0 1 0 1]',
         "",
         1,
-        "screenwindow must be [-1.33333 1.33333 -1 1]",
+        "'screenwindow' must be that of square pixels, [-1.33333 1.33333 -1 1]",
     ),
     "fov": ('\nCamera "perspective" "float fov" 180', "", 2, "token Camera: fov must be between 0 and 180"),
     "film": ('Film "exotic"', "", 1, "the film must be image"),
-    "crop": ('Film "image" "float cropwindow" [0 1.5 0 1]', "", 1, "cropwindow must be four shares of the image"),
-    "crop twice": ('Film "image" "float cropwindow" [0 1 0 1 0 1 0 1]', "", 1, "cropwindow must be four shares"),
+    "crop": ('Film "image" "float cropwindow" [0 1.5 0 1]', "", 1, "'cropwindow' must be four shares of the image"),
+    "crop twice": ('Film "image" "float cropwindow" [0 1 0 1 0 1 0 1]', "", 1, "'cropwindow' must be four shares"),
     "empty crop": ('Film "image" "float cropwindow" [.5 .5 0 1]', "", 1, "a crop must have pixels"),
     "large film": ('Film "image" "integer xresolution" 70000', "", 1, "token Film: resolution must be 1 to 65535"),
     "many pixels": (
@@ -977,13 +977,13 @@ BAD = {
     ),
     "renderer": ('Renderer "metropolis"', "", 1, "the renderer must be sampler"),
     "volume": ("", 'Volume "homogeneous"', 3, "volumes are not supported"),
-    "material": ("", 'Material "velvet"', 3, 'token "velvet": a material must be one of matte, plastic, metal'),
+    "material": ("", 'Material "velvet"', 3, 'token "velvet": a material must be matte, plastic, metal'),
     "bump": ("", '\nMaterial "matte" "texture bumpmap" "x"', 4, "bump maps are not supported"),
     "roughness": ("", 'Material "metal" "float roughness" -1', 3, "parameter 'roughness' must not be negative"),
     "index": ("", 'Material "glass" "float index" 0', 3, "parameter 'index' must be positive"),
-    "no material": ("", 'NamedMaterial "x"', 3, "there is no material of this name here; there are: none"),
+    "no material": ("", 'NamedMaterial "x"', 3, "there is no material 'x' here; there are: none"),
     "typeless": ("", 'MakeNamedMaterial "x"', 3, 'needs the parameter "string type", which is missing'),
-    "bad named type": ("", 'MakeNamedMaterial "x" "string type" "velvet"', 3, "a material must be one of matte"),
+    "bad named type": ("", 'MakeNamedMaterial "x" "string type" "velvet"', 3, "a material must be matte"),
     "no texture": ("", 'Material "matte" "texture Kd" "x"', 3, "there is no color texture 'x' here; there are: none"),
     "float for color": (
         "",
@@ -995,13 +995,13 @@ BAD = {
         "",
         'Texture "x" "point" "constant"',
         3,
-        'token "point": the type of a texture must be float or col',
+        'token "point": the type of a texture must be float, color',
     ),
     "texture class": (
         "",
         'Texture "x" "color" "checkerboard"',
         3,
-        "a texture must be one of constant, scale, imagemap",
+        "a texture must be constant, scale or imagemap",
     ),
     "no image": ("", 'Texture "x" "color" "imagemap" "string filename" "no.exr"', 3, "there is no file 'no.exr'"),
     "imageless": ("", 'Texture "x" "color" "imagemap"', 3, 'needs the parameter "string filename"'),
@@ -1009,7 +1009,7 @@ BAD = {
     "broken image": ("", 'Texture "x" "color" "imagemap" "string filename" "bad.exr"', 3, "cannot read"),
     "mapping": ("", 'Texture "x" "color" "imagemap" "string mapping" "planar"', 3, "mapping must be uv"),
     "wrap": ("", 'Texture "x" "color" "imagemap" "string wrap" "mirror"', 3, "wrap must be repeat, black or clamp"),
-    "light": ("", 'LightSource "goniometric"', 3, "a light must be one of point, spot, distant, infinite"),
+    "light": ("", 'LightSource "goniometric"', 3, "a light must be point, spot, distant or infinite"),
     "negative light": ("", 'LightSource "point" "color I" [-1 0 0]', 3, "intensity must be three finite non-negative"),
     "no direction": (
         "",
@@ -1032,7 +1032,7 @@ BAD = {
         "",
         'Shape "torus"',
         3,
-        "a shape must be one of trianglemesh, plymesh, loopsubdiv, sphere, disk, cylinder",
+        "a shape must be trianglemesh, plymesh, loopsubdiv, sphere, disk or cylinder",
     ),
     "pointless": ("", 'Shape "trianglemesh" "integer indices" [0 1 2]', 3, 'needs the parameter "point P"'),
     "indexless": ("", 'Shape "trianglemesh" "point P" [0 0 0]', 3, 'needs the parameter "integer indices"'),
@@ -1073,7 +1073,7 @@ BAD = {
     "phimax": ("", 'Shape "cylinder" "float phimax" 0', 3, "phimax must be above 0"),
     "no ply": ("", 'Shape "plymesh" "string filename" "no.ply"', 3, "there is no file 'no.ply'"),
     "broken ply": ("", 'Shape "plymesh" "string filename" "bad.ply"', 3, "cannot be read as PLY"),
-    "no object": ("", 'ObjectInstance "x"', 3, "there is no object of this name; there are: none"),
+    "no object": ("", 'ObjectInstance "x"', 3, "there is no object 'x' here; there are: none"),
     "nested object": ("", 'ObjectBegin "a" ObjectBegin "b"', 3, "must not be defined within another"),
     "instance in object": ("", 'ObjectBegin "a" ObjectInstance "a"', 3, "an object must not hold instances"),
     "open object": ("", 'ObjectBegin "a"', 5, "token WorldEnd: ObjectBegin of line 3 is still open"),

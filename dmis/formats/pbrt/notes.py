@@ -1,0 +1,99 @@
+"""Notes about lines of a pbrt file that are not used or probably mean something else, and the warnings made of them."""
+
+from __future__ import annotations
+
+import warnings
+
+from dmis.base.validate import did_you_mean
+from dmis.formats.pbrt.dialect import IRRELEVANT, V1_PARAMETERS
+from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters
+from dmis.formats.pbrt.tokens import Source, Token
+from dmis.light.light import AreaLight
+from dmis.scene.scene import SceneWarning
+
+MIN_LIKENESS = 0.8
+"""Similarity, 0 to 1, from which on an unknown parameter may be a misspelt one."""
+_UNUSED = "not used, because it does not change the expected image"
+_UNKNOWN = "not used, because it is unknown there"
+_BRIGHT = "reflectance above 1, which adds light, taken as it is, as pbrt does"
+_NEGATIVE = "reflectance below 0, taken as 0, as pbrt does"
+_V1 = (
+    "of pbrt-v1, and the file is read as v2, where the pixel filter without a PixelFilter line is a box of one pixel; "
+    'in v1 it is Mitchell\'s filter of 4 x 4 pixels, which is not supported. Write PixelFilter "box" to render with a '
+    'box, or PixelFilter "gaussian" for a filter of that size'
+)
+
+
+class PbrtWarning(SceneWarning):
+    """Warning about lines of a pbrt file that were not used, probably have another meaning, or are too bright.
+
+    Lines are not used if they do not change the expected image or are unknown. Reflectances above 1 are too bright;
+    below 0 they are taken as 0.
+    """
+
+
+class Notes:
+    """Notes by kind and by what they are about, with the tokens; `warnings` are texts beside them."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.warnings: list[str] = []
+        kinds = _UNUSED, _UNKNOWN, _BRIGHT, _NEGATIVE, _V1
+        self._notes: dict[str, dict[str, dict[int, Token]]] = {kind: {} for kind in kinds}
+
+    def _add(self, kind: str, what: str, token: Token) -> None:
+        self._notes[kind].setdefault(what, {})[id(token)] = token
+
+    def add_unused(self, directive: Token) -> None:
+        """Note a directive that does not change the expected image."""
+        self._add(_UNUSED, directive.text, directive)
+
+    def add_unread(self, p: Parameters) -> None:
+        """Note the parameters that were not read."""
+        for name, item in p.items.items():
+            directive = item.directive.text
+            if name in p.read_names:
+                continue
+            what = f"parameter {name!r} of {directive}"
+            if name in V1_PARAMETERS.get(directive, ()) and p.dialect == "v2":
+                self._add(_V1, what, item.token)
+            if directive in ("Sampler", "Renderer") or name in IRRELEVANT.get(directive, ()):
+                self._add(_UNUSED, what, item.token)
+                continue
+            hint = did_you_mean(name, p.read_names, MIN_LIKENESS)
+            if directive in ("LightSource", "AreaLightSource") and item.kind in SPECTRUM_TYPES:
+                meant = "I" if "I" in p.read_names else "L"
+                hint = "" if meant in p.items else f", did you mean {meant!r}?"
+            self._add(_UNKNOWN, what + hint, item.token)
+
+    def add_reflectances(self, p: Parameters) -> None:
+        """Note the reflectances outside of [0, 1]."""
+        for kind, items in ((_BRIGHT, p.bright), (_NEGATIVE, p.negative)):
+            for item in items:
+                self._add(kind, f"{item.name!r} of {item.directive.text}", item.token)
+
+    def add_overlap(self, token: Token, light: AreaLight | None) -> None:
+        """Note triangles of a light that overlap."""
+        if light is not None and light.doubled_triangles is not None:
+            first, second = light.doubled_triangles
+            self.warnings.append(
+                f"{token.source.path}:{token.line}: triangles {first} and {second} of this light overlap and face the "
+                f"same side, where their radiances add up; remove one of them, or reverse its corners if it is meant "
+                f"to shine on the other side"
+            )
+
+    def warn(self, stacklevel: int, filtered: bool) -> None:
+        """Issue a warning for each text and each kind of note, with the first places of what it is about.
+
+        Words of pbrt-v1 are only unused in a file that is `filtered`: that has a PixelFilter line.
+        """
+        for kind, named in self._notes.items():
+            if named and not (kind == _V1 and filtered):
+                places = ", ".join(self._places(what, *tokens.values()) for what, tokens in named.items())
+                self.warnings.append(f"{self.source.path}: {kind}: {places}")
+        for text in self.warnings:
+            warnings.warn(PbrtWarning(text), stacklevel=stacklevel + 1)
+
+    def _places(self, what: str, first: Token, *others: Token) -> str:
+        file = "" if first.source is self.source else f"{first.source.path}:"
+        return f"{what} (line {file}{first.line}{f' and {len(others)} more' if others else ''})"
