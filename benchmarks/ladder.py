@@ -215,7 +215,7 @@ def _choices(oracle: Oracle, curves: PatchCurves) -> dict[str, _Choice]:
     by_samples = {}
     for number in dict.fromkeys((s, *SHADING_SAMPLES)):
         # min over w of V C
-        variance = np.maximum(curves.with_shading_samples(number / s, s).variance, 0)
+        variance = np.maximum(_with_shading_samples(curves, number / s, s).variance, 0)
         product = np.where(allowed, variance * _costs(oracle, number)[:, None, None], np.inf)
         by_samples[number] = oracle.mean(np.sqrt(product.min(axis=0))), _Choice(product.argmin(axis=0), number)
     return {
@@ -252,8 +252,15 @@ def _variance(oracle: Oracle, curves: PatchCurves, choice: _Choice) -> Array:
         shading = _at_index(_shading_variance(oracle, curves), choice.best) / choice.shading_samples
     else:
         factor = choice.shading_samples / oracle.shading_samples
-        shading = _at_index(curves.with_shading_samples(float(factor), oracle.shading_samples).curve, choice.best)
+        shading = _at_index(_with_shading_samples(curves, float(factor), oracle.shading_samples).curve, choice.best)
     return np.asarray(curves.position + shading)
+
+
+def _with_shading_samples(curves: PatchCurves, factor: float, shading_samples: int) -> PatchCurves:
+    """Return the curves of camera samples with `factor` times the `shading_samples` that `curves` have."""
+    # E_y[...] / S falls as 1 / factor, var(n / S) Var_y(D) is that of the new number of samples
+    change = share_variance(shading_samples * factor) - share_variance(shading_samples) / factor
+    return replace(curves, curve=curves.curve / factor + change[:, None, None] * np.asarray(curves.pattern))
 
 
 def _shading_variance(oracle: Oracle, curves: PatchCurves) -> Array:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array
-from dmis.variance.curves import HALF, share_variance
+from dmis.variance.curves import HALF
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,23 +21,23 @@ class PatchCurves:
         Part of the variance of a camera sample that depends on w, at the G shares of the grid, ``(G, ...)``.
     square, cross
         Means over pixels of its square and of its product with itself at the baseline point, for standard errors.
-    pattern
-        Var_y(D), the variance that uneven numbers of light samples add, ``(G, ...)``.
     position
         Var_y(I), the part of the variance that does not depend on w.
     pixels
         Number of pixels in each mean.
     baseline
         Index of the baseline point, which rules leave only for a significant gain: of w = 1/2.
+    pattern
+        Var_y(D), the variance that uneven numbers of light samples add, ``(G, ...)``; None if it was not gathered.
     """
 
     curve: Array
     square: Array
     cross: Array
-    pattern: Array
     position: Array
     pixels: Array
     baseline: int = HALF
+    pattern: Array | None = None
 
     @property
     def variance(self) -> Array:
@@ -49,19 +50,6 @@ class PatchCurves:
     def rows(self, block: slice) -> PatchCurves:
         """Return the curves of some rows of patches, as views."""
         return replace(self, **{name: a[..., block, :] for name, a in vars(self).items() if np.ndim(a) > 1})
-
-    def with_shading_samples(self, factor: float, shading_samples: int) -> PatchCurves:
-        """Return the curves of camera samples with `factor` times the `shading_samples` that these have.
-
-        In standard errors the part that comes from rounding counts as known.
-        """
-        # E_y[...] / S falls as 1 / factor, var(n / S) Var_y(D) is that of the new number of samples
-        change = share_variance(shading_samples * factor) - share_variance(shading_samples) / factor
-        more = np.reshape(change, (-1,) + (1,) * self.position.ndim) * self.pattern
-        curve = self.curve / factor
-        square = self.square / factor**2 + (2 * curve + more) * more
-        cross = self.cross / factor**2 + more * (curve[HALF] + more[HALF]) + curve * more[HALF]
-        return replace(self, curve=curve + more, square=square, cross=cross)
 
     def gain_error(self) -> Array:
         """Return the standard error of ``curve - curve(1/2)``, ``(G, ...)``."""
@@ -82,20 +70,22 @@ def cost_weighted(variance: Array, cost: Array, price: float) -> Array:
 
 
 def guarded_argmin(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, price: float) -> np.ndarray:
-    """Return the index into the grid at which `cost_weighted` variance is least, ``(...)``.
+    """Return the index into the grid at which `cost_weighted` variance is least, ``(rows, columns)``.
 
     The baseline point is left only for a gain of more than `guard` standard errors, in variance alone too: a lower
     cost is always certain, and would decide alone where the pilot has no information. And only for shares that are
     `allowed` ``(G,)``.
     """
-    objective = cost_weighted(curves.variance, cost, price)
-    error = curves.gain_error()
-    significant = curves.variance - curves.variance[curves.baseline] < -guard * error
-    gain = objective - objective[curves.baseline]
-    significant &= gain < -guard * error
-    significant &= np.reshape(allowed, (-1,) + (1,) * curves.position.ndim)
-    significant[curves.baseline] = True
-    return np.where(significant, objective, np.inf).argmin(axis=0)
+    index = np.empty(curves.position.shape, np.intp)
+    for rows in row_blocks(len(index)):  # curves are large, and intermediate results are larger
+        block = curves.rows(rows)
+        objective, error = cost_weighted(block.variance, cost, price), block.gain_error()
+        significant = block.variance - block.variance[curves.baseline] < -guard * error
+        significant &= objective - objective[curves.baseline] < -guard * error
+        significant &= allowed[:, None, None]
+        significant[curves.baseline] = True
+        index[rows] = np.where(significant, objective, np.inf).argmin(axis=0)
+    return index
 
 
 def allowed_weights(curve: Array) -> np.ndarray:

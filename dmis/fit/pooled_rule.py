@@ -8,6 +8,7 @@ import numpy as np
 
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
+from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps
 from dmis.fit.pooling import pool
 from dmis.fit.rule import Pilot, Rule
@@ -78,3 +79,10 @@ class PooledRule(Rule):
         shape = pilot.moments.mean.shape[:2]
         features = pilot.features if self.needs_features else None
         return pool(pilot.sums, shape, self.patch, sigma, self.size // 2, features)
+
+    def _cost(self, pilot: Pilot, shares: Array) -> Array:
+        """Return the cost of a camera sample at `shares` ``(K, G)`` of the techniques, ``(G,)``; 1 if none counts."""
+        if not self.cost:
+            return np.ones(shares.shape[1])
+        s = pilot.shading_samples
+        return camera_sample_cost(pilot.rays, shares, s, s // len(shares), pilot.techniques)

@@ -198,7 +198,7 @@ class Rounds(Rule):
         sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)
         features = first.features if self.needs_features else None
         means, number = pool(sums, shape, PATCH, None if self.filter == "none" else 1.0, 2, features)
-        return PatchCurves(**means, pattern=np.zeros(1), pixels=number, baseline=HALF)
+        return PatchCurves(**means, pixels=number, baseline=HALF)
 
     def _variance(self, variance: Array, curves: PatchCurves, n: int, *colours: tuple[slice, slice]) -> Array:
         """Return V n^-a of the first round around each pixel, from pixels of other `colours`, ``(H, W)``."""

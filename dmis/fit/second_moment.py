@@ -13,9 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.patches import patch_spread, patch_sum, row_blocks
-from dmis.base.vectors import Array
-from dmis.estimator.cost import camera_sample_cost
+from dmis.base.patches import patch_spread, patch_sum
 from dmis.estimator.records import Statistic
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import objective
@@ -89,41 +87,20 @@ class SecondMoment(PooledRule):
         """Return the shares from the pilot at w = 1/2."""
         samples = pilot[0.5]
         shape = samples.moments.mean.shape[:2]
+        means, pixels = self._pool(samples)
         if self.objective != "second-moment":
-            weight = self._solve_objective(samples)
+            # cost of a camera sample at w = 0 and at w = 1
+            brdf, light = self._cost(samples, np.array([[0, 1], [1, 0]])).tolist()
+            weight = np.clip(objective(self.objective, self.gamma).solve(means, (brdf, light)), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         # V(w) of patches
-        means, pixels = self._pool(samples)
         curves = PatchCurves(**means, pixels=pixels, baseline=HALF)
+        variance, cost = curves.variance, self._cost(samples, GRID_SHARES)
         area = patch_sum(np.ones(shape), self.patch)  # not `pixels`, which says how certain means are
-        cost = self._cost(samples)
-        # min over w of V + price C
-        variance = curves.variance
+        # min over w of V + price C,  price = V(1/2) / C(1/2) of the image
         mean_half = (np.maximum(variance[HALF], 0) * area).sum() / area.sum()
-        best = self._best_shares(curves, area, cost, mean_half / cost[HALF])
-        weight = GRID[best]
-        at_best = np.take_along_axis(variance, best[None], axis=0)[0]
-        maps = {"patch": weight, "variance": np.maximum(at_best, 0), "variances": variance}
-        return Fit(patch_spread(weight, self.patch, shape), maps)
-
-    def _cost(self, pilot: Pilot) -> Array:
-        """Return the cost of a camera sample at the shares of the grid, ``(G,)``."""
-        s = pilot.shading_samples
-        if not self.cost:
-            return np.ones(len(GRID))
-        return camera_sample_cost(pilot.rays, GRID_SHARES, s, s // 2, pilot.techniques)
-
-    def _solve_objective(self, pilot: Pilot) -> Array:
-        """Return the shares of the patches by an objective of the literature."""
-        means, _ = self._pool(pilot)
-        s, pair = pilot.shading_samples, [1.0, 1.0]
-        if self.cost:
-            ends = np.array([[0, 1], [1, 0]])
-            pair = camera_sample_cost(pilot.rays, ends, s, s // 2, pilot.techniques).tolist()
-        return np.clip(objective(self.objective, self.gamma).solve(means, (pair[0], pair[1])), 0, 1)
-
-    def _best_shares(self, curves: PatchCurves, area: Array, cost: Array, price: float) -> np.ndarray:
-        """Return the index into the grid of the best share of each patch, ``(rows, columns)``."""
         allowed = allowed_weights(np.einsum("gyx,yx->g", curves.curve, area))
-        blocks = (curves.rows(rows) for rows in row_blocks(len(area)))
-        return np.concatenate([guarded_argmin(block, cost, self.guard, allowed, price) for block in blocks])
+        best = guarded_argmin(curves, cost, self.guard, allowed, mean_half / cost[HALF])
+        at_best = np.take_along_axis(variance, best[None], axis=0)[0]
+        maps = {"patch": GRID[best], "variance": np.maximum(at_best, 0), "variances": variance}
+        return Fit(patch_spread(GRID[best], self.patch, shape), maps)

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.patches import patch_spread, patch_sum, row_blocks
+from dmis.base.patches import patch_spread, patch_sum
 from dmis.base.vectors import Array
-from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.records import Statistic
 from dmis.estimator.technique import technique_by_name
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
@@ -44,8 +43,7 @@ def best_points(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndar
     baseline_price = (variance[curves.baseline] * area).sum() / area.sum() / cost[curves.baseline]
     candidates = []
     for price in baseline_price * PRICES:
-        blocks = (curves.rows(rows) for rows in row_blocks(len(area)))
-        index = np.concatenate([guarded_argmin(block, cost, guard, allowed, price) for block in blocks])
+        index = guarded_argmin(curves, cost, guard, allowed, price)
         error = (np.take_along_axis(variance, index[None], axis=0)[0] * area).sum()
         candidates.append((error * (cost[index] * area).sum(), index))
     return min(candidates, key=lambda candidate: candidate[0])[1]
@@ -119,14 +117,10 @@ class Simplex(PooledRule):
         shape = samples.moments.mean.shape[:2]
         means, pixels = self._pool(samples)
         shares, inside = grid(len(self.techniques))
-        curves = PatchCurves(**means, pattern=np.zeros(()), pixels=pixels, baseline=baseline_point(self._exact))
-        cost = np.ones(shares.shape[1])
-        if self.cost:
-            s = samples.shading_samples
-            cost = camera_sample_cost(samples.rays, shares, s, s // len(self.techniques), self.techniques)
+        curves = PatchCurves(**means, pixels=pixels, baseline=baseline_point(self._exact))
         area = patch_sum(np.ones(shape), self.patch)
         allowed = allowed_points((curves.curve * area).sum(axis=(1, 2)), inside)
-        index = best_points(curves, cost, self.guard, allowed, area)
+        index = best_points(curves, self._cost(samples, shares), self.guard, allowed, area)
         patches = shares[:, index]
         maps = {
             "patch": patches,

@@ -286,9 +286,7 @@ def test_the_price_is_that_of_the_minimum() -> None:
     cost = 1 + shares[2]
     for alone, taken in ((0.25, True), (0.55, False)):
         curve = np.broadcast_to((1 - (1 - alone) * shares[2])[:, None, None], (shares.shape[1], 2, 3))
-        curves = PatchCurves(
-            curve, curve**2, curve * curve[at], np.zeros(()), np.zeros((2, 3)), np.full((2, 3), 1e9), at
-        )
+        curves = PatchCurves(curve, curve**2, curve * curve[at], np.zeros((2, 3)), np.full((2, 3), 1e9), at)
         may = np.ones(shares.shape[1], bool)
         found = best_points(curves, cost, 1.5, may, np.full((2, 3), 16.0))
         assert (shares[2][found] == taken).all()

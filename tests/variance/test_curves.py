@@ -43,16 +43,6 @@ def test_curves_of_other_heuristics(combiner: str) -> None:
         assert unbiased(sums["curve"][g], total - position)
 
 
-def test_curves_of_other_shading_samples() -> None:
-    """The curve for S = 4 gives unbiased curves for 1, 2 and 12 shading samples."""
-    sums = pilot(40_000, 4, seed=5, s=4).sums()
-    for times in (0.25, 0.5, 3.0):
-        pixels = PatchCurves(**sums, pixels=np.ones(40_000)).with_shading_samples(times, 4)
-        for g in range(1, len(GRID) - 1):
-            total, position = exact(float(GRID[g]), round(4 * times))
-            assert unbiased(pixels.curve[g], total - position)
-
-
 def test_lights_add_up() -> None:
     """Two equal lights have twice the curve of one, and four times its Var_y(I), because both vary together with y."""
     sums = pilot(40_000, 6, seed=2, keys=2).sums()
