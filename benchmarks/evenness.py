@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from dataclasses import dataclass, replace
@@ -12,8 +11,8 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.estimator.settings import Settings
-from dmis.experiment.oracle import Oracle, compensated_settings
-from dmis.experiment.reference import REFERENCE_SEED, cache_folder, settings_key
+from dmis.experiment.oracle import Oracle, curve_settings, settings_key
+from dmis.experiment.reference import REFERENCE_SEED, cache_path
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.progress import Progress
@@ -69,9 +68,9 @@ def measure_evenness(
     settings, folder, parallel, progress
         See `dmis.experiment.oracle.make_oracle`.
     """
-    settings = compensated_settings(scene, settings)
-    key = json.dumps([__version__, fingerprint(scene), spp, seeds, *settings_key(settings)])
-    path = cache_folder(folder) / f"{scene.name}-evenness-{hashlib.sha256(key.encode()).hexdigest()[:12]}.json"
+    settings = curve_settings(scene, settings)
+    key = [__version__, fingerprint(scene), spp, seeds, settings_key(settings)]
+    path = cache_path(scene, "evenness", key, folder).with_suffix(".json")
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)

@@ -36,7 +36,7 @@ from fuzz_scenes import MADE, NUMBERS, PARAMETERS, SCENES, SMALL, TEXTS, TRIANGL
 import dmis
 from dmis import intersect
 from dmis.cli.commands import main
-from dmis.experiment.compare import load_reference
+from dmis.experiment.reference import load_reference
 from dmis.fit.registry import make_rule
 from dmis.formats.pbrt import reader
 from dmis.formats.pbrt.dialect import DIALECTS

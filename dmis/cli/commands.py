@@ -25,9 +25,9 @@ from dmis.cli.check import check
 from dmis.cli.rendering import render
 from dmis.cli.shared import check_settings, describe, given_settings, load, progress_bar, settings_of, spp_of
 from dmis.estimator.settings import make_settings
-from dmis.experiment.compare import check_output, compare, load_reference, parse_rules, summary
+from dmis.experiment.compare import check_output, compare, parse_rules, summary
 from dmis.experiment.oracle import make_oracle
-from dmis.experiment.reference import cache_folder, make_reference
+from dmis.experiment.reference import cache_folder, load_reference, make_reference
 from dmis.experiment.speed.bench import HEADER, bench
 from dmis.fit.registry import RULES, make_rule
 from dmis.formats.load_scene import SHIPPED

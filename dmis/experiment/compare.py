@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,18 +12,15 @@ import numpy as np
 
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
-from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings, make_settings, resolve_auto
+from dmis.estimator.settings import make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
 from dmis.experiment.oracle import Oracle, cached_oracle
 from dmis.experiment.reference import Reference
-from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure
+from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure, seed_list
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
-from dmis.image import read_exr
-from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
@@ -58,68 +54,6 @@ def parse_rules(text: str) -> list[str]:
     return list(dict.fromkeys(rules))
 
 
-def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
-    """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
-
-    Parameters
-    ----------
-    scene, settings
-        Of the images that are measured against it. An image of dmis, which names its scene, integrator and depth, must
-        agree. None: not checked.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it holds no image of three finite channels, or is an image of something else.
-    """
-    attributes: Mapping[str, str] = {}
-    if path.suffix == ".npy":
-        if not path.is_file():
-            raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
-        try:
-            image: Array = np.lib.format.open_memmap(path, mode="r")  # no pickles, no memory for a wrong header
-        except Exception as error:  # a damaged header may raise anything
-            raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
-        layers = {"RGB": image}
-    else:
-        layers, attributes = read_exr(path)
-    first = layers.get("first", layers.get("RGB"))
-    second = layers.get("second", first)
-    if first is None or second is None or any(half.ndim != 3 or half.shape[2] != 3 for half in (first, second)):
-        raise ValueError(f"reference {path} must hold an image of three channels, or two halves first and second")
-    if not all(np.issubdtype(half.dtype, np.floating) and np.isfinite(half).all() for half in (first, second)):
-        raise ValueError(f"reference {path} must hold finite numbers, because errors are measured against them")
-    if scene is not None and first.shape[1::-1] == scene.camera.resolution:
-        _check_provenance(path, attributes.get("dmis.provenance", ""), scene, settings or Settings())
-    return Reference(np.array(first), np.array(second), 0)
-
-
-def _check_provenance(path: Path, provenance: str, scene: Scene, settings: Settings) -> None:
-    """Raise a ValueError if an image's provenance, which may be empty, names another scene, integrator or depth."""
-    try:
-        image = json.loads(provenance)
-        name, scene_hash = image["scene"], image["scene_hash"]
-        rendered = {key: image["settings"][key] for key in ("integrator", "max_depth")}
-    except (ValueError, KeyError, TypeError):
-        return  # of another program
-    fix = "Give another file, or leave --reference out: the reference is rendered then"
-    if scene_hash is not None and scene_hash != (compared := fingerprint(scene)):
-        other = f"scene {name!r}" if name != scene.name else "other content of that name, such as an older file"
-        raise ValueError(
-            f"reference {path} must be an image of scene {scene.name!r} ({compared}), because errors are measured "
-            f"against it; got {other} ({scene_hash}). {fix}"
-        )
-    resolved = resolve_auto(settings, scene)
-    expected = {"integrator": resolved.integrator, "max_depth": resolved.max_depth}
-    if rendered != expected:
-        needed, got = (f"integrator {of['integrator']} and max_depth {of['max_depth']}" for of in (expected, rendered))
-        raise ValueError(
-            f"reference {path} must be rendered with {needed}, like the images that are compared; got {got}. {fix}"
-        )
-
-
 def check_output(folder: str | os.PathLike[str]) -> None:
     """Check that a comparison can be written into `folder`, before anything is rendered for it.
 
@@ -136,11 +70,10 @@ def check_output(folder: str | os.PathLike[str]) -> None:
         If the package that writes its images cannot be imported.
     """
     folder = Path(folder)
-    check_folder(folder)
-    if folder.exists():
-        for name in ("results.csv", "comparison.json", *PLOT_FILES):
-            check_writable(folder / name)
-    check_folder(folder / "images")
+    for inside in (folder, folder / "images"):
+        check_folder(inside)
+    for name in ("results.csv", "comparison.json", *PLOT_FILES) if folder.exists() else ():
+        check_writable(folder / name)
     check_package("OpenEXR", "a comparison, which keeps images as EXR,", "pip install OpenEXR")
     try:
         import dmis.experiment.report.plots  # noqa: F401
@@ -156,7 +89,7 @@ def compare(
     scene: Scene,
     rules: Sequence[str],
     spp: Sequence[int],
-    seeds: Sequence[int],
+    seeds: int | Sequence[int],
     reference: Reference,
     folder: str | os.PathLike[str],
     *,
@@ -173,8 +106,10 @@ def compare(
 
     Parameters
     ----------
-    rules, spp, seeds
-        Rules as text with options, camera samples per pixel (pilot included) and seeds: all combinations are rendered.
+    rules, spp
+        Rules as text with options, camera samples per pixel (pilot included): all combinations are rendered.
+    seeds
+        Number K of seeds, which are 0 to K - 1, as ``--seeds K`` on the command line; or a list of seeds.
     reference
         Image that errors are measured against.
     folder
@@ -193,12 +128,12 @@ def compare(
         If a file of `folder` cannot be written.
     """
     parallel = options.pop("parallel", None)
-    settings = make_settings(**options)
-    rules = tuple(dict.fromkeys(("balance", *_check_rule_texts(rules))))
-    spp, seeds = _whole_numbers("spp", spp, 1), _whole_numbers("seeds", seeds, 0)
-    folder = Path(folder)
-    _check_sizes(scene, reference, oracle)
-    _check_rules_and_output(rules, settings, folder)
+    settings, folder = make_settings(**options), Path(folder)
+    rules, spp = _check_arguments(scene, rules, spp, reference, oracle)
+    seeds = seed_list(seeds)
+    check_output(folder)
+    for rule in rules:
+        merge_settings(make_rule(rule), rule, settings)
     results = Results(folder, conditions(scene, reference, parallel, settings), rules)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).adapted(n, "sobol").pilot.values()) < n]
@@ -216,11 +151,13 @@ def compare(
     return comparison
 
 
-def _check_rule_texts(rules: Any) -> list[str]:
-    """Return `rules` as a list; raise a ValueError unless they are a sequence of texts, by which rows are resumed."""
-    if isinstance(rules, str) or not isinstance(rules, Iterable):
-        raise ValueError(f'rules must be a list of texts, such as ["balance", "thesis:patch=8"]; got {rules!r}')
-    rules = list(rules)
+def _check_arguments(
+    scene: Scene, rules: Any, spp: Any, reference: Any, oracle: Oracle | None
+) -> tuple[list[str], list[int]]:
+    """Return the rules, ``balance`` first, and numbers of samples; a ValueError if an argument is not of its form."""
+    for name, values, example in (("rules", rules, '["balance", "thesis:patch=8"]'), ("spp", spp, f"[{spp}]")):
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise ValueError(f"{name} must be a list, such as {example}; got {values!r}")
     for rule in rules:
         if not isinstance(rule, str):
             raise ValueError(
@@ -228,40 +165,16 @@ def _check_rule_texts(rules: Any) -> list[str]:
                 f'Write a text such as "thesis:patch=8", or name a class of your own: '
                 f'dmis.register_rule("mine", MyRule), then "mine:patch=8"'
             )
-    return rules
-
-
-def _whole_numbers(name: str, values: Any, least: int) -> list[int]:
-    """Return `values` as a list; raise a ValueError unless they are whole numbers of at least `least`."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise ValueError(f"{name} must be a list of whole numbers, such as [{values}]; got {values!r}")
-    return [whole(name, value, least) for value in values]
-
-
-def _check_sizes(scene: Scene, reference: Reference, oracle: Oracle | None) -> None:
-    """Check that there is a reference, and that it and the oracle have the resolution of the scene."""
     width, height = scene.camera.resolution
-    if not isinstance(reference, Reference):
+    if not isinstance(reference, Reference) or reference.first.shape[:2] != (height, width):
+        got = reference.first.shape[1::-1] if isinstance(reference, Reference) else type(reference).__name__
         raise ValueError(
-            f"reference must be a dmis.Reference, which dmis.make_reference(scene) renders; got "
-            f"{type(reference).__name__}"
-        )
-    if reference.first.shape[:2] != (height, width):
-        raise ValueError(
-            f"reference must be of {width}x{height} pixels, like the scene; got {reference.first.shape[1::-1]}"
+            f"reference must be a dmis.Reference of {width}x{height} pixels, like the scene, which "
+            f"dmis.make_reference(scene) renders; got {got}"
         )
     if oracle is not None and oracle.variance.shape[1:] != (-(-height // oracle.patch), -(-width // oracle.patch)):
-        rows, columns = oracle.variance.shape[1:]
-        raise ValueError(
-            f"oracle must cover {width}x{height} pixels; got {columns}x{rows} patches of {oracle.patch} pixels"
-        )
-
-
-def _check_rules_and_output(rules: Sequence[str], settings: Settings, folder: Path) -> None:
-    """Check that the files can be written and that every rule accepts the settings."""
-    check_output(folder)
-    for rule in rules:
-        merge_settings(make_rule(rule), rule, settings)
+        raise ValueError(f"oracle must cover {width}x{height} pixels; got {oracle.variance.shape[1:]} patches")
+    return list(dict.fromkeys(("balance", *rules))), [whole("spp", n, 1) for n in spp]
 
 
 def _image_writer(results: Results) -> Callable[[Budget, Result], None]:

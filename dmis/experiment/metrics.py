@@ -10,15 +10,17 @@ import numpy as np
 
 from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
+from dmis.experiment.reference import Reference
+from dmis.pipeline.result import Result
 
 ERROR_BLOCK = 16
 """Side in pixels of the blocks whose errors in one image are taken as independent: a patch of the thesis's rule."""
 
 
-def squared_error(image: Array, first: Array, second: Array | None = None) -> Array:
+def squared_error(image: Array | Result, first: Array | Reference, second: Array | None = None) -> Array:
     """Return the squared error of each pixel, mean over channels, ``(H, W)``.
 
-    With two halves of a reference single values may be negative.
+    Arguments and errors are those of `mse`. With two halves of a reference single values may be negative.
     """
     return _product(image, first, second).mean(axis=2)
 
@@ -54,13 +56,16 @@ def _error_of_sum(deviations: Array) -> float:
     return float(np.sqrt((deviations**2).sum() * n / (n - 1))) if n > 1 else float("nan")
 
 
-def mse(image: Array, first: Array, second: Array | None = None) -> float:
+def mse(image: Array | Result, first: Array | Reference, second: Array | None = None) -> float:
     """Return the mean squared error over pixels and channels, against a reference or two independent halves of one.
 
     Parameters
     ----------
-    image, first, second
-        ``(H, W, 3)`` linear RGB. With two halves the reference's own noise is not counted; without `second` it is.
+    image
+        ``(H, W, 3)`` linear RGB, or a result, whose image is taken.
+    first, second
+        A `Reference`, whose two halves are taken; or images of the same shape: two independent halves of a reference,
+        whose own noise is not counted then, or one image, whose noise is.
 
     Raises
     ------
@@ -157,7 +162,9 @@ def holm_levels(p: Array, level: float = 0.05) -> Array:
     return result
 
 
-def relmse(image: Array, first: Array, second: Array | None = None, epsilon: float = 0.01) -> float:
+def relmse(
+    image: Array | Result, first: Array | Reference, second: Array | None = None, epsilon: float = 0.01
+) -> float:
     """Return the mean of ``(x - r)^2 / (r^2 + epsilon)`` over pixels and channels, no outliers trimmed.
 
     Parameters
@@ -173,7 +180,8 @@ def relmse(image: Array, first: Array, second: Array | None = None, epsilon: flo
     ValueError
         If the images differ in shape.
     """
-    reference = _mean(first, second)
+    first, second = _halves(first, second)
+    reference = (np.asarray(first, np.float64) + second) / 2
     return float((_product(image, first, second) / (reference * reference + epsilon)).mean())
 
 
@@ -186,21 +194,22 @@ def block_error(image: Array, reference: Array, size: int = 8) -> float:
     return float(np.sqrt(((a - r) ** 2).sum() / (r * r).sum()))
 
 
-def _mean(first: Array, second: Array | None) -> Array:
-    """Return the mean of the halves of a reference, float64."""
-    first = np.asarray(first, np.float64)
-    return first if second is None else (first + second) / 2
+def _halves(first: Array | Reference, second: Array | None) -> tuple[Array, Array]:
+    """Return the two halves of a reference, or one image as both."""
+    if isinstance(first, Reference):
+        return first.first, first.second
+    return first, first if second is None else second
 
 
-def _product(image: Array, first: Array, second: Array | None) -> Array:
+def _product(image: Array | Result, first: Array | Reference, second: Array | None) -> Array:
     """Return ``(x - r1)(x - r2)`` of every pixel and channel, float64."""
-    image = np.asarray(image, np.float64)
-    second = first if second is None else second
-    if image.shape != np.shape(first) or image.shape != np.shape(second):
+    x = np.asarray(image.image if isinstance(image, Result) else image, np.float64)
+    first, second = _halves(first, second)
+    if x.shape != np.shape(first) or x.shape != np.shape(second):
         raise ValueError(
-            f"image and reference must have the same shape; got {image.shape}, {np.shape(first)}, {np.shape(second)}"
+            f"image and reference must have the same shape; got {x.shape}, {np.shape(first)}, {np.shape(second)}"
         )
-    return (image - first) * (image - second)
+    return (x - first) * (x - second)
 
 
 def _blocks(image: Array, size: int) -> Array:

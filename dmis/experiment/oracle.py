@@ -6,12 +6,11 @@ numbers, cached on disk like references. They give the error of any share map wi
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from dmis.base.validate import whole
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
-from dmis.experiment.reference import REFERENCE_SEED, cache_folder, remove_halves, render_half, settings_key
+from dmis.experiment.reference import REFERENCE_SEED, cache_path, remove_halves, render_halves
 from dmis.fit.curve_minimum import PatchCurves, cost_weighted
 from dmis.fit.rule import Fit, Pilot
 from dmis.fit.second_moment import SecondMoment
@@ -101,47 +100,35 @@ class Oracle:
         """Return the indices in the grid of `best`."""
         best = self.variance.argmin(axis=0)
         for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
-            variance = np.take_along_axis(self.variance, best[None], axis=0)[0]
-            price = self.mean(variance) / self.mean(self.cost[best])
+            price = self.mean(_at_index(self.variance, best)) / self.mean(self.cost[best])
             best = cost_weighted(self.variance, self.cost, price).argmin(axis=0)
         return best
 
     def at(self, weight: Array | float) -> Array:
         """Return the variance of a camera sample per patch at a share map ``(H, W)``, or at one share for all."""
         rows, columns = self.variance.shape[1:]
-        w = (
-            np.full((rows, columns), float(weight))
-            if np.ndim(weight) == 0
-            else patch_mean(np.asarray(weight), self.patch)
-        )
+        w = patch_mean(np.asarray(weight), self.patch) if np.ndim(weight) else np.full((rows, columns), float(weight))
         k = np.clip(np.searchsorted(GRID, w, "right") - 1, 0, len(GRID) - 2)
         t = (w - GRID[k]) / (GRID[k + 1] - GRID[k])
-        low, high = (np.take_along_axis(self.variance, i[None], axis=0)[0] for i in (k, k + 1))
+        low, high = (_at_index(self.variance, i) for i in (k, k + 1))
         return low + t * (high - low)
 
-    def saving(self, weight: Array, combined: Oracle | None = None) -> float:
+    def saving(self, weight: Array) -> float:
         """Return the share of the best weights' saving over w = 1/2 that a share map reaches.
 
         It is 1 for the oracle and 0 for w = 1/2; NaN if no weight saves anything.
-        `combined` is the oracle of the combiner that the weights are used with; None: this one. With another one the
-        share may be more than 1.
         """
-        half = self.mean(self.variance[HALF])
-        best_saving = half - self.mean(self.variance.min(axis=0))
-        return (half - self.mean((combined or self).at(weight))) / best_saving if best_saving > 0 else float("nan")
+        half, best = self.mean(self.variance[HALF]), self.mean(self.variance.min(axis=0))
+        return (half - self.mean(self.at(weight))) / (half - best) if half > best else float("nan")
 
     def limit(self, costly: bool = False) -> float:
         """Return the variance of the image with the best weights over that with w = 1/2, at equal samples; `costly`: in
         equal time by the cost model, without a pilot. 1 where there is no variance.
         """
-        half = self.mean(self.variance[HALF])
-        if not half > 0:
-            return 1.0
-        if costly:
-            best = self.best_index(costly)
-            variance = self.mean(np.take_along_axis(self.variance, best[None], axis=0)[0])
-            return float(variance / half * self.mean(self.cost[best]) / self.cost[HALF])
-        return self.mean(self.variance.min(axis=0)) / half
+        best = self.best_index(costly)
+        cost = self.mean(self.cost[best]) / self.cost[HALF] if costly else 1.0
+        half, variance = self.mean(self.variance[HALF]), self.mean(_at_index(self.variance, best))
+        return float(variance / half * cost) if half > 0 else 1.0
 
     def spread_evenly(self) -> float:
         """Return the variance with samples per patch in proportion to its root, over that with even samples.
@@ -176,16 +163,21 @@ class Oracle:
         excess = self.at(weight) - self.variance.min(axis=0)
         return np.divide(excess, self.variance[HALF], out=np.zeros_like(excess), where=self.variance[HALF] > 0)
 
-    def harm(self, weight: Array, combined: Oracle | None = None) -> tuple[float, float]:
+    def harm(self, weight: Array) -> tuple[float, float]:
         """Return the share of lit patches that a share map harms, and its standard error; 0 if no patch is lit.
 
-        A patch is harmed if its variance is more than `HARM_LIMIT` times that of w = 1/2. `combined` as in `saving`.
+        A patch is harmed if its variance is more than `HARM_LIMIT` times that of w = 1/2.
         """
         lit = self.variance[HALF] > 0
         if not lit.any():
             return 0.0, 0.0
-        harmed = ((combined or self).at(weight) > HARM_LIMIT * self.variance[HALF])[lit]
+        harmed = (self.at(weight) > HARM_LIMIT * self.variance[HALF])[lit]
         return float(harmed.mean()), float(harmed.std() / np.sqrt(harmed.size))
+
+
+def _at_index(values: Array, index: np.ndarray) -> Array:
+    """Return the values ``(G, ...)`` at an index ``(...)`` into the grid."""
+    return np.take_along_axis(values, index[None], axis=0)[0]
 
 
 def make_oracle(
@@ -193,7 +185,6 @@ def make_oracle(
     spp: int = 2048,
     patch: int = 4,
     *,
-    combiner: str = "balance",
     settings: Settings | None = None,
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
@@ -208,8 +199,6 @@ def make_oracle(
         Samples per pixel, a multiple of 4 of at least 8: half of them in each of two independent halves.
     patch
         Side of a patch in pixels, a multiple of 4.
-    combiner
-        Heuristic of the curves; the random numbers are the same for all.
     settings, folder, parallel, progress, options
         See `dmis.experiment.reference.make_reference`. The curves of skies depend on `compensation`, whose default is
         that of rules that learn; give 0 to judge ``thesis``, or to predict the error of ``balance``.
@@ -218,20 +207,30 @@ def make_oracle(
     if spp < 8 or spp % 4:
         raise ValueError(f"spp of an oracle must be a multiple of 4 of at least 8, for two halves of pairs; got {spp}")
     settings = make_settings(settings, **options)
-    path = _path(scene, spp, patch, settings, folder, combiner)
+    path = _path(scene, spp, patch, settings, folder)
     if not scene.plan.mixable:
         raise ValueError(
             f"an oracle needs a light that two techniques can reach; scene {scene.name!r} has nothing to mix, and the "
             f"same variance at every share. Compare its rules without an oracle"
         )
     if not path.exists():
-        _render_halves(path, scene, spp, patch, combiner, settings, parallel, progress)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_writable(path)
+        rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none", combiner=settings.combiner)
+        results = render_halves(
+            path, scene, rule, spp // 2 + 1, REFERENCE_SEED + 2, settings=settings, parallel=parallel, progress=progress
+        )
+        rays: Counter[str] = sum((Counter(result.provenance["pilot_rays"]) for result in results), Counter())
+        maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _PARTS}
+        with replacing(path) as partial, open(partial, "wb") as archive:
+            np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
+        remove_halves(path)
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
-            rays: Mapping[str, int] = json.loads(str(arrays["rays"]))
+            rays = json.loads(str(arrays["rays"]))
             parts = {name: arrays[name].astype(np.float64) for name in _PARTS}
     except Exception as error:  # a damaged archive may raise anything
-        raise ValueError(f"oracle {path} cannot be read: {error}; remove it to render it again") from error
+        raise ValueError(f"oracle {path} is damaged ({error}); remove it, and it is rendered again") from error
     settings = resolve_auto(settings, scene)
     s, shape = settings.shading_samples, scene.camera.resolution[::-1]
     zero, pixels = np.broadcast_to(0.0, parts["curve"].shape[1:]), patch_sum(np.ones(shape), patch)
@@ -243,34 +242,6 @@ def make_oracle(
     variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)
     costs = [camera_sample_cost(rays, GRID_SHARES, 2 * s, n, settings.techniques) for n in (s, 0)]
     return Oracle(variance, costs[0], patch, spp, shape, (halves[0], halves[1]), s, float(costs[1][0]))
-
-
-def _render_halves(
-    path: Path,
-    scene: Scene,
-    spp: int,
-    patch: int,
-    combiner: str,
-    settings: Settings,
-    parallel: Parallel,
-    progress: Progress | bool | None,
-) -> None:
-    """Render the two halves of an oracle's pilot and write their curves to `path`. An interrupted half is resumed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    check_writable(path)
-    rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none", combiner=combiner)
-    results = [
-        render_half(
-            path, k, scene, rule, spp // 2 + 1, seed=REFERENCE_SEED + 2 + k, settings=settings, parallel=parallel,
-            progress=progress,
-        )
-        for k in range(2)
-    ]  # fmt: skip
-    rays: Counter[str] = sum((Counter(result.provenance["pilot_rays"]) for result in results), Counter())
-    maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _PARTS}
-    with replacing(path) as partial, open(partial, "wb") as archive:
-        np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
-    remove_halves(path)
 
 
 @dataclass(frozen=True)
@@ -297,25 +268,19 @@ def cached_oracle(
     return None
 
 
-def compensated_settings(scene: Scene, settings: Settings | None) -> Settings:
-    """Return `settings` with a sky compensation: by default that of rules that learn; none where there is no sky."""
+def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
+    """Return the settings of an oracle's renders: sky compensation as with rules that learn, if the scene has a sky."""
     settings = settings or Settings()
     share = LEARNED_COMPENSATION if settings.compensation is None else settings.compensation
     return replace(settings, preset=None, compensation=share if scene.plan.environment else None)
 
 
-def _path(
-    scene: Scene,
-    spp: int,
-    patch: int,
-    settings: Settings | None,
-    folder: str | os.PathLike[str] | None,
-    combiner: str = "balance",
-) -> Path:
+def settings_key(settings: Settings) -> dict[str, Any]:
+    """Return the settings that variance curves depend on, by name, as a part of the key of a cached file."""
+    return {name: value for name, value in asdict(settings).items() if name not in ("sampler", "reuse_pilot", "preset")}
+
+
+def _path(scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None) -> Path:
     """Return the path of an oracle in the cache."""
-    width, height = scene.camera.resolution
-    combiners = [] if combiner == "balance" else [combiner]
-    settings = compensated_settings(scene, settings)
-    key = json.dumps([__version__, LAYOUT, fingerprint(scene), spp, patch, *settings_key(settings), *combiners])
-    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
-    return cache_folder(folder) / f"{scene.name}-{width}x{height}-oracle-{digest}.npz"
+    key = [__version__, LAYOUT, fingerprint(scene), spp, patch, settings_key(curve_settings(scene, settings))]
+    return cache_path(scene, "oracle", key, folder).with_suffix(".npz")

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings, make_settings
+from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.fit.rule import Rule
 from dmis.image import check_image, read_exr, write_exr
 from dmis.pipeline.checkpoint import UnusableCheckpoint, remove_checkpoint
@@ -104,7 +105,7 @@ def make_reference(
     folder
         Folder of the cache. Default: ``DMIS_CACHE``, or ``dmis`` in the user's cache folder.
     parallel, progress
-        See `dmis.pipeline.render.render`. An interrupted half is resumed, see `render_half`.
+        See `dmis.pipeline.render.render`. An interrupted half is resumed.
 
     Raises
     ------
@@ -116,77 +117,131 @@ def make_reference(
     spp = whole("spp", spp, 1, MAX_SPP)
     given = make_settings(settings, **options)
     settings = Settings(integrator=given.integrator, max_depth=given.max_depth)
-    width, height = scene.camera.resolution
-    key = json.dumps([fingerprint(scene, expected_image=True), width, height, spp, rule, *settings_key(settings)])
-    import hashlib  # imported where used: it brings OpenSSL
-
-    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
-    path = cache_folder(folder) / f"{scene.name}-{width}x{height}-{spp}spp-{digest}.exr"
+    key = [fingerprint(scene, expected_image=True), *scene.camera.resolution, spp, rule]
+    key += [] if settings == Settings() else [settings.integrator, settings.max_depth]
+    path = cache_path(scene, f"{spp}spp", key, folder).with_suffix(".exr")
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_image(path)
-        halves = [
-            render_half(
-                path, k, scene, rule, spp, seed=REFERENCE_SEED + k, settings=settings, sampler="sobol",
-                parallel=parallel, progress=progress,
-            ).image
-            for k in range(2)
-        ]  # fmt: skip
-        write_exr(path, {"first": halves[0], "second": halves[1]}, {"spp": str(spp)})
+        first, second = render_halves(
+            path, scene, rule, spp, REFERENCE_SEED, settings=settings, sampler="sobol", parallel=parallel,
+            progress=progress,
+        )  # fmt: skip
+        write_exr(path, {"first": first.image, "second": second.image}, {"spp": str(spp)})
         remove_halves(path)
-    layers, _ = read_exr(path)
-    return Reference(layers["first"], layers["second"], spp)
+    try:
+        layers, _ = read_exr(path)
+        return Reference(layers["first"], layers["second"], spp)
+    except (ValueError, KeyError) as error:
+        raise ValueError(f"reference {path} is damaged ({error}); remove it, and it is rendered again") from error
 
 
-def render_half(path: Path, half: int, scene: Scene, rule: Rule | str, spp: int, **options: Any) -> Result:
-    """Render one of two halves that a file of the cache is made of; an interrupted one is resumed.
+def render_halves(path: Path, scene: Scene, rule: Rule | str, spp: int, seed: int, **options: Any) -> list[Result]:
+    """Render the two halves that a file of the cache is made of; interrupted ones are resumed.
 
-    Its checkpoint lies beside the file, until `remove_halves` removes it. One that another version of dmis has left
+    Their checkpoints lie beside the file, until `remove_halves` removes them. One that another version of dmis has left
     there, or a damaged one, is discarded: nothing else writes into the cache.
 
     Parameters
     ----------
-    path, half
-        File of the cache; 0 or 1.
+    path
+        File of the cache.
     scene, rule, spp, options
         See `dmis.pipeline.render.render`.
+    seed
+        That of the first half; the second has the next one.
     """
-    checkpoint = _checkpoint(path, half)
-    try:
-        return render(scene, rule, spp, checkpoint=checkpoint, **options)
-    except UnusableCheckpoint:
-        remove_checkpoint(checkpoint)
-        return render(scene, rule, spp, checkpoint=checkpoint, **options)
+    results = []
+    for half, checkpoint in enumerate(_checkpoints(path)):
+        options |= {"seed": seed + half, "checkpoint": checkpoint}
+        try:
+            results.append(render(scene, rule, spp, **options))
+        except UnusableCheckpoint:
+            remove_checkpoint(checkpoint)
+            results.append(render(scene, rule, spp, **options))
+    return results
 
 
 def remove_halves(path: Path) -> None:
     """Remove the checkpoints of both halves of a file of the cache, because it is written."""
-    for half in range(2):
-        remove_checkpoint(_checkpoint(path, half))
+    for checkpoint in _checkpoints(path):
+        remove_checkpoint(checkpoint)
 
 
-def _checkpoint(path: Path, half: int) -> Path:
-    return path.with_suffix(f".{half}.tiles")
+def _checkpoints(path: Path) -> list[Path]:
+    """Return the checkpoints of the halves of a file of the cache."""
+    return [path.with_suffix(f".{half}.tiles") for half in range(2)]
 
 
-def settings_key(settings: Settings | None) -> list[dict[str, Any]]:
-    """Return settings as a part of the key of a cached file; empty for the default settings.
+def cache_path(scene: Scene, kind: str, key: Sequence[Any], folder: str | os.PathLike[str] | None) -> Path:
+    """Return the path of a file of the cache, without its extension; `key` is what its content depends on."""
+    import hashlib  # imported where used: it brings OpenSSL
 
-    The sampler, `reuse_pilot`, `replicates` and the name of a preset do not change what is cached; a compensation that
-    is None is left out.
-    """
-    default = Settings()
-    relevant = replace(
-        settings or default, preset=None, reuse_pilot=None, sampler=default.sampler, replicates=default.replicates
-    )
-    key = {**asdict(relevant), "sampler": "independent"}  # a constant, the one in the keys of files that exist
-    del key["preset"], key["replicates"]
-    if relevant.compensation is None:
-        del key["compensation"]
-    return [] if relevant == default else [key]
+    width, height = scene.camera.resolution
+    digest = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:12]
+    return cache_folder(folder) / f"{scene.name}-{width}x{height}-{kind}-{digest}"
 
 
 def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     """Return `folder` if given, or ``DMIS_CACHE``, or ``dmis`` in the user's cache folder."""
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(folder or os.environ.get("DMIS_CACHE") or Path(home) / "dmis")
+
+
+def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
+    """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
+
+    Parameters
+    ----------
+    scene, settings
+        Of the images that are measured against it. An image of dmis, which names its scene, integrator and depth, must
+        agree. None: not checked.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If it holds no image of three finite channels, or is an image of something else.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
+    layers: dict[str, Array] = {}
+    attributes: dict[str, str] = {}
+    if path.suffix == ".npy":
+        try:  # no pickles, no memory for a wrong header
+            layers["RGB"] = np.lib.format.open_memmap(path, mode="r")
+        except Exception as error:  # a damaged header may raise anything
+            raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
+    else:
+        layers, attributes = read_exr(path)
+    first = layers.get("first", layers.get("RGB"))
+    second = layers.get("second", first)
+    for half in (first, second):
+        if half is None or half.shape[2:] != (3,) or half.dtype.kind != "f" or not np.isfinite(half).all():
+            raise ValueError(
+                f"reference {path} must hold an image of three channels, or halves first and second, of finite numbers"
+            )
+    assert first is not None and second is not None
+    if scene is not None and first.shape[1::-1] == scene.camera.resolution:
+        _check_provenance(path, attributes.get("dmis.provenance", ""), scene, settings or Settings())
+    return Reference(np.array(first), np.array(second), 0)
+
+
+def _check_provenance(path: Path, provenance: str, scene: Scene, settings: Settings) -> None:
+    """Raise a ValueError if an image's provenance, which may be empty, names another scene, integrator or depth."""
+    try:
+        image = json.loads(provenance)
+        got = {name: image["settings"][name] for name in ("integrator", "max_depth")}
+        name, scene_hash = image["scene"], image["scene_hash"]
+    except (ValueError, KeyError, TypeError):
+        return  # of another program
+    resolved = resolve_auto(settings, scene)
+    wanted = {"integrator": resolved.integrator, "max_depth": resolved.max_depth}
+    if scene_hash is not None:  # its content could be hashed
+        got["scene"], wanted["scene"] = f"{name} ({scene_hash})", f"{scene.name} ({fingerprint(scene)})"
+    if wrong := [f"{key} {got[key]} in place of {value}" for key, value in wanted.items() if got[key] != value]:
+        raise ValueError(
+            f"reference {path} must be an image of what is compared; it has {' and '.join(wrong)}. Give another file, "
+            f"or leave --reference out: the reference is rendered then"
+        )

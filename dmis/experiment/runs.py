@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.validate import whole
 from dmis.estimator.settings import make_settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
@@ -80,7 +81,7 @@ class Run:
 def measure(
     scene: Scene,
     budgets: Sequence[Budget],
-    seeds: Sequence[int],
+    seeds: int | Sequence[int],
     reference: Reference,
     *,
     done: Iterable[Run] = (),
@@ -95,6 +96,8 @@ def measure(
     ----------
     budgets
         Rules, or `PINNED`, with their numbers of samples.
+    seeds
+        See `seed_list`.
     done
         Runs of an earlier call, which are not rendered again.
     keep
@@ -116,6 +119,7 @@ def measure(
     dmis.experiment.alarm.ReferenceWarning
         Once for each rule whose image has another mean than the reference, see `dmis.experiment.alarm`.
     """
+    seeds = seed_list(seeds)
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
     finished = {(run.rule, run.spp, run.seed): run for run in done}
     total = len(runs) * len(seeds)
@@ -132,11 +136,18 @@ def measure(
                         record(run)
                 if rule not in alarmed and alarm.raises_alarm(run):
                     alarmed.add(rule)
-                    warnings.warn(alarm.ReferenceWarning(alarm.message(run)), stacklevel=2)
+                    warnings.warn(alarm.ReferenceWarning(alarm.summary([run])), stacklevel=2)
                 runs[rule, spp].append(run)
                 if report:
                     report(rule, k * len(runs) + n + 1, total)
     return runs
+
+
+def seed_list(seeds: int | Iterable[int]) -> list[int]:
+    """Return the seeds that a number K stands for, 0 to K - 1 as with ``--seeds K``; or those of a list, checked."""
+    if not isinstance(seeds, Iterable):
+        return list(range(whole("seeds", seeds, 1, more="or a list of seeds")))
+    return [whole("a seed", seed, 0) for seed in seeds]
 
 
 def _timed_run(
@@ -146,11 +157,25 @@ def _timed_run(
     scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
     begin = time.process_time()
     result = _render_budget(scene, rule, spp, seed, **options)
-    return _run_of(result, rule, spp, seed, time.process_time() - begin, reference), result
+    cpu_seconds = time.process_time() - begin
+    mse, error = mean_over_blocks(squared_error(result, reference))
+    run = Run(
+        rule=rule,
+        spp=spp,
+        seed=seed,
+        rays=sum(result.rays.values()),
+        **{f"{stage}_seconds": result.seconds[stage] for stage in ("pilot", "fit", "render")},
+        mse=mse,
+        mse_error=error,
+        relmse=relmse(result, reference),
+        cpu_seconds=cpu_seconds,
+        mean_z=alarm.mean_z(result.image, reference, spp),
+    )
+    return run, result
 
 
 def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any) -> Result:
-    """Render a budget with the `options` of `measure`, of which `PINNED` takes the executor, integrator and depth."""
+    """Render a budget with the `options` of `measure`; `PINNED` uses executor, integrator and depth of them."""
     if rule != PINNED:
         return render(scene, rule, spp, seed=seed, **options)
     parallel = options.pop("parallel", None)
@@ -159,25 +184,6 @@ def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any)
         scene, "balance", spp, seed=seed, parallel=parallel, preset="thesis", integrator=settings.integrator,
         max_depth=settings.max_depth,
     )  # fmt: skip
-
-
-def _run_of(result: Result, rule: str, spp: int, seed: int, cpu_seconds: float, reference: Reference) -> Run:
-    """Return time and error of a render."""
-    mse, error = mean_over_blocks(squared_error(result.image, reference.first, reference.second))
-    return Run(
-        rule=rule,
-        spp=spp,
-        seed=seed,
-        rays=sum(result.rays.values()),
-        pilot_seconds=result.seconds["pilot"],
-        fit_seconds=result.seconds["fit"],
-        render_seconds=result.seconds["render"],
-        mse=mse,
-        mse_error=error,
-        relmse=relmse(result.image, reference.first, reference.second),
-        cpu_seconds=cpu_seconds,
-        mean_z=alarm.mean_z(result.image, reference, spp),
-    )
 
 
 def on_cpu(runs: Sequence[Run]) -> list[Run]:

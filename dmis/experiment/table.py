@@ -13,7 +13,7 @@ import json
 import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -105,11 +105,12 @@ class Results:
         self.folder, self.about = folder, {**about, "rules": {rule: definition(rule) for rule in rules}}
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / "results.csv"
-        self.runs = self._read()
-        self._beside("comparison.json", json.dumps(self.about, indent=2) + "\n")
-        text = io.StringIO()
-        csv.writer(text).writerow(COLUMNS)
-        self._beside("results.csv", text.getvalue() + "".join(self._row(run) for run in self.runs))
+        self.runs = self._read() if self._path.exists() else []
+        lines = [_line(COLUMNS), *map(self._row, self.runs)]
+        files = {"comparison.json": json.dumps(self.about, indent=2) + "\n", "results.csv": "".join(lines)}
+        for name, text in files.items():
+            with replacing(folder / name) as partial:
+                partial.write_text(text, "utf-8", newline="")
 
     def append(self, run: Run) -> None:
         """Add and write a row; both baselines with the same samples and seed must have one, the pinned one first."""
@@ -131,36 +132,30 @@ class Results:
 
     def _row(self, run: Run) -> str:
         """Return the line of ``results.csv`` of a run."""
-        text = io.StringIO()
-        csv.writer(text).writerow(cells(self.about["scene"], run, run_by_key(self.runs)))
-        return text.getvalue()
+        return _line(cells(self.about["scene"], run, run_by_key(self.runs)))
 
     def _read(self) -> list[Run]:
         """Return the runs that ``results.csv`` has, without a last line that an interruption has cut."""
-        if not self._path.exists():
-            return []
-        with open(self._path, newline="", encoding="utf-8") as file:
-            whole, _, _ = file.read().rpartition("\n")
-        if not whole:
-            return []
-        self._compare_conditions()
-        rows = csv.reader(whole.splitlines())
-        if (header := tuple(next(rows))) != COLUMNS:
-            raise self._refuse(f"has the columns {','.join(header)} in place of {','.join(COLUMNS)}")
-        runs = []
-        for line, row in enumerate(rows, 2):
-            try:
-                runs.append(_run(row))
-            except ValueError as error:
-                raise self._refuse(f"cannot be read in line {line} ({error})") from error
+        if self._path.stat().st_size:
+            self._compare_conditions()
+        line, runs = 1, []
+        try:
+            text = self._path.read_text("utf-8")
+            for line, row in enumerate(csv.reader(text.splitlines(keepends=True)), 1):
+                if line == 1 and tuple(row) != COLUMNS:
+                    raise ValueError(f"its columns must be {','.join(COLUMNS)}")
+                if line > 1 and text.count("\n") >= line:  # the last line may be cut
+                    runs.append(_run(row))
+        except (ValueError, csv.Error) as error:
+            raise self._refuse(f"cannot be read in line {line} ({error})") from error
         pinned, balance = ({(r.spp, r.seed) for r in runs if r.rule == rule} for rule in (PINNED, "balance"))
         return [r for r in runs if r.rule == PINNED or (r.spp, r.seed) in pinned & balance]
 
     def _compare_conditions(self) -> None:
         """Check that the rows were measured under the same conditions and with the same rules."""
         try:
-            before = json.loads((self.folder / "comparison.json").read_text("utf-8"))
-        except (OSError, ValueError) as error:
+            before = dict(json.loads((self.folder / "comparison.json").read_text("utf-8")))
+        except (OSError, ValueError, TypeError) as error:
             raise self._refuse("has no readable comparison.json with the conditions of its measurement") from error
         rules = before.get("rules", {})
         if changed := [name for name, now in self.about["rules"].items() if rules.get(name, now) != now]:
@@ -175,31 +170,20 @@ class Results:
         """Return the error that refuses the table."""
         return ValueError(f"{self._path} {reason}; remove it, or choose another directory")
 
-    def _beside(self, name: str, text: str) -> None:
-        """Write a file of the folder; an interruption leaves the previous one complete."""
-        with replacing(self.folder / name) as partial:
-            partial.write_text(text, "utf-8", newline="")
+
+def _line(cells: Iterable[str]) -> str:
+    """Return a line of a CSV file."""
+    text = io.StringIO()
+    csv.writer(text).writerow(cells)
+    return text.getvalue()
 
 
 def _run(row: list[str]) -> Run:
     """Return the run of a row of ``results.csv``."""
     if len(row) != len(COLUMNS):
         raise ValueError(f"{len(row)} values for {len(COLUMNS)} columns")
-    value = dict(zip(COLUMNS, row, strict=True))
-    return Run(
-        rule=value["rule"],
-        spp=int(value["spp"]),
-        seed=int(value["seed"]),
-        rays=int(value["rays"]),
-        pilot_seconds=float(value["pilot_seconds"]),
-        fit_seconds=float(value["fit_seconds"]),
-        render_seconds=float(value["render_seconds"]),
-        mse=float(value["mse"]),
-        mse_error=float(value["mse_error"]),
-        relmse=float(value["relmse"]),
-        cpu_seconds=float(value["cpu_seconds"]),
-        mean_z=float(value["mean_z"]),
-    )
+    value, parse = dict(zip(COLUMNS, row)), {"str": str, "int": int, "float": float}
+    return Run(**{field.name: parse[str(field.type)](value[field.name]) for field in fields(Run)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,8 @@ SPREADS = 6.0
 """And is this many standard errors of its neighbours brighter than they are."""
 
 
-def write_image(path: str | os.PathLike[str], result: Result) -> None:
-    """Write a rendered image: ``.exr`` with all layers, or ``.png`` for a look at it.
+def write_image(path: str | os.PathLike[str], result: Result | Array) -> None:
+    """Write a rendered image: ``.exr`` with all layers, or ``.png`` for a look at it; or an array ``(H, W, 3)`` alone.
 
     Raises
     ------
@@ -32,9 +32,11 @@ def write_image(path: str | os.PathLike[str], result: Result) -> None:
     OSError
         If the directory does not exist.
     """
+    image = result.image if isinstance(result, Result) else np.asarray(result)
     if Path(path).suffix.lower() == ".png":
-        write_png(path, result.image)
-        return
+        return write_png(path, image)
+    if not isinstance(result, Result):
+        return write_exr(path, {"RGB": image})
     variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold
     layers = {"RGB": result.image, "weight": result.weight, "variance": variance, "samples": result.samples}
     layers |= {"light_samples": result.light_samples, "brdf_samples": result.brdf_samples}

@@ -376,7 +376,7 @@ def test_oracle(tmp_path, monkeypatch, capsys):
     captured = capsys.readouterr()
     assert captured.out.startswith("The best weights leave 0.") and captured.err == ""
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["best_shares.png", "oracle.md"]
-    monkeypatch.setattr("dmis.experiment.oracle.render_half", lambda *_, **__: pytest.fail("rendered again"))
+    monkeypatch.setattr("dmis.experiment.oracle.render_halves", lambda *_, **__: pytest.fail("rendered again"))
     assert main(command) == 0
     assert (tmp_path / "out" / "oracle.md").read_text("utf-8") in capsys.readouterr().out
 

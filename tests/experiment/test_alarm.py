@@ -1,8 +1,7 @@
 """The alarm: a reference of another scene is found, a right one is not suspected."""
 
 import dataclasses
-from collections.abc import Sequence
-from pathlib import Path
+import re
 
 import numpy as np
 import pytest
@@ -13,19 +12,13 @@ from dmis.experiment.compare import compare, summary
 from dmis.experiment.runs import Run, measure
 from dmis.testing.scenes import box_scene
 
-SCENES = "teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt"
-
-
-def repainted(scene: dmis.Scene, material: dmis.Material) -> dmis.Scene:
-    """`scene` with another material on its first part."""
-    return dataclasses.replace(scene, parts=(dataclasses.replace(scene.parts[0], material=material), *scene.parts[1:]))
-
 
 @pytest.fixture(scope="module")
 def stale(tmp_path_factory) -> tuple[dmis.Scene, dmis.Reference]:
     """A scene, and a reference in which its floor reflects a tenth more."""
     scene = box_scene(resolution=(24, 18))
-    other = repainted(scene, dmis.matte(0.66))
+    floor = dataclasses.replace(scene.parts[0], material=dmis.matte(0.66))
+    other = dataclasses.replace(scene, parts=(floor, *scene.parts[1:]))
     return scene, dmis.make_reference(other, 64, folder=tmp_path_factory.mktemp("references"))
 
 
@@ -34,27 +27,19 @@ def run(z: float, rule: str = "balance", seed: int = 0) -> Run:
 
 
 def test_a_stale_reference_raises_the_alarm_once_for_a_rule(stale):
-    """`measure` warns, and goes on: rule, samples, seed and the three causes are in the message."""
+    """`measure` warns, and goes on: rule, samples, seed and the causes are in the message."""
     scene, reference = stale
     with pytest.warns(alarm.ReferenceWarning) as caught:
-        runs = measure(scene, [("balance", 16), ("balance", 32), ("pbrt", 16)], [0, 1], reference)
+        runs = measure(scene, [("balance", 16), ("balance", 32), ("pbrt", 16)], 2, reference)
     assert len(caught) == 2 and {w.filename for w in caught} == {__file__}
-    text = str(caught[0].message)
-    for words in (
-        "below that of its reference",
-        "rule balance, 16 samples per pixel, seed 0",
-        "stale",
-        "biased",
-        "too few",
-    ):
-        assert words in text
+    causes = "below that of its reference .rule balance, 16 samples per pixel, seed 0.*stale.*biased.*too few"
+    assert re.search(causes, str(caught[0].message))
     assert all(r.mean_z < -alarm.ALARM_LIMIT for of in runs.values() for r in of)
 
 
 @pytest.mark.usefixtures("without_plots")
 def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
-    """A line below the table, a paragraph and a mark on the page, a column at the end of results.csv; a comparison that
-    is gone on from has them again."""
+    """A line below the table, a paragraph and a mark on the page, a column of results.csv; and again when resumed."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     scene, reference = stale
     for _ in range(2):
@@ -70,31 +55,17 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("without_plots")
-def test_no_alarm_where_there_is_nothing_wrong(tmp_path, monkeypatch):
-    """No line, no paragraph, no mark."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    scene = box_scene()
-    comparison = compare(scene, [], [16], [0], dmis.make_reference(scene, 64), tmp_path, parallel=1)
-    assert "Alarm" not in summary(comparison.runs)
-    page = (tmp_path / "report.html").read_text("utf-8")
-    assert '<p class="alarm">' not in page and "⚠" not in page
-
-
-@pytest.mark.usefixtures("without_plots")
 def test_a_noisy_reference_is_said(tmp_path, monkeypatch):
     """A line of the table and a paragraph of the page, if its own error is more than 5 % of the smallest one."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     scene = box_scene()
     for spp, noisy in ((2, True), (256, False)):
         reference = dmis.make_reference(scene, spp)
-        comparison = compare(scene, [], [64], [0], reference, tmp_path / str(spp), parallel=1, sampler="sobol")
-        smallest = min(r.mse for of in comparison.runs.values() for r in of)
-        assert (reference.mse > 0.05 * smallest) == noisy
-        text = summary(comparison.runs, reference)
+        comparison = compare(scene, [], [64], [0], reference, tmp_path / str(spp), parallel=1)
+        text, page = summary(comparison.runs, reference), (tmp_path / str(spp) / "report.html").read_text("utf-8")
         assert reference.text() in text and ("The reference is too noisy for this table" in text) == noisy
-        page = (tmp_path / str(spp) / "report.html").read_text("utf-8")
-        assert ("⚠ The reference is too noisy for this table" in page) == noisy
-    assert "The reference" not in summary(comparison.runs)
+        assert ("⚠ The reference is too noisy for this table" in page) == noisy and "Alarm" not in text
+        assert '<p class="alarm">' not in page.replace('<p class="alarm">⚠ The reference', "")
 
 
 @pytest.mark.parametrize("errors, noisy", [([0.9, 0.21], False), ([0.9, 0.19], True), ([-1e-9], True), ([], False)])
@@ -103,15 +74,6 @@ def test_noise_of_a_reference(errors, noisy):
     first, second = np.full((4, 4, 3), 1.0), np.full((4, 4, 3), 1.2)
     assert bool(alarm.reference_noise(dmis.Reference(first, second, 8), errors)) == noisy
     assert alarm.reference_noise(dmis.Reference(first, first, 0), [0.2]) == ""
-
-
-@pytest.mark.parametrize("most, expected", [(np.inf, False), (0.05, True)])
-def test_an_image_that_lacks_light_raises_the_alarm(tmp_path, most, expected):
-    """The cause is named; nothing silences it."""
-    scene = box_scene(resolution=(24, 18))
-    reference = dmis.make_reference(scene, 64, folder=tmp_path)
-    image = np.minimum(dmis.render(scene, "balance", 32).image, most)
-    assert alarm.raises_alarm(run(alarm.mean_z(image, reference, 32))) == expected
 
 
 def test_one_line_names_the_worst():
@@ -168,32 +130,13 @@ def test_images_without_noise(black):
     assert z == (0 if black else pytest.approx(10))
 
 
-def comparisons(
-    names: Sequence[str], size: tuple[int, int], reference_spp: int, rules: list[str], seeds: range, folder: Path
-) -> list[float]:
-    """z of every rule on every scene with every sampler."""
-    z: list[float] = []
-    for name in names:
-        scene = dmis.load_scene(name, resolution=size)
-        reference = dmis.make_reference(scene, reference_spp, folder=folder)
-        for sampler in "independent", "sobol":
-            settings = dmis.Settings(sampler=sampler)
-            runs = measure(scene, [(rule, 32) for rule in rules], seeds, reference, settings=settings)
-            z += [run.mean_z for of in runs.values() for run in of]
-    return z
-
-
-def test_no_alarm_in_correct_comparisons(tmp_path):
-    """A small sample; `measure` would warn, which is an error here."""
-    z = comparisons(["teapot-area-light", "tt"], (24, 18), 128, ["balance", "auto"], range(2), tmp_path)
-    assert len(z) == 16 and np.abs(z).max() < 4.5
-
-
-@pytest.mark.slow
-def test_no_alarm_in_many_correct_comparisons(tmp_path):
-    """224 comparisons: fixed weights, rules that learn, the power heuristic; and z is neither too large nor too small,
-    or the alarm would say nothing: E[z^2] is from 1, of grey noise, to 1.9, of three independent channels.
-    """
-    rules = ["balance", "fixed:0", "fixed:1", "pbrt", "thesis", "second-moment", "auto"]
-    z = np.array(comparisons(SCENES, (64, 48), 512, rules, range(4), tmp_path))
-    assert len(z) == 224 and np.abs(z).max() < 4.5 and 0.75 < (z**2).mean() < 2
+@pytest.mark.parametrize("name", ["teapot-area-light", "tt"])
+def test_no_alarm_in_correct_comparisons(name, tmp_path):
+    """Fixed weights, and a rule that learns; `measure` would warn, which is an error here."""
+    scene = dmis.load_scene(name, resolution=(24, 18))
+    reference = dmis.make_reference(scene, 128, folder=tmp_path)
+    z = []
+    for sampler in "independent", "sobol":
+        runs = measure(scene, [("balance", 32), ("auto", 32)], 2, reference, sampler=sampler)
+        z += [run.mean_z for by_seed in runs.values() for run in by_seed]
+    assert len(z) == 8 and np.abs(z).max() < 4.5

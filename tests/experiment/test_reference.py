@@ -61,7 +61,6 @@ def block_means(image: np.ndarray) -> np.ndarray:
     "name, options",
     [
         ("teapot-area-light", {}),
-        ("killeroo-gold", {}),
         ("cornell", {"integrator": "path", "max_depth": 4}),
         ("point", {}),
         ("point", {"integrator": "path", "max_depth": 3}),
@@ -102,12 +101,14 @@ def test_settings_of_the_estimator_do_not_count(box, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("sampler", ["auto", "independent", "sobol", "stratified"])
-def test_keys_have_no_sampler(sampler):
-    """What stands in its place is what stood there when it was the default, so that old files are found."""
-    assert reference.settings_key(dmis.Settings(sampler=sampler)) == []
-    (key,) = reference.settings_key(dmis.Settings(sampler=sampler, max_depth=1))
-    assert key == {**reference.settings_key(dmis.Settings(max_depth=1))[0], "sampler": "independent"}
+def test_a_damaged_file_of_the_cache_is_named(box, tmp_path):
+    """The error says which file, and what to do."""
+    dmis.make_reference(box, 4, folder=tmp_path)
+    (path,) = tmp_path.iterdir()
+    for damage in (lambda: path.write_bytes(b"junk"), lambda: dmis.write_image(path, np.ones((24, 32, 3)))):
+        damage()
+        with pytest.raises(ValueError, match=rf"reference {path} is damaged .*; remove it, and it is rendered again"):
+            dmis.make_reference(box, 4, folder=tmp_path)
 
 
 @pytest.mark.parametrize("stale", ["other package", "damaged", "resumed"])

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -173,26 +172,28 @@ def _moved(scene: dmis.Scene) -> dmis.Scene:
 
 
 @pytest.mark.parametrize(
-    "text, message",
+    "data, message",
     [
-        ("scene,rule\nbox,balance\n", "has the columns scene,rule in place of"),
-        (",".join(COLUMNS) + "\nbox,balance,8\n", "line 2 (3 values for 16 columns)"),
-        (",".join(COLUMNS) + "\n" + ",".join("x" * 16) + "\n", "line 2 (invalid literal"),
+        (b"scene,rule\nbox,balance\n", "line 1 (its columns must be scene,rule,spp"),
+        (f"{','.join(COLUMNS)}\nbox,balance,8\n".encode(), "line 2 (3 values for 16 columns)"),
+        (f"{','.join(COLUMNS)}\n{','.join('x' * 16)}\n".encode(), "line 2 (invalid literal"),
+        (b"junk", "line 1 (its columns must be"),
+        (b"\xff\xfe\x00junk\n\n", "line 1 ("),
     ],
 )
-def test_tables_of_another_kind_are_refused(box, reference, tmp_path, text, message):
-    """File, line and reason."""
-    about = conditions(box, reference, 1)
+def test_tables_of_another_kind_are_refused(box, reference, tmp_path, data, message):
+    """File, line, reason and fix; the file is left as it is."""
+    about, path = conditions(box, reference, 1), tmp_path / "results.csv"
     Results(tmp_path, about)
-    (tmp_path / "results.csv").write_text(text, "utf-8")
-    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'results.csv'} ")) as error:
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"; remove it, or choose another directory$") as error:
         Results(tmp_path, about)
-    assert message in str(error.value)
+    assert f"{path} cannot be read in {message}" in str(error.value) and path.read_bytes() == data
 
 
-@pytest.mark.parametrize("text", [None, "no json"])
-def test_a_table_that_does_not_say_what_it_is_of_is_refused(box, reference, tmp_path, text):
-    """Its rows cannot be trusted to be of this scene."""
+@pytest.mark.parametrize("text", [None, "no json", "[1]"])
+def test_a_table_without_its_conditions_is_refused(box, reference, tmp_path, text):
+    """Its rows may be of another scene."""
     about = conditions(box, reference, 1)
     Results(tmp_path, about)
     (tmp_path / "comparison.json").unlink()
@@ -206,35 +207,6 @@ def test_conditions_are_plain_data(box, reference):
     """They go into a file and come back the same."""
     about = conditions(box, reference, None)
     assert json.loads(json.dumps(about)) == about
-
-
-@pytest.mark.usefixtures("drawn")
-def test_command_line_refuses_another_scene(tmp_path, capsys, monkeypatch):
-    """Exit code 2, one line, the difference in it."""
-    from dmis.cli.commands import main
-
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    out = tmp_path / "out"
-    more = ["--rules", "balance", "--spp", "2", "--seeds", "1", "--reference-spp", "4", "--quiet", "-o", str(out)]
-    assert main(["compare", "teapot-area-light", "--resolution", "8x8", *more]) == 0
-    assert main(["compare", "teapot-area-light", "--resolution", "9x8", *more]) == 2
-    error = capsys.readouterr().err
-    assert "resolution was [8, 8], now is [9, 8]" in error and len(error.splitlines()) == 1
-
-
-def test_command_line_says_how_to_go_on(tmp_path, capsys, monkeypatch):
-    """After Ctrl-C: exit code 130, and where it is kept."""
-    import dmis.cli.commands as command
-
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(command, "compare", interrupted)
-    size = ["--resolution", "8x8", "--reference-spp", "4"]
-    assert command.main(["compare", "teapot-area-light", *size, "-o", str(tmp_path / "out")]) == 130
-    error = capsys.readouterr().err
-    assert "no render was finished" in error and f"kept in {tmp_path / 'cache'}" in error
 
 
 def test_pictures_have_names_of_their_own(box, reference, tmp_path):

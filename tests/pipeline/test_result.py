@@ -50,6 +50,14 @@ def test_pilot_is_one_line() -> None:
     assert [repr(pilot) for pilot in rule.kept] == ["Pilot(20x12, 2 spp, light + brdf, sums: none)"]
 
 
+@pytest.mark.parametrize("name", ["a.exr", "a.png"])
+def test_arrays_are_written_as_images(tmp_path: Path, name: str) -> None:
+    dmis.write_image(tmp_path / name, np.full((4, 5, 3), 0.5))
+    assert (tmp_path / name).stat().st_size > 0
+    if name == "a.exr":
+        np.testing.assert_array_equal(dmis.read_exr(tmp_path / name)[0]["RGB"], 0.5)
+
+
 def test_notebook_shows_the_picture(tmp_path: Path) -> None:
     """The bytes are those of a preview file, and any PNG reader finds the image in them."""
     pil = pytest.importorskip("PIL.Image")
