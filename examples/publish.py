@@ -2,7 +2,7 @@
 The tables that a script prints, put into pages
 ===============================================
 
-    python examples/publish.py "docs/scenes.md: held-out scenes" examples/explained/plot_held_out_scenes.py
+    python examples/publish.py "docs/reproduction.md: table 4.1" examples/thesis/plot_table_4_1.py --full
 
 runs a script with its arguments, and puts the tables that it prints, in their order, between the marks of this name of
 these pages. The scripts of the gallery print tables; they know of no pages, because they also are notebooks.
