@@ -162,7 +162,7 @@ class DeltaLight(Light, Protocol):
         return False
 
 
-def check_light(light: Light) -> None:
+def check_light_form(light: Light) -> None:
     """Raise a ValueError if a light lacks a method that has no default, or one returns values of the wrong form."""
     if light.delta:
         check_methods(light, DeltaLight, ["sample"])

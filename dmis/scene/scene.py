@@ -19,12 +19,13 @@ from dmis.base.selection import Index, Selection, columns, take
 from dmis.base.vectors import TINY, Array, dot
 from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
-from dmis.light.light import Light, check_light
+from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.plan import Plan, textures
+from dmis.scene.probe import check_lobe_form
 from dmis.scene.shading_points import ShadingPoints
 from dmis.scene.suggestions import Suggestions
 from dmis.scene.triangle_tables import Tables
@@ -68,7 +69,8 @@ class Scene:
     ------
     ValueError
         If an argument is something else, there is no part, a part's light is not among the lights, a light lacks a
-        method, or a mesh light that is not flat is no part's.
+        method, a method of a light or lobe returns another shape than it must, or a mesh light that is not flat is no
+        part's.
 
     Warns
     -----
@@ -107,8 +109,11 @@ class Scene:
                 raise ValueError(
                     "a part's light must be among the scene's lights, because it would be seen but not sampled"
                 )
+        for cls, lobe in {type(lobe): lobe for part in self.parts for lobe in part.material.lobes}.items():
+            if not cls.__module__.startswith("dmis."):
+                check_lobe_form(lobe)
         for light in self.lights:
-            check_light(light)
+            check_light_form(light)
             if light.hides_itself() and not any(part.light is light for part in self.parts):
                 raise ValueError(
                     f"a {type(light).__name__} that is not flat must be a part of the scene too, because its triangles "

@@ -19,8 +19,7 @@ from dmis.formats.load_scene import light_part
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
 from dmis.intersect import Intersector
-from dmis.light.light import AreaLight, InfiniteLight, Light
-from dmis.light.light import check_light as check_light_form
+from dmis.light.light import AreaLight, InfiniteLight, Light, check_light_form
 from dmis.light.light_sample import LightSample
 from dmis.samplers.warp import square_to_sphere
 from dmis.scene.camera import Camera
