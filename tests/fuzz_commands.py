@@ -44,7 +44,7 @@ OPTIONS = {
     "--quiet",
     "oracle": "--spp --resolution --integrator --max-depth --threads -o --quiet",
     "info": "--resolution --dialect --allow-outside",
-    "check": "-o",
+    "check": "--albedo -o",
     "bench": "--rules --resolution --spp --threads --seed",
 }
 SIZES = ["4x4", "1x1", "0x0", "-1x4", "99999x1", "65535x65535", "4", "x", "4x4x4", "²x²", "1" * 5000 + "x1", "4X3"]

@@ -20,6 +20,7 @@ from dmis.scene import camera
 Options = Mapping[str, Mapping[str, Any]]
 """Arguments of ``add_argument`` by option, its names separated by spaces; options of a ``group`` exclude each other."""
 REMOVED_OPTIONS = {
+    "--exercise": "run docs/exercises/checks N FILE.py of a checkout with python, which checks exercises",
     "--ladder": "run benchmarks/print_ladder.py SCENE of a checkout, which prints and plots the ladder of bounds",
     "--replicates": "render with several --seed, and average the images",
 }
@@ -58,6 +59,14 @@ def resolution(text: str) -> tuple[int, int]:
 def _sample_counts(text: str) -> list[int]:
     """Return positive whole numbers from a text that separates them by commas."""
     return [_whole(2**63)(number.strip()) for number in text.split(",")]
+
+
+def _albedo(text: str) -> tuple[float, ...]:
+    """Return one number, or four separated by commas."""
+    numbers = tuple(map(float, text.split(",")))
+    if len(numbers) not in (1, 4):
+        raise argparse.ArgumentTypeError(f"must be one number, or four separated by commas; got {text!r}")
+    return numbers
 
 
 def _whole(most: int) -> Any:
@@ -170,7 +179,10 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
     "check": ("check lobes, lights, techniques and rules of your own", {
         "file": _option("Python file that defines lobes, lights, techniques or rules", metavar="FILE.py"),
         OUTPUT: _option("directory of the pictures of what failed (default: that of the file)", Path, metavar="DIR"),
-        "--exercise": _option(argparse.SUPPRESS),  # refused with the command that has replaced it
+        "--albedo": _option(
+            "largest channel of the albedo that a lobe must have: one number, or four separated by commas, for wo at "
+            "0, 35, 70 and 85 degrees (default: any, at most 1)", _albedo, (), metavar="A",
+        ),
     }),
     "bench": ("measure the time of renders against that of their Embree calls alone", {
         "scenes": _option("scenes (default: those that come with dmis)", nargs="*", metavar="SCENE"),

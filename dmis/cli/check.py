@@ -15,11 +15,6 @@ from dmis.testing.report import line, summary, write_figures
 
 def check(options: argparse.Namespace) -> int:
     """Run ``check`` and return its exit code: 1 if a check failed, or a class of the file was not checked."""
-    if options.exercise is not None:
-        raise ValueError(
-            f"--exercise has moved, because exercises are no part of dmis. In its repository write python "
-            f"docs/exercises/checks {options.exercise} {options.file}"
-        )
     file = Path(options.file)
     folder = file.parent if options.output is None else options.output
     if options.output is not None:
@@ -29,8 +24,8 @@ def check(options: argparse.Namespace) -> int:
     load_plugin(file)
     module = sys.modules[file.stem]
     subjects, skipped = find(module)
-    for other in skipped:
-        print(f"dmis: {other.name} is not checked: {other.reason}", file=sys.stderr)
+    for name, reason in skipped.items():
+        print(f"dmis: {name} is not checked: {reason}", file=sys.stderr)
     if skipped and not subjects:
         raise ValueError(f"nothing in {file} can be checked as it stands; the lines above say how to change that")
     if not subjects:
@@ -38,10 +33,10 @@ def check(options: argparse.Namespace) -> int:
     outcomes: list[Outcome] = []
     for subject in subjects:
         print(f"{subject.kind} {subject.name}", flush=True)
-        results = attempt(subject.name, subject.check)
+        results = attempt(subject.name, lambda: subject.check(options.albedo))  # noqa: B023
         print(*map(line, results), sep="\n", flush=True)
         outcomes += results
-    print(summary(outcomes, [other.name for other in skipped]))
+    print(summary(outcomes, list(skipped)))
     try:
         for path in write_figures(outcomes, folder, file.stem):
             print(path)

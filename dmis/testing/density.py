@@ -1,129 +1,211 @@
-"""The checks that lobes, lights and techniques share: the integral of a pdf, and samples that follow it."""
+"""Samples of a function beside their density, at one place.
+
+Samples are compared with their pdf by Pearson's chi-square test in `dmis.testing.cells`. The expected count of a cell
+is its quadrature of the pdf. Directions that are not accepted, such as those below the horizon, are a cell of their
+own, which expects what the integral of the pdf lacks to 1.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.chi_square import Cells, Density, DensityComparison
-from dmis.testing.outcome import Fault
-from dmis.testing.statistics import chi2_p, z_limit
+from dmis.light.light_sample import LightSample
+from dmis.testing.cells import Cells, learn_cells
+from dmis.testing.statistics import chi2_p
 
-_CONSTANT = 0.05
-"""Spread of observed / expected counts from cell to cell up to which they are called proportional."""
-_NORMALISED = 5e-3
-"""Difference of an integral from the right one up to which a pdf is called normalised."""
-_LEAST_P = 1e-3
-"""Least p-value of samples that are said to follow a density."""
-_FEW = 50
-"""Least number of accepted samples that are compared with a density."""
-_ALIKE = 0.02
-"""Part of the directions by which two densities may differ and still are called the same."""
+QUADRATURE = 1e-3
+"""Error of an integral over all cells that is allowed beside the estimated one: the horizon cuts cells."""
+_LEARN = 8
+"""One of so many directions places the rings and is left out of the test."""
+_SUSPICIOUS = 1e-3
+"""p-value below which the quadrature is repeated with more nodes, before it is believed."""
 
 
+@dataclass(frozen=True, eq=False)
 class DensityView:
-    """Samples of a function, and their pdf, in one place.
+    """Sampled directions of a lobe, light or technique at one place, and their density.
 
     Attributes
     ----------
+    wi
+        Sampled unit directions, ``(3, N)``.
+    pdf
+        Function of directions ``(3, M)``: their densities per solid angle, ``(M,)``; 0 where they are not accepted.
+    accepted
+        Which samples count, ``(N,)`` bool: those on the side of the lobe, or that meet the light's bright side.
+    place
+        For messages, such as ``wo at 35°``.
+    value
+        The function that is integrated, ``(3, M) -> (3, M)``: f cos of a lobe, the radiance of a light.
+    sample, hit
+        Of lights and techniques: the light samples of `wi`, and the function that returns those of any directions.
     pdf_name
         The pdf in messages.
-    title
-        Of figures.
     """
 
-    pdf_name = "pdf"
-    title = ""
+    wi: Array
+    pdf: Callable[[Array], Array]
+    accepted: Array
+    place: str = ""
+    value: Callable[[Array], Array] | None = None
+    sample: LightSample | None = None
+    hit: Callable[[Array], LightSample] | None = None
+    pdf_name: str = "pdf"
+
+    @cached_property
+    def cells(self) -> Cells:
+        """Cells that the first directions give."""
+        learn = self.wi.shape[1] // _LEARN
+        some = np.ascontiguousarray(self.wi[:, :learn][:, self.accepted[:learn]])
+        return learn_cells(some, self.pdf(some))
 
     @property
-    def place(self) -> str:
-        """The place, for messages."""
-        raise NotImplementedError
+    def count(self) -> int:
+        """Number of directions that are counted, accepted or not."""
+        return self.wi.shape[1] - self.wi.shape[1] // _LEARN
+
+    @cached_property
+    def observed(self) -> Array:
+        """Counts of the other accepted directions, ``(rings, sectors)``."""
+        learn = self.wi.shape[1] // _LEARN
+        return self.cells.count(self.wi[:, learn:][:, self.accepted[learn:]])
+
+    @cached_property
+    def _integrals(self) -> tuple[Array, Array]:
+        """Integrals of the pdf over the cells and their errors, by more nodes if the coarse ones look bad."""
+        coarse, error = self.cells.integrate(self.pdf(self.cells.nodes))
+        if self._p(coarse, error) > _SUSPICIOUS and self._agrees(coarse, error, 3):
+            return coarse, error
+        cells = self.cells.finer()
+        fine, error = cells.integrate(self.pdf(cells.nodes))
+        return fine, np.maximum(error, np.abs(fine - coarse))
 
     @property
-    def comparison(self) -> DensityComparison:
-        """The samples beside their pdf."""
-        raise NotImplementedError
+    def expected(self) -> Array:
+        """Expected counts, ``(rings, sectors)``."""
+        return self._integrals[0] * self.count
 
-    def pdf(self, w: Array) -> Array:
-        """Return the pdf of directions ``(3, M)``, ``(M,)``."""
-        raise NotImplementedError
+    @property
+    def mass(self) -> float:
+        """Integral of the pdf."""
+        return float(self._integrals[0].sum())
 
-    def laws(self) -> dict[str, Density]:
-        """Return densities of any scale that a right `sample` may follow, by name, the likeliest first."""
-        return {}
+    @property
+    def mass_error(self) -> float:
+        """Error of `mass`, from the quadrature."""
+        return _total(self._integrals[1])
 
-    def integral(self) -> float:
-        """Return the integral of the pdf; by cells of its own where those of the samples do not resolve it."""
-        if self.comparison.mass_error < _NORMALISED:
-            return self.comparison.mass
-        nodes = self.comparison.cells.nodes
-        axis = nodes[:, int(np.argmax(self.pdf(nodes)))].astype(float)
-        rings = np.concatenate([[0.0], np.geomspace(1e-4, np.pi, 48)])
-        cells = Cells(axis / np.linalg.norm(axis), rings, np.linspace(0, 2 * np.pi, 13), 24)
-        return float(cells.integrate(self.pdf(cells.nodes))[0].sum())
+    @property
+    def share(self) -> float:
+        """Share of the directions that are accepted."""
+        return float(self.observed.sum() / self.count)
 
-    def figure(self) -> Callable[[], Any]:
-        """Return what makes the picture of the comparison."""
-        return lambda: self.comparison.figure(f"{self.title}: sample and {self.pdf_name}, {self.place}")
+    def mass_agrees(self, limit: float) -> bool:
+        """Return whether the integral is the accepted share, within `limit` standard errors of the latter."""
+        return self._agrees(*self._integrals, limit)
 
+    def _agrees(self, integrals: Array, error: Array, limit: float) -> bool:
+        mass = float(integrals.sum())
+        inside = min(max(mass, 0.0), 1.0)
+        variance = max(self.share * (1 - self.share), inside * (1 - inside))
+        return abs(mass - self.share) <= limit * np.sqrt(variance / self.count) + 3 * _total(error)
 
-def check_mass(views: Sequence[DensityView], level: float) -> str:
-    """Raise a Fault unless each pdf integrates to the share of samples that is accepted; return the integrals."""
-    for view in views:
-        comparison, pdf = view.comparison, view.pdf_name
-        if comparison.mass_agrees(z_limit(level)):
-            continue
-        integral, accepted = view.integral(), comparison.accepted
-        ratio, spread = comparison.ratio
-        constant = ratio > 0 and spread < _CONSTANT
-        verdict = f"{pdf} is {1 / ratio:.3f} times the density of sample" if constant else _verdict(view, integral)
-        raise Fault(
-            f"{verdict}: {pdf} integrates to {integral:.4f}, and {accepted:.4f} of the directions of "
-            f"sample are accepted ({view.place})",
-            view.figure(),
+    @cached_property
+    def p(self) -> float:
+        """p-value of the chi-square test; 1 where nothing is expected and nothing observed."""
+        return self._p(*self._integrals)
+
+    def _p(self, integrals: Array, error: Array) -> float:
+        observed = np.append(self.observed, self.count - self.observed.sum())
+        expected = np.append(integrals, max(1 - integrals.sum(), 0)) * self.count
+        if max(observed[:-1].sum(), expected[:-1].sum()) < 50:
+            return 1.0
+        return chi2_p(observed, expected, (np.append(error, _total(error)) * self.count) ** 2)
+
+    @property
+    def ratio(self) -> tuple[float, float]:
+        """Ratio of observed to expected counts over all cells, and its spread between cells beyond their noise."""
+        some = self.expected >= 5
+        observed, expected = self.observed[some], self.expected[some]
+        ratio = observed.sum() / max(expected.sum(), 1e-30)
+        excess = ((observed - ratio * expected) ** 2).sum() - (ratio * expected).sum()
+        return float(ratio), float(np.sqrt(max(excess, 0) / max((expected**2).sum(), 1e-30)))
+
+    @cached_property
+    def integral(self) -> Integral:
+        """Integral of `value` over the cells of the samples."""
+        return self._integrate(self.cells)
+
+    @cached_property
+    def fine_integral(self) -> Integral:
+        """The same by many more nodes."""
+        return self._integrate(self.cells.finer())
+
+    def _integrate(self, cells: Cells) -> Integral:
+        assert self.value is not None
+        values, pdf = self.value(cells.nodes).astype(float), self.pdf(cells.nodes)
+        sums = np.array([[cell_sums.sum() for cell_sums in cells.integrate(channel)] for channel in values])
+        largest = values.max(axis=0)
+        ratio = np.divide(largest**2, pdf, out=np.zeros_like(largest), where=pdf > 0)
+        missed, square = (float(cells.integrate(part)[0].sum()) for part in (largest * (pdf <= 0), ratio))
+        return Integral(sums[:, 0], sums[:, 1], missed, square)
+
+    def figure(self) -> Any:
+        """Return a figure of observed and expected counts and their difference in standard deviations.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        """
+        from dmis import plot
+
+        figure, axes = plot.canvas(1, 3, 13, 4.2)
+        error = self._integrals[1] * self.count
+        difference = (self.observed - self.expected) / np.sqrt(np.maximum(self.expected + error**2, 1))
+        counts = {"vmin": 0, "vmax": max(self.observed.max(), self.expected.max())}
+        maps = (
+            ("directions of sample in each cell", self.observed, counts),
+            (f"expected by {self.pdf_name}", self.expected, counts),
+            ("difference / standard deviation", difference, {"vmin": -6, "vmax": 6, "cmap": "RdBu_r"}),
         )
-    return f"integrals {', '.join(f'{view.comparison.mass:.3f}' for view in views)}"
+        for axis, (name, values, options) in zip(axes[0], maps, strict=True):
+            axis.set_title(name, fontsize="medium")
+            figure.colorbar(axis.pcolormesh(np.degrees(self.cells.phi), range(len(values) + 1), values, **options))
+            rows = np.arange(0, len(values) + 1, 2)
+            axis.set_yticks(rows, [f"{edge:.3g}°" for edge in np.degrees(self.cells.theta[rows])], fontsize="x-small")
+        figure.supxlabel("azimuth about the axis (degrees)", fontsize="small")
+        figure.supylabel("angle from the axis (edges of rings)", fontsize="small")
+        figure.suptitle(f"sample and {self.pdf_name}, {self.place}", parse_math=False)
+        return figure
 
 
-def check_chi_square(views: Sequence[DensityView], level: float) -> str:
-    """Raise a Fault unless the samples follow each pdf; return the p-values."""
-    for view in views:
-        comparison = view.comparison
-        if comparison.p > level:
-            continue
-        integral = view.integral()
-        ratio, spread = comparison.ratio
-        raise Fault(
-            f"{_verdict(view, integral)}. The integral of {view.pdf_name} is {integral:.3f}, p = {comparison.p:.1g} "
-            f"({view.place}); observed / expected is {ratio:.3f} on average, and varies by {spread:.3f} from cell to "
-            f"cell",
-            view.figure(),
-        )
-    return f"p = {', '.join(f'{view.comparison.p:.2g}' for view in views)}"
+@dataclass(frozen=True, eq=False)
+class Integral:
+    """A quadrature over directions.
+
+    Attributes
+    ----------
+    value, error
+        The integral of each channel, and the quadrature's error, ``(C,)``.
+    missed
+        The part of the largest channel's integral where the pdf is 0.
+    square
+        The integral of (largest channel)^2 / pdf, the second moment of the samples.
+    """
+
+    value: Array
+    error: Array
+    missed: float
+    square: float
 
 
-def _verdict(view: DensityView, integral: float) -> str:
-    """Return which function is wrong of samples and a pdf that disagree, or that either may be."""
-    comparison, pdf = view.comparison, view.pdf_name
-    if min(abs(integral - 1), abs(integral - comparison.accepted)) > _NORMALISED:
-        return f"{pdf} is not the density of sample; its integral is wrong: look at {pdf} first"
-    observed, expected = comparison.observed.sum(), comparison.expected.sum()
-    for name, law in view.laws().items():
-        mass, error = comparison.cells.integrate(law(comparison.cells.nodes))
-        if not mass.sum():
-            continue
-        empty = mass == 0
-        if comparison.expected[empty].sum() > _ALIKE * expected and not comparison.observed[empty].any():
-            return f"{pdf} is not the density of sample: it is not 0 where {name} is 0, so look at {pdf} first"
-        scale = observed / mass.sum()
-        if observed >= _FEW and chi2_p(comparison.observed, mass * scale, (error * scale) ** 2) > _LEAST_P:
-            return f"{pdf} is not the density of sample: sample follows {name}, so look at {pdf} first"
-        # half of the sum of |a - b| is the part of the directions in which two densities differ
-        difference = np.abs(mass / mass.sum() - comparison.expected / max(expected, 1e-30)).sum() / 2
-        if difference < _ALIKE:
-            return f"sample does not follow {pdf}, which is {name} with the right integral: look at sample first"
-    return f"sample does not follow {pdf}, whose integral is right: either may be wrong"
+def _total(error: Array) -> float:
+    """Return the error of a sum of integrals with these errors."""
+    return float(np.sqrt((error**2).sum())) + QUADRATURE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -24,14 +24,13 @@ RECOGNISED = (
     "classes that derive from Lobe, DeltaLobe, AreaLight, InfiniteLight, DeltaLight or dmis.Rule and whose fields all "
     "have defaults; objects of such classes, dmis.Material and dmis.Technique; registered rules and techniques"
 )
-
-
+_KINDS: dict[str, type] = {"lobe": Lobe, "light": Light, "technique": Technique, "rule": Rule}
 _SHIPPED = tuple(TECHNIQUES.values())
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What can be checked in a module.
+    """An object of a module that can be checked.
 
     Attributes
     ----------
@@ -39,86 +38,71 @@ class Subject:
         In the module, or under which it is registered.
     kind
         ``lobe``, ``light``, ``technique`` or ``rule``.
-    check
-        Returns the outcomes of its checks.
+    item
+        The object, or the name of a registered rule.
     """
 
     name: str
     kind: str
-    check: Callable[[], list[Outcome]]
+    item: Any
+
+    def check(self, albedo: Sequence[float] = ()) -> list[Outcome]:
+        """Return the outcomes of its checks; `albedo` is that of `dmis.testing.lobe.check_lobe`."""
+        checks: dict[str, Callable[[], list[Outcome]]] = {
+            "lobe": lambda: check_lobe(self.item, self.name, albedo),
+            "light": lambda: check_light(self.item, self.name),
+            "technique": lambda: check_technique(self.item),
+            "rule": lambda: check_rule(self.item, self.name),
+        }
+        return checks[self.kind]()
 
 
-@dataclass(frozen=True)
-class Skipped:
-    """A class of a module that cannot be checked: its name, and why."""
-
-    name: str
-    reason: str
-
-
-def find(module: ModuleType) -> tuple[list[Subject], list[Skipped]]:
-    """Return what a module defines that can be checked, and the classes that cannot.
+def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
+    """Return what a module defines that can be checked, and the names of classes that cannot, with the reasons.
 
     Recognised are objects that are variables of the module: lobes, the lobes of materials, lights, techniques, rules;
     classes defined in the module, with the defaults of their fields, unless one of those objects is of the class; and
     the rules and techniques that the module registers. Names that begin with an underscore, and what is imported, are
     left out.
     """
-    subjects, skipped = [], []
-    classes: list[tuple[str, type]] = []
-    checked: set[int] = set()
-    for name, value in vars(module).items():
-        if name.startswith("_"):
-            continue
-        if isinstance(value, type):
-            if value.__module__ == module.__name__ and _kind(value):
-                classes.append((name, value))
-            continue
-        for label, item in _items(name, value):
-            kind = _kind(type(item))
-            if kind and id(item) not in checked and _belongs(item, module):
-                checked.add(id(item))
-                subjects.append(Subject(label, kind, _check(kind, item, label)))
-    known = {type(item) for value in vars(module).values() for _, item in _items("", value)}
+    variables = {name: value for name, value in vars(module).items() if not name.startswith("_")}
+    subjects: list[Subject] = []
+    for label, item in _items(variables):
+        if (kind := _kind(type(item))) and _belongs(item, module) and all(item is not s.item for s in subjects):
+            subjects.append(Subject(label, kind, item))
     rules = {name: cls for name, cls in RULES.items() if getattr(cls, "__module__", "") == module.__name__}
-    for name, cls in classes:
-        if cls in known or cls in rules.values():
-            continue
-        if missing := _required(cls):
-            example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
-            has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
-            reason = f"{', '.join(missing)} {has} no default. Give {it} one, or add an object to the file: {example}"
-            skipped.append(Skipped(name, reason))
-            continue
-        try:
-            item = cls()
-        except Exception as error:
-            skipped.append(Skipped(name, raised(error)))
-            continue
-        kind = _kind(cls)
-        subjects.append(Subject(name, kind, _check(kind, item, name)))
-    subjects += [Subject(name, "rule", _check("rule", name, name)) for name in rules]
-    subjects += [
-        Subject(technique.name, "technique", _check("technique", technique, technique.name))
+    used = {type(item) for _, item in _items(vars(module))} | set(rules.values())
+    skipped: dict[str, str] = {}
+    for name, cls in variables.items():
+        if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
+            if reason := _missing(name, cls):
+                skipped[name] = reason
+                continue
+            try:
+                subjects.append(Subject(name, _kind(cls), cls()))
+            except Exception as error:
+                skipped[name] = raised(error)
+    subjects += [Subject(name, "rule", name) for name in rules]
+    checked = [subject.item for subject in subjects]
+    return subjects + [
+        Subject(technique.name, "technique", technique)
         for technique in TECHNIQUES.values()
-        if id(technique) not in checked and _belongs(technique, module)
-    ]
-    return subjects, skipped
+        if all(technique is not item for item in checked) and _belongs(technique, module)
+    ], skipped
 
 
-def _items(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield a variable, or the lobes of a material, with names."""
-    if not isinstance(value, Material):
-        yield name, value
-        return
-    for k, lobe in enumerate(value.lobes):
-        yield f"{name}.lobes[{k}]", lobe
+def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the objects that are no classes, with their names; of a material its lobes."""
+    for name, value in variables.items():
+        if isinstance(value, Material):
+            yield from ((f"{name}.lobes[{k}]", lobe) for k, lobe in enumerate(value.lobes))
+        elif not isinstance(value, type):
+            yield name, value
 
 
 def _kind(cls: type) -> str:
     """Return the kind of the objects of a class; empty if they are none that is checked."""
-    kinds: dict[str, type] = {"lobe": Lobe, "light": Light, "technique": Technique, "rule": Rule}
-    return next((kind for kind, base in kinds.items() if base in cls.__mro__), "")
+    return next((kind for kind, base in _KINDS.items() if base in cls.__mro__), "")
 
 
 def _belongs(item: Any, module: ModuleType) -> bool:
@@ -129,19 +113,12 @@ def _belongs(item: Any, module: ModuleType) -> bool:
     return own or (any(item is value for value in vars(module).values()) and item not in _SHIPPED)
 
 
-def _check(kind: str, item: Any, name: str) -> Callable[[], list[Outcome]]:
-    """Return what checks an object."""
-    checks: dict[str, Callable[[], list[Outcome]]] = {
-        "lobe": lambda: check_lobe(item, name),
-        "light": lambda: check_light(item, name),
-        "technique": lambda: check_technique(item),
-        "rule": lambda: check_rule(item, name),
-    }
-    return checks[kind]
-
-
-def _required(cls: type) -> list[str]:
-    """Return the arguments of a class that have no default."""
+def _missing(name: str, cls: type) -> str:
+    """Return which arguments of a class have no default, and what to do about it; empty if all have one."""
     rest = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     parameters = inspect.signature(cls).parameters.items()
-    return [name for name, p in parameters if p.default is p.empty and p.kind not in rest]
+    missing = [field for field, p in parameters if p.default is p.empty and p.kind not in rest]
+    example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
+    has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
+    text = f"{', '.join(missing)} {has} no default. Give {it} one, or add an object to the file: {example}"
+    return text if missing else ""

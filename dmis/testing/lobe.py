@@ -6,7 +6,7 @@ directions are those below, and both sides of the surface are tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,32 +14,36 @@ from dmis.base.vectors import Array, dot, normalise
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
+from dmis.scene.probe import check_lobe_form, surface
 from dmis.scene.shading_points import ShadingPoints
-from dmis.testing.chi_square import QUADRATURE
 from dmis.testing.delta_lobe import check_delta_lobe
-from dmis.testing.density import check_chi_square, check_mass
-from dmis.testing.lobe_view import COUNT, LobeView
+from dmis.testing.density import QUADRATURE, DensityView
+from dmis.testing.density_checks import (
+    CORNERS,
+    COUNT,
+    GRAZING,
+    check_chi_square,
+    check_finite,
+    check_integral,
+    check_mass,
+    check_unit,
+)
 from dmis.testing.outcome import Fault, Outcome, run_checks
-from dmis.testing.scenes import ABOVE, BELOW, box_scene, compare_means, surface
-from dmis.testing.sphere import columns, polar, uniforms
+from dmis.testing.scenes import ABOVE, BELOW, TECHNIQUES_ALONE, box_scene, compare_means
+from dmis.testing.sphere import polar, uniforms
 from dmis.testing.statistics import level, z_limit
 
 ANGLES = (0.0, 35.0, 70.0, 85.0)
 """Angles between the normal and wo, in degrees."""
-GRAZING = (0.0, 89.9, 89.9999, 90.0)
-"""The same, of the check of finite values."""
 LEVEL = level(32)
 """Of each test: chi-square, integral and furnace at four angles from two sides, and renders."""
-LIMIT = z_limit(LEVEL)
-CORNERS = np.array([[0, 0, 1, 1, 0.5, 0.5], [0, 1, 0, 1, 0, 1]], np.float32) * np.float32(1 - 2**-24)
-"""Smallest and largest uniform numbers, ``(2, 6)``."""
-_EVEN = 4096
-"""Directions all over a side of the surface."""
 _RECIPROCITY = 0.02
 """Relative difference of two values of a lobe that is allowed, because exponents amplify roundings."""
+_ALBEDO = 0.02
+"""The same of the albedo."""
 
 
-def check_lobe(lobe: Lobe, name: str = "") -> list[Outcome]:
+def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list[Outcome]:
     """Check a lobe that is not a Dirac delta, or one that is, by what `Lobe` and `DeltaLobe` promise.
 
     Parameters
@@ -48,6 +52,9 @@ def check_lobe(lobe: Lobe, name: str = "") -> list[Outcome]:
         Its colours at most 1, so that it must not reflect more light than arrives.
     name
         For messages. Default: that of the class.
+    albedo
+        The largest channel of the albedo that it must have: one number, or one for each of `ANGLES`. Default: any of
+        at most 1.
 
     Returns
     -------
@@ -63,144 +70,85 @@ def check_lobe(lobe: Lobe, name: str = "") -> list[Outcome]:
     name = name or type(lobe).__name__
     if lobe.delta:
         return check_delta_lobe(material, name)
-    form = run_checks(name, [("forms of what eval, pdf and sample return", lambda: _check_form(material))])
-    if not form[0].passed:
-        return form
-    views = [
-        LobeView(material, degrees, outside)
-        for outside in ((True, False) if lobe.has_sides() else (True,))
-        for degrees in ANGLES
-    ]
+    places = [(k, outside) for outside in (True, False)[: 1 + lobe.has_sides()] for k in ANGLES]
+    eta2 = [lobe.eta_scale() ** (2 if outside else -2) for _, outside in places]
+    views: list[DensityView] = []
+    corners: list[DensityView] = []
 
-    def at_all(check: Callable[[LobeView], None], success: str) -> Callable[[], str]:
-        def run() -> str:
-            for view in views:
-                check(view)
-            return success
+    def check_form() -> str:
+        check_lobe_form(lobe)
+        numbers = [uniforms(COUNT, round(degrees) + 90 * outside) for degrees, outside in places]
+        views.extend(_view(material, *place, u) for place, u in zip(places, numbers, strict=True))
+        corners.extend(_view(material, degrees, True, CORNERS[:2]) for degrees in GRAZING)
+        check_unit("sample", views[0].wi, views[0].place)
+        return "shapes are right, directions are unit vectors"
 
-        return run
-
-    checks: list[tuple[str, Callable[[], Outcome | str]]] = [
-        ("values are finite and not negative", lambda: _check_finite(material)),
-        ("sample and pdf are on one side", at_all(_check_side, "directions are on the side of the lobe")),
+    checks: list[tuple[str, Callable[[], str]]] = [
+        ("forms of what eval, pdf and sample return", check_form),
+        ("values are finite and not negative", lambda: check_finite(corners, "eval cos")),
         ("pdf integrates to its accepted mass", lambda: check_mass(views, LEVEL)),
         ("sample follows pdf (chi-square)", lambda: check_chi_square(views, LEVEL)),
-        ("samples reflect the integral of eval (furnace)", lambda: _check_furnace(views)),
-        ("eval reflects no more than arrives (energy)", lambda: _check_energy(views)),
+        (
+            "samples reflect the integral of eval (furnace)",
+            lambda: f"albedo {check_integral(views, LEVEL, 'eval cos')}",
+        ),
+        ("eval reflects no more than arrives (energy)", lambda: _check_energy(views, eta2)),
         ("eval is reciprocal", lambda: _check_reciprocity(material)),
-        ("weight is eval cos / pdf", at_all(_check_weight, "as computed, or there is none")),
+        ("weight is eval cos / pdf", lambda: _check_weight(material, views)),
         ("renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(material)),
     ]
-    return form + run_checks(name, checks)
+    if albedo:
+        checks.insert(5, ("albedo is as expected", lambda: _check_albedo(views, albedo)))
+    return run_checks(name, checks)
 
 
-def _check_form(material: Material) -> str:
-    """Return a message if shapes are right; raise a Fault that names the function whose are not."""
-    view = LobeView(material, 35.0)
-    for count in (1, 5):
-        points = view.points(count)
-        wi = np.asarray(points.sample(uniforms(count)))
-        if wi.shape != (3, count):
-            raise Fault(f"sample must return directions (3, N); got shape {wi.shape} for N = {count}")
-        length = np.sqrt(dot(wi, wi))
-        if not np.abs(length - 1).max() < 1e-4:
-            raise Fault(
-                f"sample must return unit directions; got a length of {length[np.abs(length - 1).argmax()]:.6g}"
-            )
-        directions = Directions(points, wi)
-        if (shape := np.shape(points.pdf(directions))) != (count,):
-            raise Fault(f"pdf must return densities (N,); got shape {shape} for N = {count}")
-        if (shape := np.shape(points.eval(directions))) not in ((1, count), (3, 1), (3, count), (1, 1)):
-            raise Fault(f"eval must return values (1, N), (3, 1) or (3, N); got shape {shape} for N = {count}")
-    return "shapes are right, directions are unit vectors"
+def _points(material: Material, degrees: float, count: int, outside: bool = True) -> ShadingPoints:
+    """Return points seen from an angle, on the side of the lobe."""
+    points = surface(material, polar(degrees) * [1, 1, degrees < 90], count, outside=outside)
+    return points.beyond() if material.lobes[0].transmissive else points
 
 
-def _check_finite(material: Material) -> str:
-    """Raise a Fault if a value is not finite or is negative, at grazing and special directions."""
-    for degrees in GRAZING:
-        wo = polar(degrees) * [1, 1, degrees < 90]
-        special = [wo, wo * [-1, -1, 1], -wo, wo * [1, 1, -1], (0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0)]
-        special += [polar(89.99999, 205.0), polar(90.00001, 205.0)]
-        points = surface(material, wo, CORNERS.shape[1])
-        sampled = _side(points).sample(CORNERS)
-        if not np.isfinite(sampled).all():
-            k = np.flatnonzero(~np.isfinite(sampled).all(axis=0))[0]
-            raise Fault(f"sample returns {sampled[:, k]} for wo at {degrees:g}°, u = {CORNERS[:, k].tolist()}")
-        wi = np.concatenate([*(columns(w) for w in special), sampled.astype(np.float32)], axis=1)
-        points = _side(surface(material, wo, wi.shape[1]))
-        directions = Directions(points, wi)
-        for function, values in (("eval", points.eval(directions)), ("pdf", points.pdf(directions))):
-            values = np.broadcast_to(values, (3, wi.shape[1]))
-            if (wrong := ~(np.isfinite(values) & (values >= 0)).all(axis=0)).any():
-                k = np.flatnonzero(wrong)[0]
-                raise Fault(
-                    f"{function} is {values[:, k].min():g} for wo at {degrees:g}° and wi = {_text(wi[:, k])}; it must "
-                    f"be finite and not negative"
-                )
-    return f"wo at {', '.join(f'{degrees:g}°' for degrees in GRAZING)}"
+def _view(material: Material, degrees: float, outside: bool, u: Array) -> DensityView:
+    """Return the lobe seen from an angle, sampled by the uniform numbers `u` ``(2, N)``."""
+
+    def pdf(w: Array) -> Array:
+        points = _points(material, degrees, w.shape[1], outside)
+        return points.pdf(Directions(points, w))
+
+    def value(w: Array) -> Array:
+        points = _points(material, degrees, w.shape[1], outside)
+        directions = Directions(points, w)
+        return np.broadcast_to(points.eval(directions) * (directions.cos_i * directions.above), w.shape)
+
+    points = _points(material, degrees, u.shape[1], outside)
+    wi = points.sample(u)
+    accepted = Directions(points, wi).above
+    if material.lobes[0].transmissive:  # it may refuse directions
+        accepted &= pdf(wi) > 0
+    return DensityView(wi, pdf, accepted, f"wo at {degrees:g}°{'' if outside else ' inside'}", value)
 
 
-def _side(points: ShadingPoints) -> ShadingPoints:
-    """Return the points on the side of their only lobe."""
-    return points if points.reflection else points.beyond()
+def _check_albedo(views: Sequence[DensityView], albedo: Sequence[float]) -> str:
+    """Raise a Fault unless the albedo is the expected one, of one number or one for each of `ANGLES`."""
+    for k, view in enumerate(views):
+        expected = albedo[k % len(ANGLES) % len(albedo)]
+        value, error = view.fine_integral.value.max(), view.fine_integral.error.max()
+        if abs(value - expected) > _ALBEDO * expected + error:
+            raise Fault(f"the integral of eval cos is {value:.4f}, but the albedo must be {expected:g} ({view.place})")
+    return f"within {_ALBEDO:.0%}"
 
 
-def _check_side(view: LobeView) -> None:
-    """Raise a Fault if samples, or the density, are on the other side of the surface."""
-    points = view.points(_EVEN)
-    wi = normalise(np.random.default_rng(5).normal(size=(3, _EVEN)).astype(np.float32))
-    wi[2] = -points.n[2] * (np.abs(wi[2]) + np.float32(1e-3))
-    directions = Directions(points, normalise(wi))
-    side = "below" if view.reflects else "above"
-    if (pdf := points.pdf(directions)).any():
-        raise Fault(f"pdf is up to {pdf.max():.3g} {side} the surface, where it must be 0 ({view.place})")
-    if not Directions(view.points(COUNT), view.wi).above.any() and view.degrees == 0 and view.outside:
-        raise Fault(f"sample: all directions are {side} the surface, the wrong side ({view.place})")
-
-
-def _check_furnace(views: list[LobeView]) -> str:
-    """Raise a Fault if the samples, weighted by f cos / pdf, do not reflect the integral of f cos."""
-    for view in views:
-        points = view.points(COUNT)
-        directions = Directions(points, view.wi)
-        pdf = points.pdf(directions).astype(float)
-        f = np.broadcast_to(points.eval(directions), view.wi.shape).astype(float)
-        ok = directions.above & (pdf > 0)
-        estimate = np.divide(f * directions.cos_i, pdf, out=np.zeros_like(f), where=ok).mean(axis=1)
-        for fine in (False, True):
-            reflected = view.reflected(fine)
-            albedo, error = reflected.albedo, reflected.error
-            deviation = np.sqrt(max(reflected.square - albedo.max() ** 2, 0) / COUNT)
-            allowed = LIMIT * deviation + 3 * error + 2e-3 * np.maximum(albedo, 1e-3)
-            missed = reflected.missed > (2e-3 + error).max()
-            if not missed and (np.abs(estimate - albedo) <= allowed).all():
-                break
-        else:
-            if missed:
-                raise Fault(
-                    f"pdf is 0 where eval reflects {reflected.missed:.4f} of the light ({view.place}): BRDF sampling "
-                    f"loses it"
-                )
-            k = np.abs(estimate - albedo).argmax()
-            raise Fault(
-                f"sample and pdf reflect {estimate[k]:.4f} of the light (mean of eval cos / pdf), eval {albedo[k]:.4f} "
-                f"(its integral), with a standard error of {deviation:.1g} ({view.place})",
-                view.figure(),
-            )
-    return f"albedo {', '.join(f'{view.reflected().albedo.max():.3f}' for view in views)}"
-
-
-def _check_energy(views: list[LobeView]) -> str:
-    """Raise a Fault if the lobe reflects more light than arrives."""
-    worst = max(views, key=lambda view: view.reflected().albedo.max() * view.eta2)
-    for fine in (False, True):
-        reflected = worst.reflected(fine)
-        share = reflected.albedo * worst.eta2
-        if (share <= 1 + 2 * QUADRATURE + 3 * reflected.error).all():
-            return f"at most {share.max():.3f} of the light ({worst.place}); nothing else bounds the scale of eval"
+def _check_energy(views: Sequence[DensityView], eta2: Sequence[float]) -> str:
+    """Raise a Fault if the lobe reflects more light than arrives; radiance is divided by squared indices `eta2`."""
+    shares = [view.integral.value.max() * factor for view, factor in zip(views, eta2, strict=True)]
+    k = int(np.argmax(shares))
+    for integral in (views[k].integral, views[k].fine_integral):
+        share = integral.value * eta2[k]
+        if (share <= 1 + 2 * QUADRATURE + 3 * integral.error).all():
+            return f"at most {share.max():.3f} of the light ({views[k].place}); nothing else bounds the scale of eval"
     raise Fault(
-        f"eval reflects {share.max():.4f} of the light that arrives ({worst.place}); at most 1 is allowed with colours "
-        f"of at most 1. eval must not contain the cosine, and is 1 / pi for a white diffuse lobe"
+        f"eval reflects {share.max():.4f} of the light that arrives ({views[k].place}); at most 1 is allowed with "
+        f"colours of at most 1. eval must not contain the cosine, and is 1 / pi for a white diffuse lobe"
     )
 
 
@@ -225,13 +173,10 @@ def _check_reciprocity(material: Material) -> str:
     wrong = (difference > _RECIPROCITY).any(axis=0)
     if wrong.sum() > 0.02 * ok.sum():
         k = int(difference.max(axis=0).argmax())
-        # f(wo, wi) cos_o = f(wi, wo) cos_i if f is a reciprocal function times cos_i
-        sides = one * np.abs(a[2]), other * np.abs(b[2])
-        cosine = np.isclose(*sides, rtol=2 * _RECIPROCITY, atol=1e-5 * sides[0].max()).all(axis=0)
-        advice = ". Is cos_i a factor of eval? The estimator multiplies by it" if cosine[ok].mean() > 0.98 else ""
         raise Fault(
             f"eval is not reciprocal in {wrong.sum() / ok.sum():.0%} of the pairs: f(wo, wi) = {one[:, k].max():.4g}, "
-            f"f(wi, wo) = {other[:, k].max():.4g} for wo = {_text(a[:, k])}, wi = {_text(b[:, k])}{advice}"
+            f"f(wi, wo) = {other[:, k].max():.4g} for wo = {_text(a[:, k])}, wi = {_text(b[:, k])}. cos_i must not be "
+            f"a factor of eval: the estimator multiplies by it"
         )
     return f"{ok.sum()} pairs of directions, within {_RECIPROCITY:.0%}"
 
@@ -243,30 +188,24 @@ def _moved(material: Material, wo: Array, outside: bool, transmits: bool) -> Sha
     return points.beyond() if transmits else points
 
 
-def _check_weight(view: LobeView) -> None:
+def _check_weight(material: Material, views: Sequence[DensityView]) -> str:
     """Raise a Fault if `weight` returns something else than f cos / pdf."""
-    points = view.points(COUNT)
-    if (weight := points.reflection[0].weight()) is None:
-        return
-    directions = Directions(points, view.wi)
-    pdf = points.pdf(directions)
-    ok = directions.above & (pdf > 1e-3)
-    value = np.broadcast_to(points.eval(directions) * directions.cos_i, view.wi.shape)[:, ok] / pdf[ok]
-    given = np.broadcast_to(weight, view.wi.shape)[:, ok]
-    if not np.allclose(value, given, rtol=1e-3):
-        k = np.unravel_index(np.abs(value - given).argmax(), value.shape)
-        raise Fault(f"weight returns {given[k]:.4g}, eval cos / pdf is {value[k]:.4g} ({view.place})")
+    if (weight := _points(material, 35.0, COUNT).reflection[0].weight()) is None:
+        return "there is none"
+    for view in views:
+        assert view.value is not None
+        pdf = view.pdf(view.wi)
+        ok = view.accepted & (pdf > 1e-3)
+        ratio = view.value(view.wi)[:, ok] / pdf[ok]
+        if not np.allclose(ratio, np.broadcast_to(weight, view.wi.shape)[:, ok], rtol=1e-3):
+            raise Fault(f"weight returns up to {np.max(weight):.4g}, eval cos / pdf {ratio.max():.4g} ({view.place})")
+    return "as computed"
 
 
 def _check_renders(material: Material) -> str:
     """Raise a Fault if light sampling, BRDF sampling and both have different means."""
-    rules = (("light samples (fixed:1)", "fixed:1"), ("BRDF samples (fixed:0)", "fixed:0"), ("both", "balance"))
-    return compare_means(
-        box_scene(material, (ABOVE, BELOW)),
-        rules,
-        LIMIT,
-        lambda name: "sample or pdf: light samples need eval alone, and the others disagree with them",
-    )
+    advice = "sample or pdf: light samples need eval alone, and the others disagree with them"
+    return compare_means(box_scene(material, (ABOVE, BELOW)), TECHNIQUES_ALONE, z_limit(LEVEL), advice)
 
 
 def _text(w: Array) -> str:

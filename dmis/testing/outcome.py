@@ -7,12 +7,9 @@ import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import matplotlib.figure
 
 _PATHS = sysconfig.get_paths()
 _OTHERS = (Path(__file__).parents[1], *(Path(_PATHS[key]) for key in ("stdlib", "purelib", "platlib")))
@@ -38,7 +35,7 @@ class Outcome:
     name: str
     passed: bool
     message: str
-    figure: Callable[[], matplotlib.figure.Figure] | None = None
+    figure: Callable[[], Any] | None = None
 
 
 def require(outcomes: Iterable[Outcome]) -> None:
@@ -51,7 +48,7 @@ def require(outcomes: Iterable[Outcome]) -> None:
         raise AssertionError("there are no outcomes: nothing was checked")
 
 
-def run_checks(name: str, checks: Iterable[tuple[str, Callable[[], Outcome | str]]]) -> list[Outcome]:
+def run_checks(name: str, checks: Iterable[tuple[str, Callable[[], str]]]) -> list[Outcome]:
     """Run checks in order and return their outcomes.
 
     Parameters
@@ -59,28 +56,29 @@ def run_checks(name: str, checks: Iterable[tuple[str, Callable[[], Outcome | str
     name
         Of what is checked; it begins the name of each outcome.
     checks
-        Titles and functions. A function returns an outcome, or the message of success; it raises a `Fault`. Any other
-        exception is a failure that names the function and line that raised it.
+        Titles and functions. A function returns the message of success, or raises a `Fault`. Any other exception is a
+        failure that names the function and line that raised it. The first is of the form: if it fails, it is the only
+        outcome.
     """
-    outcomes = []
+    outcomes: list[Outcome] = []
     for title, check in checks:
         full = f"{name}: {title}"
         try:
             with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
-                result = check()
+                outcomes.append(Outcome(full, True, check()))
         except Fault as fault:
             outcomes.append(Outcome(full, False, str(fault), fault.figure))
         except Exception as error:
             outcomes.append(Outcome(full, False, raised(error)))
-        else:
-            outcomes.append(Outcome(full, True, result) if isinstance(result, str) else result)
+        if not outcomes[0].passed:
+            break
     return outcomes
 
 
 class Fault(Exception):
     """A check that fails: the message of its outcome, and its picture."""
 
-    def __init__(self, message: str, figure: Callable[[], matplotlib.figure.Figure] | None = None) -> None:
+    def __init__(self, message: str, figure: Callable[[], Any] | None = None) -> None:
         super().__init__(message)
         self.figure = figure
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -19,14 +17,13 @@ from dmis.testing.outcome import Fault, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, box_scene, compare_means
 from dmis.testing.statistics import level, z_limit
 
-LIMIT = z_limit(level(1))
 SPP = 32
 """Camera samples per pixel of each render, the pilot included."""
 _SIZES = ((16, 16), (21, 13), (1, 1))
 """Images ``(width, height)``: whole patches, cut ones, a single pixel."""
 
 
-def check_rule(rule: Rule | str | Any, name: str = "") -> list[Outcome]:
+def check_rule(rule: Rule | str, name: str = "") -> list[Outcome]:
     """Check a weight rule by what `Rule` and `Fit` promise.
 
     Parameters
@@ -42,19 +39,19 @@ def check_rule(rule: Rule | str | Any, name: str = "") -> list[Outcome]:
         One for each check. A right rule fails any of them with a probability of 1e-4.
     """
     name = name or (rule if isinstance(rule, str) else type(rule).__name__)
-    form = run_checks(name, [("it is a rule", lambda: _check_form(rule))])
-    if not form[0].passed:
-        return form
-    checks: list[tuple[str, Callable[[], Outcome | str]]] = [
-        ("fit returns shares in [0, 1] of the shape of the image", lambda: _check_fit(rule)),
-        ("fit copes with a pilot without variance", lambda: _check_black(rule)),
-        ("fit depends on the pilot alone", lambda: _check_deterministic(rule)),
-        ("renders agree with balance", lambda: _check_renders(rule, name)),
-    ]
-    return form + run_checks(name, checks)
+    return run_checks(
+        name,
+        [
+            ("it is a rule", lambda: _check_form(rule)),
+            ("fit returns shares in [0, 1] of the shape of the image", lambda: _check_fit(rule)),
+            ("fit copes with a pilot without variance", lambda: _check_black(rule)),
+            ("fit depends on the pilot alone", lambda: _check_deterministic(rule)),
+            ("renders agree with balance", lambda: _check_renders(rule, name)),
+        ],
+    )
 
 
-def _render(rule: Any, scene: Scene, seed: int = 0) -> Result:
+def _render(rule: Rule | str, scene: Scene, seed: int = 0) -> Result:
     """Render a scene by a rule; raise a Fault with the message of a fit that is refused."""
     try:
         with warnings.catch_warnings():
@@ -69,32 +66,27 @@ def _scene(size: tuple[int, int] = (16, 16)) -> Scene:
     return box_scene(plastic(0.4, 0.4, 0.05), resolution=size)
 
 
-def _check_form(rule: Any) -> str:
-    """Return a message if an object is a rule; raise a Fault if not."""
-    try:
-        made = make_rule(rule)
-    except ValueError as error:
-        raise Fault(str(error)) from error
-    pilot = ", ".join(f"{n} samples at w = {w}" for w, n in made.pilot.items())
+def _check_form(rule: Rule | str) -> str:
+    """Return a message if an object is a rule; raise a ValueError if not."""
+    pilot = ", ".join(f"{n} samples at w = {w}" for w, n in make_rule(rule).pilot.items())
     return f"pilot: {pilot or 'none'}"
 
 
-def _check_fit(rule: Any) -> str:
+def _check_fit(rule: Rule | str) -> str:
     """Raise a Fault if shares are refused, for images of several sizes."""
     shares = [_render(rule, _scene(size)).weight for size in _SIZES]
     return f"shares from {min(w.min() for w in shares):.3f} to {max(w.max() for w in shares):.3f}"
 
 
-def _check_black(rule: Any) -> str:
+def _check_black(rule: Rule | str) -> str:
     """Raise a Fault if shares are refused where every sample is 0, or where all are the same."""
     for scene in (box_scene(matte(0.0)), box_scene(lights=())):
         _render(rule, scene)
-    half = box_scene(matte(0.5), (ABOVE,), eye=(0, -3, 6), target=(0, 40, 0), resolution=(16, 16))
-    _render(rule, half)
+    _render(rule, box_scene(matte(0.5), (ABOVE,), eye=(0, -3, 6), target=(0, 40, 0)))
     return "black surfaces, no light, light in a part of the image"
 
 
-def _check_deterministic(rule: Any) -> str:
+def _check_deterministic(rule: Rule | str) -> str:
     """Raise a Fault if two renders of the same seed differ."""
     first, second = (_render(rule, _scene(), 3) for _ in range(2))
     if not np.array_equal(first.weight, second.weight):
@@ -108,16 +100,11 @@ def _check_deterministic(rule: Any) -> str:
     return "two renders of one seed are equal"
 
 
-def _check_renders(rule: Any, name: str) -> str:
+def _check_renders(rule: Rule | str, name: str) -> str:
     """Raise a Fault if the mean is not that of the balance heuristic."""
     _render(rule, _scene())  # a fit that is refused
-    return compare_means(
-        _scene(),
-        [("balance", "balance"), (name, rule)],
-        LIMIT,
-        lambda _: (
-            "fit or settings: shares may depend on the pilot only if its samples are no part of the image, or weigh "
-            "as much as their share of the budget (settings reuse_pilot)"
-        ),
-        spp=128,
+    advice = (
+        "fit or settings: shares may depend on the pilot only if its samples are no part of the image, or weigh as "
+        "much as their share of the budget (settings reuse_pilot)"
     )
+    return compare_means(_scene(), [("balance", "balance"), (name, rule)], z_limit(level(1)), advice, spp=128)

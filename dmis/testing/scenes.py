@@ -1,8 +1,8 @@
-"""Surface points and small scenes of checks, and the comparison of renders that must have the same mean."""
+"""Small scenes of checks, and the comparison of renders that must have the same mean."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,56 +16,23 @@ from dmis.light.light import Light
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
 from dmis.scene.camera import Camera
-from dmis.scene.groups import Part, batch_key, make_group
+from dmis.scene.groups import Part
+from dmis.scene.probe import surface as surface
 from dmis.scene.scene import Scene
-from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.outcome import Fault
-from dmis.testing.sphere import columns
 
 FLOOR = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
 """A square floor, 8 on a side, at z = 0."""
-ABOVE = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
+ABOVE: QuadLight = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
 """A lamp 2 above the floor that shines downwards."""
 BELOW = QuadLight((-0.5, -0.5, -2), (1, 0, 0), (0, 1, 0), (5, 4, 3))
 """A lamp 2 below the floor that shines upwards."""
-_MIDDLE = np.full((2, 1), 0.5, np.float32)
-
-
-def surface(
-    material: Material, wo: Any, count: int = 1, n: Any = (0, 0, 1), dpdu: Any = (1, 0, 0), outside: bool = True
-) -> ShadingPoints:
-    """Return `count` points at the origin, all seen from `wo`.
-
-    Parameters
-    ----------
-    material
-        Its lobes are bound as a scene binds them; images at the middle of the texture.
-    wo, n, dpdu
-        Unit vectors ``(3,)``: to the viewer, the normal, the tangent.
-    outside
-        Whether the viewer is on the outer side.
-    """
-    part = Part(FLOOR, material)
-    group = make_group(batch_key(part), [(material, None)])
-    uv = np.repeat(_MIDDLE, count, axis=1)
-    reflection, transmission, delta = (
-        tuple(group.bind(lobe, None, uv) for lobe in lobes)
-        for lobes in (group.reflection, group.transmission, group.delta)
-    )
-    normal, wo_ = columns(n, count), columns(wo, count)
-    return ShadingPoints(
-        p=np.zeros((3, count), np.float32),
-        ng=normal,
-        n=normal,
-        wo=wo_,
-        cos_o=(normal * wo_).sum(axis=0),
-        outside=np.full(count, outside),
-        dpdu=columns(dpdu, count),
-        epsilon=np.float32(0),
-        reflection=reflection,
-        transmission=transmission,
-        delta=delta,
-    )
+TECHNIQUES_ALONE: tuple[tuple[str, Rule | str], ...] = (
+    ("light samples (fixed:1)", "fixed:1"),
+    ("BRDF samples (fixed:0)", "fixed:0"),
+    ("both", "balance"),
+)
+"""Rules, with names for messages, whose means agree if a lobe or light is right."""
 
 
 def box_scene(
@@ -92,7 +59,7 @@ def compare_means(
     scene: Scene,
     rules: Sequence[tuple[str, Rule | str]],
     limit: float,
-    guilty: Callable[[str], str],
+    advice: str,
     spp: int = 64,
 ) -> str:
     """Render a scene by several rules, and compare each mean with that of the first by a z-test.
@@ -103,8 +70,8 @@ def compare_means(
         Names for messages, and rules.
     limit
         Of the normal deviate.
-    guilty
-        Returns the end of the message from the name of the rule whose mean differs.
+    advice
+        The end of the message of a failure.
 
     Returns
     -------
@@ -121,19 +88,16 @@ def compare_means(
     results = [
         (name, render(scene, rule, spp, seed=k, settings=settings, parallel=1)) for k, (name, rule) in enumerate(rules)
     ]
-    first, reference = results[0]
-    mean, error = float(reference.image.mean(dtype=float)), standard_error(reference)
-    lines, noisy = [f"{first} {mean:.4g} ± {error:.2g}"], []
-    for name, result in results[1:]:
-        other, other_error = float(result.image.mean(dtype=float)), standard_error(result)
-        lines.append(f"{name} {other:.4g} ± {other_error:.2g}")
-        if _few_pixels(result) or _few_pixels(reference):
+    means = [(float(result.image.mean(dtype=float)), standard_error(result)) for _, result in results]
+    text = f"mean radiance {', '.join(f'{results[k][0]} {m:.4g} ± {e:.2g}' for k, (m, e) in enumerate(means))}"
+    noisy = []
+    for (name, result), (mean, error) in zip(results[1:], means[1:], strict=True):
+        if _few_pixels(result) or _few_pixels(results[0][1]):
             noisy.append(name)
             continue
-        z = (other - mean) / max(np.hypot(error, other_error), 1e-6 * abs(mean), 1e-30)
+        z = (mean - means[0][0]) / max(np.hypot(error, means[0][1]), 1e-6 * abs(means[0][0]), 1e-30)
         if abs(z) > limit:
-            raise Fault(f"mean radiance {', '.join(lines)} (z = {z:.1f}). {guilty(name)}", lambda: _figure(results))
-    text = f"mean radiance {', '.join(lines)}"
+            raise Fault(f"{text} (z = {z:.1f} of {name}). {advice}", lambda: _figure(results))
     return text if not noisy else f"{text}; too noisy to compare: {', '.join(noisy)}"
 
 

@@ -1,4 +1,4 @@
-"""`check_rule`: it finds each planted fault, and says which function is wrong."""
+"""`check_rule`: it finds each planted fault, and right rules pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`check_technique`: it finds each planted fault, and says which function is wrong."""
+"""`check_technique`: it finds each planted fault, and right techniques pass."""
 
 from __future__ import annotations
 
@@ -47,39 +47,32 @@ FAULTS: dict[str, tuple[dict[str, Any], str, str]] = {
     "pdf without cosine": (
         {"pdf": lambda s, d, p: d.above * INV_PI},
         "integrates",
-        r"^pdf is not the density of sample; its integral is wrong: look at pdf first: pdf integrates to 2\.00",
+        r"^pdf is not the density of sample: it integrates to 2\.00",
     ),
     "pdf of other samples": (
         {"pdf": lambda s, d, p: d.above / np.float32(2 * np.pi)},
         "chi-square",
-        r"^pdf is not the density of sample: sample follows the cosine, so look at pdf first",
+        r"^sample does not follow pdf: p = 0; pdf integrates to 1\.00",
     ),
-    "sample on the wrong side": (
-        {"sample": behind},
-        "integrates",
-        r"^sample does not follow pdf, which is the cosine with the right integral: look at sample first",
-    ),
-    "light samples of other directions": (
-        {"sample": elsewhere},
-        "light samples",
-        r"^sample: (emits|distance|radiance) is ",
-    ),
+    "sample on the wrong side": ({"sample": behind}, "integrates", r"and 0\.0000 of the directions of sample"),
+    "light samples of other directions": ({"sample": elsewhere}, "light samples", r"^sample and hit disagree: "),
     "NaN": (
         {"pdf": lambda s, d, p: pdf(s, d, p) * (s.cos_o / s.cos_o)},
         "finite",
-        r"^pdf is nan \(diffuse floor under a lamp, wo at 90°\)",
+        r"^pdf is nan \(diffuse floor under a lamp, wo at 90°",
     ),
     "directions alone": (
         {"sample": lambda s, light, u: sample(s, light, u).wi},
         "forms",
         r"^sample must return a LightSample, such as light\.hit\(surface\.p, wi\); got ndarray",
     ),
-    "pdf of the wrong shape": (
-        {"pdf": lambda s, d, p: np.ones(3)},
-        "forms",
-        r"^pdf must return densities \(N,\); got shape \(3,\) for N = 5",
-    ),
+    "pdf of the wrong shape": ({"pdf": lambda s, d, p: np.ones(3)}, "forms", r"^pdf must return densities \(N,\)"),
     "numbers": ({"numbers": 7}, "forms", r"^numbers must be 2 to 4, .* got 7"),
+    "renders": (
+        {"pdf": lambda s, d, p: d.above * INV_PI, "exact": False},
+        "renders",
+        "sample or pdf of cosine: light and BRDF samples alone have another mean",
+    ),
 }
 
 
@@ -91,12 +84,6 @@ def test_each_fault_is_found(fault: str) -> None:
     texts = [outcome.message for outcome in found if check in outcome.name]
     assert any(re.search(message, text) for text in texts), [f"{o.name}: {o.message}" for o in found]
     assert before == TECHNIQUES
-
-
-def test_renders_find_a_pdf() -> None:
-    wrong = replace(COSINE, pdf=FAULTS["pdf without cosine"][0]["pdf"], exact=False)
-    (found,) = [outcome for outcome in check_technique(wrong) if not outcome.passed]
-    assert "renders" in found.name and "sample or pdf of cosine: light and BRDF samples alone" in found.message
 
 
 @pytest.mark.parametrize("technique", [COSINE, *TECHNIQUES.values()], ids=lambda technique: technique.name)

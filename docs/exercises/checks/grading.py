@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.testing.chi_square import compare_directions
+from dmis.testing.density import DensityView
 from dmis.testing.outcome import Outcome, raised
 from dmis.testing.statistics import chi2_p
 
@@ -111,7 +111,7 @@ def call_object(name: str, function: Any, *arguments: Any) -> Any:
         raise Failed(f"{name} runs", raised(error)) from None
 
 
-def compare(name: str, values: Array, expected: Array | float, tolerance: float, advice: str = "") -> Outcome:
+def compare(name: str, values: Array | float, expected: Array | float, tolerance: float, advice: str = "") -> Outcome:
     """Return whether values are the expected ones within a tolerance.
 
     The tolerance is relative to the largest expected value; where all expected values are 0 it is absolute.
@@ -179,10 +179,9 @@ def chi_square(name: str, counts: Array, expected: Array) -> Outcome:
 
 def check_directions(name: str, wi: Array, density: Callable[[Array], Array]) -> Iterator[Outcome]:
     """Yield whether a density over directions integrates to 1, and whether directions `wi` ``(3, N)`` follow it."""
-    comparison = compare_directions(wi.astype(np.float32), density)
-    mass = np.array(comparison.mass)
-    tolerance = 0.005 + 3 * comparison.mass_error
-    yield compare(f"{name}: the density integrates to 1", mass, 1.0, tolerance, "Which factor is missing?")
+    view = DensityView(wi.astype(np.float32), density, np.ones(wi.shape[1], bool), name)
+    tolerance = 0.005 + 3 * view.mass_error
+    yield compare(f"{name}: the density integrates to 1", view.mass, 1.0, tolerance, "Which factor is missing?")
     title = f"{name}: samples follow the density"
-    message = f"p = {comparison.p:.2g} by the chi-square test, at least {LEAST_P:g} is needed"
-    yield Outcome(title, comparison.p >= LEAST_P, message, lambda: comparison.figure(title))
+    message = f"p = {view.p:.2g} by the chi-square test, at least {LEAST_P:g} is needed"
+    yield Outcome(title, view.p >= LEAST_P, message, view.figure)

@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from dmis.base.vectors import Array, normalise
+from dmis.base.vectors import normalise
 from dmis.samplers.warp import square_to_sphere
-from dmis.testing.chi_square import Cells, compare_directions
+from dmis.testing.cells import Cells
+from dmis.testing.density import DensityView
 from dmis.testing.outcome import Fault, Outcome, require, run_checks
 from dmis.testing.sphere import columns, uniforms
 from dmis.testing.statistics import FALSE_ALARM, chi2_p, level, z_limit
@@ -28,28 +29,20 @@ def test_p_values_are_uniform() -> None:
     p = np.array([chi2_p(rng.poisson(expected), expected) for _ in range(2000)])
     for limit in (0.5, 0.1, 0.01):
         assert abs((p < limit).mean() - limit) < 5 * math.sqrt(limit / 2000) + 0.005
-
-
-def test_too_few_cells_say_nothing() -> None:
     with pytest.raises(ValueError, match="needs two cells that expect 5 or more"):
         chi2_p(np.ones(3), np.ones(3))
 
 
-def cap(cos: float) -> tuple[Array, Array]:
-    """Directions within an angle of a tilted axis, evenly, and the axis: half of them in a spike of 0.01 rad."""
-    axis = normalise(columns((0.3, -0.4, 0.5)))
-    w = square_to_sphere(uniforms(2**20, 7))
-    return w[:, axis[:, 0] @ w > cos], axis
-
-
 @pytest.mark.parametrize("cos", [0.0, 0.95])
 def test_a_density_with_an_edge_passes(cos: float) -> None:
-    """The edge cuts cells."""
-    w, axis = cap(cos)
+    """Uniform directions in a tilted cap, whose edge cuts cells."""
+    axis = normalise(columns((0.3, -0.4, 0.5)))[:, 0]
+    w = square_to_sphere(uniforms(2**20, 7))
+    w = w[:, axis @ w > cos][:, : 2**14]
     right = 1 / (2 * np.pi * (1 - cos))
-    comparison = compare_directions(w[:, : 2**15], lambda d: (axis[:, 0] @ d > cos) * right)
-    assert comparison.p > 1e-4 and comparison.mass_agrees(4) and comparison.accepted == 1
-    wrong = compare_directions(w[:, : 2**15], lambda d: (axis[:, 0] @ d > cos) * (1.07 * right))
+    view = DensityView(w, lambda d: (axis @ d > cos) * right, np.ones(2**14, bool))
+    assert view.p > 1e-4 and view.mass_agrees(4) and view.share == 1
+    wrong = DensityView(w, lambda d: (axis @ d > cos) * (1.07 * right), np.ones(2**14, bool))
     assert not wrong.mass_agrees(5) and wrong.ratio[0] == pytest.approx(1 / 1.07, abs=0.01)
 
 
@@ -70,7 +63,7 @@ def test_require_lists_what_failed() -> None:
     assert outcomes[0] == Outcome("Mine: a", True, "fine")
     with pytest.raises(AssertionError, match=r"2 of 3 checks failed:\nMine: b: pdf is wrong\nMine: c: .*Zero") as error:
         require(outcomes)
-    assert "(test_chi_square.py, line " in str(error.value)
+    assert "(test_density.py, line " in str(error.value)
+    assert len(run_checks("Mine", [("form", fail), ("b", lambda: "fine")])) == 1
     with pytest.raises(AssertionError, match="nothing was checked"):
         require([])
-    require(outcomes[:1])

@@ -1,0 +1,166 @@
+"""The checks that lobes, lights and techniques share: samples against pdf, integral, light samples, finite values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dmis.base.vectors import Array, dot
+from dmis.light.light_sample import LightSample
+from dmis.testing.density import DensityView, Integral
+from dmis.testing.outcome import Fault
+from dmis.testing.sphere import polar
+from dmis.testing.statistics import z_limit
+
+COUNT = 2**16
+"""Sampled directions of a view."""
+GRAZING = (0.0, 89.9, 89.9999, 90.0)
+"""Angles of directions of the checks of finite values, in degrees."""
+CORNERS = np.array([[0, 0, 1, 1, 0.5, 0.5], [0, 1, 0, 1, 0, 1], [0, 1, 1, 0, 0, 1], [0, 1, 0, 1, 1, 0]], np.float32)
+CORNERS *= np.float32(1 - 2**-24)
+"""Smallest and largest uniform numbers, ``(4, 6)``."""
+ROUNDED = 0.995
+"""Least share of sampled directions in which two functions must agree: rounding decides at outlines."""
+_PROPORTIONAL = 0.05
+"""Largest spread of observed / expected counts from cell to cell of a density that is only scaled."""
+
+
+def check_mass(views: Sequence[DensityView], level: float) -> str:
+    """Raise a Fault unless each pdf integrates to the share of samples that is accepted; return the integrals."""
+    for view in views:
+        if not view.mass_agrees(z_limit(level)):
+            ratio, spread = view.ratio
+            scale = f"{1 / ratio:.3f} times" if ratio > 0 and spread < _PROPORTIONAL else "not"
+            raise Fault(
+                f"{view.pdf_name} is {scale} the density of sample: it integrates to {view.mass:.4f}, and "
+                f"{view.share:.4f} of the directions of sample are accepted ({view.place})",
+                view.figure,
+            )
+    return f"integrals {', '.join(f'{view.mass:.3f}' for view in views)}"
+
+
+def check_chi_square(views: Sequence[DensityView], level: float) -> str:
+    """Raise a Fault unless the samples follow each pdf; return the p-values."""
+    for view in views:
+        if view.p <= level:
+            ratio, spread = view.ratio
+            raise Fault(
+                f"sample does not follow {view.pdf_name}: p = {view.p:.1g}; {view.pdf_name} integrates to "
+                f"{view.mass:.3f}, and observed / expected is {ratio:.3f} on average and varies by {spread:.3f} from "
+                f"cell to cell ({view.place})",
+                view.figure,
+            )
+    return f"p = {', '.join(f'{view.p:.2g}' for view in views)}"
+
+
+def check_integral(views: Sequence[DensityView], level: float, name: str) -> str:
+    """Raise a Fault unless the mean of value / pdf over the samples is the integral of `value`; return the integrals.
+
+    `name` is that of `value` in messages, such as ``eval cos``.
+    """
+    for view in views:
+        assert view.value is not None
+        pdf = view.pdf(view.wi).astype(float)
+        value = view.value(view.wi).astype(float)
+        ratio = np.divide(value, pdf, out=np.zeros_like(value), where=view.accepted & (pdf > 0))
+        mean, limit = ratio.mean(axis=1), z_limit(level)
+        if _difference(mean, view.integral, limit) and (difference := _difference(mean, view.fine_integral, limit)):
+            raise Fault(f"{difference.format(pdf=view.pdf_name, name=name)} ({view.place})", view.figure)
+    return ", ".join(f"{view.integral.value.max():.3f}" for view in views)
+
+
+def _difference(mean: Array, exact: Integral, limit: float) -> str:
+    """Return how the mean of the samples ``(C,)`` differs from the exact integral; empty if by noise only."""
+    largest = exact.value.max()
+    deviation = np.sqrt(max(exact.square - largest**2, 0) / COUNT)
+    if exact.missed > 2e-3 * largest + exact.error.max():
+        return f"{{pdf}} is 0 where {{name}} has {exact.missed / largest:.1%} of its integral: samples never find it"
+    if (np.abs(mean - exact.value) <= limit * deviation + 3 * exact.error + 2e-3 * exact.value).all():
+        return ""
+    k = np.abs(mean - exact.value).argmax()
+    return (
+        f"the mean of {{name}} / pdf over samples is {mean[k]:.4g}, with a standard error of {deviation:.1g}, but the "
+        f"integral of {{name}} is {exact.value[k]:.4g}"
+    )
+
+
+def check_hit(views: Sequence[DensityView], fields: Sequence[str], hides_itself: bool = False) -> str:
+    """Raise a Fault if `hit` reports other light samples of the sampled directions than `sample` does.
+
+    Parameters
+    ----------
+    fields
+        Fields of `LightSample` that are compared, besides ``emits``.
+    hides_itself
+        Whether `sample` may pick a point that another point of the light hides.
+    """
+    for view in views:
+        assert view.sample is not None and view.hit is not None
+        sample, hit = view.sample, view.hit(view.wi)
+        same = (sample.emits == hit.emits) | (hides_itself & ~sample.emits)
+        if same.mean() < ROUNDED:
+            raise Fault(
+                f"sample and hit disagree: emits is the same in {same.mean():.1%} of sampled directions: sample says "
+                f"that {sample.emits.mean():.1%} emit, hit {hit.emits.mean():.1%} ({view.place})"
+            )
+        both = sample.emits & hit.emits
+        for field in fields:
+            a, b = (np.broadcast_to(getattr(of, field), (3, COUNT)) for of in (sample, hit))
+            tolerance = 1e-2 if field == "distance" else 2e-3
+            atol = 1e-3 * np.abs(b).max() if field == "radiance" else 0
+            close = np.isclose(a, b, rtol=tolerance, atol=atol).all(axis=0)
+            if both.any() and close[both].mean() < ROUNDED:
+                k = np.flatnonzero(both & ~close)[0]
+                raise Fault(
+                    f"sample and hit disagree: {field} of sample is {a[:, k].max():.5g}, of hit {b[:, k].max():.5g} in "
+                    f"{1 - close[both].mean():.0%} of sampled directions ({view.place})"
+                )
+    return f"{COUNT} directions"
+
+
+def check_finite(views: Sequence[DensityView], value_name: str = "") -> str:
+    """Raise a Fault if a value is not finite, is negative, or a direction is not of unit length.
+
+    The views have samples of the smallest and largest uniform numbers; their functions are called for these and for
+    special directions. `value_name` is that of `value` in messages.
+    """
+    wo = np.stack([polar(degrees) for degrees in (*GRAZING, 90.00001)], axis=1)
+    special = [wo, -wo, wo * [[-1], [-1], [1]], wo * [[1], [1], [-1]], np.eye(3), -np.eye(3)]
+    special.append(np.random.default_rng(5).normal(size=(3, 256)))
+    w = np.concatenate([v / np.linalg.norm(v, axis=0) for v in special], axis=1).astype(np.float32)
+    for view in views:
+        check_values("sample: wi", view.wi, view.place, signed=True)
+        check_unit("sample", view.wi[:, view.accepted], view.place)
+        for directions, text in ((view.wi, "sampled"), (w, "special")):
+            place = f"{view.place}, {text} directions"
+            check_values(view.pdf_name, view.pdf(directions), place)
+            if view.value is not None:
+                check_values(value_name, view.value(directions), place)
+        if view.sample is not None and view.hit is not None:
+            check_light_sample("sample", view.sample, view.place)
+            check_light_sample("hit", view.hit(w), view.place)
+    return f"{len(views)} places"
+
+
+def check_light_sample(function: str, sample: LightSample, place: str) -> None:
+    """Raise a Fault if a field of light samples has a value that no renderer can use."""
+    for field in ("distance", "radiance", "pdf"):
+        check_values(f"{function}: {field}", getattr(sample, field), place, signed=field == "distance")
+
+
+def check_values(function: str, values: Array, place: str, signed: bool = False) -> None:
+    """Raise a Fault if one of the values that a function returned is not finite, or, unless `signed`, negative."""
+    values = np.asarray(values)
+    wrong = ~np.isfinite(values) if signed else ~(np.isfinite(values) & (values >= 0))
+    if wrong.any():
+        must = "finite" if signed else "finite and not negative"
+        raise Fault(f"{function} is {values[wrong][0]:g} ({place}); it must be {must}")
+
+
+def check_unit(function: str, w: Array, place: str) -> None:
+    """Raise a Fault unless all directions ``(3, N)`` have unit length."""
+    length = np.sqrt(dot(w, w))
+    if length.size and not np.abs(length - 1).max() < 1e-4:
+        worst = length[np.abs(length - 1).argmax()]
+        raise Fault(f"{function} must return unit directions; got a length of {worst:.5g} ({place})")
