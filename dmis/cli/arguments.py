@@ -20,7 +20,7 @@ from dmis.scene import camera
 Options = Mapping[str, Mapping[str, Any]]
 """Arguments of ``add_argument`` by option, its names separated by spaces; options of a ``group`` exclude each other."""
 REMOVED_OPTIONS = {
-    "--exercise": "run docs/exercises/checks N FILE.py of a checkout with python, which checks exercises",
+    "--exercise": "run python docs/exercises/checks N FILE.py in a checkout, which checks the solution of an exercise",
     "--ladder": "run benchmarks/print_ladder.py SCENE of a checkout, which prints and plots the ladder of bounds",
     "--replicates": "render with several --seed, and average the images",
 }

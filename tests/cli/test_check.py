@@ -179,7 +179,7 @@ def test_what_is_recognised(
         ),
         ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),
         (None, [], r"no such file: .*my_lobe\.py; check needs a Python file"),
-        (DUST, ["--exercise", "5"], "check does not take --exercise 5; run docs/exercises/checks N FILE"),
+        (DUST, ["--exercise", "5"], "check does not take --exercise 5; run python docs/exercises/checks N FILE"),
         (DUST, ["--albedo", "1,2"], "must be one number, or four separated by commas; got '1,2'"),
         (DUST, ["-o", "my_lobe.py"], r"my_lobe\.py is not a directory"),
     ],

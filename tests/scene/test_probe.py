@@ -16,7 +16,7 @@ WRONG: list[tuple[type, str, Any, str]] = [
     (Lambert, "eval", np.float32(0.3), r"eval\(directions\) must be of shape .*\(3, N\); got shape \(\) for N = 4"),
     (Lambert, "pdf", 0.3, r"pdf\(directions\) must be of shape \(N,\); got shape \(\)"),
     (Lambert, "sample", np.ones((4, 3)), r"sample\(surface, u\) must be of shape \(3, N\); got shape \(4, 3\)"),
-    (SpecularReflection, "scatter", (np.ones((3, 4)), 0.9), r"factors must be of shape .*; got shape \(\)"),
+    (SpecularReflection, "scatter", (np.ones((3, 4)), 0.9), r"scatter\(surface\), factors must be of shape .*; got shape \(\)"),
 ]
 
 
@@ -24,6 +24,6 @@ WRONG: list[tuple[type, str, Any, str]] = [
 def test_a_wrong_form_is_refused(base: type, method: str, value: Any, message: str) -> None:
     """Without the check, a number of `eval` ends in a TypeError of the estimator."""
     lobe = type("Mine", (base,), {method: lambda self, *args: value})(0.5)
-    with pytest.raises(ValueError, match=rf"^Mine\.{method}.*{message}"):
+    with pytest.raises(ValueError, match=rf"^Mine\.{message}"):
         box_scene(dmis.Material((lobe,)))
     assert box_scene(dmis.Material((type("Fine", (base,), {})(0.5),)))
