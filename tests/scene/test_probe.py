@@ -16,7 +16,7 @@ WRONG: list[tuple[type, str, Any, str]] = [
     (Lambert, "eval", np.float32(0.3), r"eval\(directions\) must be of shape .*\(3, N\); got shape \(\) for N = 4"),
     (Lambert, "pdf", 0.3, r"pdf\(directions\) must be of shape \(N,\); got shape \(\)"),
     (Lambert, "sample", np.ones((4, 3)), r"sample\(surface, u\) must be of shape \(3, N\); got shape \(4, 3\)"),
-    (SpecularReflection, "scatter", (np.ones((3, 4)), 0.9), r"scatter\(surface\), factors must be of shape .*; got shape \(\)"),
+    (SpecularReflection, "scatter", (np.ones((3, 4)), 0.9), r"scatter.surface., factors must be .*; got shape \(\)"),
 ]
 
 
