@@ -6,6 +6,7 @@ have been to fail at the first run. It is 1 % for all statistical tests of the s
 
 from __future__ import annotations
 
+import linecache
 from collections import Counter
 from functools import cache
 from typing import Any
@@ -23,6 +24,12 @@ LEVEL = 1 - 0.99 ** (1 / 1000)
 """Šidák's level of each of (at most) 1000 statistical tests whose chance of any false alarm is 1 %."""
 Z_LIMIT = float(scipy.stats.norm.isf(LEVEL / 2))
 """Two-sided limit of a normal deviate at `LEVEL`, 4.4."""
+
+
+def run_cell(code: str, name: str, namespace: dict[str, Any]) -> None:
+    """Run Python code as a notebook runs a cell: its source is known by its name."""
+    linecache.cache[name] = (len(code), None, code.splitlines(keepends=True), name)
+    exec(compile(code, name, "exec", dont_inherit=True), namespace)
 
 
 @cache

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, run_cell
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -33,8 +33,8 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
     tables = {id(table): (table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)}
     namespace: dict = {"__name__": "page"}
     try:
-        for code in CODE[page]:
-            exec(compile(code, str(page), "exec"), namespace)
+        for k, code in enumerate(CODE[page]):
+            run_cell(code, f"<{page.name}, block {k}>", namespace)
     finally:
         for table, known in tables.values():
             table.clear()
@@ -66,8 +66,7 @@ def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
         monkeypatch.setenv("PYTHONPATH", str(ROOT))
         subprocess.run([sys.executable, "-"], input=text, text=True, timeout=1200, check=True)
     else:
-        code = compile(text, "<stdin>", "exec")
-        run_alone(lambda: exec(code, {"__name__": "__main__"}), tmp_path, monkeypatch)
+        run_alone(lambda: run_cell(text, f"<{tutorial.name}>", {"__name__": "__main__"}), tmp_path, monkeypatch)
     printed = capfd.readouterr()
     assert printed.err == "" and not [record for record in caplog.records if record.levelno >= logging.WARNING]
     pictures = sorted((tmp_path / "figures" / "tutorials").iterdir())
