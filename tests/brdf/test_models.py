@@ -188,7 +188,7 @@ def test_albedos_of_the_page() -> None:
     table = page_table()
     assert table.keys() == PAGE.keys()
     for name, numbers in table.items():
-        for k, degrees in enumerate((0.0, 45.0, 75.0, 85.0)):
+        for k, degrees in enumerate((0.0, 75.0)):
             wo = polar(degrees)
             w, weights = hemisphere("ward 0.6", wo)  # about the mirror direction
             some = surface(PAGE[name], wo, w.shape[1])
