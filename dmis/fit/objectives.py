@@ -8,138 +8,142 @@ the first estimates itself, or stand-ins for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.estimator.records import Record, Statistic
+from dmis.estimator.records import Record
 from dmis.variance.curves import GRID, MIN_DENSITY_RATIO, samples_by_light, unrecorded_samples
 
-Means = Mapping[str, Array]
-"""Means over pixels of what was gathered, ``(..., rows, columns)``."""
-Integrand = Callable[[Array, Array], Mapping[str, Array]]
+Integrand = Callable[[Array, Array], Array]
 """From X and d of a light and a BRDF sample, ``(2, N)`` each, to values per camera sample ``(..., N)``."""
 
 
 @dataclass(frozen=True)
 class Objective:
-    """A statistic of the pilot, and the shares that follow from its means over patches.
+    """What the pilot gathers, and the shares that follow from its means over patches.
 
     Attributes
     ----------
-    statistic
-        Called with the number of pixels and of shading samples, see `dmis.estimator.records.Statistic`.
+    integrand
+        The function of the samples that is gathered.
     solve
-        ``solve(means, cost) -> w``, `cost` of a camera sample at w = 0 and at w = 1.
+        ``solve(means, cost) -> w``, ``(rows, columns)``, from the means over patches ``(..., rows, columns)`` and the
+        cost of a camera sample at w = 0 and at w = 1.
+    variance
+        Whether the variance of the function is gathered in place of its mean.
     """
 
-    statistic: Callable[[int, int], Statistic]
-    solve: Callable[[Means, tuple[float, float]], Array]
+    integrand: Integrand
+    solve: Callable[[Array, tuple[float, float]], Array]
+    variance: bool = False
 
 
 class Gather:
-    """Means per pixel of functions of the pilot's samples, or their unbiased variances.
+    """Means or unbiased variances per pixel of the integrand of an `objective`, summed over lights.
 
-    Parameters
-    ----------
-    integrand
-        The functions. Lights are gathered one by one and added up.
-    variance
-        Whether variances are wanted.
+    A `dmis.estimator.records.Statistic` of the pilot.
     """
 
-    def __init__(self, integrand: Integrand, variance: bool, pixels: int, shading_samples: int) -> None:
-        self._integrand, self._variance, self._pixels = integrand, variance, pixels
-        self._shading_samples = shading_samples
+    def __init__(self, objective: Objective, pixels: int, shading_samples: int) -> None:
+        self._objective, self._pixels, self._shading_samples = objective, pixels, shading_samples
         self._n = 0
-        self._sums: dict[str, Array] = {}
+        self._sum: Array | float = 0
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """See `dmis.estimator.records.Statistic.add`."""
         self._n += count
         n, pairs = radiance.shape[1], self._shading_samples // 2
-        black = unrecorded_samples(2, n)  # so that every name has a sum, even without a record
+        black = unrecorded_samples(2, n)  # so that there is a sum, even without a record
         for light in (*samples_by_light(records, self._shading_samples, n), black):
             for x, d in zip(*light, strict=True):
-                for name, values in self._integrand(x, d).items():
-                    of_pixels = values.reshape(*values.shape[:-1], count, self._pixels)
-                    if self._variance:
-                        result = of_pixels.var(axis=-2, ddof=1, dtype=np.float64)
-                    else:
-                        result = of_pixels.mean(axis=-2)
-                    self._sums[name] = self._sums.get(name, 0) + count / pairs * result
+                values = self._objective.integrand(x, d)
+                of_pixels = values.reshape(*values.shape[:-1], count, self._pixels)
+                if self._objective.variance:
+                    result = of_pixels.var(axis=-2, ddof=1, dtype=np.float64)
+                else:
+                    result = of_pixels.mean(axis=-2)
+                self._sum = self._sum + count / pairs * result
 
     def sums(self) -> dict[str, Array]:
-        """See `dmis.estimator.records.Statistic.sums`."""
-        return {name: a / max(self._n, 1) for name, a in self._sums.items()}
+        """Return the sums of `values` per pixel, ``(..., P)``, see `dmis.estimator.records.Statistic.sums`."""
+        return {"values": np.asarray(self._sum / max(self._n, 1))}
 
 
-def _tangent(x: Array, d: Array) -> dict[str, Array]:
+def _tangent(x: Array, d: Array) -> Array:
+    """Return slope and bend of M2(w) at 1/2, ``(2, N)``."""
     square = x * x * d
-    return {"slope": square.sum(axis=0) / 2, "bend": (square * d).sum(axis=0) / 2}
+    return np.stack([square.sum(axis=0) / 2, (square * d).sum(axis=0) / 2])
 
 
-def _newton(means: Means, cost: tuple[float, float]) -> Array:
+def _newton(means: Array, cost: tuple[float, float]) -> Array:
     """Return one Newton step of M2(w) from 1/2: ``1/2 + mean(X^2 d) / (4 mean(X^2 d^2))``."""
-    return 0.5 + _divide(means["slope"], 4 * means["bend"])
+    slope, bend = means
+    return 0.5 + _divide(slope, 4 * bend)
 
 
-def _alone(x: Array, d: Array) -> dict[str, Array]:
+def _alone(x: Array, d: Array) -> Array:
     """Return f / p_i of the sample of each technique, ``(2, N)``."""
     # p_i / q of the technique that drew the sample
     ratio = np.stack([1 + d[0], 1 - d[1]])
-    return {"alone": x / np.maximum(ratio, MIN_DENSITY_RATIO)}
+    return x / np.maximum(ratio, MIN_DENSITY_RATIO)
 
 
-def _halves(x: Array, d: Array) -> dict[str, Array]:
-    """Return the weighted contribution of each technique, ``W_i f / p_i`` with equal counts, ``(2, N)``."""
-    return {"halves": x}
-
-
-def _squares(x: Array, d: Array) -> dict[str, Array]:
-    alone = _alone(x, d)["alone"]
-    return {"first": alone, "second": alone * alone}
-
-
-def _inverse_variance(means: Means, cost: tuple[float, float]) -> Array:
+def _inverse_variance(means: Array, cost: tuple[float, float]) -> Array:
     """Return shares in proportion to ``1 / (c_i v_i)``."""
-    light, brdf = means["alone"]
+    light, brdf = means
     return _proportion(brdf * cost[0], light * cost[1])
 
 
-def _neyman(means: Means, cost: tuple[float, float]) -> Array:
+def _weighted(x: Array, d: Array) -> Array:
+    """Return the weighted contribution of each technique, ``W_i f / p_i`` with equal counts, ``(2, N)``."""
+    return x
+
+
+def _neyman(means: Array, cost: tuple[float, float]) -> Array:
     """Return shares in proportion to ``s_i / sqrt(c_i)``."""
-    light, brdf = np.sqrt(np.maximum(means["halves"], 0))
+    light, brdf = np.sqrt(np.maximum(means, 0))
     return _proportion(light / np.sqrt(cost[1]), brdf / np.sqrt(cost[0]))
 
 
-def _representativity(means: Means, cost: tuple[float, float]) -> Array:
+def _squares(x: Array, d: Array) -> Array:
+    """Return f / p_i of the sample of each technique, and its square, ``(2, 2, N)``."""
+    alone = _alone(x, d)
+    return np.stack([alone, alone * alone])
+
+
+def _representativity(means: Array, cost: tuple[float, float]) -> Array:
     """Return shares in proportion to ``E[f / p_i]^2 / E[(f / p_i)^2]``; 1 for a technique that follows f."""
-    light, brdf = _divide(means["first"] ** 2, means["second"], 0.0)
+    first, second = means
+    light, brdf = _divide(first**2, second)
     return _proportion(light, brdf)
 
 
-def _tsallis(gamma: float, x: Array, d: Array) -> dict[str, Array]:
-    """Return ``xi(w) = E_q[(X / m)^gamma d]`` at the weights of the grid, without its ends, ``(G - 2, N)``."""
-    raised = x ** np.float32(gamma) if gamma != 1 else x
-    out = np.empty((len(GRID) - 2, x.shape[1]), np.float32)
+def _divergence(x: Array, d: Array, gamma: float) -> Array:
+    """Return ``xi(w) = E_q[(X / m)^gamma d]`` at the weights of the grid without its ends, ``(G - 2, N)``.
+
+    It is in proportion to the negative slope of the divergence of order gamma between f and p_w.
+    """
+    x_to_gamma = x ** np.float32(gamma) if gamma != 1 else x
+    xi = np.empty((len(GRID) - 2, x.shape[1]), np.float32)
     for g, w in enumerate(GRID[1:-1]):
+        # m(w) = p_w / q = 1 + (2 w - 1) d
         m = np.maximum(1 + (2 * w - 1) * d, MIN_DENSITY_RATIO)
-        out[g] = (raised * d / m ** np.float32(gamma)).sum(axis=0) / 2
-    return {"xi": out}
+        xi[g] = (x_to_gamma * d / m ** np.float32(gamma)).sum(axis=0) / 2
+    return xi
 
 
-def _root(means: Means, cost: tuple[float, float]) -> Array:
+def _root(xi: Array, cost: tuple[float, float]) -> Array:
     """Return the root of xi, which falls with w because the divergence is convex; an end of the grid if it has none."""
-    xi, w = means["xi"], GRID[1:-1].astype(float)
+    w = GRID[1:-1].astype(float)
     k = np.clip((xi > 0).sum(axis=0) - 1, 0, len(w) - 2)
     high, low = (np.take_along_axis(xi, i[None], axis=0)[0] for i in (k, k + 1))
     between = w[k] + (w[k + 1] - w[k]) * np.clip(_divide(high, high - low), 0, 1)
-    between = np.where((xi > 0).all(axis=0), 1.0, np.where((xi < 0).all(axis=0), 0.0, between))
-    return np.where((xi == 0).all(axis=0), 0.5, between)
+    cases = [(xi == 0).all(axis=0), (xi > 0).all(axis=0), (xi < 0).all(axis=0)]
+    return np.select(cases, [0.5, 1.0, 0.0], between)
 
 
 def _divide(a: Array, b: Array, otherwise: float = 0.0) -> Array:
@@ -153,11 +157,11 @@ def _proportion(a: Array, b: Array) -> Array:
 
 
 _OBJECTIVES = {
-    "taylor": Objective(partial(Gather, _tangent, False), _newton),
-    "inverse-variance": Objective(partial(Gather, _alone, True), _inverse_variance),
-    "neyman": Objective(partial(Gather, _halves, True), _neyman),
-    "representativity": Objective(partial(Gather, _squares, False), _representativity),
-    "kl": Objective(partial(Gather, partial(_tsallis, 1.0), False), _root),
+    "taylor": Objective(_tangent, _newton),
+    "inverse-variance": Objective(_alone, _inverse_variance, variance=True),
+    "neyman": Objective(_weighted, _neyman, variance=True),
+    "representativity": Objective(_squares, _representativity),
+    "kl": Objective(partial(_divergence, gamma=1.0), _root),
 }
 OBJECTIVE_NAMES = (*_OBJECTIVES, "tsallis")
 
@@ -188,7 +192,7 @@ def objective(name: str, gamma: float = 2.0) -> Objective:
         If there is none of that name.
     """
     if name == "tsallis":
-        return Objective(partial(Gather, partial(_tsallis, gamma), False), _root)
+        return Objective(partial(_divergence, gamma=gamma), _root)
     if name not in _OBJECTIVES:
         raise ValueError(f"objective must be second-moment, {', '.join(OBJECTIVE_NAMES)}; got {name!r}")
     return _OBJECTIVES[name]

@@ -16,7 +16,7 @@ import numpy as np
 from dmis.base.patches import patch_spread, patch_sum
 from dmis.estimator.records import Statistic
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
-from dmis.fit.objectives import objective
+from dmis.fit.objectives import Gather, objective
 from dmis.fit.pooled_rule import PooledRule
 from dmis.fit.rule import Fit, Pilot, final_settings
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
@@ -80,7 +80,7 @@ class SecondMoment(PooledRule):
     def statistic(self) -> Callable[[int, int], Statistic]:
         """Makes the statistic that the pilot gathers."""
         if self.objective != "second-moment":
-            return objective(self.objective, self.gamma).statistic
+            return partial(Gather, objective(self.objective, self.gamma))
         return partial(Curves, combiner=self.combiner)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
@@ -91,7 +91,7 @@ class SecondMoment(PooledRule):
         if self.objective != "second-moment":
             # cost of a camera sample at w = 0 and at w = 1
             brdf, light = self._cost(samples, np.array([[0, 1], [1, 0]])).tolist()
-            weight = np.clip(objective(self.objective, self.gamma).solve(means, (brdf, light)), 0, 1)
+            weight = np.clip(objective(self.objective, self.gamma).solve(means["values"], (brdf, light)), 0, 1)
             return Fit(patch_spread(weight, self.patch, shape), {"patch": weight})
         # V(w) of patches
         curves = PatchCurves(**means, pixels=pixels, baseline=HALF)
