@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.fit.rule import Fit, Pilot, Rule
+from dmis.fit.rule import Fit, Pilot, Rule, check_samples, check_shares
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,26 +40,16 @@ class Given(Rule):
         weight = np.array(self.weight, np.float64)
         if weight.ndim not in (0, 2):
             raise ValueError(f"weight must be one number or of shape (height, width); got shape {weight.shape}")
-        inside = (weight >= 0) & (weight <= 1)
-        if not inside.all():
-            raise ValueError(f"weight must be in [0, 1], the share of light samples; got {weight[~inside].flat[0]:g}")
+        check_shares("weight", weight)
         weight.flags.writeable = False
         object.__setattr__(self, "weight", weight if weight.ndim else float(weight))
-        if self.samples is None:
-            return
-        samples = np.array(self.samples, np.float64)
-        if samples.ndim != 2 or weight.shape not in ((), samples.shape):
-            raise ValueError(
-                f"samples must be of shape (height, width), that of weight if this is a map; got shape {samples.shape} "
-                f"and weight of shape {weight.shape}"
-            )
-        if not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
-            raise ValueError(
-                f"samples must be finite, not negative and not all 0, because they are camera samples in proportion; "
-                f"got {samples.min():g} to {samples.max():g}"
-            )
-        samples.flags.writeable = False
-        object.__setattr__(self, "samples", samples)
+        if self.samples is not None:
+            samples = np.array(self.samples, np.float64)
+            if samples.ndim != 2:
+                raise ValueError(f"samples must be of shape (height, width); got shape {samples.shape}")
+            check_samples("samples", samples, weight.shape or samples.shape)
+            samples.flags.writeable = False
+            object.__setattr__(self, "samples", samples)
 
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Return the given maps; there is no pilot."""

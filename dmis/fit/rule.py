@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.base.validate import number, whole
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Statistic
@@ -215,18 +216,10 @@ def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
                 f"{_advice(rule, text, name, getattr(settings, name))}"
             )
     for w, n in rule.pilot.items():
-        shares = w if isinstance(w, tuple) else (w,)
-        if not (
-            all(_is_number(share) and 0 <= share <= 1 for share in shares) and _is_number(n) and n >= 1 and n % 1 == 0
-        ):
-            raise ValueError(
-                f"the pilot of rule {text} must have whole numbers of samples at shares in [0, 1]; got {n!r} at {w!r}"
-            )
+        whole(f"samples of the pilot of rule {text} at {w!r}", n, 1)
+        for share in w if isinstance(w, tuple) else (w,):
+            number(f"shares of the pilot of rule {text}", share, 0, 1)
     return replace(settings, **rule.settings)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating)
 
 
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
@@ -266,24 +259,31 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
             f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
             f"for each pixel (height, width); got {weight.shape}"
         )
-    inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
-    if not inside.all():
-        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
-        raise ValueError(
-            f"a rule's weight must be in [0, 1], a share of the samples; got {weight[~inside][0]:g}{where}"
-        )
+    check_shares("a rule's weight", weight)
     if np.abs(fit.shares.sum(axis=0) - 1).max() > 1e-3:
         raise ValueError(
             f"a rule's weights must add up to 1 over the techniques, because they divide samples; got sums from "
             f"{fit.shares.sum(axis=0).min():g} to {fit.shares.sum(axis=0).max():g}"
         )
     if fit.samples is not None:
-        samples = np.asarray(fit.samples)
-        if samples.shape != shape or not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
-            raise ValueError(
-                f"a rule's samples must be finite, not negative, not all 0, and of shape {shape}; got shape "
-                f"{samples.shape} from {samples.min():g} to {samples.max():g}"
-            )
+        check_samples("a rule's samples", np.asarray(fit.samples), shape)
+
+
+def check_shares(name: str, weight: Array) -> None:
+    """Raise a ValueError that calls them `name` unless shares are in [0, 1], up to rounding."""
+    inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
+    if not inside.all():
+        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
+        raise ValueError(f"{name} must be in [0, 1], a share of the samples; got {weight[~inside][0]:g}{where}")
+
+
+def check_samples(name: str, samples: Array, shape: tuple[int, ...]) -> None:
+    """Raise a ValueError that calls them `name` unless numbers of samples in proportion are right, of that `shape`."""
+    if samples.shape != shape or not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
+        raise ValueError(
+            f"{name} must be finite, not negative, not all 0, and of shape {shape}; got shape {samples.shape} from "
+            f"{samples.min():g} to {samples.max():g}"
+        )
 
 
 def final_settings(sampler: str, reuse: bool | None = None, compensation: float | None = None) -> dict[str, Any]:

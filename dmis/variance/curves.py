@@ -89,11 +89,8 @@ class Curves:
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """Add one block: `count` camera samples of every pixel, sample-major, and their radiance ``(3, N)``."""
-        if count < 2:
-            raise ValueError(f"curves need at least two camera samples, because they are variances; got {count}")
+        self._total += summed_variance(radiance, count)
         self._n += count
-        grey = radiance.mean(axis=0).reshape(count, -1)
-        self._total += count * grey.var(axis=0, ddof=1)
         lights = list(samples_by_light(records, 2 * self._s, radiance.shape[1]))
         if not lights:
             return
@@ -147,17 +144,38 @@ class Curves:
         pattern, sample_variance = self._pattern / n, self._total / n
         # E_y[M2 - I^2 - w (1 - w) D^2] / S + var(n / S) Var_y(D)
         curve = self._curve / n + self._rounding_variance()[:, None] * pattern
-        # where all samples are alike, a curve is rounding error, which must not be taken for a gain
-        rounding = CURVE_ROUNDING * self._second / n
-        square, cross = curve * curve + rounding * rounding, curve * curve[self._half]
-        cross[self._half] = square[self._half]
         # Var_y(I) = the pilot's variance less its curve: V(1/2) of balance with 2 S shading samples in place of S
         position = sample_variance - self._pilot / n / 2
-        return {"curve": curve, "square": square, "cross": cross, "pattern": pattern, "position": position}
+        return with_squares(curve, self._second / n, self._half) | {"pattern": pattern, "position": position}
 
     def _rounding_variance(self) -> Array:
         """Return var(n / S) at each share, ``(G,)``."""
         return share_variance(self._s, self._grid)
+
+
+def summed_variance(radiance: Array, count: int) -> Array:
+    """Return `count` times the variance of the camera samples ``(3, count * P)`` of each pixel, ``(P,)``.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two camera samples.
+    """
+    if count < 2:
+        raise ValueError(f"curves need at least two camera samples, because they are variances; got {count}")
+    return np.asarray(count * radiance.mean(axis=0).reshape(count, -1).var(axis=0, ddof=1))
+
+
+def with_squares(curve: Array, second: Array, baseline: int) -> dict[str, Array]:
+    """Return a `curve` ``(G, P)``, its ``square``, and its product ``cross`` with itself at the `baseline` point.
+
+    Where all samples are alike, a curve is rounding error, which must not be taken for a gain: squares have that of the
+    `second` moment ``(G, P)``, too.
+    """
+    rounding = CURVE_ROUNDING * second
+    square, cross = curve * curve + rounding * rounding, curve * curve[baseline]
+    cross[baseline] = square[baseline]
+    return {"curve": curve, "square": square, "cross": cross}
 
 
 def samples_by_light(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:

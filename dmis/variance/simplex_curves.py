@@ -35,12 +35,13 @@ from dmis.estimator import allocation
 from dmis.estimator.records import Record
 from dmis.variance.curves import (
     CURVE_BATCH,
-    CURVE_ROUNDING,
     MIN_DENSITY_RATIO,
     power_of_two_near,
     product_of_halves,
     select_pixels,
+    summed_variance,
     variance_over_y,
+    with_squares,
 )
 
 GRID_STEPS = 6
@@ -112,11 +113,8 @@ class SimplexCurves:
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """Add one block: `count` camera samples of every pixel, sample-major, and their radiance ``(3, N)``."""
-        if count < 2:
-            raise ValueError(f"curves need at least two camera samples, because they are variances; got {count}")
+        self._total += summed_variance(radiance, count)
         self._n += count
-        grey = radiance.mean(axis=0).reshape(count, -1)
-        self._total += count * grey.var(axis=0, ddof=1)
         lights = list(samples_by_light(records, self._s, len(self._exact), radiance.shape[1]))
         unit = max((power_of_two_near(x) for x, _ in lights), default=np.float32(1))
         pixels = max(1, CURVE_BATCH // (len(self._exact) * self._s * count))
@@ -152,13 +150,9 @@ class SimplexCurves:
         """
         n, techniques = max(self._n, 1), len(self._exact)
         equal, at = baseline_point((True,) * techniques), baseline_point(self._exact)
-        curve = (self._curve + self._pattern) / n
-        rounding = CURVE_ROUNDING * self._second / n  # see `dmis.variance.curves`
-        square, cross = curve * curve + rounding * rounding, curve * curve[at]
-        cross[at] = square[at]
         # Var_y(I) = the pilot's variance less its curve: that of equal shares with K S shading samples in place of S
         position = (self._total - self._curve[equal] / techniques) / n
-        return {"curve": curve, "square": square, "cross": cross, "position": position}
+        return with_squares((self._curve + self._pattern) / n, self._second / n, at) | {"position": position}
 
 
 def samples_by_light(records: Sequence[Record], s: int, techniques: int, n: int) -> Iterator[tuple[Array, Array]]:

@@ -445,8 +445,11 @@ def test_what_is_no_weight_is_refused(box, fit, message):
 @pytest.mark.parametrize(
     "rule, message",
     [
-        (_Own(Fit(0.5), {2.0: 2}), "whole numbers of samples at shares in .0, 1.; got 2 at 2.0"),
-        (_Own(Fit(0.5), {0.5: 1.5}), "got 1.5 at 0.5"),
+        (_Own(Fit(0.5), {2.0: 2}), "shares of the pilot of rule .* must be a number from 0 to 1; got 2.0"),
+        (
+            _Own(Fit(0.5), {0.5: 1.5}),
+            "samples of the pilot of rule .* at 0.5 must be a whole number of at least 1; got 1.5",
+        ),
         (_Own(Fit(0.5), None, {"sampling": "sobol"}), "must be fields of dmis.Settings; got 'sampling'"),
     ],
 )
