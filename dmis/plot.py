@@ -22,19 +22,12 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, Locator, LogFormatter, NullFormatter
+    from matplotlib.patches import Rectangle
+    from matplotlib.ticker import FuncFormatter, LogFormatter, LogLocator, MaxNLocator, NullFormatter
 except ImportError as missing:
     raise ImportError("figures need matplotlib: pip install 'dmis[plot]'") from missing
 Window = tuple[tuple[int, int], tuple[int, int]]
 """Part of an image: first and end row, first and end column."""
-TICKS = (
-    (1, (1, 1.25, 1.5, 2, 2.5, 3, 4, 5, 6, 8)),
-    (1, (1, 1.5, 2, 3, 4, 6)),
-    (1, (1, 2, 5)),
-    (1, (1, 3)),
-    *((step, (1,)) for step in (1, 2, 3, 5, 10, 20)),
-)
-"""Ticks of logarithmic axes, from many to few: every how many powers of ten, and what these are multiplied by."""
 
 
 def canvas(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
@@ -86,8 +79,6 @@ def weight_bar(figure: Figure, mappable: Any, axes: Any, **options: Any) -> None
 
 def mark(axis: Axes, window: Window, colour: str, label: str = "") -> None:
     """Draw a frame around a part of an image."""
-    from matplotlib.patches import Rectangle
-
     (top, bottom), (left, right) = window
     axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=colour, linewidth=2))
     if label:
@@ -134,20 +125,21 @@ def show(stem: str, folder: str | os.PathLike[str] = "figures/tutorials") -> lis
 
 
 def round_ticks(side: Any) -> None:
-    """Label a logarithmic ``Axis`` at round numbers, as many as have room."""
-    side.set_major_locator(_RoundTicks())
+    """Label a logarithmic ``Axis`` at round numbers, few enough to have room in its present range."""
+    low, high = side.get_view_interval()
+    decades = math.log10(high / low)
+    powers = LogLocator(subs=(1, 3) if decades < 3 else (1,), numticks=7)
+    side.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]) if decades < 1 else powers)
     side.set_major_formatter(FuncFormatter(_number))
     side.set_minor_formatter(NullFormatter())
 
 
 def plain_exponents(figure: Figure) -> None:
     """Write 1e-5 in place of ten to a small raised -5 at the logarithmic axes and colour bars of a figure."""
-    for axes in figure.axes:
-        for side in (axes.xaxis, axes.yaxis):
-            if isinstance(side.get_major_formatter(), LogFormatter):
-                side.set_major_formatter(_PlainLogFormatter())
-            if isinstance(side.get_minor_formatter(), LogFormatter):
-                side.set_minor_formatter(_PlainLogFormatter())
+    for side in (side for axes in figure.axes for side in (axes.xaxis, axes.yaxis)):
+        if isinstance(side.get_major_formatter(), LogFormatter):
+            side.set_major_formatter(_PlainLogFormatter())
+            side.set_minor_formatter(_PlainLogFormatter())
 
 
 class _PlainLogFormatter(LogFormatter):
@@ -156,38 +148,6 @@ class _PlainLogFormatter(LogFormatter):
     def __call__(self, value: float, pos: int | None = None) -> str:
         """Return the label of a tick; empty where `LogFormatter` has none."""
         return _number(value) if super().__call__(value, pos) else ""
-
-
-class _RoundTicks(Locator):
-    """Ticks at round numbers of a logarithmic axis, as many as their labels have room."""
-
-    def __call__(self) -> list[float]:
-        """Return the ticks of the axis's present range."""
-        axis: Any = self.axis
-        return self.tick_values(*axis.get_view_interval())
-
-    def tick_values(self, vmin: float, vmax: float) -> list[float]:
-        """Return the ticks of a range: the densest of `TICKS` whose labels do not touch each other."""
-        low, high = sorted((vmin, vmax))
-        ticks: list[float] = []
-        for step, digits in TICKS:
-            decades = range(step * math.floor(math.log10(low) / step), math.ceil(math.log10(high)) + 1, step)
-            ticks = [value for k in decades for digit in digits if low <= (value := digit * 10.0**k) <= high]
-            if self._has_room(ticks, math.log10(high / low)):
-                break
-        return ticks
-
-    def _has_room(self, ticks: Sequence[float], decades: float) -> bool:
-        """Whether the labels of `ticks` do not touch on an axis of so many decades."""
-        axis: Any = self.axis
-        points, box = 72 / axis.axes.figure.dpi, axis.axes.get_window_extent()
-        size = axis.majorTicks[0].label1.get_fontsize()
-        if axis.axis_name == "x":
-            length, extents = box.width, [(0.65 * len(_number(tick)) + 0.8) * size for tick in ticks]
-        else:
-            length, extents = box.height, [1.5 * size] * len(ticks)
-        places = np.log10(ticks) / decades * length * points
-        return bool((np.diff(places) > (np.array(extents[1:]) + extents[:-1]) / 2).all())
 
 
 def _number(value: float, _: int = 0) -> str:
@@ -203,8 +163,6 @@ def _extent(rows: tuple[int, int], columns: tuple[int, int]) -> tuple[float, flo
 
 def _pixels(axis: Axes, title: str) -> None:
     """Label both axes in pixels, and write the title."""
-    from matplotlib.ticker import MaxNLocator
-
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(MaxNLocator(4, integer=True))
     axis.tick_params(labelsize="x-small")

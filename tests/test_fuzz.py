@@ -212,7 +212,7 @@ def test_references_must_be_numbers(tmp_path):
             load_reference(tmp_path / "a.npy")
     first = np.zeros((2, 2, 3), np.float32)
     write_exr(tmp_path / "a.exr", {"first": first, "second": first[..., 0]})
-    with pytest.raises(ValueError, match="must hold an image of three channels, or two halves"):
+    with pytest.raises(ValueError, match="must hold an image of three channels, or halves"):
         load_reference(tmp_path / "a.exr")
 
 
