@@ -111,9 +111,8 @@ class Settings:
     preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "shading_samples", whole("shading_samples", self.shading_samples, 1, MAX_SHADING_SAMPLES)
-        )
+        shading_samples = whole("shading_samples", self.shading_samples, 1, MAX_SHADING_SAMPLES)
+        object.__setattr__(self, "shading_samples", shading_samples)
         if isinstance(self.techniques, str) or not isinstance(self.techniques, Iterable):
             raise ValueError(f"techniques must be names such as ('light', 'brdf'); got {self.techniques!r}")
         object.__setattr__(self, "techniques", tuple(self.techniques))
@@ -133,11 +132,12 @@ class Settings:
                 f"combiner {self.combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use "
                 f"combiner balance or power"
             )
-        choices = {option.name: option.metadata.get("choices") for option in fields(self) if option.name != "preset"}
+        choices = {option.name: option.metadata.get("choices") for option in fields(self)}
         choices |= {"allocation": ("systematic", "random"), "sampler": ("auto", *SAMPLERS)}
+        choices |= {"reuse_pilot": (True, False, None), "preset": (*PRESETS, None)}
         for name, allowed in choices.items():
             if allowed and getattr(self, name) not in allowed:
-                raise ValueError(f"{name} must be {' or '.join(allowed)}; got {getattr(self, name)!r}")
+                raise ValueError(f"{name} must be {' or '.join(map(str, allowed))}; got {getattr(self, name)!r}")
         if combiner.fits_pixels and self.lights != "all":
             raise ValueError(
                 f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light"
@@ -147,8 +147,6 @@ class Settings:
                 f"combiner {self.combiner} needs sampler independent, because structured samples depend on earlier "
                 f"ones, and so on the fit to these; got {self.sampler!r}"
             )
-        if self.reuse_pilot not in (None, True, False):
-            raise ValueError(f"reuse_pilot must be True, False or None; got {self.reuse_pilot!r}")
         if self.reuse_pilot is not None:
             object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
         object.__setattr__(self, "compensation", check_compensation(self.compensation))
@@ -164,13 +162,9 @@ class Settings:
         self._check_preset()
 
     def _check_preset(self) -> None:
-        """Refuse an unknown preset, and values that the preset does not allow, by a ValueError."""
-        if self.preset is None:
-            return
-        if not isinstance(self.preset, str) or self.preset not in PRESETS:
-            raise ValueError(f"preset must be {' or '.join(PRESETS)} or None; got {self.preset!r}")
-        for name in PRESETS[self.preset].values:
-            allowed, value = PRESETS[self.preset].allowed(name), getattr(self, name)
+        """Refuse values that the preset does not allow by a ValueError."""
+        for name in PRESETS[self.preset].values if self.preset else ():
+            allowed, value = PRESETS[str(self.preset)].allowed(name), getattr(self, name)
             if allowed and value not in allowed:
                 raise ValueError(
                     f"preset {self.preset} has {name} {' or '.join(map(repr, allowed))}; got {value!r}. "

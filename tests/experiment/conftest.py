@@ -26,10 +26,10 @@ def made(box: dmis.Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Com
 def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the plots of a comparison and of its report, which take most of its time."""
     pytest.importorskip("matplotlib")
-    from dmis.experiment.report import plots
+    from dmis.experiment.report import page, plots
 
     monkeypatch.setattr(plots, "convergence", lambda *_: None)
-    monkeypatch.setattr(plots, "_svg", lambda *_: "")
+    monkeypatch.setattr(page, "error_svg", lambda *_: "")
 
 
 @pytest.fixture(scope="session")

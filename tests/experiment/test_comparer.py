@@ -54,8 +54,8 @@ def test_notebook_frame_holds_the_page(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "images, reference, error, message",
     [
-        ([A], None, TypeError, "images must be a dict of labels and images, got list"),
-        ({}, None, ValueError, "at least one image, got none"),
+        ([A], None, TypeError, "images must be a dict of labels and at least one image; got list"),
+        ({}, None, TypeError, "at least one image; got dict"),
         ({"a": A, "b": A[:2]}, None, ValueError, "one size, got a 4×3, b 4×2"),
         ({"a": A}, A[:, :1], ValueError, "one size, got reference 1×3, a 4×3"),
         ({"a": A[..., :2]}, None, ValueError, r"'a' must have the shape \(H, W, 3\) or \(H, W\), got \(3, 4, 2\)"),

@@ -394,7 +394,7 @@ def test_numbers_of_numpy_become_pythons(box, tmp_path):
     [
         ({"shading_samples": 1.5}, "shading_samples must be a whole number from 1 to 100; got 1.5"),
         ({"shading_samples": "2"}, "shading_samples must be a whole number from 1 to 100; got '2'"),
-        ({"reuse_pilot": "no"}, "reuse_pilot must be True, False or None; got 'no'"),
+        ({"reuse_pilot": "no"}, "reuse_pilot must be True or False or None; got 'no'"),
     ],
 )
 def test_bad_settings(options, message):

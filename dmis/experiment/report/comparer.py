@@ -90,34 +90,28 @@ def show(
     ImportError
         If matplotlib (extra ``plot``), which has the colours of errors, is missing and there is a `reference`.
     TypeError
-        If `images` is not a mapping.
+        If `images` is not a mapping, or empty.
     ValueError
-        If there is no image, or one is not of the shape above.
+        If an image is not of the shape above.
     """
-    if not isinstance(images, Mapping):
+    if not isinstance(images, Mapping) or not images:
         raise TypeError(
-            f"images must be a dict of labels and images, got {type(images).__name__}. "
+            f"images must be a dict of labels and at least one image; got {type(images).__name__}. "
             'Write dmis.show({"balance": image}).'
         )
     pictures = {str(label): _linear(str(label), image) for label, image in images.items()}
     truth = None
     if reference is not None:
         truth = _linear("reference", reference.mean if isinstance(reference, Reference) else reference)
-    if not pictures:
-        raise ValueError('images must hold at least one image, got none. Write dmis.show({"balance": image}).')
-    if truth is not None and "reference" in pictures:
-        raise ValueError("label 'reference' is that of the reference, got it for an image, too. Rename the image.")
-    shapes = {label: picture.shape[:2] for label, picture in pictures.items()}
-    if truth is not None:
-        shapes = {"reference": truth.shape[:2], **shapes}
+        if "reference" in pictures:
+            raise ValueError("label 'reference' is that of the reference, got it for an image, too. Rename the image.")
+    shapes = {label: image.shape[:2] for label, image in {"reference": truth, **pictures}.items() if image is not None}
     if len(set(shapes.values())) > 1:
         given = ", ".join(f"{label} {width}×{height}" for label, (height, width) in shapes.items())
         raise ValueError(f"images must have one size, got {given}. Render them at one resolution.")
-    data = viewer_data(title, pictures, truth)
-    page = PAGE
-    for mark, value in {"title": html.escape(title), "style": asset("comparer.css"), "help": HELP}.items():
-        page = page.replace(f"{{{{{mark}}}}}", value, 1)
-    return Comparer(page.replace("{{comparer}}", comparer([data]), 1), list(shapes))
+    fill = {"title": html.escape(title), "style": asset("comparer.css"), "help": HELP}
+    fill["comparer"] = comparer([viewer_data(title, pictures, truth)])
+    return Comparer(filled(PAGE, fill), list(shapes))
 
 
 def _linear(label: str, image: Array | Result) -> Array:
@@ -145,14 +139,8 @@ def viewer_data(scene: str, images: Mapping[str, Array], reference: Array | None
         images = {"reference": reference, **images}
     height, width = next(iter(images.values())).shape[:2]
     entries = [{"label": label, "png": linear_png(image)} for label, image in images.items()]
-    return {
-        "scene": scene,
-        "width": width,
-        "height": height,
-        "scale": scale,
-        "reference": reference is not None,
-        "images": entries,
-    }
+    about = {"scene": scene, "width": width, "height": height, "scale": scale, "reference": reference is not None}
+    return {**about, "images": entries}
 
 
 def png(pixels: Array) -> str:
@@ -184,11 +172,13 @@ def comparer(scenes: Sequence[Mapping[str, object]]) -> str:
     """Return what a page with comparers needs at its end: their elements, the data of each, and the script."""
     errors = any(scene["reference"] for scene in scenes)
     data = {"scenes": scenes, "palette": palette_colours("magma") if errors else []}
-    fill = {
-        "{{data}}": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
-        "{{script}}": asset("comparer.js"),
-    }
-    return re.sub("|".join(map(re.escape, fill)), lambda mark: fill[mark[0]], asset("comparer.html"))
+    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    return filled(asset("comparer.html"), {"data": text, "script": asset("comparer.js")})
+
+
+def filled(template: str, fill: Mapping[str, str]) -> str:
+    """Return a template with texts in the place of its marks ``{{name}}``; marks in these texts stay."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda mark: fill[mark[1]], template)
 
 
 def asset(name: str) -> str:

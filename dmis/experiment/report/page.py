@@ -7,7 +7,6 @@ that save tables and plots; this module fills in the template's marks.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.experiment import alarm
 from dmis.experiment.convergence import Gain, gains
-from dmis.experiment.report.comparer import HELP, asset, comparer, viewer_data
+from dmis.experiment.report.comparer import HELP, asset, comparer, filled, viewer_data
 from dmis.experiment.report.maps import share_maps
 from dmis.experiment.report.plots import error_svg
 from dmis.experiment.report.tables import (
@@ -51,20 +50,19 @@ def write_report(
     sections = [_section(number, comparison) for number, comparison in enumerate(comparisons)]
     links = "".join(f'<a href="#s{k}">{escaped(c.scene)}</a>' for k, c in enumerate(comparisons))
     fill = {
-        "{{title}}": escaped(title),
-        "{{links}}": links,
-        "{{version}}": __version__,
-        "{{overview}}": overview_table(comparisons) if len(comparisons) > 1 else "",
-        "{{sections}}": "\n".join(sections),
-        "{{style}}": asset("comparer.css") + asset("report.css"),
-        "{{help}}": HELP,
-        "{{comparer}}": comparer([_viewer_data(comparison) for comparison in comparisons]),
-        "{{script}}": asset("report.js"),
+        "title": escaped(title),
+        "links": links,
+        "version": __version__,
+        "overview": overview_table(comparisons) if len(comparisons) > 1 else "",
+        "sections": "\n".join(sections),
+        "style": asset("comparer.css") + asset("report.css"),
+        "help": HELP,
+        "comparer": comparer([_viewer_data(comparison) for comparison in comparisons]),
+        "script": asset("report.js"),
     }
-    page = re.sub("|".join(map(re.escape, fill)), lambda mark: fill[mark[0]], asset("report.html"))
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial:
-        partial.write_text(page, "utf-8")
+        partial.write_text(filled(asset("report.html"), fill), "utf-8")
 
 
 def _section(number: int, c: Comparison) -> str:

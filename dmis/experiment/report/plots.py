@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,17 +26,8 @@ if TYPE_CHECKING:
     from dmis.experiment.table import Comparison
 
 RULE_COLOURS = (
-    "#808080",
-    "#d55e00",
-    "#2b8cd6",
-    "#00a17a",
-    "#c565b0",
-    "#d9a200",
-    "#8a6fd1",
-    "#b0413e",
-    "#4fb3bf",
-    "#7d8f1f",
-)
+    "#808080", "#d55e00", "#2b8cd6", "#00a17a", "#c565b0", "#d9a200", "#8a6fd1", "#b0413e", "#4fb3bf", "#7d8f1f",
+)  # fmt: skip
 """Colours of rules in their order, the balance heuristic first; distinct on white and on black."""
 RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆", "v": "▼", "P": "✚", "X": "✖"}
 """Markers of rules, in plots and as characters. Each rule has the next one; as there are ten colours and seven markers,
@@ -116,46 +107,30 @@ def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
     plot.save(figure, path, f"{scene}: best weights", caption)
 
 
-def _svg(draw: Callable[[Axes], None], label: str, size: tuple[float, float]) -> str:
-    """Return what `draw` draws on axes of `size` inches as an SVG figure with the page's colour and fonts."""
+def error_svg(comparison: Comparison, over: Axis) -> str:
+    """Return `error_lines` as an SVG figure with the page's colour and fonts."""
     import matplotlib
 
     sides = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
     style: dict[str, Any] = dict.fromkeys(sides, INK)
+    label = html.escape(f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}")
     style |= {"svg.fonttype": "none", "svg.hashsalt": label, "font.size": 9.5}
     style |= {"axes.spines.top": False, "axes.spines.right": False}
     with matplotlib.rc_context(style):  # type: ignore[arg-type]
-        figure, axes = plot.canvas(1, 1, *size)
-        draw(axes[0, 0])
+        figure, axes = plot.canvas(1, 1, 5.4, 3.9)
+        error_lines(axes[0, 0], comparison.runs, over, comparison.oracle, INK)
+        if axes[0, 0].get_legend_handles_labels()[0]:
+            axes[0, 0].legend(fontsize=8, frameon=False, handlelength=2.4, loc="best")
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
     drawing = file.getvalue()
-    drawing = drawing[drawing.index("<svg") :]
-    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, flags=re.S)
+    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing[drawing.index("<svg") :], flags=re.S)
     drawing = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", drawing)  # HTML needs none, and the report must not have addresses
     drawing = re.sub(r'<g id="[^"]*"', "<g", drawing)
-    drawing = re.sub(
-        r'<svg[^>]*?viewBox="([^"]*)"[^>]*>',
-        lambda match: f'<svg viewBox="{match[1]}" role="img" aria-label="{html.escape(label)}">',
-        drawing,
-    )
+    box = re.search(r'<svg[^>]*?viewBox="([^"]*)"[^>]*>', drawing)
+    assert box is not None
+    drawing = drawing.replace(box[0], f'<svg viewBox="{box[1]}" role="img" aria-label="{label}">', 1)
     return f"<figure>{drawing.replace(INK, 'currentColor')}</figure>"
-
-
-def error_svg(comparison: Comparison, over: Axis) -> str:
-    """Return `error_lines` as a figure with the page's colour and fonts."""
-
-    def draw(axis: Axes) -> None:
-        error_lines(axis, comparison.runs, over, comparison.oracle, INK)
-        _legend(axis)
-
-    return _svg(draw, f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}", (5.4, 3.9))
-
-
-def _legend(axis: Axes) -> None:
-    """Draw a legend where it hides least, without a frame, whose colour would not be the page's."""
-    if axis.get_legend_handles_labels()[0]:
-        axis.legend(fontsize=8, frameon=False, handlelength=2.4, loc="best")
 
 
 def map_png(values: Array, palette: str, low: float, high: float) -> str:
