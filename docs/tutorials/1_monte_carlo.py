@@ -126,7 +126,7 @@ for n in (2, 16, 1024):
 # of its own, and neighbours differ: that is the noise.
 #
 # The formulas of this tutorial are for independent samples. So we name the sampler: the
-# default has points that are more even.
+# default has low-discrepancy points.
 scene = dmis.load_scene("teapot-area-light", resolution=RESOLUTION)
 images = {
     n: dmis.render(scene, "uniform", n, seed=1, sampler="independent")

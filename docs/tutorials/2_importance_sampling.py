@@ -9,7 +9,7 @@ After this tutorial you can
 * use light sampling and BRDF sampling, and predict where each of them fails;
 * compare two techniques plate by plate, with intervals.
 
-Even random directions mostly see nothing. Importance sampling picks them with a density
+Uniform directions mostly meet nothing. Importance sampling picks them with a density
 that is like the integrand. In a renderer the integrand is a product: light times
 reflection. Good densities are known for each factor alone.
 """
@@ -51,9 +51,9 @@ RESOLUTION = (120, 90) if QUICK else (480, 360)
 # Take the desk lamp of tutorial 1 again: f is :math:`\cos t` inside of the lamp's cone
 # and 0 outside. Its half angle is T. Here are three densities per solid angle:
 #
-# * *even*, over the hemisphere: :math:`1 / 2 \pi`;
+# * *uniform*, over the hemisphere: :math:`1 / 2 \pi`;
 # * *BRDF*, as a matte surface reflects: :math:`\cos t / \pi`;
-# * *light*, evenly in the lamp's cone: :math:`1 / (2 \pi (1 - \cos T))`.
+# * *light*, uniform in the lamp's cone: :math:`1 / (2 \pi (1 - \cos T))`.
 #
 # ``dmis.samplers.warp`` has the maps from pairs of uniform numbers to directions
 # ``(3, N)``, z up, and the densities.
@@ -62,10 +62,10 @@ exact = np.pi * np.sin(half_angle) ** 2
 u = np.random.default_rng(1).random((2, 100_000), dtype=np.float32)
 one_minus_cos = np.float32(1 - np.cos(half_angle))
 
-even, cosine = square_to_hemisphere(u)[2], square_to_cosine(u)[2]
+uniform, cosine = square_to_hemisphere(u)[2], square_to_cosine(u)[2]
 cone = square_to_cone(u, one_minus_cos)[2]
 ways = {
-    "even": (even, INV_PI / 2),
+    "uniform": (uniform, INV_PI / 2),
     "BRDF": (cosine, cosine * INV_PI),
     "light": (cone, cone_pdf(one_minus_cos)),
 }

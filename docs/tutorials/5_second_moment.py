@@ -10,9 +10,9 @@ After this tutorial you can
 * explain why low-discrepancy points beat better shares, and when both pay.
 
 The rule of the thesis lost on two of its four scenes. Its idea is right: with exact
-variances the parabola would win. But two samples of a technique that fails do not say
-that it fails. The same samples can tell much more, if each of them is asked about every
-share at once.
+variances the parabola would win. But two samples of a technique that fails do not show
+that it fails. The same samples can show much more: each of them has a value at every
+share.
 """
 
 import os
@@ -46,8 +46,8 @@ print(f"patches that report 0: {(reported == 0).mean():.0%}")
 
 # %%
 # They are right on average, and three of four patches report no variance at all. For a
-# parabola through three points, the technique that fails is then the best. The patch
-# gets nothing but BRDF samples.
+# parabola through three points, the technique that fails is then the best, and the
+# patch gets BRDF samples alone.
 #
 # If a sample hits with probability p, a patch of P pixels with two samples each sees no
 # hit with probability
@@ -113,8 +113,8 @@ for name, value in (
 # %%
 # So what hurts is the pilot, not the parabola.
 #
-# Ask every sample about every share
-# ----------------------------------
+# Every sample at every share
+# ---------------------------
 # Take the pilot at w = 1/2. Its samples come from the density
 # :math:`q = (p_l + p_b) / 2`, and each of them counts :math:`X = f / q`. At another
 # share, a sample in the same direction would count
@@ -132,11 +132,11 @@ for name, value in (
 #    M_2(w) = \int \frac{f^2}{p_w} = \mathrm{E}_q \left[ \frac{X^2}{m(w)} \right],
 #    \qquad \frac{X^2}{m(w)} \le \frac{X^2}{2 \min(w, 1 - w)}
 #
-# The bound says that at shares between 1/4 and 3/4 a term is at most twice what the
-# balance heuristic itself sees. Towards 0 and 1 its factor has no limit, so curves are
-# less certain there. And both techniques tell of both: if the BRDF samples miss a lamp,
-# the light samples that hit it know :math:`p_b` there. So they know what it would have
-# cost to rely on BRDF samples.
+# The bound says that at shares between 1/4 and 3/4 a term is at most twice the one at
+# w = 1/2. Towards 0 and 1 its factor has no limit, so curves are less certain there.
+# And the samples of each technique count for both: if the BRDF samples miss a lamp, the
+# light samples that hit it have :math:`p_b` there, and with it the cost of BRDF
+# sampling alone.
 #
 # The rule ``second-moment`` does that. It averages the *curves* of neighbours that look
 # alike, and then takes the minimum of each patch. It stays at 1/2 where the gain is not
