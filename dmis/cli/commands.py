@@ -31,7 +31,6 @@ from dmis.experiment.reference import cache_folder, load_reference, make_referen
 from dmis.experiment.speed.bench import HEADER, bench
 from dmis.fit.registry import RULES, make_rule
 from dmis.formats.load_scene import SHIPPED
-from dmis.scene.rescale import rescale_for_float32
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -167,12 +166,9 @@ def _info(options: argparse.Namespace) -> int:
     )
     if options.scene:
         begin = time.perf_counter()
-        loaded = load(options)
-        scene, _ = rescale_for_float32(loaded)
+        scene, _ = load(options).in_float32
         scene.prepare()
-        added = sum(part.mesh.triangles for part in scene.parts) - sum(part.mesh.triangles for part in loaded.parts)
-        refined = f"\n  {added:,} triangles added: huge ones are split near small bodies" if added else ""
-        print(f"\n{describe(scene)}{refined}\nread and built in {time.perf_counter() - begin:.2f} s")
+        print(f"\n{describe(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0
 
 

@@ -100,7 +100,7 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
 
 
 def _emission(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Selection | None]]:
-    """Yield the radiance of lights that belong to no group: of skies, and of lights that overlap where they are hit."""
+    """Yield the radiance of skies, which belong to no group."""
     plan = batch.scene.plan
     if plan.environment:
         missed = indices((hits.prim < 0) & rays.adds_emission)
@@ -110,12 +110,6 @@ def _emission(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Sel
                 if rays.throughput is not None:
                     sky = sky * take(rays.throughput, missed)
                 yield sky, compose(rays.sample, missed)
-    if plan.coincident is not None:
-        emission, met = batch.scene.overlapping_emission(hits, rays.direction)
-        emission = emission * take(np.asarray(rays.adds_emission), met)
-        if rays.throughput is not None:
-            emission = emission * take(rays.throughput, met)
-        yield emission, compose(rays.sample, met)
 
 
 def _continue(

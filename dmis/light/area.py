@@ -1,8 +1,7 @@
 """Area lights: surfaces that emit on one side, along their normal, as in pbrt.
 
-Their pdf is positive on both sides, since sampling does not know which side the receiver is on. Lights that overlap in
-one plane emit independently of each other, see `dmis.light.coincident`. Lights made of triangles are in
-`dmis.light.mesh_light`.
+Their pdf is positive on both sides, since sampling does not know which side the receiver is on. Lights made
+of triangles are in `dmis.light.mesh_light`.
 """
 
 from __future__ import annotations

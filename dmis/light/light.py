@@ -7,6 +7,7 @@ package.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
-from dmis.light.coincident import Coincident
 from dmis.light.light_sample import LightSample, Rgb, rgb
 
 
@@ -78,6 +78,10 @@ class Light(Protocol):
         """Return the visible surface, whose winding shows the bright side; None for lights without any."""
         return None
 
+    def doubts(self) -> Iterable[str]:
+        """Return messages about the light, which a scene issues as warnings before it is rendered."""
+        return ()
+
     def hides_itself(self) -> bool:
         """Return whether a part of the light may stand in front of another, so that its mesh must be in the scene."""
         return False
@@ -136,16 +140,6 @@ class AreaLight(SampledLight, Protocol):
     def brightness(self, length: float) -> float:
         """Return the largest radiance."""
         return float(np.max(self.radiance))
-
-    @property
-    def overlaps(self) -> Coincident | None:
-        """Triangles of the light that overlap others of it in one plane; None: there are none."""
-        return None
-
-    @property
-    def doubled_triangles(self) -> tuple[int, int] | None:
-        """The first two triangles that overlap in one plane and face the same side; None: there are none."""
-        return None
 
 
 class DeltaLight(Light, Protocol):

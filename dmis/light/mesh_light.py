@@ -1,32 +1,33 @@
-"""Area lights made of triangles, which may overlap or hide one another."""
+"""Area lights made of triangles, which may hide one another."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 
-from dmis.base.selection import Index
 from dmis.base.vectors import Array, dot
 from dmis.geometry.mesh import Ints, Mesh
 from dmis.intersect import Intersector
-from dmis.light.coincident import Coincident, find_coincident
+from dmis.light.coincident import find_overlaps, find_twins
 from dmis.light.light import AreaLight, moved, scaled
 from dmis.light.light_sample import ANY_POINT, LightSample, Rgb, flat_light_hit, flat_light_sample
 from dmis.light.triangle_order import compact_order, shortest_edge_last
 from dmis.samplers.warp import square_to_triangle
+
+MIN_GAP = 2e-6
+"""Least distance of two triangles that face each other, in largest coordinates: rays begin 10^-6 above surfaces."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshLight(AreaLight):
     """Triangles that emit along their winding's normal; sampled uniformly in area.
 
-    Directions are tested against the light's own triangles by an Embree scene of their own. Where triangles overlap in
-    one plane, those that face the receiver emit towards it, and their radiances add up: triangles that are listed a
-    second time with the opposite winding make a lamp that emits on both sides, with the same winding one that is twice
-    as bright.
+    Directions are tested against the light's own triangles by an Embree scene of their own. A triangle that is listed a
+    second time with the opposite winding makes both emit as one of two sides; a copy with the same winding is left out.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ class MeshLight(AreaLight):
     ------
     ValueError
         If vertices or faces are none of a `dmis.geometry.mesh.Mesh`, no triangle has an area, or the radiance is
-        negative or not finite.
+        negative or not finite; or if two triangles overlap in one plane, in part.
     """
 
     vertices: Array
@@ -51,11 +52,27 @@ class MeshLight(AreaLight):
     def __post_init__(self) -> None:
         if not self._data[2] > 0:
             raise ValueError("a mesh light must have a positive area; all its triangles are degenerate")
+        self._refuse_overlaps()
+
+    def _refuse_overlaps(self) -> None:
+        """Raise a ValueError if two triangles overlap in part."""
+        faces = self._sampled[0]
+        triangles = self._mesh.vertices[faces]
+        centre = triangles.mean(axis=(0, 1))  # float32 has more digits about it
+        caster, reach = Intersector(self._mesh.vertices - centre, faces), MIN_GAP * np.abs(triangles - centre).max()
+        first, second = find_overlaps(caster, triangles - centre, reach)
+        overlap = first != second
+        if overlap.any():
+            places = (str(triangles[index[overlap][0]].mean(axis=0).tolist()) for index in (first, second))
+            raise ValueError(
+                f"triangles of a mesh light must not overlap in part, because a ray meets only one of them; got two in "
+                f"one plane, about {' and '.join(places)}"
+            )
 
     @cached_property
     def _data(self) -> tuple[Array, Array, float, Array]:
         """Corner, two edges and unit normal of each triangle ``(12, F)``; cumulative shares of area; area; radiance."""
-        triangles = self._mesh.vertices[self._sampled_faces]
+        triangles = self._mesh.vertices[self._sampled[0]]
         corner, edge_u = triangles[:, 0], triangles[:, 1] - triangles[:, 0]
         edge_v = triangles[:, 2] - triangles[:, 0]
         cross = np.cross(edge_u, edge_v)
@@ -71,19 +88,19 @@ class MeshLight(AreaLight):
         return Mesh(self.vertices, self.faces)
 
     @cached_property
-    def _order(self) -> Index:
-        """Triangles in the order in which the first number of a sample goes through them."""
-        return compact_order(self._mesh.vertices[self._mesh.faces])
+    def _sampled(self) -> tuple[Ints, Array]:
+        """Triangles in the order in which the first number of a sample goes through them; whether both sides emit.
 
-    @cached_property
-    def _sampled_faces(self) -> Ints:
-        """Triangles in `_order`, their shortest edge between vertices 2 and 0.
-
-        The first number of a sample picks the triangle, and what is left of it a place along this edge; the second
-        number the distance from it. What is left is the same for all samples of a pixel if triangles are equal and
-        points even, so it decides about the shortest way.
+        The first number of a sample picks the triangle, and what is left of it a place along its shortest edge, which
+        is between vertices 2 and 0; the second number the distance from it. What is left is the same for all samples of
+        a pixel if triangles are equal and points low-discrepancy, so it decides about the shortest way.
         """
-        return shortest_edge_last(self._mesh.vertices, self._mesh.faces)[self._order]
+        vertices, faces = self._mesh.vertices, self._mesh.faces
+        same, reverse = find_twins(vertices[faces])
+        number = np.arange(len(faces))
+        kept = np.flatnonzero((same == number) & ((reverse < 0) | (reverse >= number)))
+        kept = kept[compact_order(vertices[faces[kept]])]
+        return shortest_edge_last(vertices, faces[kept]), reverse[kept] >= 0
 
     @cached_property
     def flat(self) -> bool:
@@ -94,22 +111,8 @@ class MeshLight(AreaLight):
         return bool(np.abs(away).max() <= 1e-5 * np.sqrt(area))
 
     @cached_property
-    def overlaps(self) -> Coincident | None:
-        """Triangles that overlap others in one plane, see `dmis.light.coincident`; None: there are none."""
-        return find_coincident(self._mesh.vertices[self._sampled_faces])
-
-    @property
-    def doubled_triangles(self) -> tuple[int, int] | None:
-        """The first two triangles that overlap in one plane and face the same side; None: there are none."""
-        if self.overlaps is None or not self.overlaps.same.any():
-            return None
-        pairs = np.sort(self._order[np.stack([self.overlaps.triangle, self.overlaps.other])], axis=0)
-        first, second = min(pairs.T[self.overlaps.same].tolist())
-        return first, second
-
-    @cached_property
     def _intersector(self) -> Intersector:
-        return Intersector(self._mesh.vertices, self._sampled_faces)
+        return Intersector(self._mesh.vertices, self._sampled[0])
 
     def __getstate__(self) -> dict[str, object]:
         return {k: v for k, v in self.__dict__.items() if k != "_intersector"}
@@ -123,8 +126,7 @@ class MeshLight(AreaLight):
         a, b = square_to_triangle(np.stack([u[1], np.clip(within, 0, 1)]))
         chosen = rows.take(index, axis=1)
         light_sample = flat_light_sample(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
-        if self.overlaps is not None:
-            light_sample = _add_up(light_sample, self.overlaps, index, a, b)
+        light_sample.emits |= self._sampled[1].take(index)
         if not self.flat:  # what other triangles hide `hit` does not see either: densities are those of the nearest
             facing = np.flatnonzero(light_sample.emits)
             nearest = self._intersector.closest(
@@ -140,9 +142,8 @@ class MeshLight(AreaLight):
         is_hit = hits.prim >= 0
         chosen = rows.take(np.maximum(hits.prim, 0), axis=1)
         light_sample = flat_light_hit(wi, hits.distance, dot(chosen[9:], wi), is_hit, area, radiance)
-        return (
-            light_sample if self.overlaps is None else _add_up(light_sample, self.overlaps, hits.prim, hits.u, hits.v)
-        )
+        light_sample.emits |= is_hit & self._sampled[1].take(hits.prim)
+        return light_sample
 
     def extent(self) -> float:
         """Return the diagonal of the bounds."""
@@ -160,17 +161,16 @@ class MeshLight(AreaLight):
         """Return the visible surface."""
         return self._mesh
 
+    def doubts(self) -> Iterator[str]:
+        """Yield a message if triangles are copies of others."""
+        same, _ = find_twins(self._mesh.vertices[self._mesh.faces])
+        copies = np.flatnonzero(same != np.arange(len(same)))
+        if len(copies):
+            yield (
+                f"triangle {copies[0]} of a mesh light is a copy of triangle {same[copies[0]]} and left out, as "
+                f"{len(copies)} of {len(same)} are; list it once, or reverse its corners to emit on the other side"
+            )
+
     def hides_itself(self) -> bool:
         """Return whether the triangles are not in one plane."""
         return not self.flat
-
-
-def _add_up(light_sample: LightSample, overlaps: Coincident, prim: Index, u: Array, v: Array) -> LightSample:
-    """Return `light_sample` with the light of all triangles at points (u, v) of the triangles `prim` (-1: a miss)."""
-    # p_l = m d^2 / (area |cos|) where m triangles overlap, and the radiance is that of the k of them that face p
-    point, pair = overlaps.at(prim, u, v)
-    facing = light_sample.emits.take(point) == overlaps.same.take(pair)
-    size = len(light_sample.emits)
-    m = 1 + np.bincount(point, minlength=size).astype(np.float32)
-    k = light_sample.emits + np.bincount(point.compress(facing), minlength=size).astype(np.float32)
-    return LightSample(light_sample.wi, light_sample.distance, light_sample.radiance * k, light_sample.pdf * m, k > 0)

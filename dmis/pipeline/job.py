@@ -33,7 +33,6 @@ from dmis.pipeline.budget import LEVELS, fill_budget, whole_samples
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.samplers.streams import stream
-from dmis.scene.rescale import rescale_for_float32
 from dmis.scene.scene import Scene, SceneWarning
 
 MIN_SPP_TO_LEARN = 16
@@ -123,7 +122,7 @@ class Job:
             raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
         spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
         _warn_if_dark(scene)
-        float32_scene, gain = _float32_scene(scene)
+        float32_scene, gain = scene.in_float32
         rule = default_rule(spp, settings) if rule is None else rule
         text = rule_text(rule)
         rule = make_rule(rule)
@@ -234,18 +233,6 @@ class Job:
             samples = whole_samples(np.asarray(fit.samples), samples, stream(self.seed, len(pilot), 2**31))
         control = control_variate.coefficients(pilot[0.5], shares) if controlled else None
         return FinalPass(fit, shares, settings, samples, control)
-
-
-def _float32_scene(scene: Scene) -> tuple[Scene, float]:
-    """Return the scene in units that float32 holds, and the gain of its image, see `dmis.scene.rescale`.
-
-    Both are kept with the scene, so that its next render finds them, with tables and Embree's copy. None stands for the
-    scene itself: it would refer to itself, and its memory would not be freed at once.
-    """
-    if (kept := vars(scene).get("_float32")) is None:
-        rescaled, gain = rescale_for_float32(scene)
-        kept = vars(scene)["_float32"] = (None if rescaled is scene else rescaled, gain)
-    return kept[0] or scene, kept[1]
 
 
 def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool, text: str) -> Settings:

@@ -6,8 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from dmis.light.light import Light
 from dmis.scene.groups import Group
 from dmis.scene.plan import Plan
@@ -36,11 +34,8 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         mixed = any(plan.mixes(group, light) for group in plan.groups)
         way = "two techniques, MIS" if mixed else "no surface to sample it for, outside MIS"
         lines.append(f"  {type(light).__name__}: {way}")
-    if plan.coincident is not None:
-        triangles = len(np.unique(plan.coincident[0].other))
-        lines.append(
-            f"  {triangles:,} triangles of lights overlap others in one plane: those that face the viewer add up"
-        )
+    if plan.unseen:
+        lines.append(f"  no part has the surface of {_names(plan.unseen)}: invisible to the camera")
     for k, delta in enumerate(plan.deltas):
         rays = ", at the pinhole: no shadow rays from camera hits" if k in plan.headlights else ""
         lines.append(f"  {type(delta).__name__}: a single direction, outside MIS{rays}")
@@ -102,6 +97,8 @@ def _left_out(plan: Plan, unread: Sequence[str]) -> Iterator[str]:
     """Yield what the plan leaves out, and why."""
     if plan.removed_lights:
         yield f"{_count(plan.removed_lights, 'light')} that emit{'s' * (plan.removed_lights == 1)} nothing"
+    if plan.copied_lights:
+        yield f"{_count(plan.copied_lights, 'light')} in the place of another, a copy"
     if plan.removed_lobes:
         yield f"{_count(plan.removed_lobes, 'lobe')} that reflect{'s' * (plan.removed_lobes == 1)} nothing"
     needs = [*_needs(plan.groups), ("environment lookups", bool(plan.environment))]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf.materials import Material
-from dmis.light.coincident import coincident_lights
+from dmis.light.coincident import original_lights
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
 from dmis.scene import pinhole
 from dmis.scene.camera import Camera
@@ -37,11 +37,13 @@ class Plan:
         Lights that take part in MIS; lights that cannot. Lights without power are in neither.
     environment
         Infinite lights, which camera rays see where they leave the scene.
-    coincident
-        Triangles of lights that overlap other triangles in one plane, and the radiance of each pair's light, see
-        `dmis.light.coincident.coincident_lights`; None: there are none.
-    removed_lights, removed_lobes
-        Number of lights without power, and of black lobes, which are left out.
+    parts
+        The scene's parts, simplified. Their lights have power; that of a part that copies another is the other's.
+    removed_lights, copied_lights, removed_lobes
+        Number of lights without power, of lights whose parts are copies of others, and of black lobes, which are left
+        out.
+    unseen
+        Sampled lights with a surface that no part has, so that the camera does not see it.
     pinhole_offsets
         Offsets of camera rays from the triangles that the pinhole is on, ``(K, 3)``, see `dmis.scene.pinhole`.
     headlights
@@ -76,7 +78,13 @@ class Plan:
             replace(part, material=simplified[id(part.material)], light=part.light if part.light in lights else None)
             for part in parts
         )
-        self.coincident = coincident_lights(parts)
+        originals = original_lights(parts)
+        copies = {id(part.light) for part in parts} - {id(light) for light in originals}
+        self.copied_lights = len(copies)
+        self.sampled = tuple(light for light in self.sampled if id(light) not in copies)
+        self.parts = parts = tuple(replace(part, light=light) for part, light in zip(parts, originals, strict=True))
+        seen = [part.light for part in parts]
+        self.unseen = tuple(light for light in self.sampled if light not in seen and light.mesh() is not None)
         for part in parts:
             key = batch_key(part)
             part_keys.append(key)

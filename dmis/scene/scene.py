@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,15 +17,18 @@ import numpy as np
 
 from dmis.base.selection import Index, Selection, columns, take
 from dmis.base.vectors import TINY, Array, dot
-from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, small_beside
+from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
+from dmis.light.coincident import two_sided
 from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
+from dmis.scene.doubts import lamp_doubts, offset_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
+from dmis.scene.rescale import rescale, units
 from dmis.scene.shading_points import ShadingPoints
 from dmis.scene.suggestions import Suggestions
 from dmis.scene.triangle_tables import Tables
@@ -197,10 +200,33 @@ class Scene:
         return np.clip(np.concatenate(out).astype(np.float32), TINY, self.epsilon)
 
     @cached_property
+    def _other_units(self) -> tuple[Scene, float] | None:
+        origin, length, gain = units(*self.bounds, self.small_bodies, self.lights)
+        scene = self
+        if origin.any() or length != 1 or gain != 1:
+            scene = self.changed(**rescale(self.camera, self.parts, self.lights, (origin, length, gain)))
+        parts = tuple(replace(part, mesh=refine_near_bodies(part.mesh, scene.bodies)) for part in scene.parts)
+        if any(new.mesh is not old.mesh for new, old in zip(parts, scene.parts, strict=True)):
+            scene = scene.changed(parts=parts)
+        # not the scene itself: it would refer to itself, and its memory would not be freed at once
+        return None if scene is self else (scene, gain)
+
+    @property
+    def in_float32(self) -> tuple[Scene, float]:
+        """The scene in units that float32 holds, and the factor for its image, see `dmis.scene.rescale`.
+
+        It is kept with this scene, as are its tables and Embree's copy; it is this scene if that is not extreme.
+        """
+        return self._other_units or (self, 1.0)
+
+    @cached_property
     def plan(self) -> Plan:
         """Groups and lights that a render computes with, see `dmis.scene.plan.Plan`."""
-        nearest = float(self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.min())
-        return Plan(self.camera, self.parts, self.lights, nearest)
+        return Plan(self.camera, self.parts, self.lights, self._least_epsilon)
+
+    @property
+    def _least_epsilon(self) -> float:
+        return float(self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.min())
 
     def describe(self) -> str:
         """Return in words what ``python -m dmis info`` prints: the plan, what the file suggests, how it was read."""
@@ -217,14 +243,34 @@ class Scene:
 
     @cached_property
     def intersector(self) -> RayCaster:
-        """Embree over all triangles of all parts, in order."""
+        """Embree over all triangles of all parts, in order; of lamps back to back it reports the one that is met."""
         offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in self.parts)])
         vertices = np.concatenate([part.mesh.vertices for part in self.parts], dtype=np.float32)
         faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(self.parts, offsets, strict=False)])
-        return Intersector(vertices, faces)
+        return two_sided(Intersector(vertices, faces), self.parts)
+
+    @cached_property
+    def _doubts(self) -> tuple[str, ...]:
+        return (
+            *lamp_doubts(self.parts, self.plan, self.intersector, 2 * self._least_epsilon),
+            *offset_doubts(self.parts, self.small_bodies, self.triangle_epsilon),
+        )
 
     def prepare(self) -> None:
-        """Build now what is otherwise built when it is first needed, so that it is not part of a measured time."""
+        """Build now what is otherwise built when it is first needed, so that it is not part of a measured time.
+
+        Raises
+        ------
+        ValueError
+            If two lamps overlap in part.
+
+        Warns
+        -----
+        SceneWarning
+            If float32 does not resolve a small part, or a lamp is nearer to a surface than rays can tell.
+        """
+        for text in self._doubts:
+            warnings.warn(SceneWarning(f"scene {self.name}: {text}"), stacklevel=3)
         _ = self.plan, self.intersector, self.epsilon, self.triangle_epsilon, self.tables.corners, self.covered_pixels
         for group in self.plan.groups:
             if group.smooth:
@@ -238,25 +284,6 @@ class Scene:
     def tables(self) -> Tables:
         """Vertex attributes of the triangles, see `dmis.scene.triangle_tables.Tables`."""
         return Tables(self.parts)
-
-    def overlapping_emission(self, hits: Hits, direction: Array) -> tuple[Array, Index]:
-        """Return the radiance towards the viewer of lights that overlap the triangles that rays hit, in one plane.
-
-        Only for scenes whose plan has `coincident` triangles. What the triangle itself emits is not in it.
-
-        Returns
-        -------
-        radiance
-            ``(3, K)`` float32.
-        ray
-            Their rays ``(K,)``; one ray may meet several lights.
-        """
-        assert self.plan.coincident is not None
-        overlaps, radiance = self.plan.coincident
-        ray, pair = overlaps.at(hits.prim, hits.u, hits.v)
-        normal = columns(self.tables.corners, hits.prim.take(ray))[9:]
-        facing = (dot(normal, take(direction, ray)) < 0) == overlaps.same.take(pair)
-        return radiance.take(pair.compress(facing), axis=1), ray.compress(facing)
 
     def shading_points(
         self, group: Group, hits: Hits, index: Selection | None, direction: Array

@@ -84,6 +84,7 @@ class Counting:
 
 def test_only_the_missing_tiles_are_traced(wide, tmp_path):
     """Rays traced before and after the interruption are those of one go, and so are the bits of the image."""
+    wide.prepare()
     counting = Counting(wide.intersector)
     vars(wide)["intersector"] = counting
     try:

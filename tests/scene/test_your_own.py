@@ -182,15 +182,6 @@ def test_rescaled_is_asked_for_where_it_is_needed() -> None:
         dmis.render(far, "balance", 2)
 
 
-def test_a_textured_light_may_not_overlap_a_triangle() -> None:
-    lamp = Panel(2.0)
-    scene = box_scene(
-        lights=(lamp,), extra=(light_part(lamp), Part(quad((0, 0, 2), (3, 0, 0), (0, 3, 0)), dmis.matte()))
-    )
-    with pytest.raises(ValueError, match=r"textured light must not lie in one plane .* got a Panel\. Move one"):
-        dmis.render(scene, "balance", 2)
-
-
 def test_material_refuses_what_is_no_lobe() -> None:
     with pytest.raises(ValueError, match=r"lobes must derive from dmis\.brdf\.lobe\.Lobe .* class int\(Lobe\)"):
         dmis.Material((7,))  # type: ignore[arg-type]

@@ -8,7 +8,6 @@ from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.dialect import IRRELEVANT, V1_PARAMETERS
 from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters
 from dmis.formats.pbrt.tokens import Source, Token
-from dmis.light.light import AreaLight
 from dmis.scene.scene import SceneWarning
 
 MIN_LIKENESS = 0.8
@@ -71,16 +70,6 @@ class Notes:
         for kind, items in ((_BRIGHT, p.bright), (_NEGATIVE, p.negative)):
             for item in items:
                 self._add(kind, f"{item.name!r} of {item.directive.text}", item.token)
-
-    def add_overlap(self, token: Token, light: AreaLight | None) -> None:
-        """Note triangles of a light that overlap."""
-        if light is not None and light.doubled_triangles is not None:
-            first, second = light.doubled_triangles
-            self.warnings.append(
-                f"{token.source.path}:{token.line}: triangles {first} and {second} of this light overlap and face the "
-                f"same side, where their radiances add up; remove one of them, or reverse its corners if it is meant "
-                f"to shine on the other side"
-            )
 
     def warn(self, stacklevel: int, filtered: bool) -> None:
         """Issue a warning for each text and each kind of note, with the first places of what it is about.

@@ -179,7 +179,6 @@ class Reader:
         bright, lights = [], list(self.lights)
         for shape, (place, _, material, emits) in zip(placed, self.emitters, strict=False):
             lamp, lights[place] = make_light_part(shape, material, emission(emits, partial(areas, shape)))
-            self.notes.add_overlap(shape.token, lamp.light)
             bright.append(lamp)
         others = zip(placed[len(bright) :], (material for _, material in self.shapes), strict=True)
         parts = bright + merge(others)

@@ -1,0 +1,99 @@
+"""What float32 does not tell apart in a scene: lamps in one place or on a surface, and what is near a small body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.geometry.refinement import diagonals
+from dmis.intersect import RayCaster
+from dmis.light.coincident import find_overlaps, lamp_triangles
+from dmis.scene.groups import Part
+from dmis.scene.plan import Plan
+
+MAX_OFFSET = 1e-3
+"""Largest ray offset beside a small body, in sizes of the body, that passes without a warning."""
+
+
+def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: float) -> Iterator[str]:
+    """Yield what lights say of themselves, lamps that are copies, and the first one nearer to a surface than `reach`.
+
+    Parameters
+    ----------
+    parts, plan, caster
+        Those of the scene.
+    reach
+        Two ray offsets: a surface within one gets no light, and some up to another.
+
+    Raises
+    ------
+    ValueError
+        If two lamps overlap in part; it names both.
+    """
+    lights = [part.light for part in plan.parts]
+    names = [
+        f"part {k} ({part.material.name if light is None else type(light).__name__})"
+        for k, (part, light) in enumerate(zip(parts, lights, strict=True))
+    ] + [f"a {type(light).__name__} without a part" for light in plan.unseen]
+    for k, (part, light) in enumerate(zip(parts, lights, strict=True)):
+        if light is not None and light is not part.light:
+            yield f"{names[k]} is a copy of {names[[p.light for p in parts].index(light)]} and left out"
+    for sampled in plan.sampled:
+        yield from sampled.doubts()
+    triangles, _, owner = lamp_triangles(plan.parts)
+    meshes = [mesh for light in plan.unseen if (mesh := light.mesh()) is not None]
+    triangles = np.concatenate([triangles, *(mesh.vertices[mesh.faces] for mesh in meshes)])
+    owner = np.append(owner, np.repeat(np.arange(len(meshes)) + len(parts), [mesh.triangles for mesh in meshes]))
+    number, prim = find_overlaps(caster, triangles, reach)
+    met = np.searchsorted(np.cumsum([part.mesh.triangles for part in parts]), prim, side="right")
+    pairs, first = np.unique(np.stack([owner[number], met]), axis=1, return_index=True)
+    near = []
+    for lamp, other, k in zip(*pairs.tolist(), number[first].tolist(), strict=True):
+        place = f"at {tuple(np.round(triangles[k].mean(axis=0), 6).tolist())}"
+        if lights[other] is None:
+            near.append(f"{names[lamp]} is nearer to {names[other]} than {reach:.2g}, {place}")
+        elif lamp < len(parts) and lights[other] is not lights[lamp]:
+            raise ValueError(
+                f"lamps must not overlap in part, because a ray meets only one of them; got {names[lamp]} and "
+                f"{names[other]} in one place {place}. Move one, cut them, or make them equal and opposite"
+            )
+    if near:
+        more = f" (and {len(near) - 1} more such pairs)" if len(near) > 1 else ""
+        yield (
+            f"{near[0]}{more}: rays begin above the light, which gives no light there, and may be hidden; move it "
+            f"farther away"
+        )
+
+
+def offset_doubts(parts: Sequence[Part], small: Array, triangle_epsilon: Array | None) -> Iterator[str]:
+    """Yield a message about the body beside which rays begin farthest off, if they do by more than `MAX_OFFSET`.
+
+    Parameters
+    ----------
+    parts
+        Those of the scene.
+    small
+        Bounds of its small bodies, ``(B, 2, 3)``.
+    triangle_epsilon
+        Ray offset of each triangle, ``(T,)``; None if there are no small bodies.
+    """
+    if triangle_epsilon is None:
+        return
+    sizes, offsets = diagonals(small), np.zeros(len(small))
+    far = np.flatnonzero(triangle_epsilon > MAX_OFFSET * sizes.min())
+    corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts])[far]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    for k, ((least, most), size) in enumerate(zip(small, sizes, strict=True)):
+        near = far[((low <= most + size) & (high >= least - size)).all(axis=1)]
+        offsets[k] = triangle_epsilon[near].max(initial=0)
+    k = int(np.argmax(offsets / sizes))
+    if offsets[k] > MAX_OFFSET * sizes[k]:
+        low, high = small[k]
+        inside = [(part.mesh.bounds[0] <= low).all() and (part.mesh.bounds[1] >= high).all() for part in parts]
+        yield (
+            f"rays begin {offsets[k] / sizes[k]:.2g} times the size of a body off the surfaces around it (part "
+            f"{inside.index(True)}): shadows and gaps below that are lost. Make the triangles there smaller, or "
+            f"leave out what is far away"
+        )
