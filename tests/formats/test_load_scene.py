@@ -9,13 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, shipped
+from helpers import Z_LIMIT
 
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
 from dmis.cli.commands import main
-from dmis.formats.load_scene import SHIPPED, SKY, light_part, load_scene
-from dmis.formats.pbrt.tokens import PbrtError
+from dmis.formats.load_scene import SKY, light_part, load_scene
 from dmis.geometry.mesh import Mesh, flat_normals
 from dmis.geometry.shapes import quad
 from dmis.image import write_exr
@@ -43,13 +42,6 @@ def test_pbrt_file(pbrt_file):
     for source in (pbrt_file, str(pbrt_file)):
         scene = load_scene(source, (40, 30))
         assert (scene.name, scene.camera.resolution) == ("scene", (40, 30))
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_scenes_load_by_name(name):
-    scene = shipped(name)
-    assert scene.name == name
-    assert scene.lights and scene.parts
 
 
 def test_unknown_names_are_told_the_known_ones(monkeypatch, pbrt_file):
@@ -159,11 +151,6 @@ def test_area_lights_get_a_surface_that_they_hit(light):
     assert isinstance(light, SphereLight) or not back.emits.any()
 
 
-def test_light_part_of_a_mesh_light_is_its_mesh():
-    light = MeshLight(BOX.vertices, BOX.faces, (1, 1, 1))
-    np.testing.assert_array_equal(light_part(light).mesh.vertices, BOX.vertices)
-
-
 @pytest.mark.parametrize(
     "source, arguments, kind, message",
     [
@@ -209,13 +196,6 @@ def test_what_is_no_scene(tmp_path):
 def test_a_pbrt_scene_has_its_own(pbrt_file, name, value):
     with pytest.raises(ValueError, match=f"{name} must not be given for .*because a pbrt scene has its own"):
         load_scene(pbrt_file, **{name: value})
-
-
-def test_errors_of_the_reader_come_through(tmp_path):
-    path = tmp_path / "bad.pbrt"
-    path.write_text("Foo")
-    with pytest.raises(PbrtError, match=r"bad\.pbrt:1: token Foo"):
-        load_scene(path)
 
 
 def test_a_mesh_light_that_is_not_flat_is_seen() -> None:
