@@ -124,18 +124,6 @@ IRRELEVANT = {
     ),
 }
 """Parameters that do not change the expected image, by directive; those of Sampler and Renderer never do."""
-_V1_MATERIALS = "bluepaint", "brushedmetal", "clay", "felt", "primer", "skin"
-_EARLIER = ("matte", "plastic", "metal", "mirror", "glass", "substrate", "uber", "translucent")
-_V4_MATERIALS = (
-    "diffuse",
-    "conductor",
-    "dielectric",
-    "coateddiffuse",
-    "coatedconductor",
-    "diffusetransmission",
-    "thindielectric",
-    "interface",
-)
 _SHARED = {
     **dict.fromkeys(V2.directives, "v2"),
     **dict.fromkeys(V3.directives, "v3 v4"),
@@ -145,55 +133,61 @@ _SHARED = {
     "WorldEnd": "v2 v3",
 }
 """Dialects that have a directive or a type of parameter."""
-_NAMES = {
-    "Camera": {"realistic": "v3 v4", "spherical": "v4", "environment": "v2 v3"},
-    "Film": {"image": "v2 v3", **dict.fromkeys(V4.film, "v4")},
-    "Sampler": {
-        **dict.fromkeys(("adaptive", "bestcandidate"), "v2"),
-        **dict.fromkeys(("lowdiscrepancy", "random"), "v2 v3"),
-        **dict.fromkeys(("02sequence", "maxmindist"), "v3"),
-        **dict.fromkeys(("sobol",), "v3 v4"),
-        **dict.fromkeys(("independent", "paddedsobol", "pmj02bn", "zsobol"), "v4"),
-    },
-    "Accelerator": {"grid": "v2"},
-    "Integrator": {
-        **dict.fromkeys(("directlighting", "whitted"), "v3"),
-        **dict.fromkeys(("bdpt", "mlt", "sppm", "volpath"), "v3 v4"),
-        **dict.fromkeys(("function", "lightpath", "randomwalk", "simplepath", "simplevolpath"), "v4"),
-    },
-    "Shape": {
-        **dict.fromkeys(("cone", "heightfield", "hyperboloid", "nurbs", "paraboloid"), "v2 v3"),
-        **dict.fromkeys(("curve", "plymesh"), "v3 v4"),
-        "bilinearmesh": "v4",
-    },
-    "Material": {
-        **dict.fromkeys((*_V1_MATERIALS, "shinymetal"), "v2"),
-        **dict.fromkeys(_EARLIER, "v2 v3"),
-        **dict.fromkeys(("disney", "fourier"), "v3"),
-        **dict.fromkeys(("", "none", "hair"), "v3 v4"),
-        **dict.fromkeys(_V4_MATERIALS, "v4"),
-    },
-    "AreaLightSource": {"area": "v2 v3"},
-}
+
+
+def _by_word(table: str) -> dict[tuple[str, str], str]:
+    """Return the dialects by directive and word of a table with lines "dialects: directive: words"."""
+    rows = [[field.strip() for field in line.split(":")] for line in table.strip().splitlines()]
+    return {(directive, word): names for names, directive, words in rows for word in words.split()}
+
+
+_NAMES = _by_word("""
+v2    : Sampler        : adaptive bestcandidate
+v2    : Accelerator    : grid
+v2    : Material       : shinymetal bluepaint brushedmetal clay felt primer skin
+v2 v3 : Camera         : environment
+v2 v3 : Film           : image
+v2 v3 : Sampler        : lowdiscrepancy random
+v2 v3 : Shape          : cone heightfield hyperboloid nurbs paraboloid
+v2 v3 : Material       : matte plastic metal mirror glass substrate uber translucent
+v2 v3 : AreaLightSource: area
+v3    : Sampler        : 02sequence maxmindist
+v3    : Integrator     : directlighting whitted
+v3    : Material       : disney fourier
+v3 v4 : Camera         : realistic
+v3 v4 : Sampler        : sobol
+v3 v4 : Integrator     : bdpt mlt sppm volpath
+v3 v4 : Shape          : curve plymesh
+v3 v4 : Material       : none hair
+v4    : Camera         : spherical
+v4    : Film           : rgb gbuffer spectral
+v4    : Sampler        : independent paddedsobol pmj02bn zsobol
+v4    : Integrator     : function lightpath randomwalk simplepath simplevolpath
+v4    : Shape          : bilinearmesh
+v4    : Material       : diffuse conductor dielectric coateddiffuse
+v4    : Material       : coatedconductor diffusetransmission thindielectric interface
+""")
 """Dialects that have a directive with this first string; those of a material also in MakeNamedMaterial."""
-_PARAMETERS = {
-    "Camera": dict.fromkeys(V1_PARAMETERS["Camera"], "v2"),
-    "Film": {
-        **dict.fromkeys(V1_PARAMETERS["Film"], "v2"),
-        **dict.fromkeys(("scale", "maxsampleluminance"), "v3"),
-        "diagonal": "v3 v4",
-        **dict.fromkeys(("iso", "sensor", "whitebalance", "maxcomponentvalue"), "v4"),
-    },
-    "PixelFilter": dict.fromkeys(("xwidth", "ywidth", "alpha"), "v2 v3")
-    | dict.fromkeys(("xradius", "yradius", "sigma"), "v4"),
-    "LightSource": dict.fromkeys(("nsamples", "mapname"), "v2 v3")
-    | dict.fromkeys(("filename", "illuminance", "power", "portal"), "v4")
-    | {"samples": "v3"},
-    "AreaLightSource": {"nsamples": "v2 v3", "samples": "v3", "twosided": "v3 v4", "power": "v4"},
-    "Shape": {"nlevels": "v2 v3", "levels": "v3 v4"},
-    "Material": {"remaproughness": "v3 v4"},
-    "MakeNamedMaterial": {"remaproughness": "v3 v4"},
-}
+_PARAMETERS = _by_word("""
+v2    : Camera           : hither yon
+v2    : Film             : premultiplyalpha writefrequency
+v2 v3 : PixelFilter      : xwidth ywidth alpha
+v2 v3 : LightSource      : nsamples mapname
+v2 v3 : AreaLightSource  : nsamples
+v2 v3 : Shape            : nlevels
+v3    : Film             : scale maxsampleluminance
+v3    : LightSource      : samples
+v3    : AreaLightSource  : samples
+v3 v4 : Film             : diagonal
+v3 v4 : AreaLightSource  : twosided
+v3 v4 : Shape            : levels
+v3 v4 : Material         : remaproughness
+v3 v4 : MakeNamedMaterial: remaproughness
+v4    : Film             : iso sensor whitebalance maxcomponentvalue
+v4    : PixelFilter      : xradius yradius sigma
+v4    : LightSource      : filename illuminance power portal
+v4    : AreaLightSource  : power
+""")
 """Dialects that have a parameter of a directive."""
 
 
@@ -220,15 +214,16 @@ def detect(tokens: Iterable[Any]) -> tuple[Dialect, tuple[str, ...]]:
 
 def _marks(token: Any, directive: str, before: str) -> Iterator[str]:
     """Yield the dialects that a token fits, in the parameters of `directive` and behind the token `before`."""
+    everywhere = "v2 v3 v4"
     if token.kind == "word":
-        yield _SHARED.get(token.text, "v2 v3 v4")
+        yield _SHARED.get(token.text, everywhere)
     if token.kind != "string":
         return
     if before == directive:
-        yield _NAMES.get(directive, {}).get(token.name, "v2 v3 v4")
+        yield _NAMES.get((directive, token.name), everywhere)
     elif directive == "MakeNamedMaterial" and before == '"string type"':
-        yield _NAMES["Material"].get(token.name, "v2 v3 v4")
+        yield _NAMES.get(("Material", token.name), everywhere)
     else:
         kind, _, name = token.name.strip().partition(" ")
-        yield _SHARED.get(kind, "v2 v3 v4") if name else "v2 v3 v4"
-        yield _PARAMETERS.get(directive, {}).get(name.strip(), "v2 v3 v4")
+        yield _SHARED.get(kind, everywhere) if name else everywhere
+        yield _PARAMETERS.get((directive, name.strip()), everywhere)

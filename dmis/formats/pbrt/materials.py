@@ -134,11 +134,6 @@ def _smooth(p: Parameters) -> bool:
     return all(below)
 
 
-def _black(value: Any) -> bool:
-    """Return whether a reflectance, an RGB triple or an image, is zero everywhere."""
-    return not np.any(value.texels if isinstance(value, Image) else value)
-
-
 def _plastic(p: Parameters) -> Material:
     kd, ks = p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25)
     remap, roughness = p.boolean("remaproughness", True), p.real("roughness", 0.1)
@@ -162,16 +157,10 @@ def _by_side(material: Material) -> tuple[Lobe, ...]:
     )
 
 
-def _metal(p: Parameters) -> Material:
-    eta = p.constant_colour("eta", materials.COPPER_ETA)
-    k = p.constant_colour("k", materials.COPPER_K)
-    return _rough_metal(p, eta, k, _roughness(p, 0.01), "metal")
-
-
 def _substrate(p: Parameters) -> Material:
     kd, ks = p.reflectance("Kd", 0.5), p.reflectance("Ks", 0.5)
     alphas = _alphas(p, (p.real("uroughness", 0.1), p.real("vroughness", 0.1)))
-    if _black(kd) and _black(ks):
+    if not any(np.any(value.texels if isinstance(value, Image) else value) for value in (kd, ks)):
         return Material((), "substrate")
     facets = TrowbridgeReitz(models.facet_roughness(*alphas))
     return Material((BlendBase(kd, ks), BlendCoat(ks, facets)), "substrate")
@@ -186,19 +175,11 @@ def _uber(p: Parameters) -> Material:
     return replace(others, lobes=others.lobes + _by_side(rough))
 
 
-def _glass(p: Parameters) -> Material:
-    return _refractive(p, p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index()))
-
-
 def _refractive(p: Parameters, kr: Any, kt: Any, index: float) -> Material:
     """Return glass, rough or smooth; with the index 1 it is smooth, and light passes straight through."""
     if _smooth(p) or index == 1:
         return materials.glass(kr, kt, index)
     return models.rough_glass(kr, kt, *_alphas(p, _roughness(p, 0)), index)
-
-
-def _diffuse(p: Parameters) -> Material:
-    return replace(materials.matte(p.albedo("reflectance", 0.5)), name="diffuse")
 
 
 def _conductor(p: Parameters) -> Material:
@@ -212,11 +193,11 @@ def _conductor(p: Parameters) -> Material:
         k = np.asarray(p.constant_colour("k", named["metal-Cu-k"]))
     if _smooth(p):
         return Material((SpecularReflection(1.0, _fresnel(eta, k)),), "conductor")
-    return _rough_metal(p, eta, k, _roughness(p, 0), "conductor")
+    return _rough_metal(p, eta, k, 0, "conductor")
 
 
-def _rough_metal(p: Parameters, eta: Any, k: Any, roughness: tuple[Any, Any], name: str) -> Material:
-    alpha, alpha_v = _alphas(p, roughness)
+def _rough_metal(p: Parameters, eta: Any, k: Any, default_roughness: float, name: str) -> Material:
+    alpha, alpha_v = _alphas(p, _roughness(p, default_roughness))
     return replace(models.ggx(0, 1, alpha, alpha_v, _fresnel(eta, k)), name=name)
 
 
@@ -226,10 +207,6 @@ def _fresnel(eta: Any, k: Any) -> ExactConductor:
         raise ValueError(f"a metal needs eta above 0 and k at least 0; got {eta.tolist()} and {k.tolist()}")
     (er, eg, eb), (kr, kg, kb) = eta.tolist(), k.tolist()
     return ExactConductor((er, eg, eb), (kr, kg, kb))
-
-
-def _dielectric(p: Parameters) -> Material:
-    return replace(_refractive(p, 1, 1, p.index("eta", 1.5)), name="dielectric")
 
 
 def _coated(p: Parameters) -> Material:
@@ -286,17 +263,19 @@ MATERIALS: Mapping[str, Mapping[str, Callable[[Parameters], Material] | None]] =
     "v3": {
         "matte": V2_MATERIALS["matte"],
         "mirror": V2_MATERIALS["mirror"],
-        "glass": _glass,
+        "glass": lambda p: _refractive(p, p.reflectance("Kr", 1), p.reflectance("Kt", 1), p.index("eta", p.index())),
         "plastic": _plastic,
         "uber": _uber,
-        "metal": _metal,
+        "metal": lambda p: _rough_metal(
+            p, p.constant_colour("eta", materials.COPPER_ETA), p.constant_colour("k", materials.COPPER_K), 0.01, "metal"
+        ),
         "substrate": _substrate,
         "mix": None,
     },
     "v4": {
-        "diffuse": _diffuse,
+        "diffuse": lambda p: replace(materials.matte(p.albedo("reflectance", 0.5)), name="diffuse"),
         "conductor": _conductor,
-        "dielectric": _dielectric,
+        "dielectric": lambda p: replace(_refractive(p, 1, 1, p.index("eta", 1.5)), name="dielectric"),
         "coateddiffuse": _coated,
         "mix": None,
     },

@@ -22,6 +22,7 @@ from dmis.brdf.distributions import Anisotropic, Elliptic
 from dmis.brdf.materials import Material
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.lights import similarity
+from dmis.formats.pbrt.parameters import rgb
 from dmis.formats.pbrt.shapes import QUADRICS, Shape, mirrors
 from dmis.formats.pbrt.tokens import blame
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals
@@ -106,15 +107,16 @@ def _light(shape: Shape, mesh: Mesh, radiance: Rgb) -> AreaLight:
             raise ValueError(f"a {shape.kind} that emits must not be stretched; scale all axes alike, or use a mesh")
         height, radius = shape.size
         linear, origin = shape.to_world[:3, :3], shape.to_world[:3, 3]
-        centre = _triple(linear @ [0, 0, height] + origin)
+        centre = rgb(linear @ [0, 0, height] + origin)
         if shape.kind == "disk":
             normal = linear[:, 2] * (-1 if shape.reverse else 1)
-            return DiskLight(centre, _triple(normal), radius * factor, radiance)
+            return DiskLight(centre, rgb(normal), radius * factor, radiance)
         if not shape.reverse:
             return SphereLight(centre, radius * factor, radiance)
     edges = _parallelogram(mesh)
     if edges is not None:
-        return QuadLight(_triple(edges[0]), _triple(edges[1]), _triple(edges[2]), radiance)
+        corner, u, v = map(rgb, edges)
+        return QuadLight(corner, u, v, radiance)
     return MeshLight(mesh.vertices, mesh.faces, radiance)
 
 
@@ -218,9 +220,3 @@ def _oriented(value: object) -> bool:
     if isinstance(value, Image | Anisotropic | Elliptic):
         return True
     return is_dataclass(value) and any(_oriented(getattr(value, field.name)) for field in fields(value))
-
-
-def _triple(values: Floats) -> tuple[float, float, float]:
-    """Return three numbers (3,) as a tuple of Python floats."""
-    x, y, z = values.tolist()
-    return x, y, z

@@ -120,26 +120,23 @@ def _axes(quadric: Quadric, to_camera: Floats, camera: Camera, share: float, lam
 
 def _nearness(quadric: Quadric, eye: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return samples of u (A,) and v (B,), and there the largest r / d with the radius r of the line's circle."""
-    turn = np.radians(quadric.phimax)
-    axial = float(np.hypot(eye[0], eye[1]))
-    (near, _, low), (far, _, high) = quadric.at(np.zeros((1, 2)), np.array([[0.0, 1.0]]))[0][0]
+    turn, axial = np.radians(quadric.phimax), float(np.hypot(eye[0], eye[1]))
     if quadric.arc:
         nearest, offsets = (quadric.start - np.arctan2(axial, eye[2])) / quadric.arc, _OFFSETS / quadric.arc
     else:  # the foot of the perpendicular
+        (near, _, low), (far, _, high) = quadric.at(np.zeros((1, 2)), np.array([[0.0, 1.0]]))[0][0]
         along = far - near, high - low
         nearest = ((axial - near) * along[0] + (eye[2] - low) * along[1]) / (along[0] ** 2 + along[1] ** 2)
         offsets = np.linspace(0, 1, 17) * max(1.0, abs(nearest))
     v = np.unique(np.clip([nearest - offsets, nearest + offsets], 0, 1))
-    circles = quadric.at(np.zeros((1, len(v))), v[None])[0][0]
-    radius, height = circles[:, 0], circles[:, 2]
+    radius, _, height = quadric.at(np.zeros((1, len(v))), v[None])[0][0].T
     # The nearest azimuth is reached from both ends of the sweep.
     azimuth = np.arctan2(eye[1], eye[0])
     phi = np.unique(
         np.clip([azimuth + 2 * np.pi * k + sign * _OFFSETS for k in (-1, 0, 1) for sign in (-1, 1)], 0, turn)
     )
     # d^2 = (rho - r)^2 + (z - h)^2 + 4 rho r sin^2(x / 2) from (rho, z) to a circle, at x radians of azimuth
-    least = MIN_DISTANCE * quadric.radius
     straight = (axial - radius) ** 2 + (eye[2] - height) ** 2
-    distance = np.sqrt(straight + 4 * axial * radius * np.sin((phi - azimuth)[:, None] / 2) ** 2)
-    near_u = (radius / np.maximum(distance, least)).max(axis=1)
-    return phi / turn, v, near_u, quadric.radius / np.maximum(np.sqrt(straight), least)
+    square = straight + 4 * axial * radius * np.sin((phi - azimuth)[:, None] / 2) ** 2
+    distance, nearby = (np.maximum(np.sqrt(d), MIN_DISTANCE * quadric.radius) for d in (square, straight))
+    return phi / turn, v, (radius / distance).max(axis=1), quadric.radius / nearby

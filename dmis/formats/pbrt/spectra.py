@@ -1,9 +1,9 @@
 """Spectra of pbrt files as linear RGB, by dialect.
 
-pbrt-v2 and v3 turn every spectrum into RGB without a white balance; v3 has integrals and a scale of black bodies of its
-own (`_v3_sampled`, `_v3_blackbody`). pbrt-v4 keeps spectra and looks at the film in the end; here they become RGB at
-once. What a surface or a metal has is balanced, so that a constant spectrum stays the same constant, and what a light
-has is brought to the luminance 1, as v4 does before its ``scale``.
+pbrt-v2 and v3 turn every spectrum into RGB without a white balance; v3 integrates over 470 nm in 471 steps, and has a
+scale of black bodies of its own (`_v3_blackbody`). pbrt-v4 keeps spectra and looks at the film in the end; here they
+become RGB at once. What a surface or a metal has is balanced, so that a constant spectrum stays the same constant, and
+what a light has is brought to the luminance 1, as v4 does before its ``scale``.
 """
 
 from __future__ import annotations
@@ -59,11 +59,6 @@ def _times(rgb: Rgb, factor: float | Floats) -> Rgb:
     return r, g, b
 
 
-def _v3_sampled(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
-    """Return the RGB of a table in pbrt-v3, which integrates over 470 nm in 471 steps."""
-    return _times(spectrum_to_rgb(wavelengths, values), 470 / 471)
-
-
 def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
     """Return the RGB of a black body in pbrt-v3, which scales the brightest wavelength to 1, not 555 nm."""
     rgb = blackbody_to_rgb(temperature, scale)
@@ -74,14 +69,6 @@ def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
         c2 = 1.4388e7 / temperature
         brightest = (555 / peak) ** 5 * np.exp(c2 / 555 - c2 / peak) * np.expm1(-c2 / 555) / np.expm1(-c2 / peak)
         return _times(rgb, 470 / 471 / brightest)
-
-
-def _v4_sampled(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
-    return _times(spectrum_to_rgb(wavelengths, values), 1 / _white())
-
-
-def _v4_blackbody(temperature: float) -> Rgb:
-    return luminous(blackbody_to_rgb(temperature))
 
 
 @cache
@@ -98,7 +85,11 @@ def _v4_named() -> dict[str, Rgb]:
 
 SPECTRA = {
     "v2": Spectra(spectrum_to_rgb, blackbody_to_rgb, dict),
-    "v3": Spectra(_v3_sampled, _v3_blackbody, dict),
-    "v4": Spectra(_v4_sampled, _v4_blackbody, _v4_named),
+    "v3": Spectra(lambda *table: _times(spectrum_to_rgb(*table), 470 / 471), _v3_blackbody, dict),
+    "v4": Spectra(
+        lambda *table: _times(spectrum_to_rgb(*table), 1 / _white()),
+        lambda temperature: luminous(blackbody_to_rgb(temperature)),
+        _v4_named,
+    ),
 }
 """Conversions of spectra by the name of the dialect."""
