@@ -17,7 +17,6 @@ from helpers import pickled, run_cell
 import dmis
 from dmis.brdf import diffuse, microfacet
 from dmis.brdf.diffuse import Lambert
-from dmis.brdf.lobe import Lobe
 from dmis.experiment.table import Results, conditions, definition
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES
@@ -227,20 +226,10 @@ def test_values_that_differ(one, other):
     assert (digest(one) == digest(other)) == same and digest(one) == digest(one)
 
 
-@dataclass(frozen=True, eq=False)
-class Generated(Lobe):
-    """A lobe with a field that has no content."""
-
-    reflectance: Any
-    rng: Any
-
-    eval = pdf = sample = None  # a scene can be made with it
-
-
 @pytest.mark.parametrize("value", [np.random.default_rng(1), sys, np.array([np.random.default_rng(1)]), iter([1])])
 def test_a_field_without_content_is_refused(value):
     """The message has the way there, the type and a way out."""
-    scene = box_scene(dmis.Material((Generated(0.5, {"a": [1, value]}),)))
+    scene = box_scene(dmis.Material((Drawn(0.5, {"a": [1, value]}),)))
     with pytest.raises(
         ValueError, match=r"\['material'\]\.lobes\[0\]\.rng\['a'\]\[1\].* must be made of numbers"
     ) as error:
