@@ -26,7 +26,7 @@ patches follow a dip that the rule believes in, too, and its value is no varianc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -41,7 +41,6 @@ def choose_patch(
     w: Array,
     variance: Array,
     fit: Callable[[Array, Array], Array],
-    sizes: Sequence[int] = SIZES,
 ) -> tuple[int, Array]:
     """Return the patch size of the least held-out variance, and the score of each size.
 
@@ -54,21 +53,19 @@ def choose_patch(
     fit
         ``fit(y, area)`` returns the shares of patches, ``(rows, columns)``, from their mean variances y ``(n, rows,
         columns)`` and their numbers of pixels.
-    sizes
-        Sizes to choose from, in ascending order, multiples of the first.
 
     Returns
     -------
     size
-        One of `sizes`.
+        One of `SIZES`.
     scores
-        Estimates of the mean variance of a camera sample with patches of each size, ``(len(sizes),)``.
+        Estimates of the mean variance of a camera sample with patches of each size, ``(4,)``.
     """
-    base, shape = sizes[0], variance.shape[1:]
+    base, shape = SIZES[0], variance.shape[1:]
     folds = [_in_patches(variance, (row, column), base) for row in (0, 1) for column in (0, 1)]
     total, area = (np.sum([fold[k] for fold in folds], axis=0) for k in (0, 1))
-    scores = np.zeros(len(sizes))
-    for k, size in enumerate(sizes):
+    scores = np.zeros(len(SIZES))
+    for k, size in enumerate(SIZES):
         for held_out, pixels in folds:
             # y_i of the patches without the fold, and w of the base patches from it
             sums, number = (patch_sum(a, size // base) for a in (total - held_out, area - pixels))
@@ -76,8 +73,8 @@ def choose_patch(
             share = patch_spread(fit(y, number), size // base, area.shape)
             # sum_p sum_i l_i(w) s_i^2(p) over the fold
             scores[k] += (_parabola_basis(w, share) * held_out).sum()
-    best = len(sizes) - 1 - int(scores[::-1].argmin())  # of equal scores the last
-    return sizes[best], scores / (shape[0] * shape[1])
+    best = len(SIZES) - 1 - int(scores[::-1].argmin())  # of equal scores the last
+    return SIZES[best], scores / (shape[0] * shape[1])
 
 
 def _in_patches(variance: Array, corner: tuple[int, int], size: int) -> tuple[Array, Array]:

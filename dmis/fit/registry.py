@@ -127,7 +127,7 @@ def make_rule(rule: Rule | str) -> Rule:
     name, _, rest = rule.strip().partition(":")
     if name not in RULES:
         raise _no_such_rule(name)
-    options = _read_options(name, rest)
+    options = _read_options(name, rest) if rest else {}
     if name == "simplex" and TECHNIQUES.keys() & options.keys():
         return _given_shares(options)
     if name == "fixed" and "w" not in options:

@@ -1,4 +1,4 @@
-"""The second-moment rule: planted curves, the guard, costs; whole numbers of samples."""
+"""The second-moment rule: planted curves, the guard, costs."""
 
 import itertools
 import tracemalloc
@@ -13,7 +13,6 @@ from dmis.fit.curve_minimum import cost_weighted
 from dmis.fit.registry import make_rule
 from dmis.fit.rule import Pilot
 from dmis.fit.second_moment import SecondMoment
-from dmis.pipeline.budget import LEVELS, whole_samples
 from dmis.variance.curves import GRID, GRID_SHARES
 
 
@@ -129,41 +128,6 @@ def test_black_patches_stay_at_one_half() -> None:
     "options", ["patch=6", "patch=2", "spp=2", "spp=7", "guard=-1", "size=4", "sigma=0", "filter=box"]
 )
 def test_bad_options(options: str) -> None:
-    """Errors name the option and what it allows."""
+    """Errors name the option; `simplex` has the same."""
     with pytest.raises(ValueError, match=options.split("=")[0]):
         make_rule(f"second-moment:{options}")
-
-
-# Whole numbers of samples -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("spp", [2, 7, 122, 1000])
-@pytest.mark.parametrize("spread", [0.0, 1.0, 3.0])
-def test_whole_samples_keep_the_budget(spp: int, spread: float) -> None:
-    """Levels only, at least two, and their mean is the budget."""
-    share = np.exp(np.random.default_rng(1).normal(0, spread, (60, 80)))
-    n = whole_samples(share, spp, np.random.default_rng(2))
-    assert np.isin(n, LEVELS).all() and n.min() >= 2
-    assert n.mean() == pytest.approx(spp, rel=0.01)
-
-
-def test_whole_samples_keep_the_expectation() -> None:
-    """Over many offsets each pixel has what it should have on average."""
-    share = np.array([[1.0, 2.0, 3.0, 5.5, 0.2]])
-    mean = np.mean([whole_samples(share, 50, np.random.default_rng(s)) for s in range(1000)], axis=0)
-    np.testing.assert_allclose(mean, share * (50 / share.mean()), rtol=0.02)
-
-
-def test_more_samples_than_levels() -> None:
-    """In place of fewer than were asked for."""
-    with pytest.raises(ValueError, match="camera samples must be at most 65536 per pixel"):
-        whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(2))
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
-def test_bad_shares(bad: float) -> None:
-    """Every pixel needs samples."""
-    share = np.ones((4, 4))
-    share[1, 1] = bad
-    with pytest.raises(ValueError, match="samples of a fit must be positive and finite"):
-        whole_samples(share, 8, np.random.default_rng(1))

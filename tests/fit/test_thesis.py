@@ -1,11 +1,9 @@
 """Weight rules: parabolas, degenerate patches, and the texts that name rules."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
 
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
@@ -14,7 +12,6 @@ from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import Pilot, Rule
 from dmis.fit.thesis import STATUS, Thesis, parabola_minimum
-from dmis.testing.statistics import z_score
 from dmis.variance.moments import Moments
 
 PILOT = np.array([0.0, 0.5, 1.0])
@@ -90,9 +87,7 @@ def test_least_squares_of_more_points() -> None:
         ([1.0, 0.5, 0.2], 1.0, "clipped"),
         ([0.2, 0.5, 1.0], 0.0, "clipped"),
         ([1.0, 2.0, 1.5], 0.0, "not convex"),
-        ([1.5, 2.0, 1.0], 1.0, "not convex"),
         ([3.0, 2.0, 1.0], 1.0, "not convex"),
-        ([1.0, 2.0, 3.0], 0.0, "not convex"),
         ([1.0, 1.0, 1.0], 0.5, "no signal"),
         ([0.0, 0.0, 0.0], 0.5, "no signal"),
         ([np.nan, 1.0, 1.0], 0.5, "no signal"),
@@ -158,27 +153,16 @@ def test_thesis_filters_the_weights_of_patches() -> None:
 def test_black_patches_get_one_half() -> None:
     """Where nothing was seen, w = 1/2, and no warning of a division."""
     black = {w: Pilot(Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))) for w in PILOT}
-    fit = Thesis(4).fit(black)
-    np.testing.assert_array_equal(fit.weight, 0.5)
-    assert (fit.maps["status"] == code("no signal")).all()
+    for no_signal in ("half", "skip"):
+        fit = Thesis(4, no_signal=no_signal).fit(black)
+        np.testing.assert_array_equal(fit.weight, 0.5)
+        assert (fit.maps["status"] == code("no signal")).all()
 
 
 def test_thesis_pilot() -> None:
     """2 + 2 + 2 camera samples at w = 0, 1/2, 1, or 4 each."""
     assert Thesis().pilot == {0.0: 2, 0.5: 2, 1.0: 2}
     assert Thesis(spp=4).pilot == {0.0: 4, 0.5: 4, 1.0: 4}
-    assert sum(Thesis().pilot.values()) == 6
-
-
-def test_chance_that_the_pilot_misses_a_spike() -> None:
-    """Two camera samples of two BRDF samples each, in 16 pixels: 64 chances of 1 %. The page says so, too."""
-    brdf_samples = Thesis().pilot[0.0] * Settings().shading_samples
-    missed = 0.99 ** (brdf_samples * 16)
-    page = " ".join((Path(__file__).parents[2] / "docs" / "theory.md").read_text("utf-8").split())
-    assert "(1 - p)^{2 P S}" in page
-    assert f"{missed:.0%} (S = {Settings().shading_samples}) at 16 pixels".replace("%", " %") in page
-    hits = np.random.default_rng(1).random((20_000, brdf_samples * 16)) < 0.01
-    assert abs(z_score(~hits.any(axis=1), missed)) < Z_LIMIT
 
 
 def test_channels() -> None:
@@ -211,12 +195,6 @@ def test_patches_without_a_signal_may_be_left_out_of_the_filter() -> None:
     np.testing.assert_allclose(skip["filtered"], 0.2, atol=1e-12)
 
 
-def test_black_pilot_skipped() -> None:
-    """Without any signal the weight is 1/2 by either option."""
-    black = {w: Pilot(Moments(2, np.zeros((8, 8, 3)), np.zeros((8, 8, 3)))) for w in PILOT}
-    np.testing.assert_array_equal(Thesis(4, no_signal="skip").fit(black).weight, 0.5)
-
-
 def test_ragged_patches_may_count_by_their_area() -> None:
     """A column of patches of one pixel's width counts a quarter of the others in the filter, and itself too."""
     minimum = np.where(np.arange(13) < 12, 0.3, 0.7)[None].repeat(12, 0)  # columns of patches: 4, 4, 4 and 1 pixels
@@ -242,7 +220,6 @@ def test_ragged_patches_may_count_by_their_area() -> None:
         ("balance", Fixed()),
         ("fixed:0.25", Fixed(0.25)),
         ("fixed:w=0.25", Fixed(0.25)),
-        ("fixed:0", Fixed(0.0)),
         ("fixed:1,combiner=power", Fixed(1.0, "power")),
         (" balance ", Fixed()),
         ("balance:combiner=maximum", Fixed(combiner="maximum")),
@@ -252,8 +229,7 @@ def test_ragged_patches_may_count_by_their_area() -> None:
         ("uniform", Fixed(1.0, techniques=("uniform", "brdf"))),
         ("thesis", Thesis()),
         ("thesis:", Thesis()),
-        ("thesis:8", Thesis(8)),
-        ("thesis:patch=8,filter=none", Thesis(8, filter="none")),
+        ("thesis:8,filter=none", Thesis(8, filter="none")),
         ("thesis:patch=4,spp=4,sigma=0.5,combiner=power", Thesis(4, 4, sigma=0.5, combiner="power")),
         ("thesis:channels=rgb,size=3,reuse=no", Thesis(channels="rgb", size=3)),
         ("thesis:reuse=ON", Thesis(reuse=True)),
@@ -305,7 +281,6 @@ def test_bad_texts(text: str, message: str) -> None:
 
 def test_every_rule_can_be_made() -> None:
     """All names but fixed work without options, and a rule's settings are the estimator's."""
-    from dmis.estimator.settings import Settings
 
     for name in RULES:
         rule: Any = make_rule("fixed:0.5" if name == "fixed" else name)

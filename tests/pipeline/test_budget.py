@@ -6,7 +6,7 @@ import pytest
 from dmis.base.patches import COLOURS
 from dmis.estimator.patterns import PatternMap
 from dmis.fit.continuation import Continuation
-from dmis.pipeline.budget import MOST_ADAPTIVE, fill_budget
+from dmis.pipeline.budget import LEVELS, MOST_ADAPTIVE, fill_budget, whole_samples
 
 FIRST = 8
 COST = np.array([3.0, 1.5])
@@ -90,3 +90,35 @@ def test_counts_of_a_colour_depend_on_its_own_densities_alone():
         other[colour] = density[colour]
         a, b = (fill_budget(plan(d, 128), FIRST, np.random.default_rng(5)) for d in (density, other))
         np.testing.assert_array_equal(a[colour], b[colour])
+
+
+@pytest.mark.parametrize("spp", [2, 7, 122, 1000])
+@pytest.mark.parametrize("spread", [0.0, 1.0, 3.0])
+def test_whole_samples_keep_the_budget(spp: int, spread: float) -> None:
+    """Levels only, at least two, and their mean is the budget."""
+    share = np.exp(np.random.default_rng(1).normal(0, spread, (60, 80)))
+    n = whole_samples(share, spp, np.random.default_rng(2))
+    assert np.isin(n, LEVELS).all() and n.min() >= 2
+    assert n.mean() == pytest.approx(spp, rel=0.01)
+
+
+def test_whole_samples_keep_the_expectation() -> None:
+    """Over many offsets each pixel has what it should have on average."""
+    share = np.array([[1.0, 2.0, 3.0, 5.5, 0.2]])
+    mean = np.mean([whole_samples(share, 50, np.random.default_rng(s)) for s in range(1000)], axis=0)
+    np.testing.assert_allclose(mean, share * (50 / share.mean()), rtol=0.02)
+
+
+def test_more_samples_than_levels() -> None:
+    """In place of fewer than were asked for."""
+    with pytest.raises(ValueError, match="camera samples must be at most 65536 per pixel"):
+        whole_samples(np.ones((2, 2)), 70_000, np.random.default_rng(2))
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_bad_shares(bad: float) -> None:
+    """Every pixel needs samples."""
+    share = np.ones((4, 4))
+    share[1, 1] = bad
+    with pytest.raises(ValueError, match="samples of a fit must be positive and finite"):
+        whole_samples(share, 8, np.random.default_rng(1))

@@ -1,4 +1,4 @@
-"""Moments: closed forms, merging, unbiasedness; means over patches and luminance."""
+"""Moments: closed forms, merging, unbiasedness."""
 
 from functools import reduce
 
@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from helpers import Z_LIMIT
 
-from dmis.base.color import luminance
-from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.variance.moments import Film, Moments, PixelMoments, join
 
@@ -24,14 +22,6 @@ def test_moments_agree_with_numpy(n: int) -> None:
     np.testing.assert_allclose(moments.mean, x.mean(axis=0), rtol=1e-7)
     if n > 1:
         np.testing.assert_allclose(moments.variance(), x.var(axis=0, ddof=1), rtol=1e-6)
-
-
-def test_closed_form() -> None:
-    """The samples 0, 1, 2, 3 have mean 3/2 and variance 5/3, and a constant has variance 0 (1/n is float32)."""
-    moments = Moments.of(np.arange(4.0)[:, None])
-    assert (moments.n, moments.mean[0], moments.m2[0]) == (4, 1.5, 5.0)
-    assert moments.variance()[0] == pytest.approx(5 / 3)
-    assert Moments.of(np.full((5, 1), 0.25)).variance()[0] < 1e-16
 
 
 @pytest.mark.parametrize("cuts", [[1], [99], [50], [1, 2, 3], [10, 11, 60], list(range(1, 100))])
@@ -105,42 +95,6 @@ def test_variance_needs_two_samples(n: int) -> None:
     """A variance from fewer than two samples raises an error."""
     with pytest.raises(ValueError, match=f"at least two samples; got {n}"):
         Moments(n, np.zeros(1), np.zeros(1)).variance()
-
-
-def test_luminance() -> None:
-    """The luminance of white is 1, and most of it is that of green."""
-    assert luminance(np.ones(3)) == pytest.approx(1)
-    assert luminance(np.eye(3)).tolist() == pytest.approx([0.212671, 0.715160, 0.072169])
-
-
-@pytest.mark.parametrize("shape", [(8, 8), (9, 7), (1, 1), (5, 17)])
-@pytest.mark.parametrize("size", [1, 2, 4, 5, 32])
-def test_patch_means_by_hand(shape: tuple[int, int], size: int) -> None:
-    """The value of each patch is the mean of its pixels, also at ragged borders and if it is larger than the image."""
-    image = np.random.default_rng(5).random(shape)
-    means = patch_mean(image, size)
-    assert means.shape == (-(-shape[0] // size), -(-shape[1] // size))
-    for i, j in np.ndindex(means.shape):
-        block = image[i * size : (i + 1) * size, j * size : (j + 1) * size]
-        assert means[i, j] == pytest.approx(block.mean(), rel=1e-12)
-
-
-@pytest.mark.parametrize("size", [1, 3, 4, 100])
-def test_spreading_puts_patches_back(size: int) -> None:
-    """`patch_spread` gives each pixel the value of its patch, and averaging again gives the patches back."""
-    image = np.random.default_rng(6).random((10, 7))
-    means = patch_mean(image, size)
-    spread = patch_spread(means, size, image.shape)
-    assert spread.shape == image.shape
-    np.testing.assert_allclose(patch_mean(spread, size), means, rtol=1e-12)
-    assert spread[9, 6] == means[9 // size, 6 // size]
-
-
-@pytest.mark.parametrize("size", [0, -1])
-def test_bad_patches(size: int) -> None:
-    """A patch size below one pixel is refused."""
-    with pytest.raises(ValueError, match="patch must be at least 1 pixel"):
-        patch_mean(np.ones((2, 2)), size)
 
 
 @pytest.mark.parametrize("n_more", [0, 1, 2, 12])
