@@ -137,6 +137,7 @@ def source_read(app, page: str, text: list[str]) -> None:
         return
     for file, name in ELSEWHERE.items():
         text[0] = text[0].replace(f"](../{file}", f"](generated/{name}.md")
+    text[0] = re.sub(r"\(figures/\w+\.webp\), \[script\]", "", text[0])  # the script's page shows the figure
     text[0] = re.sub(r"\]\(\.\./examples(?:/(\w+/plot_\w+)\.py)?\)", _gallery_page("figures"), text[0])
     text[0] = re.sub(r"\]\(tutorials(?:/(\d_\w+)\.py)?\)", _gallery_page("tutorials"), text[0])
     if page == "index":
