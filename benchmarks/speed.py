@@ -53,6 +53,19 @@ class Target:
         return f"| {self.name} | {value}{self.unit} | {sign} {self.limit:g}{self.unit} | {met} |"
 
 
+def target_table(targets: list[Target]) -> list[str]:
+    """Return the lines of the page's table: a row for each target, its values by scene, bold where it is missed."""
+    rows: dict[str, list[str]] = {}
+    for target in targets:
+        name, _, scene = target.name.rpartition(", ")
+        if scene not in ("cornell", *SCENES):
+            name, scene = target.name, ""
+        value, limit = (cell.strip() for cell in target.row().split("|")[2:4])
+        value = f"**{value}**" if target.miss > 1 else value
+        rows.setdefault(f"| {name} | {limit} |", []).append(f"{scene} {value}".strip())
+    return ["| target | to reach | measured |", "|---|---|---|", *(f"{k} {', '.join(v)} |" for k, v in rows.items())]
+
+
 def floors(speeds: list[Speed]) -> Iterator[Target]:
     """Total over floor, of the balance heuristic."""
     for speed in speeds:
@@ -141,8 +154,7 @@ def main() -> int:
         ),
     ]
     print(*where, sep="\n")
-    table = ["| target | measured | to reach | met |", "|---|---|---|---|", *(target.row() for target in targets)]
-    replace_table(given.page, "targets", about, "", *table)
+    replace_table(given.page, "targets", about, "", *target_table(targets))
     replace_table(given.page, "speed", about, "", HEADER, *(speed.row() for speed in speeds))
     data = {"machine": machine(), "date": str(date.today()), "spp": given.spp}
     data |= {"speeds": [asdict(speed) for speed in speeds], "targets": [asdict(target) for target in targets]}
