@@ -6,9 +6,9 @@ of triangles are in `dmis.light.mesh_light`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from dmis.base.validate import positive
 from dmis.base.vectors import TINY, Array, dot, frame
 from dmis.geometry import shapes, transforms
 from dmis.geometry.mesh import Mesh
-from dmis.light.light import AreaLight, moved, scaled
+from dmis.light.light import AreaLight
 from dmis.light.light_sample import ANY_POINT, LightSample, Rgb, direction, flat_light_hit, flat_light_sample, point
 from dmis.samplers.warp import cone_pdf, square_to_cone, square_to_disk, to_world
 
@@ -48,6 +48,9 @@ class DiskLight(AreaLight):
     normal: Rgb
     radius: float
     radiance: Rgb
+    positions: ClassVar[tuple[str, ...]] = ("centre",)
+    lengths: ClassVar[tuple[str, ...]] = ("radius",)
+    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         positive("radius", self.radius)
@@ -75,15 +78,6 @@ class DiskLight(AreaLight):
     def extent(self) -> float:
         """Return the radius."""
         return float(self.radius)
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        return replace(
-            self,
-            centre=moved(self.centre, origin, length),
-            radius=scaled(self.radius, length),
-            radiance=scaled(self.radiance, gain),
-        )
 
     def mesh(self) -> Mesh:
         """Return the visible surface."""
@@ -115,6 +109,9 @@ class QuadLight(AreaLight):
     edge_u: Rgb
     edge_v: Rgb
     radiance: Rgb
+    positions: ClassVar[tuple[str, ...]] = ("corner",)
+    lengths: ClassVar[tuple[str, ...]] = ("edge_u", "edge_v")
+    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         if self._data[4] == 0:
@@ -153,16 +150,6 @@ class QuadLight(AreaLight):
         """Return the root of the area."""
         return float(np.sqrt(np.linalg.norm(np.cross(self.edge_u, self.edge_v))))
 
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        return replace(
-            self,
-            corner=moved(self.corner, origin, length),
-            edge_u=scaled(self.edge_u, length),
-            edge_v=scaled(self.edge_v, length),
-            radiance=scaled(self.radiance, gain),
-        )
-
     def mesh(self) -> Mesh:
         """Return the visible surface."""
         return shapes.quad(self.corner, self.edge_u, self.edge_v)
@@ -190,6 +177,9 @@ class SphereLight(AreaLight):
     centre: Rgb
     radius: float
     radiance: Rgb
+    positions: ClassVar[tuple[str, ...]] = ("centre",)
+    lengths: ClassVar[tuple[str, ...]] = ("radius",)
+    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         positive("radius", self.radius)
@@ -217,15 +207,6 @@ class SphereLight(AreaLight):
     def extent(self) -> float:
         """Return the radius."""
         return float(self.radius)
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        return replace(
-            self,
-            centre=moved(self.centre, origin, length),
-            radius=scaled(self.radius, length),
-            radiance=scaled(self.radiance, gain),
-        )
 
     def mesh(self) -> Mesh:
         """Return the visible surface."""

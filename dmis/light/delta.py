@@ -11,14 +11,14 @@ Here are the lights with a single direction; those with an area are in `dmis.lig
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import ClassVar
 
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot
-from dmis.light.light import DeltaLight, moved, scaled
+from dmis.light.light import DeltaLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, direction, point, rgb
 
 
@@ -41,6 +41,8 @@ class PointLight(DeltaLight):
 
     position: Rgb
     intensity: Rgb
+    positions: ClassVar[tuple[str, ...]] = ("position",)
+    intensities: ClassVar[tuple[str, ...]] = ("intensity",)
 
     def __post_init__(self) -> None:
         _ = self._data
@@ -57,15 +59,6 @@ class PointLight(DeltaLight):
         inverse = np.sqrt(inverse2)
         one = np.ones_like(inverse)
         return LightSample(to * inverse, 1 / inverse, intensity * inverse2, one, one > 0)
-
-    def brightness(self, length: float) -> float:
-        """Return the largest irradiance at the distance `length`."""
-        return float(np.max(self.intensity) / length**2)
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        intensity = scaled(self.intensity, gain * length**2)
-        return replace(self, position=moved(self.position, origin, length), intensity=intensity)
 
     def is_at(self, point: Array, tolerance: float) -> bool:
         """Return whether the light stands at `point` ``(3,)``, up to rounding or `tolerance`."""
@@ -100,6 +93,8 @@ class SpotLight(DeltaLight):
     intensity: Rgb
     outer: float = 30.0
     inner: float = 25.0
+    positions: ClassVar[tuple[str, ...]] = ("position",)
+    intensities: ClassVar[tuple[str, ...]] = ("intensity",)
 
     def __post_init__(self) -> None:
         if not 0 <= self.inner <= self.outer <= 180:
@@ -125,15 +120,6 @@ class SpotLight(DeltaLight):
         radiance = intensity * (inverse2 * (d * d) ** 2)
         return LightSample(to, 1 / inverse, radiance, np.ones_like(inverse), versine < outer)
 
-    def brightness(self, length: float) -> float:
-        """Return the largest irradiance at the distance `length`."""
-        return float(np.max(self.intensity) / length**2)
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        intensity = scaled(self.intensity, gain * length**2)
-        return replace(self, position=moved(self.position, origin, length), intensity=intensity)
-
 
 @dataclass(frozen=True, eq=False)
 class DistantLight(DeltaLight):
@@ -154,6 +140,8 @@ class DistantLight(DeltaLight):
 
     direction: Rgb
     radiance: Rgb
+    positions: ClassVar[tuple[str, ...]] = ()
+    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         _ = self._data
@@ -167,11 +155,3 @@ class DistantLight(DeltaLight):
         axis, radiance = self._data
         one = np.ones(p.shape[1], np.float32)
         return LightSample(np.repeat(axis, p.shape[1], axis=1), one * INFINITE_DISTANCE, radiance, one, one > 0)
-
-    def brightness(self, length: float) -> float:
-        """Return the largest radiance."""
-        return float(np.max(self.radiance))
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        return replace(self, radiance=scaled(self.radiance, gain))

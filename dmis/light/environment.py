@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from dmis.base.color import LUMINANCE
 from dmis.base.selection import Selection, take
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image
-from dmis.light.light import InfiniteLight, scaled
+from dmis.light.light import InfiniteLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, rgb
 from dmis.samplers.warp import INV_PI, TWO_PI, atan2
 
@@ -81,6 +81,8 @@ class EnvironmentLight(InfiniteLight):
     to_world: Array | None = None
     scale: Rgb = (1.0, 1.0, 1.0)
     compensation: float | None = field(default=None, metadata={"fingerprint": 0.0})
+    positions: ClassVar[tuple[str, ...]] = ()
+    radiances: ClassVar[tuple[str, ...]] = ("scale",)
 
     def __post_init__(self) -> None:
         texels = np.asarray(self.texels, np.float32)
@@ -211,10 +213,6 @@ class EnvironmentLight(InfiniteLight):
         """Return the largest radiance."""
         texels = np.broadcast_to(np.asarray(self.texels).max(axis=(0, 1)).astype(float), 3)
         return float((texels * self.scale).max())
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        return replace(self, scale=scaled(self.scale, gain))
 
     def radiance(self, wi: Array) -> Array:
         """Return the radiance ``(3, N)`` from unit directions `wi` ``(3, N)``."""

@@ -8,6 +8,7 @@ package.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
-from dmis.light.light_sample import LightSample, Rgb, rgb
+from dmis.light.light_sample import LightSample, rgb
 
 
 @runtime_checkable
@@ -28,10 +29,17 @@ class Light(Protocol):
         Whether no direction can meet the light by chance: it has no pdf and takes no part in MIS.
     infinite
         Whether rays that leave the scene see it; such a light is an `InfiniteLight`.
+    positions, lengths, radiances, intensities
+        Fields that have these units (an intensity is power per solid angle); others have none. `positions` is None if
+        the light does not say.
     """
 
     delta: ClassVar[bool] = False
     infinite: ClassVar[bool] = False
+    positions: ClassVar[tuple[str, ...] | None] = None
+    lengths: ClassVar[tuple[str, ...]] = ()
+    radiances: ClassVar[tuple[str, ...]] = ()
+    intensities: ClassVar[tuple[str, ...]] = ()
 
     def sample(self, p: Array, u: Array) -> LightSample:
         """Sample directions from the points `p` ``(3, N)`` towards the light with uniform numbers `u` ``(2, N)``."""
@@ -40,9 +48,12 @@ class Light(Protocol):
     def brightness(self, length: float) -> float:
         """Return the largest radiance; of a point of light, the largest irradiance at the distance `length`.
 
-        It decides whether the light has power, and in which units float32 holds it. Default: 1, an ordinary light.
+        It decides whether the light has power, and in which units float32 holds it. Default: that of the fields
+        `radiances` and `intensities`; 1, an ordinary light, if there are none.
         """
-        return 1.0
+        values = [np.max(getattr(self, name)) for name in self.radiances]
+        values += [np.max(getattr(self, name)) / length**2 for name in self.intensities]
+        return float(max(values, default=1.0))
 
     def has_power(self) -> bool:
         """Return whether the light emits anything; a light without power is left out of a scene's plan."""
@@ -67,12 +78,21 @@ class Light(Protocol):
         Raises
         ------
         ValueError
-            By default, because only the light knows which of its numbers are lengths.
+            If the light does not say which of its fields are positions.
         """
-        raise ValueError(
-            f"a scene far from its origin, or very large, small, bright or dark, needs lights that can be rescaled; "
-            f"{type(self).__name__} has no method rescaled(origin, length, gain). Define it, or use ordinary units"
-        )
+        if self.positions is None:
+            raise ValueError(
+                f"a scene far from its origin, or very large, small, bright or dark, needs lights to be rescaled. "
+                f"{type(self).__name__} has no method rescaled(origin, length, gain), and no positions = (...), which "
+                f"names its fields that are. Define one of them, or use ordinary units"
+            )
+        changes: dict[str, Any] = {}
+        units = ((self.positions, length), (self.lengths, length), (self.radiances, gain))
+        for names, unit in (*units, (self.intensities, gain * length**2)):
+            for name in names:
+                value = np.asarray(getattr(self, name), np.float64) - (origin if name in self.positions else 0.0)
+                changes[name] = value / unit if value.ndim else float(value) / unit
+        return replace(self, **changes)  # type: ignore[type-var]
 
     def mesh(self) -> Mesh | None:
         """Return the visible surface, whose winding shows the bright side; None for lights without any."""
@@ -209,14 +229,3 @@ def _check_radiance(must: str, radiance: Any) -> None:
     """Raise a ValueError unless `radiance` has the shape of that of two points."""
     if (shape := np.shape(radiance)) not in ((3, 1), (3, 2)):
         raise ValueError(f"{must} (3, 1) or (3, N); got shape {shape} for N = 2")
-
-
-def moved(position: Rgb | Array, origin: Array, length: float) -> Any:
-    """Return positions in other units, see `Light.rescaled`."""
-    return (np.asarray(position, np.float64) - origin) / length
-
-
-def scaled(value: Any, unit: float) -> Any:
-    """Return vectors, colours or a number in another unit."""
-    out = np.asarray(value, np.float64) / unit
-    return out if out.ndim else float(out)

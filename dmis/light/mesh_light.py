@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from dmis.base.vectors import Array, dot
 from dmis.geometry.mesh import Ints, Mesh
 from dmis.intersect import Intersector
 from dmis.light.coincident import find_overlaps, find_twins
-from dmis.light.light import AreaLight, moved, scaled
+from dmis.light.light import AreaLight
 from dmis.light.light_sample import ANY_POINT, LightSample, Rgb, flat_light_hit, flat_light_sample
 from dmis.light.triangle_order import compact_order, shortest_edge_last
 from dmis.samplers.warp import square_to_triangle
@@ -48,6 +48,8 @@ class MeshLight(AreaLight):
     vertices: Array
     faces: Array
     radiance: Rgb
+    positions: ClassVar[tuple[str, ...]] = ("vertices",)
+    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         if not self._data[2] > 0:
@@ -148,14 +150,6 @@ class MeshLight(AreaLight):
     def extent(self) -> float:
         """Return the diagonal of the bounds."""
         return float(np.linalg.norm(np.ptp(np.asarray(self.vertices, np.float64), axis=0)))
-
-    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
-        """Return the light in other units, see `dmis.light.light.Light.rescaled`."""
-        return replace(
-            self,
-            vertices=moved(self.vertices, origin, length),
-            radiance=scaled(self.radiance, gain),
-        )
 
     def mesh(self) -> Mesh:
         """Return the visible surface."""
