@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
 from dmis.pipeline.progress import Progress
-from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
 
 PLOT_FILES = ("convergence.png", "report.html")
@@ -139,7 +138,7 @@ def compare(
     budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).adapted(n, "sobol").pilot.values()) < n]
     measure(
         scene, [*pinned, *budgets], seeds, reference,
-        done=tuple(results.runs), keep=_image_writer(results), record=results.append, progress=progress,
+        done=tuple(results.runs), keep=results.keep, record=results.append, progress=progress,
         parallel=parallel, settings=settings,
     )  # fmt: skip
     rows = run_by_key(Results(folder, results.about).runs)
@@ -177,20 +176,6 @@ def _check_arguments(
     return list(dict.fromkeys(("balance", *rules))), [whole("spp", n, 1) for n in spp]
 
 
-def _image_writer(results: Results) -> Callable[[Budget, Result], None]:
-    """Return a function that writes the image of a budget's first render, unless an earlier call has one."""
-    written = {(run.rule, run.spp) for run in results.runs}
-
-    def write(budget: Budget, result: Result) -> None:
-        """Write the image of a budget, once."""
-        if budget not in written:
-            results.image(budget).parent.mkdir(exist_ok=True)
-            write_image(results.image(budget), result)
-            written.add(budget)
-
-    return write
-
-
 def _draw(comparison: Comparison, folder: Path) -> None:
     """Write plot and report of a comparison, if matplotlib can be imported."""
     try:
@@ -216,13 +201,10 @@ def summary(runs: Mapping[Budget, Sequence[Run]], reference: Reference | None = 
     base = {gain.spp: gain.seconds for gain in rows if gain.rule == "balance"}
     for g in rows:
         interval = "" if np.isnan(g.interval) else f" ± {g.interval:.3f}"
-        pinned = "– | –"
-        if not np.isnan(g.over_pinned):
-            pinned = f"{g.over_pinned:#.3g} | {g.error_time_over_pinned.value:#.3g}"
-        lines.append(
-            f"| {g.spp} | {g.rule} | {g.mse:.3e} | {g.over_balance:.3f}{interval} | {g.seconds:.2f} "
-            f"| {g.seconds / base[g.spp]:.2f} | {pinned} |"
-        )
+        pinned = (g.over_pinned, g.error_time_over_pinned.value)
+        cells = [g.spp, g.rule, f"{g.mse:.3e}", f"{g.over_balance:.3f}{interval}", f"{g.seconds:.2f}"]
+        cells += [f"{g.seconds / base[g.spp]:.2f}", *("–" if np.isnan(x) else f"{x:#.3g}" for x in pinned)]
+        lines.append(f"| {' | '.join(map(str, cells))} |")
     notes = [alarm.summary(run for by_seed in runs.values() for run in by_seed)]
     if reference is not None:
         notes = [reference.text(), alarm.reference_noise(reference, (g.mse for g in rows)), *notes]

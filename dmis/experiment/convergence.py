@@ -200,24 +200,23 @@ def equal_time_ratio(rule: Sequence[Run], baseline: Sequence[Sequence[Run]]) -> 
     """
     from scipy.stats import t  # imported where used: scipy.stats takes half a second
 
-    at = float(np.median([run.cpu_seconds for run in rule]))
-    budgets = sorted((float(np.median([run.cpu_seconds for run in runs])), runs) for runs in baseline)
-    errors = [mean_and_error(np.array([run.mse for run in runs])) for runs in (rule, *(runs for _, runs in budgets))]
-    if not all(mean > 0 for mean, _ in errors):
-        return Interval(np.nan, np.nan, np.nan)
-    log_error = np.log([mean for mean, _ in errors])
-    relative = np.array([error / mean for mean, error in errors])
-    log_seconds = np.log([seconds for seconds, _ in budgets])
+    at = np.log(np.median([run.cpu_seconds for run in rule]))
+    budgets = [(np.log(np.median([run.cpu_seconds for run in runs])), runs) for runs in baseline]
+    budgets.sort(key=lambda budget: budget[0])
+    k = int(np.clip(np.searchsorted([seconds for seconds, _ in budgets], at), 1, max(1, len(budgets) - 1)))
+    (low, first), (high, second) = budgets[k - 1], budgets[min(k, len(budgets) - 1)]
     if len(budgets) == 1:
-        nearest, weights, slope_one = [1], np.ones(1), log_seconds[0] - np.log(at)
+        terms, slope_one = [(1.0, rule), (-1.0, first)], at - low
     else:
-        k = int(np.clip(np.searchsorted(log_seconds, np.log(at)), 1, len(budgets) - 1))
-        x = (np.log(at) - log_seconds[k - 1]) / (log_seconds[k] - log_seconds[k - 1])
-        nearest, weights, slope_one = [k, k + 1], np.array([1 - x, x]), 0.0
-    value = log_error[0] - weights @ log_error[nearest] - slope_one
+        x = (at - low) / (high - low)
+        terms, slope_one = [(1.0, rule), (x - 1, first), (-x, second)], 0.0
+    factors = np.array([factor for factor, _ in terms])
+    means, errors = np.array([mean_and_error(np.array([run.mse for run in runs])) for _, runs in terms]).T
+    if not (means > 0).all():
+        return Interval(np.nan, np.nan, np.nan)
+    value = factors @ np.log(means) + slope_one
     # degrees of freedom of a sum of variances (Welch 1947): (sum s_i^2)^2 / sum (s_i^4 / (K_i - 1))
-    variances = np.array([relative[0], *(weights * relative[nearest])]) ** 2
-    degrees = np.array([len(rule), *(len(budgets[k - 1][1]) for k in nearest)]) - 1
+    variances, degrees = (factors * errors / means) ** 2, np.array([len(runs) - 1 for _, runs in terms])
     half = float("nan")
     if degrees.min() > 0:
         total = variances.sum()

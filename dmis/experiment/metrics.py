@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.patches import patch_sum
+from dmis.base.patches import patch_mean, patch_sum
 from dmis.base.vectors import Array
 from dmis.experiment.reference import Reference
 from dmis.pipeline.result import Result
@@ -190,7 +190,10 @@ def block_error(image: Array, reference: Array, size: int = 8) -> float:
 
     Ragged borders are left out.
     """
-    a, r = (_blocks(np.asarray(x, np.float64), size) for x in (image, reference))
+    size = min(size, *image.shape[:2])
+    height, width = (n // size * size for n in image.shape[:2])
+    whole = (np.moveaxis(np.asarray(x, np.float64)[:height, :width], 2, 0) for x in (image, reference))
+    a, r = (patch_mean(x, size) for x in whole)
     return float(np.sqrt(((a - r) ** 2).sum() / (r * r).sum()))
 
 
@@ -210,10 +213,3 @@ def _product(image: Array | Result, first: Array | Reference, second: Array | No
             f"image and reference must have the same shape; got {x.shape}, {np.shape(first)}, {np.shape(second)}"
         )
     return (x - first) * (x - second)
-
-
-def _blocks(image: Array, size: int) -> Array:
-    """Return the means over blocks of ``size x size`` pixels."""
-    size = min(size, *image.shape[:2])
-    height, width = (n // size * size for n in image.shape[:2])
-    return image[:height, :width].reshape(height // size, size, width // size, size, -1).mean(axis=(1, 3))

@@ -30,6 +30,7 @@ from dmis.fit.registry import make_rule
 from dmis.image import read_exr
 from dmis.pipeline.executor import Parallel, describe_parallel
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
+from dmis.pipeline.result import Result, write_image
 from dmis.scene.scene import Scene
 
 COLUMNS = (
@@ -106,6 +107,7 @@ class Results:
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / "results.csv"
         self.runs = self._read() if self._path.exists() else []
+        self._with_image = {(run.rule, run.spp) for run in self.runs}
         lines = [_line(COLUMNS), *map(self._row, self.runs)]
         files = {"comparison.json": json.dumps(self.about, indent=2) + "\n", "results.csv": "".join(lines)}
         for name, text in files.items():
@@ -125,6 +127,13 @@ class Results:
         if name != rule.replace(":", "-").replace(",", "-") or len(name) > 120:  # another rule may have the same name
             name = f"{name[:120]}-{zlib.crc32(rule.encode()):08x}"
         return self.folder / "images" / f"{name}-{spp}spp.exr"
+
+    def keep(self, budget: Budget, result: Result) -> None:
+        """Write the image of a budget's first render, unless an earlier comparison has."""
+        if budget not in self._with_image:
+            self.image(budget).parent.mkdir(exist_ok=True)
+            write_image(self.image(budget), result)
+            self._with_image.add(budget)
 
     def layers(self, budgets: Iterable[Budget]) -> dict[Budget, dict[str, Array]]:
         """Return the images of `budgets` that exist, with their layers RGB, weight, variance, samples."""
