@@ -23,7 +23,7 @@ from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import REMOVED_OPTIONS, make_parser
 from dmis.cli.check import check
 from dmis.cli.rendering import render
-from dmis.cli.shared import check_settings, describe, given_settings, load, progress_bar, settings_of, spp_of
+from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
 from dmis.estimator.settings import make_settings
 from dmis.experiment.compare import check_output, compare, parse_rules, summary
 from dmis.experiment.oracle import make_oracle
@@ -89,7 +89,7 @@ def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None)
 def _compare(options: argparse.Namespace) -> int:
     """Run ``compare`` and return its exit code."""
     rules = parse_rules(options.rules)
-    check_settings(options)
+    make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
     check_output(options.output)  # before the reference is rendered
     scene = load(options)
     spp = options.spp or [spp_of(options, scene)]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from dmis.base import malloc
 from dmis.base.atomic_files import check_writable, replacing
-from dmis.cli.shared import check_settings, describe, load, progress_bar, settings_of, spp_of
+from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
 from dmis.estimator.settings import make_settings
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
@@ -30,7 +30,7 @@ BYTES_OF_PIXEL, BYTES_OF_DESCRIPTION = 32, 2**16
 
 def render(options: argparse.Namespace) -> int:
     """Run ``render`` and return its exit code."""
-    check_settings(options)
+    make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
     files = _check_files(options)
     scene = load(options)
     for path in files:
@@ -132,15 +132,15 @@ def _time_and_rays(result: Result) -> list[str]:
 def _stats(options: argparse.Namespace, result: Result) -> dict[str, object]:
     """Return the content of the ``--stats`` file, see docs/cli.md."""
     samples, threads = result.rays.get("camera", 0), options.threads or options.workers or os.cpu_count() or 1
-    stages = {stage: seconds for stage, seconds in result.seconds.items() if stage != "embree"}
+    seconds = dict(result.seconds)
     return {
-        "seconds": result.seconds["total"],
-        "seconds_by_stage": stages,
+        "embree_seconds": seconds.pop("embree") / threads,
+        "seconds": seconds["total"],
+        "seconds_by_stage": seconds,
         "samples": samples,
-        "samples_per_second": samples / result.seconds["total"],
+        "samples_per_second": samples / seconds["total"],
         "rays": dict(result.rays),
         "fireflies": int(result.fireflies.sum()),
-        "embree_seconds": result.seconds["embree"] / threads,
         "peak_rss_bytes": malloc.peak(),
         "threads": threads,
         "provenance": dict(result.provenance),

@@ -9,7 +9,7 @@ from dataclasses import fields
 from importlib.util import find_spec
 from typing import Any
 
-from dmis.estimator.settings import Settings, make_settings
+from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
 from dmis.pipeline.progress import Progress, reporting
 from dmis.scene.scene import Scene
@@ -32,11 +32,6 @@ def load(options: argparse.Namespace) -> Scene:
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the fields of `Settings` that were given as options, by name."""
     return {field.name: getattr(options, field.name) for field in fields(Settings) if hasattr(options, field.name)}
-
-
-def check_settings(options: argparse.Namespace) -> None:
-    """Refuse settings that are not right by a ValueError, before a scene is read."""
-    make_settings(**given_settings(options))
 
 
 def settings_of(options: argparse.Namespace, scene: Scene) -> dict[str, Any]:
