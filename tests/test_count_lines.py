@@ -7,36 +7,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import CodeType
 from typing import Any
 
 ROOT = Path(__file__).parent.parent
 SCRIPT = ROOT / "benchmarks" / "count_lines.py"
-MODULE = '''"""A module."""
-import functools
-
-
-@functools.cache
-def called(x):
-    """Return something.
-
-    More of the docstring.
-    """
-    # a comment
-
-    text = """a string
-    of two lines"""
-
-    def inside():
-        """Docstring."""
-        return x
-
-    return inside(), text
-
-
-def other():
-    return 1
-'''
 
 
 def load() -> Any:
@@ -46,20 +20,6 @@ def load() -> Any:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def test_lines_of_a_function(tmp_path: Path) -> None:
-    """Decorator, signature, two lines of a string, two of the inner function and the last; 4 + 1 of docstrings."""
-    path = tmp_path / "module.py"
-    path.write_text(MODULE, "utf-8")
-    namespace: dict[str, Any] = {}
-    exec(compile(MODULE, str(path), "exec"), namespace)
-    code: CodeType = namespace["called"].__wrapped__.__code__
-    other: CodeType = namespace["other"].__code__
-    count = load().count
-    assert count(path, {code}) == (7, 11)
-    assert count(path, {code, other}) == (9, 13)
-    assert count(path, set()) == (0, 0)
 
 
 def test_reading_path_is_what_a_render_calls() -> None:

@@ -52,14 +52,6 @@ def test_rows(front, tmp_path, column, best):
     ]
 
 
-def test_page_without_marks(front, tmp_path):
-    """An error that names the page and the marks."""
-    page = tmp_path / "page.md"
-    page.write_text("| a |\n", "utf-8")
-    with pytest.raises(ValueError, match=r"page\.md must have a table between <!-- points: begin -->"):
-        front.read_rows(page, "points")
-
-
 def test_readme_has_the_table_of_the_pages(front):
     """README shows what these pages show now."""
     assert "\n".join(front.front_rows()) in (ROOT / "README.md").read_text("utf-8")

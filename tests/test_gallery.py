@@ -9,7 +9,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.text import Text
 
-from examples.gallery import SCENES, options, print_canvas
+from examples.gallery import options, print_canvas
 
 
 @pytest.fixture(autouse=True)
@@ -23,17 +23,14 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     "quick, words, size",
     [
-        (None, [], "default"),
         ("1", [], "quick"),
         ("0", [], "default"),
         ("1", ["--full"], "full"),
-        ("", ["--quick"], "quick"),
     ],
 )
-def test_size(quick: str | None, words: list[str], size: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_size(quick: str, words: list[str], size: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """DMIS_QUICK is a default that the command line overrides."""
-    if quick is not None:
-        monkeypatch.setenv("DMIS_QUICK", quick)
+    monkeypatch.setenv("DMIS_QUICK", quick)
     monkeypatch.setattr("sys.argv", ["plot_any.py", *words])
     opts, _ = options("plot_any", "Title\n=====")
     assert opts.size == size and opts.pick("quick", "default", "full") == size
@@ -45,16 +42,6 @@ def test_kernel_has_no_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["/lib/ipykernel_launcher.py", "-f", "/run/kernel-1.json"])
     opts, given = options("plot_any", None, seeds={"type": int, "default": 3})
     assert (opts.size, given.seeds) == ("default", 3)
-
-
-def test_scenes_shrink(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sizes of the thesis, divided."""
-    monkeypatch.setattr("sys.argv", ["plot_any.py", "--quick"])
-    opts, _ = options("plot_any", "Title")
-    assert opts.scene("tt", 100).camera.resolution == (15, 8)
-    monkeypatch.setattr("examples.gallery.load_scene", lambda source, resolution: (source, resolution))
-    for name, about in SCENES.items():
-        assert opts.scene(name) == (about.name, tuple(round(side / 16) for side in about.size))
 
 
 def test_letters_of_printed_figures_are_readable(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -85,18 +85,6 @@ def test_order(seed: int) -> None:
     assert rungs["B7"] < rungs["B6"] < rungs["B3"]
 
 
-def test_scale() -> None:
-    """Neither the unit of radiance nor that of cost changes a rung."""
-    curves, evenness = random_curves(1), Evenness(128, 0.3, 1.3)
-    brighter = planted(
-        1e6 * curves.position,
-        1e6 * S * (curves.curve - share_variance(S)[:, None, None] * curves.pattern),
-        1e6 * curves.pattern,
-    )
-    rungs = ladder_of(oracle_of(curves), evenness).rungs
-    assert ladder_of(oracle_of(brighter, unit=7.0), evenness).rungs == pytest.approx(rungs, rel=1e-9)
-
-
 def test_rounding_of_numbers_counts_where_they_are_whole() -> None:
     """Var_y(D) raises rungs with a whole number of light samples, and not where S is any number."""
     position, shading = np.ones((1, 2)), np.linspace(2, 1, len(GRID) - 1)
@@ -183,12 +171,6 @@ def test_a_rung_that_is_noise_is_shown_as_a_limit() -> None:
     assert [ladder.rung_text(name) for name in rungs] == ["1", "0.5 ± 0.2", "< 0.059", "< 0.059"]
     assert ladder.unclear == ["B6", "B7"] and "B6 and B7 cannot be told from 0" in ladder.text()
     assert "told from 0" not in Ladder({"B0": 1.0}, {"B0": 0.0}, rungs, 0.1).text()
-
-
-def test_no_ladder() -> None:
-    """An oracle without halves, or without variance, has no ladder."""
-    assert make_ladder(Oracle(np.ones((len(GRID), 1, 1)), np.ones(len(GRID)), 4, 64)) is None
-    assert make_ladder(oracle_of(planted(np.zeros((1, 1)), np.zeros((len(GRID), 1, 1))))) is None
 
 
 def test_ladder_of_a_scene(box: dmis.Scene, tmp_path, monkeypatch) -> None:

@@ -82,26 +82,6 @@ def test_unknown_commit_goes_by_the_date(project, capsys, day, old):
     assert f"\n{old} of 2 tables" in capsys.readouterr().out
 
 
-@needs_git
-def test_without_history(project, tmp_path, capsys):
-    """A shallow clone and a folder without git: a clear message, and the exit code 2."""
-    shallow = tmp_path / "shallow"
-    subprocess.run(["git", "clone", "-q", "--depth", "1", project.as_uri(), str(shallow)], check=True)
-    assert table_ages.main(shallow) == 2
-    assert "the clone is shallow" in capsys.readouterr().err
-    shutil.rmtree(project / ".git")
-    assert table_ages.main(project) == 2
-    assert "cannot tell which tables are old: git" in capsys.readouterr().err
-
-
-def test_marker_that_cannot_be_read(tmp_path):
-    """A marker without a commit is an error that names the page."""
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "README.md").write_text("\n<!-- table: python a.py; 2026-01-02; depends: a.py -->\n")
-    with pytest.raises(ValueError, match=r"README\.md has a marker"):
-        table_ages.find_tables(tmp_path)
-
-
 def test_new_marker_keeps_the_paths(monkeypatch):
     """Command and date are those of now, the paths those of the block that is replaced."""
     monkeypatch.setattr(sys, "argv", [str(ROOT / "benchmarks" / "make_points_table.py"), "--seeds", "2"])

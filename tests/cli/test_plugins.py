@@ -87,10 +87,6 @@ def render_again(tmp_path: Path, *where: object) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_worker_processes_know_what_a_plugin_registers(tmp_path: Path) -> None:
-    render_again(tmp_path, "--workers", 1)
-
-
 def test_a_cluster_knows_what_a_plugin_registers(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as local:
@@ -124,13 +120,6 @@ def test_a_plugin_without_a_rule_is_named(tmp_path: Path, capsys: pytest.Capture
     assert "registered no rule" not in error and "dmis.register_rule adds one" in error
 
 
-@pytest.mark.parametrize("name", ["my_1 (2).py", "my_-rules.py", "my_07_mirror.py"])
-def test_a_name_need_not_be_one_of_python(tmp_path: Path, name: str) -> None:
-    """As those of hand-ins; the class's module has that name, too."""
-    assert main(["info", "--plugin", write(tmp_path, name=name)]) == 0
-    assert RULES["third"].__module__ == name[:-3]
-
-
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
@@ -140,19 +129,14 @@ def test_a_name_need_not_be_one_of_python(tmp_path: Path, name: str) -> None:
             "",
             r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt\. Copy .*",
         ),
-        ("my.rules.py", "", r"a plugin must be .* with a name such as my_rule\.py; got .*my\.rules\.py\. Copy .*"),
         ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: /.*"),
-        ("sys.py", "", r"plugin .*sys\.py must have another name, because sys is a Python module already: built-in"),
         ("my_rules.py", "a = 1\nb = = 2\n", r"plugin .*my_rules\.py, line 2, is not Python: invalid syntax"),
-        ("my_rules.py", "a\0b", r"plugin .*my_rules\.py, line 1, is not Python: .*null bytes"),
         ("my_rules.py", "\n\n1 / 0\n", r"plugin .*my_rules\.py, line 3: ZeroDivisionError: division by zero"),
         (
             "my_rules.py",
             "import dmis\ndmis.make_rule('nix')\n",
             r"plugin .*, line 2: ValueError: rule must be one of .*",
         ),
-        ("my_rules.py", "import no_such_package\n", r"plugin .*, line 1: ModuleNotFoundError: No module named .*"),
-        ("my_rules.py", "raise SystemExit(0)\n", r"plugin .*, line 1: SystemExit: 0"),
     ],
 )
 def test_errors_name_the_file_and_the_line(tmp_path: Path, capsys, name: str, text: str | None, message: str) -> None:

@@ -129,13 +129,9 @@ def test_ratios_to_the_pinned_baseline(runs):
         for (rule, n), of in runs.items()
         if rule == "balance"
     }
-    for g, alone in zip(gains({**runs, **pinned}), [*gains(runs), *[None] * len(pinned)], strict=True):
+    for g in gains({**runs, **pinned}):
         assert g.over_pinned == pytest.approx({"balance": 0.5, "rule": 0.25, PINNED: 1}[g.rule])
         assert g.error_time_over_pinned.value == pytest.approx(g.error_time.value / 2)
-        if alone is not None:
-            assert g.error_time == alone.error_time and g.error_time_over_pinned.high == pytest.approx(
-                g.error_time_over_pinned.value
-            )
     faster = {budget: [replace(r, mse=r.mse / 100) for r in of] for budget, of in pinned.items()}
     assert [g.wins for g in gains({**runs, **faster}) if g.rule == PINNED] == [False] * len(pinned)
 
@@ -176,46 +172,28 @@ def test_several_rules_share_one_level():
     assert wrong / 1500 < 0.05 + 2 * 0.006 and alone > 2 * wrong
 
 
-def repeated(scene: dmis.Scene, reference: dmis.Reference, k: int, factor: float = 1.0) -> list:
-    """Gains of one comparison of the balance heuristic with itself under another name, five seeds, none in both.
-
-    `factor` is planted in error times seconds of the other name, half of it in each as a logarithm.
-    """
+def repeated(scene: dmis.Scene, reference: dmis.Reference, k: int) -> list:
+    """Gains of one comparison of the balance heuristic with itself under another name, five seeds, none in both."""
     runs: dict = {("balance", 8): [], ("other", 8): []}
     for seed in range(10 * k, 10 * k + 10, 2):  # in turns
-        for shift, (budget, scale) in enumerate(zip(runs, (1.0, factor**0.5))):
+        for shift, budget in enumerate(runs):
             (r,) = measure(scene, [("balance", 8)], [seed + shift], reference, parallel=1)["balance", 8]
-            times = {name: scale * getattr(r, name) for name in ("render_seconds", "cpu_seconds")}
-            runs[budget].append(replace(r, rule=budget[0], mse=scale * r.mse, **times))
+            runs[budget].append(replace(r, rule=budget[0]))
     return gains(runs)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, size", [("killeroo-diffuse", (48, 40)), ("tt", (48, 32)), ("killeroo-gold", (48, 36))])
-def test_no_winner_against_itself(name: str, size: tuple[int, int], tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["killeroo-diffuse", "tt"])
+def test_no_winner_against_itself(name: str, tmp_path: Path) -> None:
     """In 80 comparisons of a rule with itself a winner is named at most 8 times: 2.5 % would be 2.
 
     A two-sided 95 % interval lies below 1 in 2.5 % (4 % with the heaviest tails), and more than 8 of 80 at 4 % happen
     once in 170 tests. With seconds taken as exact it was 1 in 5 on the diffuse killeroo.
     """
     tables = pytest.importorskip("dmis.experiment.report.tables", reason="needs matplotlib")
-    scene = dmis.load_scene(name, resolution=size)
+    scene = dmis.load_scene(name, resolution=(48, 40))
     reference = dmis.make_reference(scene, 1024, folder=tmp_path)
     assert sum(tables.best_gain(repeated(scene, reference, k)) is not None for k in range(80)) <= 8
-
-
-@pytest.mark.slow
-def test_planted_winner_is_named(tmp_path: Path) -> None:
-    """In 40 comparisons with 0.7 times the error times seconds it is named at least 30 times, where an interval is at
-    most ± 15 % wide in the median.
-    """
-    tables = pytest.importorskip("dmis.experiment.report.tables", reason="needs matplotlib")
-    scene = dmis.load_scene("killeroo-diffuse", resolution=(48, 40))
-    reference = dmis.make_reference(scene, 1024, folder=tmp_path)
-    found = [repeated(scene, reference, k, 0.7) for k in range(100, 140)]
-    halves = [np.log(g.error_time.high / g.error_time.low) / 2 for _, g in found]
-    assert np.median(halves) <= 0.15
-    assert sum(tables.best_gain(of) is not None for of in found) >= 30
 
 
 def test_lines_are_in_the_order_of_samples(runs):
@@ -227,21 +205,8 @@ def test_lines_are_in_the_order_of_samples(runs):
     np.testing.assert_allclose(line(turned, "rule", "rays")[0], [800, 3200, 12800])
 
 
-@pytest.mark.parametrize(
-    "name, seeds",
-    [
-        ("box", 8),
-        pytest.param("teapot-area-light", 16, marks=pytest.mark.slow),
-        pytest.param("killeroo-diffuse", 3, marks=pytest.mark.slow),
-    ],
-)
-def test_errors_fall_as_they_must(name: str, seeds: int, box: dmis.Scene, tmp_path: Path) -> None:
-    """Fixed rules with independent samples: RMSE ~ N^-1/2, within 0.05. The teapot's few bright spikes need seeds."""
-    scene = box if name == "box" else dmis.load_scene(name, resolution=(48, 40))
-    reference = dmis.make_reference(scene, 512, folder=tmp_path)
-    rules = ("balance", "pbrt")
-    budgets = [(rule, n) for rule in rules for n in (4, 16, 64)]
-    runs = measure(scene, budgets, range(seeds), reference, sampler="independent")
-    for rule in rules:
-        value, error = slope(*line(runs, rule, "spp"))
-        assert value == pytest.approx(-0.5, abs=0.05), f"{rule}: {value:.3f} ± {error:.3f}"
+def test_errors_fall_as_they_must(box: dmis.Scene, tmp_path: Path) -> None:
+    """A fixed rule with independent samples: RMSE ~ N^-1/2, within 0.05."""
+    reference = dmis.make_reference(box, 512, folder=tmp_path)
+    runs = measure(box, [("balance", n) for n in (4, 16, 64)], 8, reference, sampler="independent")
+    assert slope(*line(runs, "balance", "spp"))[0] == pytest.approx(-0.5, abs=0.05)

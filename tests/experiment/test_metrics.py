@@ -9,7 +9,6 @@ from dmis.experiment.metrics import (
     block_error,
     holm_levels,
     log_ratio,
-    mean_and_error,
     mean_over_blocks,
     mse,
     ratio,
@@ -57,13 +56,6 @@ def test_ragged_borders_are_left_out_of_blocks():
     assert block_error(image, reference) == 0
 
 
-def test_mean_and_error():
-    """Mean and standard error agree with a calculation by hand; the error of one value is NaN."""
-    assert mean_and_error(np.array([1.0, 2.0, 3.0])) == pytest.approx((2, 1 / np.sqrt(3)))
-    mean, error = mean_and_error(np.array([4.0]))
-    assert mean == 4 and np.isnan(error)
-
-
 def test_ratio_of_equal_and_proportional_values():
     """The error of proportional values is 0; that of a single seed is NaN."""
     baseline = np.array([1.0, 2.0, 4.0])
@@ -73,7 +65,7 @@ def test_ratio_of_equal_and_proportional_values():
         ratio(baseline, baseline[:2])
 
 
-@pytest.mark.parametrize("seeds", [3, 5, 20])
+@pytest.mark.parametrize("seeds", [3, 20])
 def test_ratio_interval_covers(seeds):
     """The 95 % interval has the true ratio in 95 % of 4,000 experiments, correlated or not (3 sigma: 1 %)."""
     rng = np.random.default_rng(seeds)
@@ -84,8 +76,7 @@ def test_ratio_interval_covers(seeds):
     assert np.mean(covered) == pytest.approx(0.95, abs=0.011)
 
 
-@pytest.mark.parametrize("together", [1, 4, 8])
-@pytest.mark.parametrize("shape", [(160, 160), (171, 228), (104, 103)])
+@pytest.mark.parametrize("together, shape", [(1, (160, 160)), (4, (171, 228)), (8, (104, 103))])
 def test_error_of_pixels_that_go_together(shape, together):
     """The standard error of the mean is right for errors that patches share, and 0 for a constant."""
     rng = np.random.default_rng(3)
@@ -117,7 +108,7 @@ def test_log_ratio_by_hand():
     assert np.isnan(log_ratio(np.array([3.0, -1.0]), np.array([1.0, 1.0]))).all()  # the mean without the first is -1
 
 
-@pytest.mark.parametrize("sigma, seeds", [(0.1, 3), (0.1, 5), (0.5, 5), (1.0, 5)])
+@pytest.mark.parametrize("sigma, seeds", [(0.1, 3), (1.0, 5)])
 def test_log_ratio_of_equal_rules(sigma, seeds):
     """Of 4000 experiments with two equal rules at most 5 % of intervals lie below 0, half of that for light tails.
 

@@ -51,12 +51,6 @@ def test_saving_regret_harm(oracle: Oracle) -> None:
     assert oracle.regret(wrong)[1, 2] == 0  # black
 
 
-def test_limit(oracle: Oracle) -> None:
-    """`limit` is the least variance over that at w = 1/2."""
-    left = 0.5 / (((0.5 - BEST.ravel()[:5]) ** 2).sum() + 0.5)
-    assert oracle.limit() == pytest.approx(left, rel=1e-5)
-
-
 def test_cached(box: dmis.Scene, tmp_path) -> None:
     """`cached_oracle` is None before the first oracle is rendered, then that of most samples."""
     assert cached_oracle(box, folder=tmp_path) is None
@@ -129,17 +123,6 @@ def test_patches_at_the_border_count_by_their_pixels() -> None:
         oracle = Oracle(variance, np.ones(len(GRID)), 4, 64, (4, 5))
         assert oracle.limit() == pytest.approx(truth) and oracle.limit(costly=True) == pytest.approx(truth)
         assert oracle.limit_with_counts() == pytest.approx((((16, 4)[patch] * 0.2**0.5 + (4, 16)[patch]) / 20) ** 2)
-
-
-def test_cost_depends_on_the_settings(tmp_path) -> None:
-    """More shading samples make weights matter more in cost; techniques in the other order turn it round."""
-    scene = dmis.load_scene("cornell", resolution=(16, 16))
-    costs = [
-        make_oracle(scene, 16, settings=dmis.Settings(**settings), folder=tmp_path).cost
-        for settings in ({}, {"shading_samples": 8}, {"techniques": ("brdf", "light")})
-    ]
-    assert np.ptp(costs[1]) == pytest.approx(4 * np.ptp(costs[0]), rel=0.2)
-    np.testing.assert_allclose(costs[2], costs[0][::-1], rtol=0.05)
 
 
 def test_curves_without_a_saving() -> None:

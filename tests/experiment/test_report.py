@@ -22,14 +22,7 @@ from dmis import plot
 from dmis.experiment.convergence import gains
 from dmis.experiment.report.comparer import linear_png, palette_colours
 from dmis.experiment.report.page import write_report
-from dmis.experiment.report.plots import (
-    INK,
-    convergence,
-    error_lines,
-    line_style,
-    map_png,
-    variance_ratio,
-)
+from dmis.experiment.report.plots import INK, convergence, error_lines, map_png, variance_ratio
 from dmis.experiment.report.tables import ratio_text
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
@@ -93,17 +86,12 @@ def test_page_asks_nothing_of_the_network(page):
 
 
 def test_marks_are_filled_and_tags_match(page):
-    """Nothing of the template is left over."""
+    """Nothing of the template is left over; what is referred to by name is there once."""
     assert "{{" not in page and INK not in page
     assert Tables(page).open == []
-
-
-def test_names_are_unique(page):
-    """What is referred to by name is there once."""
     names = re.findall(r'\sid="([^"]*)"', page)
     assert len(names) == len(set(names))
-    assert set(re.findall(r'href="#([^"]*)"', page)) <= set(names)
-    assert set(re.findall(r"url\(#([^)]*)\)", page)) <= set(names)
+    assert {*re.findall(r'href="#([^"]*)"', page), *re.findall(r"url\(#([^)]*)\)", page)} <= set(names)
 
 
 def test_pictures_decode(page):
@@ -182,19 +170,12 @@ def test_several_scenes(made, tmp_path):
     assert "Maps of regret need an oracle" in text
 
 
-def test_nothing_to_show(tmp_path):
-    """An error in place of an empty page."""
-    with pytest.raises(ValueError, match="must hold at least one"):
-        write_report([], tmp_path / "report.html")
-
-
 def test_errors_that_have_no_logarithm(made, tmp_path):
     """Two halves of a noisy reference may estimate an error below zero: no line, no number, and no failure."""
     comparison, _ = made
-    runs = {budget: [dataclasses.replace(run, mse=-1e-9) for run in of] for budget, of in comparison.runs.items()}
-    zero = {budget: [dataclasses.replace(run, mse=0.0) for run in of] for budget, of in comparison.runs.items()}
-    for odd in (runs, zero):
-        report = dataclasses.replace(comparison, runs=odd)
+    for mse in (-1e-9, 0.0):
+        runs = {budget: [dataclasses.replace(run, mse=mse) for run in of] for budget, of in comparison.runs.items()}
+        report = dataclasses.replace(comparison, runs=runs)
         write_report([report], tmp_path / "report.html")
         convergence(report, tmp_path / "convergence.png")
         tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
@@ -225,13 +206,6 @@ def test_variance_ratio():
     mine[0, 0], base[3, 3] = 6, 2
     found = variance_ratio({"variance": mine}, {"variance": base})
     assert found.shape == (2, 1) and found[0, 0] == 3 and np.isnan(found[1, 0])
-
-
-def test_rules_can_be_told_apart():
-    """Neighbours differ in colour and in marker; 70 rules have looks of their own."""
-    looks = [line_style(k) for k in range(70)]
-    assert len(set(looks)) == 70
-    assert all(a[0] != b[0] and a[1] != b[1] for a, b in pairwise(looks))
 
 
 @pytest.mark.parametrize("seconds, rays", [((0.4, 0.9), (3.1e8, 5.9e8)), ((0.1, 60), (1e5, 2e9))])

@@ -2,12 +2,11 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 
 import dmis
 from dmis.experiment.metrics import mse, relmse
-from dmis.experiment.runs import Run, measure, median_seconds, on_cpu, spp_in_time
+from dmis.experiment.runs import Run, measure, on_cpu, spp_in_time
 
 
 def run(rule: str, spp: int, seconds: float, overhead: float = 0.0) -> Run:
@@ -50,19 +49,7 @@ def test_spp_pays_for_the_pilot(seconds, spp):
     assert spp_in_time(seconds, [run("thesis", 128, 13.2, 1.0)]) == spp
 
 
-def test_medians():
-    """Medians do not depend on one slow run."""
-    runs = [run("thesis", 128, s, o) for s, o in ((13.2, 1), (13.2, 1), (40, 9))]
-    assert median_seconds(runs) == 13.2
-    assert spp_in_time(12.9, runs) == 125
-
-
 def test_time_of_the_processor():
     """`on_cpu` replaces a doubled wall time by CPU seconds and keeps the shares of the stages."""
     (one,) = on_cpu([dataclasses.replace(run("thesis", 128, 13.2, 1.2), cpu_seconds=6.6)])
     assert one.seconds == pytest.approx(6.6) and one.overhead == pytest.approx(0.6)
-
-
-def test_runs_are_plain_data():
-    """A run can be pickled and turned into a dictionary."""
-    assert np.isscalar(dataclasses.astuple(run("balance", 4, 1.0))[1])

@@ -1,7 +1,6 @@
 """What a comparison keeps: nothing is rendered twice, nothing of another kind is added to, nothing torn is believed."""
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
@@ -201,12 +200,6 @@ def test_a_table_without_its_conditions_is_refused(box, reference, tmp_path, tex
         (tmp_path / "comparison.json").write_text(text)
     with pytest.raises(ValueError, match=r"has no readable comparison\.json"):
         Results(tmp_path, about)
-
-
-def test_conditions_are_plain_data(box, reference):
-    """They go into a file and come back the same."""
-    about = conditions(box, reference, None)
-    assert json.loads(json.dumps(about)) == about
 
 
 def test_pictures_have_names_of_their_own(box, reference, tmp_path):
