@@ -38,7 +38,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import TINY, Array
 from dmis.estimator.combiner import Combiner, combiner_by_name
 from dmis.estimator.mis import balance
@@ -54,8 +53,6 @@ MIN_DENSITY_RATIO = np.float32(1e-9)
 """Lower bound of the ratios p_w / q and p_i / q, so that divisions by them stay finite."""
 CURVE_BATCH = 2**16
 """Shading samples, about, whose curves are computed in one batch, so that their arrays stay in the cache."""
-MAX_LIT_TO_GATHER = 0.75
-"""Share of lit pixels above which gathering them saves no time over computing the curves of all pixels."""
 CURVE_ROUNDING = 3e-5
 """Rounding error of a pixel's curve, as a share of its second moment. A curve is the difference of float32 sums, each
 of which is off by 1e-6 or less; the error may be the same in all pixels, so it is assumed to be larger, because
@@ -95,18 +92,14 @@ class Curves:
         if not lights:
             return
         unit = max(power_of_two_near(x) for x, _ in lights)
-        lit = _lit_pixels([x for x, _ in lights], count)
-        pixels = size(lit, len(self._total))
-        if not pixels:
-            return
+        pixels = len(self._total)
         blocks = max(1, round(pixels * 2 * self._s * count / CURVE_BATCH))
         for begin, end in itertools.pairwise(np.linspace(0, pixels, blocks + 1, dtype=int)):
-            batch = compose(lit, slice(begin, end))
-            assert batch is not None
+            batch = slice(begin, end)
             samples = [(select_pixels(x, batch, count) / unit, select_pixels(d, batch, count)) for x, d in lights]
             self._add(samples, batch, count, float(unit) ** 2)
 
-    def _add(self, samples: Sequence[tuple[Array, Array]], pixels: Selection, count: int, unit_2: float) -> None:
+    def _add(self, samples: Sequence[tuple[Array, Array]], pixels: slice, count: int, unit_2: float) -> None:
         """Add the curves of some `pixels`, from X and d towards each light.
 
         X is given in units whose square is `unit_2`.
@@ -114,7 +107,7 @@ class Curves:
         scale, lights = count * unit_2, [_SamplesTowardsLight(x, d, count, self._combiner) for x, d in samples]
         # I^2 of each light, summed
         radiance_2 = sum(light.radiance_2 for light in lights)
-        second, squared, pattern = np.zeros((3, len(self._grid), size(pixels, len(self._total))))
+        second, squared, pattern = np.zeros((3, len(self._grid), pixels.stop - pixels.start))
         # M2(0) and M2(1): of one technique alone, all heuristics are the same
         for end in (0, -1):
             second[end] = sum(light.single_technique(self._grid[end]) for light in lights)
@@ -208,18 +201,9 @@ def unrecorded_samples(shading_samples: int, n: int) -> tuple[Array, Array]:
     return x, d
 
 
-def _lit_pixels(values: Sequence[Array], count: int) -> Index | None:
-    """Return the pixels with a sample ``(S / 2, 2, count * P)`` above 0; the curves of all other pixels are 0.
-
-    None stands for all pixels, where gathering the lit ones would save no time (`MAX_LIT_TO_GATHER`).
-    """
-    lit = np.any([x.any(axis=(0, 1)).reshape(count, -1).any(axis=0) for x in values], axis=0)
-    return indices(lit) if np.count_nonzero(lit) < MAX_LIT_TO_GATHER * len(lit) else None
-
-
-def select_pixels(a: Array, pixels: Selection, count: int) -> Array:
+def select_pixels(a: Array, pixels: slice, count: int) -> Array:
     """Return the samples of some pixels, from samples ``(..., count * P)`` in sample-major order."""
-    return take(a.reshape(*a.shape[:-1], count, -1), pixels).reshape(*a.shape[:-1], -1)
+    return a.reshape(*a.shape[:-1], count, -1)[..., pixels].reshape(*a.shape[:-1], -1)
 
 
 def share_variance(s: float, grid: Array = GRID) -> Array:
