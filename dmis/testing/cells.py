@@ -15,8 +15,6 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.testing.sphere import angles, sphere_nodes
 
-_FINE = 32
-"""Nodes along each side of a cell of a quadrature that is repeated."""
 _PEAK = 20
 """Ratio of the largest density to the median one of some samples, from which on the former is the axis."""
 
@@ -38,7 +36,7 @@ class Cells:
     axis: Array
     theta: Array
     phi: Array
-    per_cell: int = 16
+    per_cell: int
 
     @cached_property
     def _rule(self) -> tuple[Array, Array]:
@@ -48,10 +46,6 @@ class Cells:
     def nodes(self) -> Array:
         """Directions of the quadrature nodes, ``(3, M)`` float32."""
         return self._rule[0]
-
-    def finer(self) -> Cells:
-        """Return the same cells with many more nodes."""
-        return Cells(self.axis, self.theta, self.phi, _FINE)
 
     def count(self, w: Array) -> Array:
         """Return how many of the directions ``(3, N)`` are in each cell, ``(rings, sectors)``."""
@@ -79,10 +73,11 @@ class Cells:
         return (values * weights).sum(axis=(2, 3)), (steps * weights).sum(axis=(2, 3))
 
 
-def learn_cells(w: Array, density: Array) -> Cells:
+def learn_cells(w: Array, density: Array, per_cell: int) -> Cells:
     """Return cells whose edges are quantiles of the directions `w` ``(3, N)`` with their densities ``(N,)``.
 
-    The axis is the mean direction, or that of largest density if there is a peak.
+    Each has `per_cell` nodes along its sides. The axis is the mean direction, or that of largest density if it has a
+    peak.
     """
     if not w.shape[1]:
         w, density = np.array([[0.0], [0.0], [1.0]]), np.zeros(1)
@@ -96,4 +91,4 @@ def learn_cells(w: Array, density: Array) -> Cells:
     theta = np.unique(np.concatenate([[0.0], inner, outer]))
     # an anisotropic lobe may be a blade, narrow in azimuth, too
     phi = np.unique([0.0, *np.quantile(azimuth, np.linspace(0, 1, 17)[1:-1]), 2 * np.pi])
-    return Cells(axis, theta, phi)
+    return Cells(axis, theta, phi, per_cell)

@@ -8,7 +8,7 @@ own, which expects what the integral of the pdf lacks to 1.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,10 +21,6 @@ from dmis.testing.statistics import chi2_p
 
 QUADRATURE = 1e-3
 """Error of an integral over all cells that is allowed beside the estimated one: the horizon cuts cells."""
-_LEARN = 8
-"""One of so many directions places the rings and is left out of the test."""
-_SUSPICIOUS = 1e-3
-"""p-value below which the quadrature is repeated with more nodes, before it is believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +43,8 @@ class DensityView:
         Of lights and techniques: the light samples of `wi`, and the function that returns those of any directions.
     pdf_name
         The pdf in messages.
+    nodes
+        Quadrature nodes along each side of a cell, an even number.
     """
 
     wi: Array
@@ -57,49 +55,48 @@ class DensityView:
     sample: LightSample | None = None
     hit: Callable[[Array], LightSample] | None = None
     pdf_name: str = "pdf"
+    nodes: int = 16
+
+    def finer(self) -> DensityView:
+        """Return the same view with four times the nodes, for what looks wrong by the coarse ones."""
+        return replace(self, nodes=2 * self.nodes)
 
     @cached_property
     def cells(self) -> Cells:
         """Cells that the first directions give."""
-        learn = self.wi.shape[1] // _LEARN
-        some = np.ascontiguousarray(self.wi[:, :learn][:, self.accepted[:learn]])
-        return learn_cells(some, self.pdf(some))
+        some = np.ascontiguousarray(self.wi[:, : self._learn][:, self.accepted[: self._learn]])
+        return learn_cells(some, self.pdf(some), self.nodes)
+
+    @property
+    def _learn(self) -> int:
+        """Number of directions that place the cells and are left out of the test."""
+        return self.wi.shape[1] // 8
 
     @property
     def count(self) -> int:
         """Number of directions that are counted, accepted or not."""
-        return self.wi.shape[1] - self.wi.shape[1] // _LEARN
+        return self.wi.shape[1] - self._learn
 
     @cached_property
     def observed(self) -> Array:
-        """Counts of the other accepted directions, ``(rings, sectors)``."""
-        learn = self.wi.shape[1] // _LEARN
-        return self.cells.count(self.wi[:, learn:][:, self.accepted[learn:]])
+        """Counts of the accepted ones, ``(rings, sectors)``."""
+        return self.cells.count(self.wi[:, self._learn :][:, self.accepted[self._learn :]])
 
     @cached_property
-    def _integrals(self) -> tuple[Array, Array]:
-        """Integrals of the pdf over the cells and their errors, by more nodes if the coarse ones look bad."""
-        coarse, error = self.cells.integrate(self.pdf(self.cells.nodes))
-        if self._p(coarse, error) > _SUSPICIOUS and self._agrees(coarse, error, 3):
-            return coarse, error
-        cells = self.cells.finer()
-        fine, error = cells.integrate(self.pdf(cells.nodes))
-        return fine, np.maximum(error, np.abs(fine - coarse))
-
-    @property
-    def expected(self) -> Array:
-        """Expected counts, ``(rings, sectors)``."""
-        return self._integrals[0] * self.count
+    def expected(self) -> tuple[Array, Array]:
+        """Counts that the pdf expects and their errors, from the quadrature, both ``(rings, sectors)``."""
+        integrals, error = self.cells.integrate(self.pdf(self.cells.nodes))
+        return integrals * self.count, error * self.count
 
     @property
     def mass(self) -> float:
         """Integral of the pdf."""
-        return float(self._integrals[0].sum())
+        return float(self.expected[0].sum() / self.count)
 
     @property
     def mass_error(self) -> float:
-        """Error of `mass`, from the quadrature."""
-        return _total(self._integrals[1])
+        """Error of `mass`."""
+        return float(np.sqrt((self.expected[1] ** 2).sum()) / self.count) + QUADRATURE
 
     @property
     def share(self) -> float:
@@ -108,31 +105,25 @@ class DensityView:
 
     def mass_agrees(self, limit: float) -> bool:
         """Return whether the integral is the accepted share, within `limit` standard errors of the latter."""
-        return self._agrees(*self._integrals, limit)
-
-    def _agrees(self, integrals: Array, error: Array, limit: float) -> bool:
-        mass = float(integrals.sum())
-        inside = min(max(mass, 0.0), 1.0)
-        variance = max(self.share * (1 - self.share), inside * (1 - inside))
-        return abs(mass - self.share) <= limit * np.sqrt(variance / self.count) + 3 * _total(error)
+        mass = min(max(self.mass, 0.0), 1.0)
+        variance = max(self.share * (1 - self.share), mass * (1 - mass))
+        return abs(self.mass - self.share) <= limit * np.sqrt(variance / self.count) + 3 * self.mass_error
 
     @cached_property
     def p(self) -> float:
         """p-value of the chi-square test; 1 where nothing is expected and nothing observed."""
-        return self._p(*self._integrals)
-
-    def _p(self, integrals: Array, error: Array) -> float:
+        expected, error = self.expected
         observed = np.append(self.observed, self.count - self.observed.sum())
-        expected = np.append(integrals, max(1 - integrals.sum(), 0)) * self.count
-        if max(observed[:-1].sum(), expected[:-1].sum()) < 50:
+        lacking = max(1 - self.mass, 0) * self.count
+        if max(observed[:-1].sum(), expected.sum()) < 50:
             return 1.0
-        return chi2_p(observed, expected, (np.append(error, _total(error)) * self.count) ** 2)
+        return chi2_p(observed, np.append(expected, lacking), np.append(error, self.mass_error * self.count) ** 2)
 
     @property
     def ratio(self) -> tuple[float, float]:
         """Ratio of observed to expected counts over all cells, and its spread between cells beyond their noise."""
-        some = self.expected >= 5
-        observed, expected = self.observed[some], self.expected[some]
+        some = self.expected[0] >= 5
+        observed, expected = self.observed[some], self.expected[0][some]
         ratio = observed.sum() / max(expected.sum(), 1e-30)
         excess = ((observed - ratio * expected) ** 2).sum() - (ratio * expected).sum()
         return float(ratio), float(np.sqrt(max(excess, 0) / max((expected**2).sum(), 1e-30)))
@@ -140,15 +131,8 @@ class DensityView:
     @cached_property
     def integral(self) -> Integral:
         """Integral of `value` over the cells of the samples."""
-        return self._integrate(self.cells)
-
-    @cached_property
-    def fine_integral(self) -> Integral:
-        """The same by many more nodes."""
-        return self._integrate(self.cells.finer())
-
-    def _integrate(self, cells: Cells) -> Integral:
         assert self.value is not None
+        cells = self.cells
         values, pdf = self.value(cells.nodes).astype(float), self.pdf(cells.nodes)
         sums = np.array([[cell_sums.sum() for cell_sums in cells.integrate(channel)] for channel in values])
         largest = values.max(axis=0)
@@ -167,12 +151,12 @@ class DensityView:
         from dmis import plot
 
         figure, axes = plot.canvas(1, 3, 13, 4.2)
-        error = self._integrals[1] * self.count
-        difference = (self.observed - self.expected) / np.sqrt(np.maximum(self.expected + error**2, 1))
-        counts = {"vmin": 0, "vmax": max(self.observed.max(), self.expected.max())}
+        expected, error = self.expected
+        difference = (self.observed - expected) / np.sqrt(np.maximum(expected + error**2, 1))
+        counts = {"vmin": 0, "vmax": max(self.observed.max(), expected.max())}
         maps = (
             ("directions of sample in each cell", self.observed, counts),
-            (f"expected by {self.pdf_name}", self.expected, counts),
+            (f"expected by {self.pdf_name}", expected, counts),
             ("difference / standard deviation", difference, {"vmin": -6, "vmax": 6, "cmap": "RdBu_r"}),
         )
         for axis, (name, values, options) in zip(axes[0], maps, strict=True):
@@ -204,8 +188,3 @@ class Integral:
     error: Array
     missed: float
     square: float
-
-
-def _total(error: Array) -> float:
-    """Return the error of a sum of integrals with these errors."""
-    return float(np.sqrt((error**2).sum())) + QUADRATURE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -26,10 +26,43 @@ _PROPORTIONAL = 0.05
 """Largest spread of observed / expected counts from cell to cell of a density that is only scaled."""
 
 
+def view_checks(
+    views: Sequence[DensityView],
+    corners: Sequence[DensityView],
+    level: float,
+    value: str = "",
+    hides_itself: bool = False,
+) -> list[tuple[str, Callable[[], str]]]:
+    """Return titles and functions of all checks here, for `run_checks`.
+
+    Parameters
+    ----------
+    views
+        Places with ``COUNT`` samples.
+    corners
+        Places with samples of the smallest and largest uniform numbers, `CORNERS`.
+    level
+        Significance level of each test.
+    value
+        Name of `DensityView.value` in messages; empty: there is none.
+    hides_itself
+        Whether a light's `sample` may pick a point that another point of the light hides.
+    """
+    checks = [
+        ("values are finite and not negative", lambda: check_finite(corners, value)),
+        ("pdf integrates to its accepted mass", lambda: check_mass(views, level)),
+        ("sample follows pdf (chi-square)", lambda: check_chi_square(views, level)),
+        ("sample and hit agree", lambda: check_hit(views, hides_itself)),
+        (f"samples have the integral of {value}", lambda: check_integral(views, level, value)),
+    ]
+    return [check for check, needed in zip(checks, (1, 1, 1, views[0].hit, value), strict=True) if needed]
+
+
 def check_mass(views: Sequence[DensityView], level: float) -> str:
     """Raise a Fault unless each pdf integrates to the share of samples that is accepted; return the integrals."""
+    limit = z_limit(level)
     for view in views:
-        if not view.mass_agrees(z_limit(level)):
+        if not view.mass_agrees(limit) and not (view := view.finer()).mass_agrees(limit):
             ratio, spread = view.ratio
             scale = f"{1 / ratio:.3f} times" if ratio > 0 and spread < _PROPORTIONAL else "not"
             raise Fault(
@@ -43,7 +76,7 @@ def check_mass(views: Sequence[DensityView], level: float) -> str:
 def check_chi_square(views: Sequence[DensityView], level: float) -> str:
     """Raise a Fault unless the samples follow each pdf; return the p-values."""
     for view in views:
-        if view.p <= level:
+        if view.p <= level and (view := view.finer()).p <= level:
             ratio, spread = view.ratio
             raise Fault(
                 f"sample does not follow {view.pdf_name}: p = {view.p:.1g}; {view.pdf_name} integrates to "
@@ -55,19 +88,16 @@ def check_chi_square(views: Sequence[DensityView], level: float) -> str:
 
 
 def check_integral(views: Sequence[DensityView], level: float, name: str) -> str:
-    """Raise a Fault unless the mean of value / pdf over the samples is the integral of `value`; return the integrals.
-
-    `name` is that of `value` in messages, such as ``eval cos``.
-    """
+    """Raise a Fault unless the mean of value / pdf over samples is the integral of `value`; return the integrals."""
     for view in views:
         assert view.value is not None
         pdf = view.pdf(view.wi).astype(float)
         value = view.value(view.wi).astype(float)
         ratio = np.divide(value, pdf, out=np.zeros_like(value), where=view.accepted & (pdf > 0))
         mean, limit = ratio.mean(axis=1), z_limit(level)
-        if _difference(mean, view.integral, limit) and (difference := _difference(mean, view.fine_integral, limit)):
-            raise Fault(f"{difference.format(pdf=view.pdf_name, name=name)} ({view.place})", view.figure)
-    return ", ".join(f"{view.integral.value.max():.3f}" for view in views)
+        if _difference(mean, view.integral, limit) and (text := _difference(mean, view.finer().integral, limit)):
+            raise Fault(f"{text.format(pdf=view.pdf_name, name=name)} ({view.place})", view.figure)
+    return f"integrals {', '.join(f'{view.integral.value.max():.3f}' for view in views)}"
 
 
 def _difference(mean: Array, exact: Integral, limit: float) -> str:
@@ -85,15 +115,10 @@ def _difference(mean: Array, exact: Integral, limit: float) -> str:
     )
 
 
-def check_hit(views: Sequence[DensityView], fields: Sequence[str], hides_itself: bool = False) -> str:
+def check_hit(views: Sequence[DensityView], hides_itself: bool) -> str:
     """Raise a Fault if `hit` reports other light samples of the sampled directions than `sample` does.
 
-    Parameters
-    ----------
-    fields
-        Fields of `LightSample` that are compared, besides ``emits``.
-    hides_itself
-        Whether `sample` may pick a point that another point of the light hides.
+    The pdfs are compared where there is a `DensityView.value`: that of a technique's light samples is the light's.
     """
     for view in views:
         assert view.sample is not None and view.hit is not None
@@ -105,7 +130,7 @@ def check_hit(views: Sequence[DensityView], fields: Sequence[str], hides_itself:
                 f"that {sample.emits.mean():.1%} emit, hit {hit.emits.mean():.1%} ({view.place})"
             )
         both = sample.emits & hit.emits
-        for field in fields:
+        for field in ("distance", "radiance", "pdf")[: 2 if view.value is None else 3]:
             a, b = (np.broadcast_to(getattr(of, field), (3, COUNT)) for of in (sample, hit))
             tolerance = 1e-2 if field == "distance" else 2e-3
             atol = 1e-3 * np.abs(b).max() if field == "radiance" else 0
@@ -119,11 +144,10 @@ def check_hit(views: Sequence[DensityView], fields: Sequence[str], hides_itself:
     return f"{COUNT} directions"
 
 
-def check_finite(views: Sequence[DensityView], value_name: str = "") -> str:
+def check_finite(views: Sequence[DensityView], value_name: str) -> str:
     """Raise a Fault if a value is not finite, is negative, or a direction is not of unit length.
 
-    The views have samples of the smallest and largest uniform numbers; their functions are called for these and for
-    special directions. `value_name` is that of `value` in messages.
+    The functions of the views are called for their samples and for special directions.
     """
     wo = np.stack([polar(degrees) for degrees in (*GRAZING, 90.00001)], axis=1)
     special = [wo, -wo, wo * [[-1], [-1], [1]], wo * [[1], [1], [-1]], np.eye(3), -np.eye(3)]

@@ -67,28 +67,34 @@ def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
     """
     variables = {name: value for name, value in vars(module).items() if not name.startswith("_")}
     subjects: list[Subject] = []
-    for label, item in _items(variables):
-        if (kind := _kind(type(item))) and _belongs(item, module) and all(item is not s.item for s in subjects):
-            subjects.append(Subject(label, kind, item))
+
+    def add(name: str, item: Any) -> None:
+        kind = _kind(type(item))
+        if kind and item not in _SHIPPED and all(item is not subject.item for subject in subjects):
+            subjects.append(Subject(name, kind, item))
+
+    for name, item in _items(variables):
+        add(name, item)
     rules = {name: cls for name, cls in RULES.items() if getattr(cls, "__module__", "") == module.__name__}
     used = {type(item) for _, item in _items(vars(module))} | set(rules.values())
     skipped: dict[str, str] = {}
     for name, cls in variables.items():
         if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
-            if reason := _missing(name, cls):
-                skipped[name] = reason
+            if missing := _required(cls):
+                example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
+                has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
+                skipped[name] = (
+                    f"{', '.join(missing)} {has} no default. Give {it} one, or add an object to the file: {example}"
+                )
                 continue
             try:
-                subjects.append(Subject(name, _kind(cls), cls()))
+                add(name, cls())
             except Exception as error:
                 skipped[name] = raised(error)
     subjects += [Subject(name, "rule", name) for name in rules]
-    checked = [subject.item for subject in subjects]
-    return subjects + [
-        Subject(technique.name, "technique", technique)
-        for technique in TECHNIQUES.values()
-        if all(technique is not item for item in checked) and _belongs(technique, module)
-    ], skipped
+    for technique in TECHNIQUES.values():
+        add(technique.name, technique)
+    return subjects, skipped
 
 
 def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -105,20 +111,8 @@ def _kind(cls: type) -> str:
     return next((kind for kind, base in _KINDS.items() if base in cls.__mro__), "")
 
 
-def _belongs(item: Any, module: ModuleType) -> bool:
-    """Return whether an object is the module's own; a technique is by its functions, or if it is a copy."""
-    if not isinstance(item, Technique):
-        return True
-    own = module.__name__ in (getattr(item.sample, "__module__", ""), getattr(item.pdf, "__module__", ""))
-    return own or (any(item is value for value in vars(module).values()) and item not in _SHIPPED)
-
-
-def _missing(name: str, cls: type) -> str:
-    """Return which arguments of a class have no default, and what to do about it; empty if all have one."""
+def _required(cls: type) -> list[str]:
+    """Return the arguments of a class that have no default."""
     rest = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     parameters = inspect.signature(cls).parameters.items()
-    missing = [field for field, p in parameters if p.default is p.empty and p.kind not in rest]
-    example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
-    has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
-    text = f"{', '.join(missing)} {has} no default. Give {it} one, or add an object to the file: {example}"
-    return text if missing else ""
+    return [name for name, p in parameters if p.default is p.empty and p.kind not in rest]

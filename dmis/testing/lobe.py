@@ -6,7 +6,7 @@ directions are those below, and both sides of the surface are tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -16,18 +16,8 @@ from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
 from dmis.scene.probe import check_lobe_form, surface
 from dmis.scene.shading_points import ShadingPoints
-from dmis.testing.delta_lobe import check_delta_lobe
 from dmis.testing.density import QUADRATURE, DensityView
-from dmis.testing.density_checks import (
-    CORNERS,
-    COUNT,
-    GRAZING,
-    check_chi_square,
-    check_finite,
-    check_integral,
-    check_mass,
-    check_unit,
-)
+from dmis.testing.density_checks import CORNERS, COUNT, GRAZING, check_unit, check_values, view_checks
 from dmis.testing.outcome import Fault, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, BELOW, TECHNIQUES_ALONE, box_scene, compare_means
 from dmis.testing.sphere import polar, uniforms
@@ -69,7 +59,7 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
     material = Material((lobe,))
     name = name or type(lobe).__name__
     if lobe.delta:
-        return check_delta_lobe(material, name)
+        return _check_delta_lobe(material, name)
     places = [(k, outside) for outside in (True, False)[: 1 + lobe.has_sides()] for k in ANGLES]
     eta2 = [lobe.eta_scale() ** (2 if outside else -2) for _, outside in places]
     views: list[DensityView] = []
@@ -83,23 +73,17 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
         check_unit("sample", views[0].wi, views[0].place)
         return "shapes are right, directions are unit vectors"
 
-    checks: list[tuple[str, Callable[[], str]]] = [
-        ("forms of what eval, pdf and sample return", check_form),
-        ("values are finite and not negative", lambda: check_finite(corners, "eval cos")),
-        ("pdf integrates to its accepted mass", lambda: check_mass(views, LEVEL)),
-        ("sample follows pdf (chi-square)", lambda: check_chi_square(views, LEVEL)),
-        (
-            "samples reflect the integral of eval (furnace)",
-            lambda: f"albedo {check_integral(views, LEVEL, 'eval cos')}",
-        ),
-        ("eval reflects no more than arrives (energy)", lambda: _check_energy(views, eta2)),
-        ("eval is reciprocal", lambda: _check_reciprocity(material)),
-        ("weight is eval cos / pdf", lambda: _check_weight(material, views)),
-        ("renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(material)),
-    ]
-    if albedo:
-        checks.insert(5, ("albedo is as expected", lambda: _check_albedo(views, albedo)))
-    return run_checks(name, checks)
+    def run() -> Iterator[tuple[str, Callable[[], str]]]:
+        yield "forms of what eval, pdf and sample return", check_form
+        yield from view_checks(views, corners, LEVEL, "eval cos")
+        if albedo:
+            yield "albedo is as expected", lambda: _check_albedo(views, albedo)
+        yield "eval reflects no more than arrives (energy)", lambda: _check_energy(views, eta2)
+        yield "eval is reciprocal", lambda: _check_reciprocity(material)
+        yield "weight is eval cos / pdf", lambda: _check_weight(material, views)
+        yield "renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(material)
+
+    return run_checks(name, run())
 
 
 def _points(material: Material, degrees: float, count: int, outside: bool = True) -> ShadingPoints:
@@ -132,9 +116,9 @@ def _check_albedo(views: Sequence[DensityView], albedo: Sequence[float]) -> str:
     """Raise a Fault unless the albedo is the expected one, of one number or one for each of `ANGLES`."""
     for k, view in enumerate(views):
         expected = albedo[k % len(ANGLES) % len(albedo)]
-        value, error = view.fine_integral.value.max(), view.fine_integral.error.max()
-        if abs(value - expected) > _ALBEDO * expected + error:
-            raise Fault(f"the integral of eval cos is {value:.4f}, but the albedo must be {expected:g} ({view.place})")
+        exact = view.finer().integral
+        if abs(exact.value.max() - expected) > _ALBEDO * expected + exact.error.max():
+            raise Fault(f"the albedo must be {expected:g}, but eval reflects {exact.value.max():.4f} ({view.place})")
     return f"within {_ALBEDO:.0%}"
 
 
@@ -142,14 +126,14 @@ def _check_energy(views: Sequence[DensityView], eta2: Sequence[float]) -> str:
     """Raise a Fault if the lobe reflects more light than arrives; radiance is divided by squared indices `eta2`."""
     shares = [view.integral.value.max() * factor for view, factor in zip(views, eta2, strict=True)]
     k = int(np.argmax(shares))
-    for integral in (views[k].integral, views[k].fine_integral):
-        share = integral.value * eta2[k]
-        if (share <= 1 + 2 * QUADRATURE + 3 * integral.error).all():
-            return f"at most {share.max():.3f} of the light ({views[k].place}); nothing else bounds the scale of eval"
-    raise Fault(
-        f"eval reflects {share.max():.4f} of the light that arrives ({views[k].place}); at most 1 is allowed with "
-        f"colours of at most 1. eval must not contain the cosine, and is 1 / pi for a white diffuse lobe"
-    )
+    integral, place = views[k].finer().integral, views[k].place
+    share = integral.value * eta2[k]
+    if (share > 1 + 2 * QUADRATURE + 3 * integral.error).any():
+        raise Fault(
+            f"eval reflects {share.max():.4f} of the light that arrives ({place}); at most 1 is allowed with colours "
+            f"of at most 1. eval must not contain the cosine, and is 1 / pi for a white diffuse lobe"
+        )
+    return f"at most {share.max():.3f} of the light ({place}); nothing else bounds the scale of eval"
 
 
 def _check_reciprocity(material: Material) -> str:
@@ -206,6 +190,39 @@ def _check_renders(material: Material) -> str:
     """Raise a Fault if light sampling, BRDF sampling and both have different means."""
     advice = "sample or pdf: light samples need eval alone, and the others disagree with them"
     return compare_means(box_scene(material, (ABOVE, BELOW)), TECHNIQUES_ALONE, z_limit(LEVEL), advice)
+
+
+def _check_delta_lobe(material: Material, name: str) -> list[Outcome]:
+    """Check the directions and factors of the only lobe of `material`, a Dirac delta."""
+
+    def scatter() -> str:
+        check_lobe_form(material.lobes[0])
+        largest = 0.0
+        for outside in (True, False):
+            for degrees in (*ANGLES, *GRAZING[1:]):
+                points = surface(material, polar(degrees) * [1, 1, degrees < 90], 4, outside=outside)
+                wi, factor = points.delta[0].scatter(points)
+                largest = max(largest, _check_scattered(points, wi, factor, f"wo at {degrees:g}°"))
+        return f"factors of at most {largest:.3f}"
+
+    return run_checks(name, [("scatter: directions and factors", scatter)])
+
+
+def _check_scattered(points: ShadingPoints, wi: Array, factor: Array, place: str) -> float:
+    """Return the largest share of light; raise a Fault if directions or factors are wrong."""
+    lobe = points.delta[0]
+    check_values("scatter: wi", wi, place, signed=True)
+    check_values("scatter: factor", factor, place)
+    lit = np.broadcast_to(factor, (3, 4)).any(axis=0)
+    check_unit("scatter", wi[:, lit], place)
+    cos = dot(points.n, wi)[lit] * (-1 if lobe.transmissive else 1)
+    if (cos < -1e-4).any():
+        word = "transmissive = True, but wi is on wo's side" if lobe.transmissive else "wi is below the surface"
+        raise Fault(f"scatter: wrong side of the surface: {word} ({place})")
+    eta = lobe.eta_scale() if points.outside.all() else 1 / lobe.eta_scale()
+    if (share := float(np.max(factor) * eta**2)) > 1 + 1e-4:
+        raise Fault(f"scatter returns a factor of {share:.4f} of the light ({place}); at most 1 is allowed")
+    return share
 
 
 def _text(w: Array) -> str:

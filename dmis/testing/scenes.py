@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -97,7 +96,7 @@ def compare_means(
             continue
         z = (mean - means[0][0]) / max(np.hypot(error, means[0][1]), 1e-6 * abs(means[0][0]), 1e-30)
         if abs(z) > limit:
-            raise Fault(f"{text} (z = {z:.1f} of {name}). {advice}", lambda: _figure(results))
+            raise Fault(f"{text} (z = {z:.1f} of {name}). {advice}")
     return text if not noisy else f"{text}; too noisy to compare: {', '.join(noisy)}"
 
 
@@ -105,13 +104,3 @@ def _few_pixels(result: Result) -> bool:
     """Return whether the noise of an image comes from a few of its pixels."""
     variance = result.variance.astype(float).mean(axis=2)
     return bool(variance.any() and variance.sum() ** 2 / (variance**2).sum() < 12)
-
-
-def _figure(results: Sequence[tuple[str, Result]]) -> Any:
-    """Return a figure of the images side by side."""
-    from dmis import plot
-
-    figure, axes = plot.canvas(1, len(results), 4 * len(results), 4.2)
-    for axis, (name, result) in zip(axes[0], results, strict=True):
-        plot.picture(axis, result.image, f"{name}: mean {result.image.mean(dtype=float):.4g}")
-    return figure

@@ -48,7 +48,7 @@ def test_a_density_with_an_edge_passes(cos: float) -> None:
 
 def test_cells_integrate_with_an_error() -> None:
     """The integral of the cosine over a hemisphere, pi, and of a step that falls between nodes."""
-    cells = Cells(np.array([0.0, 0.0, 1.0]), np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 9))
+    cells = Cells(np.array([0.0, 0.0, 1.0]), np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 9), 16)
     integral, error = (part.sum() for part in cells.integrate(np.maximum(cells.nodes[2], 0)))
     assert abs(integral - np.pi) < 1e-2 < error < 0.2
     step, error = (part.sum() for part in cells.integrate(cells.nodes[2] > 0.99))

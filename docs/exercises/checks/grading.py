@@ -180,6 +180,8 @@ def chi_square(name: str, counts: Array, expected: Array) -> Outcome:
 def check_directions(name: str, wi: Array, density: Callable[[Array], Array]) -> Iterator[Outcome]:
     """Yield whether a density over directions integrates to 1, and whether directions `wi` ``(3, N)`` follow it."""
     view = DensityView(wi.astype(np.float32), density, np.ones(wi.shape[1], bool), name)
+    if view.p < LEAST_P:
+        view = view.finer()
     tolerance = 0.005 + 3 * view.mass_error
     yield compare(f"{name}: the density integrates to 1", view.mass, 1.0, tolerance, "Which factor is missing?")
     title = f"{name}: samples follow the density"
