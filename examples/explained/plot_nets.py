@@ -1,10 +1,11 @@
 """
-Even points: nets, orders and slopes
-====================================
+Low-discrepancy points: nets, orders and slopes
+===============================================
 
-The sampler ``sobol`` in three pictures: how even 16 points of its sequence are; why the
-light's pair must not have the same order as the camera's; and how fast the error falls
-for smooth integrands and for edges. The page "Even points" explains all three.
+The sampler ``sobol`` in three pictures: how well 16 points of its sequence are
+stratified; why the light's pair must not have the same order as the camera's; and how
+fast the error falls for smooth integrands and for edges. The page "Low-discrepancy
+points" explains all three.
 """
 
 import numpy as np
@@ -129,7 +130,7 @@ print(
 )
 opts.save(
     figure,
-    "Even points: nets, orders and slopes",
+    "Low-discrepancy points: nets, orders and slopes",
     f"""Top: the first 16 points of the sampler sobol in one pixel have one in each box
     of area 1/16, of any shape; and the first numbers of two pairs of 256 camera
     samples, at the same points of the sequence (red) and in orders of their own (blue).

@@ -1,11 +1,12 @@
 """
-Shares and even points
-======================
+Shares and low-discrepancy points
+=================================
 
 Why the thesis's rule can lose although its shares have less variance. Low-discrepancy
-points fill each other's gaps, and most evenly in powers of two: 8 light and 8 BRDF
-samples are more even than 10 and 6. So another share than w = 1/2 also costs evenness.
-A pilot does not see that, because the spread of single samples is the same.
+points fill each other's gaps, best in powers of two: 8 light and 8 BRDF samples are
+better stratified than 10 and 6. So another share than w = 1/2 also costs
+stratification. A pilot does not show that, because the spread of single samples is the
+same.
 
 The figure has the error of TT with fixed shares, with independent points and with
 pbrt-v2's low-discrepancy points, under a sky without and with a sun.
@@ -89,18 +90,18 @@ for axis, name in zip(axes.flat, ("tt-overcast", "tt"), strict=True):
 
 # %%
 # With independent points the best share lies elsewhere than at 1/2, and the rule gains
-# by going there. With even points the same shares lose.
+# by going there. With low-discrepancy points the same shares lose.
 quarter = [ratios_of["tt-overcast", label][LIGHT_SAMPLES.index(4)] for label in SETUPS]
 nine = ratios_of["tt-overcast", list(SETUPS)[-1]][LIGHT_SAMPLES.index(9)]
 opts.save(
     figure,
-    "Shares and even points",
+    "Shares and low-discrepancy points",
     f"""TT at {size[0]}×{size[1]} pixels with fixed shares of light samples: mean
     squared error over that of w = 1/2, with 95 % intervals over blocks of pixels. With
     independent points w = 1/4 has {quarter[0]:.2f} of the error under the sky without a
     sun (squares: 2 shading samples per camera sample), or {quarter[1]:.2f} (triangles:
     16). With 16 of pbrt-v2's low-discrepancy points (circles) the same share has
     {quarter[2]:.2f} times the error, and 9 light samples to 7 BRDF samples {nine:.2f}
-    times: numbers that are no powers of two are less even.""",
+    times: other numbers than powers of two are less stratified.""",
     panel=axes.flat[0],
 )
