@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmis.base.patches import PATCH
+from dmis.base.validate import number, positive
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps
@@ -61,10 +62,8 @@ class PooledRule(Rule):
                 f"{self.patch}"
             )
         check_taps(self.size)
-        if not 0 < self.sigma < np.inf:
-            raise ValueError(f"sigma must be positive and finite; got {self.sigma}")
-        if not self.guard >= 0:
-            raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
+        positive("sigma", self.sigma)
+        number("guard", self.guard, 0, more="in standard errors")
         if self.filter not in ("gaussian", "none", "joint"):
             raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.patches import patch_spread, patch_sum
+from dmis.base.validate import positive
 from dmis.estimator.records import Statistic
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import Gather, objective
@@ -63,8 +64,7 @@ class SecondMoment(PooledRule):
                 f"spp of the pilot must be even and at least 4, because curves come from pairs of camera samples with "
                 f"twice the shading samples; got {self.spp}"
             )
-        if not 0 < self.gamma < np.inf:
-            raise ValueError(f"gamma must be positive and finite; got {self.gamma}")
+        positive("gamma", self.gamma)
         if self.filter == "gaussian":
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 

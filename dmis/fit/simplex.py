@@ -22,15 +22,6 @@ PRICES = 2.0 ** -np.arange(6)
 """Prices of cost in variance that are tried, times that at `baseline_point`."""
 
 
-def allowed_points(curve: Array, inside: np.ndarray) -> np.ndarray:
-    """Return which points of the grid may be used, ``(G,)`` bool, by the curve of the whole image ``(G,)``.
-
-    Points that leave techniques out may be used if they are as good for the image as those just inside of the simplex,
-    see `dmis.fit.curve_minimum.allowed_weights`.
-    """
-    return curve <= curve[inside]
-
-
 def best_points(curves: PatchCurves, cost: Array, guard: float, allowed: np.ndarray, area: Array) -> np.ndarray:
     """Return the points of the grid, ``(rows, columns)``, for which the image's error times its time is least.
 
@@ -119,7 +110,9 @@ class Simplex(PooledRule):
         shares, inside = grid(len(self.techniques))
         curves = PatchCurves(**means, pixels=pixels, baseline=baseline_point(self._exact))
         area = patch_sum(np.ones(shape), self.patch)
-        allowed = allowed_points((curves.curve * area).sum(axis=(1, 2)), inside)
+        # a technique may be left out where that is as good for the image as `SMALLEST_SHARE`, see `allowed_weights`
+        of_image = (curves.curve * area).sum(axis=(1, 2))
+        allowed = of_image <= of_image[inside]
         index = best_points(curves, self._cost(samples, shares), self.guard, allowed, area)
         patches = shares[:, index]
         maps = {

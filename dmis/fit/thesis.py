@@ -19,6 +19,7 @@ import numpy as np
 
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread, patch_sum
+from dmis.base.validate import positive, whole
 from dmis.base.vectors import Array
 from dmis.filter import check_taps, gaussian
 from dmis.fit.patch_size import SIZES, choose_patch
@@ -84,10 +85,7 @@ class Thesis(Rule):
     def __post_init__(self) -> None:
         if self.patch != "auto" and not (isinstance(self.patch, int | np.integer) and 1 <= self.patch <= 65535):
             raise ValueError(f"patch must be 1 to 65535 pixels, or auto; got {self.patch!r}")
-        if self.spp < 2:
-            raise ValueError(
-                f"spp of the pilot must be at least 2, because a variance needs two samples; got {self.spp}"
-            )
+        whole("spp of the pilot", self.spp, 2, more="because a variance needs two samples")
         for name, value, allowed in (
             ("channels", self.channels, ("luminance", "rgb")),
             ("filter", self.filter, ("gaussian", "none")),
@@ -97,8 +95,7 @@ class Thesis(Rule):
             if value not in allowed:
                 raise ValueError(f"{name} must be {' or '.join(allowed)}; got {value!r}")
         check_taps(self.size)
-        if not 0 < self.sigma < np.inf:
-            raise ValueError(f"sigma must be positive and finite; got {self.sigma}")
+        positive("sigma", self.sigma)
         if self.filter == "gaussian":
             import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
