@@ -8,19 +8,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array
-from dmis.brdf.cosines import Directions, LocalFrame
-from dmis.brdf.diffuse import cosine_pdf, cosine_sample
-from dmis.brdf.distributions import Distribution, half_vector_pdf, half_vector_sample
+from dmis.brdf.cosines import MIN_COSINE, Directions
+from dmis.brdf.diffuse import CosineLobe
+from dmis.brdf.distributions import Distribution, HalfVectorLobe
 from dmis.brdf.fresnel import fifth_power
-from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import INV_PI
-
-_MIN_COSINE = np.float32(1e-10)
-"""Smallest cosine, or product of two, that is divided by: they are 0 at the horizon."""
 
 
 @dataclass(frozen=True, eq=False)
-class BlendBase(Lobe):
+class BlendBase(CosineLobe):
     """The diffuse half of Ashikhmin and Shirley's Fresnel blend (PBR 8.5), dimmed by the coat above it."""
 
     diffuse: Any
@@ -34,19 +30,13 @@ class BlendBase(Lobe):
         through = (1 - fifth_power(1 - directions.cos_i / 2)) * (1 - fifth_power(1 - directions.cos_o / 2))
         return self.diffuse * (1 - self.specular) * (np.float32(28 / 23) * INV_PI * through)
 
-    def pdf(self, directions: Directions) -> Array:
-        return cosine_pdf(directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return cosine_sample(surface, u)
-
     def albedo(self) -> Array:
         """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
         return self.diffuse * (1 - self.specular)
 
 
 @dataclass(frozen=True, eq=False)
-class BlendCoat(Lobe):
+class BlendCoat(HalfVectorLobe):
     """The glossy half of Ashikhmin and Shirley's Fresnel blend (PBR 8.5), with Schlick's Fresnel."""
 
     specular: Any
@@ -60,19 +50,13 @@ class BlendCoat(Lobe):
             coat / np.maximum(4 * directions.cos_d * np.maximum(directions.cos_i, directions.cos_o), TINY)
         )
 
-    def pdf(self, directions: Directions) -> Array:
-        return half_vector_pdf(self.distribution, directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return half_vector_sample(self.distribution, surface, u)
-
     def albedo(self) -> Array:
         """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
         return self.specular
 
 
 @dataclass(frozen=True, eq=False)
-class AshikhminShirley(Lobe):
+class AshikhminShirley(HalfVectorLobe):
     """The glossy half of Ashikhmin and Shirley's model, with the paper's factor; its base is
     `dmis.brdf.ashikhmin_shirley.BlendBase`.
 
@@ -93,13 +77,5 @@ class AshikhminShirley(Lobe):
         schlick = self.specular + fifth_power(1 - directions.cos_d) * (1 - self.specular)
         density = self.distribution.pdf_h(directions) * directions.above
         return schlick * (
-            density / np.maximum(4 * directions.cos_d * np.maximum(directions.cos_i, directions.cos_o), _MIN_COSINE)
+            density / np.maximum(4 * directions.cos_d * np.maximum(directions.cos_i, directions.cos_o), MIN_COSINE)
         )
-
-    def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
-        return half_vector_pdf(self.distribution, directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``."""
-        return half_vector_sample(self.distribution, surface, u)

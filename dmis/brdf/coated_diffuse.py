@@ -32,15 +32,14 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.brdf.coat_interface import internal_reflectance, transmittance
-from dmis.brdf.cosines import Directions, LocalFrame
-from dmis.brdf.diffuse import cosine_pdf, cosine_sample
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.cosines import Directions
+from dmis.brdf.diffuse import CosineLobe
 from dmis.brdf.texture import Image
 from dmis.samplers.warp import INV_PI
 
 
 @dataclass(frozen=True, eq=False)
-class CoatedBase(Lobe):
+class CoatedBase(CosineLobe):
     """Light that a Lambertian base reflects through its coat; the same from both sides of a mesh.
 
     Only the reflectance may differ from point to point.
@@ -73,14 +72,6 @@ class CoatedBase(Lobe):
         series = 1 / (1 - again) if self.bounces is None else (1 - again**self.bounces) / (1 - again)
         through = transmittance(directions.cos_i, *coat) * transmittance(directions.cos_o, *coat)
         return self.reflectance * series * (through * np.float32(INV_PI / (self.eta * self.eta)))
-
-    def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
-        return cosine_pdf(directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``, distributed as the cosine."""
-        return cosine_sample(surface, u)
 
     def albedo(self) -> Array:
         """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""

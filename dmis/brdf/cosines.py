@@ -16,8 +16,10 @@ MAX_COSINE_EXPONENT = 1e3
 MAX_EXPONENT = 1e12
 """Largest exponent of a lobe that is a power of a cosine: a lobe of 1e-6 rad, of which float32 directions resolve one
 digit."""
-_MIN_COSINE2 = np.float32(1e-12)
-"""Smallest squared cosine that is divided by."""
+MIN_COSINE = np.float32(1e-10)
+"""Smallest cosine, or product of two, that is divided by: they are 0 at the horizon."""
+MIN_DIVISOR = np.float32(1e-12)
+"""Smallest square of a cosine, or product of cosines and lengths, that is divided by."""
 
 
 class LocalFrame(Protocol):
@@ -90,7 +92,7 @@ class Directions:
         """
         normal = self.cos_i_signed + self.cos_o
         across = self.surface.wo + self.wi - self.surface.n * normal
-        return dot(across, across) / np.maximum(normal * normal, _MIN_COSINE2)
+        return dot(across, across) / np.maximum(normal * normal, MIN_DIVISOR)
 
     def power_h(self, exponent: Any) -> Array:
         """Return ``cos_h ** exponent``, ``(N,)``.

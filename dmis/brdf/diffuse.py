@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -23,8 +23,20 @@ def cosine_sample(surface: LocalFrame, u: Array) -> Array:
     return normalise(surface.n + square_to_sphere(u))
 
 
+class CosineLobe(Lobe, Protocol):
+    """A lobe that is sampled by the cosine."""
+
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`, ``(N,)``."""
+        return cosine_pdf(directions)
+
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions ``(3, N)``."""
+        return cosine_sample(surface, u)
+
+
 @dataclass(frozen=True, eq=False)
-class Lambert(Lobe):
+class Lambert(CosineLobe):
     """``f = reflectance / pi``, sampled with density cos/pi."""
 
     reflectance: Any
@@ -34,19 +46,13 @@ class Lambert(Lobe):
     def eval(self, directions: Directions) -> Array:
         return self.reflectance * INV_PI
 
-    def pdf(self, directions: Directions) -> Array:
-        return cosine_pdf(directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return cosine_sample(surface, u)
-
     def weight(self) -> Any:
         """Return the reflectance: the density is that of f with the cosine."""
         return self.reflectance
 
 
 @dataclass(frozen=True, eq=False)
-class OrenNayar(Lobe):
+class OrenNayar(CosineLobe):
     """Rough diffuse reflection (Oren and Nayar 1994, PBR 8.4.1), `sigma` in degrees; sampled like `Lambert`."""
 
     reflectance: Any
@@ -62,9 +68,3 @@ class OrenNayar(Lobe):
         return self.reflectance * (
             INV_PI * (a + b * across / np.maximum(np.maximum(directions.cos_i, directions.cos_o), TINY))
         )
-
-    def pdf(self, directions: Directions) -> Array:
-        return cosine_pdf(directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return cosine_sample(surface, u)

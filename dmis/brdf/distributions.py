@@ -8,7 +8,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, frame, normalise
-from dmis.brdf.cosines import Directions, LocalFrame
+from dmis.brdf.cosines import MIN_DIVISOR, Directions, LocalFrame
+from dmis.brdf.lobe import Lobe
 from dmis.brdf.parameters import Parameters
 from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
 
@@ -85,6 +86,20 @@ def half_vector_sample(distribution: Distribution, surface: LocalFrame, u: Array
     return reflect(surface, distribution.sample_h(surface, u))
 
 
+class HalfVectorLobe(Lobe, Protocol):
+    """A lobe that is sampled through the half vectors of its `distribution`."""
+
+    distribution: Any
+
+    def pdf(self, directions: Directions) -> Array:
+        """Return the density of `sample`, ``(N,)``."""
+        return half_vector_pdf(self.distribution, directions)
+
+    def sample(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample directions ``(3, N)``."""
+        return half_vector_sample(self.distribution, surface, u)
+
+
 def reflect(surface: LocalFrame, h: Array) -> Array:
     """Return wo mirrored at the half vectors `h`, ``(3, N)``."""
     return h * (2 * dot(surface.wo, h)) - surface.wo
@@ -107,7 +122,7 @@ class TrowbridgeReitz(Parameters):
 
     def sample_h(self, surface: LocalFrame, u: Array) -> Array:
         """Sample half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha; ``u0 = r^2 / (1 + r^2)``."""
-        r = np.sqrt(u[0] / np.maximum(1 - u[0], _MIN_COSINE2))
+        r = np.sqrt(u[0] / np.maximum(1 - u[0], MIN_DIVISOR))
         phi = TWO_PI * u[1]
         s, t = self.roughness.axes(surface)
         return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
@@ -115,8 +130,6 @@ class TrowbridgeReitz(Parameters):
 
 MIN_ALPHA = 1e-4
 """Smallest roughness that float32 directions resolve: their rounding is 1e-3 of its slopes."""
-_MIN_COSINE2 = np.float32(1e-12)
-"""Smallest squared cosine that is divided by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +181,7 @@ class Elliptic(Parameters):
         h = directions.surface.wo + directions.wi
         x, y = dot(s, h) / self.alpha_u, dot(t, h) / self.alpha_v
         normal = directions.cos_i_signed + directions.cos_o
-        return (x * x + y * y) / np.maximum(normal * normal, _MIN_COSINE2)
+        return (x * x + y * y) / np.maximum(normal * normal, MIN_DIVISOR)
 
     def stretched(self, surface: LocalFrame, w: Array, cos: Array) -> Array:
         """Return the length of the unit vector `w` of cosine `cos`, its tangential parts multiplied by alpha."""

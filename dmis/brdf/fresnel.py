@@ -9,6 +9,9 @@ import numpy as np
 
 from dmis.base.vectors import TINY, Array
 from dmis.brdf.parameters import Parameters
+from dmis.brdf.texture import FLOAT32_TINY, check_number, check_values
+
+Rgb = tuple[float, float, float]
 
 
 def dielectric(cos: Array, eta: Array | np.float32) -> Array:
@@ -20,14 +23,21 @@ def dielectric(cos: Array, eta: Array | np.float32) -> Array:
     return np.maximum((a * a + b * b) / 2, sin2_t >= 1)
 
 
-@dataclass(frozen=True)
-class Dielectric:
-    """Fresnel reflectance of a surface whose index, inside over outside, is `eta`."""
+def relative_ior(eta: float, outside: Array) -> Array:
+    """Return the index of refraction beyond the surface over that on wo's side."""
+    return np.where(outside, np.float32(eta), np.float32(1 / eta))
 
-    eta: float = 1.5
 
-    def __call__(self, cos: Array) -> Array:
-        return dielectric(cos, np.float32(self.eta))
+def check_ior(name: str, eta: Any) -> float:
+    """Return an index of refraction, inside over outside, as a float; refuse one that is not positive."""
+    return float(check_number(name, eta, "positive and finite", "it is a ratio of speeds of light", FLOAT32_TINY))
+
+
+def check_metal_index(name: str, value: Any) -> Rgb:
+    """Return the index of refraction or absorption of a metal as three floats; refuse negative ones."""
+    numbers = check_values(name, value, "finite and not negative", "it is part of a metal's index", image=False)
+    r, g, b = np.broadcast_to(numbers, 3).tolist()
+    return r, g, b
 
 
 @dataclass(frozen=True)
@@ -35,9 +45,28 @@ class Coat:
     """Fresnel reflectance of a coat of index `eta`: from outside, whichever side of the mesh that is."""
 
     eta: float = 1.5
+    has_sides: ClassVar[bool] = False
 
     def __call__(self, cos: Array) -> Array:
         return dielectric(cos, np.float32(self.eta))
+
+    def check(self) -> None:
+        """Raise a ValueError if the index is not positive."""
+        check_ior("eta of fresnel", self.eta)
+
+    def on_side(self, cos: Array, outside: Array) -> Array:
+        """Return the reflectance where wo is `outside` the mesh, or inside, ``(N,)`` bool."""
+        return self(cos)
+
+
+@dataclass(frozen=True)
+class Dielectric(Coat):
+    """Fresnel reflectance of a surface whose index, inside over outside, is `eta`."""
+
+    has_sides: ClassVar[bool] = True
+
+    def on_side(self, cos: Array, outside: Array) -> Array:
+        return dielectric(cos, relative_ior(self.eta, outside))
 
 
 @dataclass(frozen=True)
@@ -53,6 +82,15 @@ class Conductor(Parameters):
         "eta",
         "k",
     )
+    has_sides: ClassVar[bool] = False
+
+    def check(self) -> None:
+        """Raise a ValueError if index or absorption are negative."""
+        check_metal_index("eta of fresnel", self.eta), check_metal_index("k of fresnel", self.k)
+
+    def on_side(self, cos: Array, outside: Array) -> Array:
+        """Return the reflectance, the same on both sides."""
+        return self(cos)
 
     def __call__(self, cos: Array) -> Array:
         eta, k = as_columns(self.eta), as_columns(self.k)
@@ -63,7 +101,7 @@ class Conductor(Parameters):
         return ((parallel_base - twice) / (parallel_base + twice) + (perp_base - twice) / (perp_base + twice)) / 2
 
 
-Fresnel = Dielectric | Coat | Conductor
+Fresnel = Coat | Conductor
 
 
 def as_columns(colour: Any) -> Array:

@@ -59,8 +59,13 @@ class Lobe(Parameters, Protocol):
         return not isinstance(colour, Image) and not np.any(colour)
 
     def albedo(self) -> Array:
-        """Return the nominal reflectance ``(3, N)``, ``(3, 1)`` or ``(1,)``: it tells surfaces apart in filters."""
-        return np.zeros(1, np.float32) if self.factor is None else getattr(self, self.factor)
+        """Return the nominal reflectance ``(3, N)``, ``(3, 1)`` or ``(1,)``: it tells surfaces apart in filters.
+
+        Default: `factor`, times what a field `fresnel` reflects at normal incidence.
+        """
+        colour = np.zeros(1, np.float32) if self.factor is None else getattr(self, self.factor)
+        fresnel = getattr(self, "fresnel", None)
+        return colour if fresnel is None else colour * fresnel(np.ones(1, np.float32))
 
     def has_sides(self) -> bool:
         """Return whether the lobe is different inside and outside, so that the winding of a mesh matters."""

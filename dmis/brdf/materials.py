@@ -1,10 +1,17 @@
 """Materials: named sets of lobes, with the textbook definitions of those of pbrt; `dmis.brdf.models` has the
 literature's.
 
-Parameters are numbers, RGB triples or `dmis.brdf.texture.Image`; reflectances are in [0, 1], but for those of pbrt
-files (`unbounded`). A black constant removes its lobe, so that nothing is sampled or evaluated for it. Fresnel terms
-are the right way round here; the pbrt reader passes the reciprocal index for files of pbrt-v2, whose ``plastic`` and
-``uber`` swap the two media. A parameter out of its range is a ValueError that names it.
+A parameter out of its range is a ValueError that names it. The following have one meaning in all materials; numbers,
+RGB triples and `dmis.brdf.texture.Image` will do, but where only some of them are named:
+
+kd, ks, kr, kt
+    Reflectance of the diffuse lobe, the glossy lobe and the mirror, and transmittance: in [0, 1], but for those of pbrt
+    files (`unbounded`). Black leaves the lobe out, so that nothing is sampled or evaluated for it.
+roughness
+    Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
+eta
+    Index of refraction, inside over outside: a positive number. The reader of pbrt-v2 passes the reciprocal for its
+    ``plastic`` and ``uber``, which swap the two media. Of a metal it is an RGB triple, and so is its absorption `k`.
 """
 
 from __future__ import annotations
@@ -23,11 +30,11 @@ from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.cosines import MAX_EXPONENT
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn, Distribution
-from dmis.brdf.fresnel import Conductor, Dielectric
+from dmis.brdf.fresnel import Conductor, Dielectric, check_ior, check_metal_index
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
-from dmis.brdf.texture import FLOAT32_MAX, FLOAT32_TINY, Image, check_number, check_values, scale
+from dmis.brdf.texture import FLOAT32_MAX, Image, check_number, check_values, scale
 
 Rgb = tuple[float, float, float]
 COPPER_ETA: Rgb = (0.200438, 0.924033, 1.102212)
@@ -69,78 +76,40 @@ class Material:
                 check_methods(lobe, Lobe, ["eval", "pdf", "sample"])
 
 
+def assemble(name: str, *lobes: tuple[str, Any, Lobe]) -> Material:
+    """Return a material of the lobes that are not black, each with the name and value of its reflectance."""
+    return Material(tuple(lobe for parameter, value, lobe in lobes if not is_black(parameter, value)), name)
+
+
 def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
     """Make a Lambert material, or Oren-Nayar if `sigma` (degrees) is not 0.
 
     Parameters
     ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
     sigma
         Spread of facet slopes in degrees, 0 to 90.
     """
     sigma = check_number("sigma", sigma, "in [0, 90] degrees", "it is the spread of facet slopes", 0, 90)
-    if is_black("kd", kd):
-        return Material((), "matte")
-    return Material((OrenNayar(kd, sigma) if sigma else Lambert(kd),), "matte")
+    return assemble("matte", ("kd", kd, OrenNayar(kd, sigma) if sigma else Lambert(kd)))
 
 
 def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1.5) -> Material:
-    """Make a material of Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`.
-
-    Parameters
-    ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    roughness
-        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
-    eta
-        Index of refraction of the coat, inside over outside: positive.
-    """
-    lobes: tuple[Lobe, ...] = ()
+    """Make a material of Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`."""
     coat = Microfacet(ks, blinn(roughness), Dielectric(check_ior("eta", eta)))
-    if not is_black("kd", kd):
-        lobes += (Lambert(kd),)
-    if not is_black("ks", ks):
-        lobes += (coat,)
-    return Material(lobes, "plastic")
+    return assemble("plastic", ("kd", kd, Lambert(kd)), ("ks", ks, coat))
 
 
 def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Material:
-    """Make a metal, a Blinn microfacet conductor; copper by default.
-
-    Parameters
-    ----------
-    eta, k
-        Index of refraction and absorption, RGB triples, not negative.
-    roughness
-        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
-    """
-    return Material(
-        (Microfacet(1.0, blinn(roughness), Conductor(check_metal_index("eta", eta), check_metal_index("k", k))),),
-        "metal",
-    )
+    """Make a metal, a Blinn microfacet conductor; copper by default."""
+    fresnel = Conductor(check_metal_index("eta", eta), check_metal_index("k", k))
+    return Material((Microfacet(1.0, blinn(roughness), fresnel),), "metal")
 
 
 def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
-    """Make a glossy and a mirror lobe of conductors whose reflectance at normal incidence is `ks`, `kr`.
-
-    Parameters
-    ----------
-    ks, kr
-        Numbers or RGB triples in [0, 1]; black leaves the lobe out.
-    roughness
-        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
-    """
-    lobes: tuple[Lobe, ...] = ()
-    facets = blinn(roughness)
-    if not is_black("ks", ks):
-        lobes += (Microfacet(1.0, facets, _conductor_of("ks", ks)),)
-    if not is_black("kr", kr):
-        lobes += (SpecularReflection(1.0, _conductor_of("kr", kr)),)
-    return Material(lobes, "shinymetal")
+    """Make a glossy and a mirror lobe of conductors whose reflectance at normal incidence is `ks`, `kr`, no images."""
+    is_black("ks", ks), is_black("kr", kr)
+    glossy = Microfacet(1.0, blinn(roughness), _conductor_of("ks", ks))
+    return assemble("shinymetal", ("ks", ks, glossy), ("kr", kr, SpecularReflection(1.0, _conductor_of("kr", kr))))
 
 
 def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness: Any = 0.1) -> Material:
@@ -148,10 +117,6 @@ def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness:
 
     Parameters
     ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
     u_roughness, v_roughness
         Reciprocals of the exponents along the two tangents: positive, numbers or an `Image`.
     """
@@ -175,16 +140,6 @@ def uber(
 
     Parameters
     ----------
-    kd
-        Diffuse reflectance: a number, an RGB triple or an `Image`, in [0, 1]; black leaves the lobe out.
-    ks
-        Reflectance of the glossy lobe, likewise.
-    kr, kt
-        Reflectance of the mirror and transmittance of the refraction, likewise.
-    roughness
-        Positive, a number or an `Image`; Blinn's exponent is its reciprocal.
-    eta
-        Index of refraction, inside over outside: positive.
     opacity
         A number or an RGB triple in [0, 1].
     """
@@ -192,49 +147,28 @@ def uber(
         is_black(name, value)
     clear = 1 - check_values("opacity", opacity, "in [0, 1]", "the rest goes straight through", 0, 1, image=False)
     facets, fresnel = blinn(roughness), Dielectric(check_ior("eta", eta))
-    lobes: tuple[Lobe, ...] = ()
-    if clear.any():
-        lobes += (SpecularTransmission(tuple(clear.tolist()), 1.0),)
-    if not is_black("kd", kd := scale(opacity, kd)):
-        lobes += (Lambert(kd),)
-    if not is_black("ks", ks := scale(opacity, ks)):
-        lobes += (Microfacet(ks, facets, fresnel),)
-    if not is_black("kr", kr := scale(opacity, kr)):
-        lobes += (SpecularReflection(kr, fresnel),)
-    if not is_black("kt", kt := scale(opacity, kt)):
-        lobes += (SpecularTransmission(kt, fresnel.eta),)
-    return Material(lobes, "uber")
+    kd, ks, kr, kt = (scale(opacity, value) for value in (kd, ks, kr, kt))
+    return assemble(
+        "uber",
+        ("opacity", tuple(clear.tolist()), SpecularTransmission(tuple(clear.tolist()), 1.0)),
+        ("kd", kd, Lambert(kd)),
+        ("ks", ks, Microfacet(ks, facets, fresnel)),
+        ("kr", kr, SpecularReflection(kr, fresnel)),
+        ("kt", kt, SpecularTransmission(kt, fresnel.eta)),
+    )
 
 
 def mirror(kr: Any = 0.9) -> Material:
-    """Make a perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS.
-
-    Parameters
-    ----------
-    kr
-        A number, an RGB triple or an `Image`, in [0, 1].
-    """
-    lobes: tuple[DeltaLobe, ...] = () if is_black("kr", kr) else (SpecularReflection(kr),)
-    return Material(lobes, "mirror")
+    """Make a perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS."""
+    return assemble("mirror", ("kr", kr, SpecularReflection(kr)))
 
 
 def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
-    """Make smooth glass: mirror reflection and refraction, divided by Fresnel.
-
-    Parameters
-    ----------
-    kr, kt
-        Factors of the reflected and of the refracted part: numbers, RGB triples or `Image`, in [0, 1].
-    eta
-        Index of refraction, inside over outside: positive.
-    """
+    """Make smooth glass: mirror reflection and refraction, divided by Fresnel."""
     eta = check_ior("eta", eta)
-    lobes: tuple[Lobe, ...] = ()
-    if not is_black("kr", kr):
-        lobes += (SpecularReflection(kr, Dielectric(eta)),)
-    if not is_black("kt", kt):
-        lobes += (SpecularTransmission(kt, eta),)
-    return Material(lobes, "glass")
+    return assemble(
+        "glass", ("kr", kr, SpecularReflection(kr, Dielectric(eta))), ("kt", kt, SpecularTransmission(kt, eta))
+    )
 
 
 def blinn(roughness: Any) -> Blinn:
@@ -285,15 +219,3 @@ def is_black(name: str, value: Any) -> bool:
     remedy = "no surface reflects more light than it gets; divide values of 8 bits by 255 and make them linear"
     check_values(name, value, "at most 1", remedy, 0, _most_reflected.get())
     return not isinstance(value, Image) and not numbers.any()
-
-
-def check_ior(name: str, eta: Any) -> float:
-    """Return an index of refraction, inside over outside, as a float; refuse one that is not positive."""
-    return float(check_number(name, eta, "positive and finite", "it is a ratio of speeds of light", FLOAT32_TINY))
-
-
-def check_metal_index(name: str, value: Any) -> Rgb:
-    """Return the index of refraction or absorption of a metal as three floats; refuse negative ones."""
-    numbers = check_values(name, value, "finite and not negative", "it is part of a metal's index", image=False)
-    r, g, b = np.broadcast_to(numbers, 3).tolist()
-    return r, g, b

@@ -8,13 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.brdf.cosines import ONE, Directions, LocalFrame
+from dmis.brdf.cosines import MIN_DIVISOR, ONE, Directions, LocalFrame
 from dmis.brdf.distributions import (
     Distribution,
+    HalfVectorLobe,
     Roughness,
     TrowbridgeReitz,
-    half_vector_pdf,
-    half_vector_sample,
     reflect,
 )
 from dmis.brdf.fresnel import Fresnel
@@ -23,7 +22,7 @@ from dmis.samplers.warp import TWO_PI
 
 
 @dataclass(frozen=True, eq=False)
-class Microfacet(Lobe):
+class Microfacet(HalfVectorLobe):
     """Torrance-Sparrow: ``f = R D G F / (4 cos_i cos_o)``, sampled through its half-vector distribution.
 
     Some sampled directions fall below the horizon, so the pdf integrates to less than 1 (to 0.6 for a Blinn
@@ -50,20 +49,6 @@ class Microfacet(Lobe):
             out = out * self.fresnel(directions.cos_d)
         return self.reflectance * out
 
-    def pdf(self, directions: Directions) -> Array:
-        return half_vector_pdf(self.distribution, directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return half_vector_sample(self.distribution, surface, u)
-
-    def albedo(self) -> Array:
-        """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
-        return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
-
-
-_MIN_DIVISOR = np.float32(1e-12)
-"""Smallest product of cosines and lengths that is divided by."""
-
 
 @dataclass(frozen=True, eq=False)
 class GGX(Lobe):
@@ -89,7 +74,7 @@ class GGX(Lobe):
         out = (
             TrowbridgeReitz(self.roughness).density(directions)
             * directions.above
-            / np.maximum(2 * (o * directions.cos_i + i * directions.cos_o), _MIN_DIVISOR)
+            / np.maximum(2 * (o * directions.cos_i + i * directions.cos_o), MIN_DIVISOR)
         )
         if self.fresnel is not None:
             out = out * self.fresnel(directions.cos_d)
@@ -101,7 +86,7 @@ class GGX(Lobe):
         return (
             TrowbridgeReitz(self.roughness).density(directions)
             * directions.above
-            / np.maximum(2 * (directions.cos_o + o), _MIN_DIVISOR)
+            / np.maximum(2 * (directions.cos_o + o), MIN_DIVISOR)
         )
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
@@ -110,10 +95,6 @@ class GGX(Lobe):
 
     def _stretched(self, directions: Directions, w: Array, cos: Array) -> Array:
         return self.roughness.stretched(directions.surface, w, cos)
-
-    def albedo(self) -> Array:
-        """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
-        return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
 
 
 def visible_half_vectors(roughness: Roughness, surface: LocalFrame, u: Array) -> Array:

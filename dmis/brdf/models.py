@@ -1,12 +1,8 @@
 """Materials that are one reflection model of the literature: its glossy lobe over a diffuse base.
 
-The modules of `dmis.brdf` define the models and name their sources. Parameters that several models share:
+The modules of `dmis.brdf` define the models and name their sources. `kd`, the reflectance of a Lambert base, and `ks`,
+that of the glossy lobe, are those of `dmis.brdf.materials`. Other parameters that several models share:
 
-kd
-    Reflectance of the Lambert base: a number, an RGB triple or a `dmis.brdf.texture.Image`, in [0, 1]; a black base is
-    left out.
-ks
-    Reflectance of the glossy lobe, likewise.
 exponent
     Exponent of the cosine: positive, a number or an image.
 alpha, alpha_v
@@ -14,8 +10,6 @@ alpha, alpha_v
     tangents.
 fresnel
     `dmis.brdf.fresnel.Dielectric`, `dmis.brdf.fresnel.Conductor`, or None, which reflects everything.
-
-A parameter out of its range is a ValueError that names it.
 """
 
 from __future__ import annotations
@@ -40,9 +34,9 @@ from dmis.brdf.distributions import (
     Isotropic,
     Roughness,
 )
-from dmis.brdf.fresnel import Coat, Conductor, Dielectric, Fresnel
+from dmis.brdf.fresnel import Coat, Dielectric, Fresnel, check_ior
 from dmis.brdf.lobe import Lobe
-from dmis.brdf.materials import Material, check_ior, check_metal_index, is_black
+from dmis.brdf.materials import Material, assemble, is_black
 from dmis.brdf.microfacet import GGX, Microfacet
 from dmis.brdf.phong import BlinnPhong, Lafortune
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
@@ -52,10 +46,7 @@ from dmis.brdf.ward import Ward
 
 
 def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
-    """Make Phong's cosine lobe about the mirror direction, normalised; see `dmis.brdf.phong.Lafortune`.
-
-    `dmis.brdf.models` describes the parameters.
-    """
+    """Make Phong's cosine lobe about the mirror direction, normalised; see `dmis.brdf.phong.Lafortune`."""
     return _over(kd, ks, Lafortune(ks, _power("exponent", exponent)), "phong")
 
 
@@ -79,18 +70,12 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
 
 
 def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
-    """Make a cosine lobe of the half vector without masking, normalised; see `dmis.brdf.phong.BlinnPhong`.
-
-    `dmis.brdf.models` describes the parameters.
-    """
+    """Make a cosine lobe of the half vector without masking, normalised; see `dmis.brdf.phong.BlinnPhong`."""
     return _over(kd, ks, BlinnPhong(ks, Blinn(_power("exponent", exponent))), "blinnphong")
 
 
 def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -> Material:
-    """Make Ward's Gaussian lobe with bounded albedo; `alpha_v` makes it anisotropic; see `dmis.brdf.ward.Ward`.
-
-    `dmis.brdf.models` describes the parameters.
-    """
+    """Make Ward's Gaussian lobe with bounded albedo; `alpha_v` makes it anisotropic; see `dmis.brdf.ward.Ward`."""
     return _over(kd, ks, Ward(ks, Beckmann(facet_roughness(alpha, alpha_v))), "ward")
 
 
@@ -115,30 +100,21 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
 
 
 def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel: Fresnel | None = None) -> Material:
-    """Make V-shaped facets with Blinn's distribution; see `dmis.brdf.microfacet.Microfacet`.
-
-    `dmis.brdf.models` describes the parameters.
-    """
+    """Make V-shaped facets with Blinn's distribution; see `dmis.brdf.microfacet.Microfacet`."""
     return _over(kd, ks, Microfacet(ks, Blinn(_power("exponent", exponent)), fresnel), "torrancesparrow")
 
 
 def cook_torrance(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
-    """Make V-shaped facets with Beckmann's distribution; the factor is 1/4, not the paper's 1/pi, which gains energy.
-
-    `dmis.brdf.models` describes the parameters.
-    """
+    """Make V-shaped facets with Beckmann's distribution; its factor is 1/4, as the paper's 1/pi gains energy."""
     return _over(kd, ks, Microfacet(ks, Beckmann(facet_roughness(alpha, alpha_v)), fresnel), "cooktorrance")
 
 
 def ggx(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
-    """Make facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.brdf.microfacet.GGX`.
-
-    `dmis.brdf.models` describes the parameters.
-    """
+    """Make facets with the distribution of Trowbridge and Reitz and Smith's masking; see `dmis.brdf.microfacet.GGX`."""
     return _over(kd, ks, GGX(ks, facet_roughness(alpha, alpha_v), fresnel), "ggx")
 
 
@@ -161,12 +137,8 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     if eta == 1:
         raise ValueError("eta must not be 1, because facets would not refract; got 1")
     facets = facet_roughness(alpha, alpha_v)
-    lobes: tuple[Lobe, ...] = ()
-    if not is_black("kr", kr):
-        lobes += (RoughReflection(kr, facets, Dielectric(eta)),)
-    if not is_black("kt", kt):
-        lobes += (RoughTransmission(kt, facets, eta),)
-    return Material(lobes, "glass")
+    reflection, transmission = RoughReflection(kr, facets, Dielectric(eta)), RoughTransmission(kt, facets, eta)
+    return assemble("glass", ("kr", kr, reflection), ("kt", kt, transmission))
 
 
 def coated_diffuse(
@@ -211,23 +183,20 @@ def coated_diffuse(
 def _over(kd: Any, ks: Any, lobe: Lobe, name: str) -> Material:
     """Return a glossy lobe of reflectance `ks` and a Lambert lobe, without black ones; check the Fresnel term."""
     fresnel = getattr(lobe, "fresnel", None)
-    if isinstance(fresnel, Conductor):
-        check_metal_index("eta of fresnel", fresnel.eta), check_metal_index("k of fresnel", fresnel.k)
-    elif isinstance(fresnel, Dielectric | Coat):
-        check_ior("eta of fresnel", fresnel.eta)
+    if fresnel is not None and hasattr(fresnel, "check"):
+        fresnel.check()
     elif fresnel is not None and not callable(fresnel):
         raise ValueError(f"fresnel must be a Dielectric or Conductor, because it takes cosines, or None; got {fresnel}")
-    lobes: tuple[Lobe, ...] = () if is_black("kd", kd) else (Lambert(kd),)
-    lobes = lobes if is_black("ks", ks) else (*lobes, lobe)
+    material = assemble(name, ("kd", kd, Lambert(kd)), ("ks", ks, lobe))
     head_on = 1.0 if fresnel is None else np.ravel(fresnel(np.ones(1, np.float32)))
     reflected = _largest(kd) + _largest(ks) * head_on
-    if len(lobes) > 1 and reflected.max() > 1 + 1e-6:
+    if len(material.lobes) > 1 and reflected.max() > 1 + 1e-6:
         text = (
             f"{name} reflects up to {reflected.max():.3g} of the light, kd = {_largest(kd).max():g} beside ks = "
             f"{_largest(ks).max():g}, and no surface reflects more than it gets; lower one of them"
         )
         warnings.warn(text, stacklevel=3)
-    return Material(lobes, name)
+    return material
 
 
 def _largest(value: Any) -> Array:

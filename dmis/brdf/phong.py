@@ -8,13 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, normalise
-from dmis.brdf.cosines import MAX_COSINE_EXPONENT, Directions, LocalFrame
-from dmis.brdf.distributions import Blinn, half_vector_pdf, half_vector_sample
+from dmis.brdf.cosines import MAX_COSINE_EXPONENT, MIN_COSINE, Directions, LocalFrame
+from dmis.brdf.distributions import Blinn, HalfVectorLobe
 from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import TWO_PI, power, square_to_power, to_world
 
-_MIN_COSINE = np.float32(1e-10)
-"""Smallest cosine, or product of two, that is divided by: they are 0 at the horizon."""
 _NEARLY_1 = np.float32(1 - 1e-6)
 
 
@@ -53,7 +51,7 @@ class Lafortune(Lobe):
 
     def _towards(self, surface: LocalFrame) -> Array:
         """Return C wo, ``(3, N)``, kept from vanishing, which it would at the horizon if c_t = 0."""
-        return surface.wo * self.c_t + surface.n * ((self.c_n - self.c_t) * np.maximum(surface.cos_o, _MIN_COSINE))
+        return surface.wo * self.c_t + surface.n * ((self.c_n - self.c_t) * np.maximum(surface.cos_o, MIN_COSINE))
 
     def _lobe(self, directions: Directions, scaled: bool) -> Array:
         """Return the cosine of C wo and wi to the exponent; times that power of \\|C wo\\| if `scaled`, ``(N,)``."""
@@ -72,7 +70,7 @@ class Lafortune(Lobe):
 
 
 @dataclass(frozen=True, eq=False)
-class BlinnPhong(Lobe):
+class BlinnPhong(HalfVectorLobe):
     """``f = R c cos_h^n``, with c such that a white one reflects everything at normal incidence.
 
     ``c = (n+2)(n+4) / (8 pi (n + 2^(-n/2)))``; often rounded to ``(n+8) / (8 pi)``. Away from the normal it darkens,
@@ -92,11 +90,3 @@ class BlinnPhong(Lobe):
         n = self.distribution.exponent
         scale = (n + 2) * (n + 4) / (4 * TWO_PI * (n + np.exp2(-n / 2)))
         return self.reflectance * (scale * directions.power_h(n) * directions.above)
-
-    def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
-        return half_vector_pdf(self.distribution, directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``."""
-        return half_vector_sample(self.distribution, surface, u)

@@ -19,15 +19,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array, dot
-from dmis.brdf.cosines import Directions, LocalFrame
+from dmis.brdf.cosines import MIN_DIVISOR, Directions, LocalFrame
 from dmis.brdf.distributions import Roughness, TrowbridgeReitz
-from dmis.brdf.fresnel import Dielectric, dielectric
+from dmis.brdf.fresnel import Dielectric, dielectric, relative_ior
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.microfacet import GGX, visible_half_vectors
-from dmis.brdf.specular import relative_ior
-
-_MIN_DIVISOR = np.float32(1e-12)
-"""Smallest product of cosines and lengths that is divided by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +38,8 @@ class RoughReflection(Lobe):
 
     def eval(self, directions: Directions) -> Array:
         """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
-        eta = relative_ior(self.fresnel.eta, directions.surface.outside)
-        return GGX(self.reflectance, self.roughness).eval(directions) * dielectric(directions.cos_d, eta)
+        facets = GGX(self.reflectance, self.roughness).eval(directions)
+        return facets * self.fresnel.on_side(directions.cos_d, directions.surface.outside)
 
     def pdf(self, directions: Directions) -> Array:
         """Return the density of `sample`, ``(N,)``."""
@@ -52,10 +48,6 @@ class RoughReflection(Lobe):
     def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Sample directions ``(3, N)``."""
         return GGX(self.reflectance, self.roughness).sample(surface, u)
-
-    def albedo(self) -> Array:
-        """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
-        return self.reflectance * self.fresnel(np.ones(1, np.float32))
 
     def has_sides(self) -> bool:
         """Return whether the reflectance of the two sides differs."""
@@ -86,7 +78,7 @@ class RoughTransmission(Lobe):
             self._stretched(directions, directions.wi, directions.cos_i),
         )
         masked = 2 / np.maximum(
-            o * directions.cos_i - i * directions.cos_o, _MIN_DIVISOR
+            o * directions.cos_i - i * directions.cos_o, MIN_DIVISOR
         )  # G2 / (cos_i cos_o), and cos_o < 0
         return self.transmittance * (transmitted * masked * (1 - dielectric(cos, eta)))
 
@@ -94,7 +86,7 @@ class RoughTransmission(Lobe):
         """Return the density of `sample`, ``(N,)``: D_wo times ``dh/dwi = eta^2 |wi.h| / (wo.h + eta wi.h)^2``."""
         eta, transmitted, _ = self._refracted(directions)
         o = self._stretched(directions, directions.surface.wo, directions.cos_o)
-        return transmitted * (2 * eta * eta) / np.maximum(o - directions.cos_o, _MIN_DIVISOR)
+        return transmitted * (2 * eta * eta) / np.maximum(o - directions.cos_o, MIN_DIVISOR)
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Sample directions ``(3, N)``; wo itself, which is not beyond, where light is totally reflected."""
@@ -115,7 +107,7 @@ class RoughTransmission(Lobe):
             directions.surface, directions.wi * eta
         )  # wo + eta wi is the half vector, not yet of unit length
         o, i = 1 + eta * directions.cos_io, eta + directions.cos_io
-        length2 = np.maximum(o + eta * i, _MIN_DIVISOR)
+        length2 = np.maximum(o + eta * i, MIN_DIVISOR)
         side = -(half.cos_i_signed + directions.cos_o)  # h is on wo's side of the surface if it is turned by this sign
         refracts = (o * side > 0) & (i * side < 0) & directions.above
         transmitted = TrowbridgeReitz(self.roughness).density(half) * np.abs(o * i) / (length2 * length2) * refracts

@@ -9,7 +9,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import LocalFrame
-from dmis.brdf.fresnel import Dielectric, Fresnel, dielectric
+from dmis.brdf.fresnel import Fresnel, dielectric, relative_ior
 from dmis.brdf.lobe import DeltaLobe
 
 
@@ -27,17 +27,11 @@ class SpecularReflection(DeltaLobe):
         wi = surface.n * (2 * surface.cos_o) - surface.wo
         if self.fresnel is None:
             return wi, self.reflectance
-        if isinstance(self.fresnel, Dielectric):
-            return wi, self.reflectance * dielectric(surface.cos_o, relative_ior(self.fresnel.eta, surface.outside))
-        return wi, self.reflectance * self.fresnel(surface.cos_o)
-
-    def albedo(self) -> Array:
-        """Return the colour times Fresnel's reflectance at normal incidence, see `dmis.brdf.lobe.Lobe.albedo`."""
-        return self.reflectance if self.fresnel is None else self.reflectance * self.fresnel(np.ones(1, np.float32))
+        return wi, self.reflectance * self.fresnel.on_side(surface.cos_o, surface.outside)
 
     def has_sides(self) -> bool:
         """Return whether the reflectance of the two sides differs."""
-        return isinstance(self.fresnel, Dielectric)
+        return self.fresnel is not None and self.fresnel.has_sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +61,3 @@ class SpecularTransmission(DeltaLobe):
     def eta_scale(self) -> float:
         """Return the index by whose square radiance is divided inside, see `dmis.brdf.lobe.Lobe.eta_scale`."""
         return self.eta if self.scaled else 1.0
-
-
-def relative_ior(eta: float, outside: Array) -> Array:
-    """Return the index of refraction beyond the surface over that on wo's side."""
-    return np.where(outside, np.float32(eta), np.float32(1 / eta))

@@ -8,16 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.brdf.cosines import Directions, LocalFrame
-from dmis.brdf.distributions import Beckmann, half_vector_pdf, half_vector_sample
-from dmis.brdf.lobe import Lobe
-
-_MIN_COSINE = np.float32(1e-10)
-"""Smallest cosine, or product of two, that is divided by: they are 0 at the horizon."""
+from dmis.brdf.cosines import MIN_COSINE, Directions
+from dmis.brdf.distributions import Beckmann, HalfVectorLobe
 
 
 @dataclass(frozen=True, eq=False)
-class Ward(Lobe):
+class Ward(HalfVectorLobe):
     """Ward's Gaussian of slopes, bounded: ``f = R exp(-q) (H.H) / (pi alpha_u alpha_v (H.n)^4)`` with H = wi + wo.
 
     Ward had ``1 / (4 sqrt(cos_i cos_o) pi alpha_u alpha_v)`` in place of the last factors, and darkens towards grazing
@@ -37,12 +33,4 @@ class Ward(Lobe):
     def eval(self, directions: Directions) -> Array:
         """Return the BRDF without the cosine; 0 below the shading horizon."""
         density = self.distribution.density(directions) * directions.above
-        return self.reflectance * (density / np.maximum(4 * directions.cos_d * directions.cos_d, _MIN_COSINE))
-
-    def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
-        return half_vector_pdf(self.distribution, directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``."""
-        return half_vector_sample(self.distribution, surface, u)
+        return self.reflectance * (density / np.maximum(4 * directions.cos_d * directions.cos_d, MIN_COSINE))

@@ -22,7 +22,7 @@ import numpy as np
 from dmis.base.selection import Selection, compose, indices, take
 from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Directions
-from dmis.brdf.specular import relative_ior
+from dmis.brdf.fresnel import relative_ior
 from dmis.samplers.keys import CONTINUE
 from dmis.scene.shading_points import ShadingPoints
 

@@ -14,7 +14,7 @@ import numpy as np
 from dmis.geometry.mesh import Mesh
 from dmis.scene.camera import Camera
 
-_ROUNDING = 2.0**-18
+POSITION_ERROR = 2.0**-18
 """Share of the largest coordinate by which positions may be off, many times that of float32."""
 
 
@@ -32,7 +32,7 @@ def find_covered_pixels(camera: Camera, meshes: Sequence[Mesh]) -> np.ndarray | 
 def _count(begins: np.ndarray, camera: Camera, mesh: Mesh) -> bool:
     """Add the rectangles of a mesh's triangles; False if one of them covers everything."""
     width, height = camera.resolution
-    error = _ROUNDING * max(np.abs(mesh.vertices).max(), np.abs(camera.origin).max())
+    error = POSITION_ERROR * max(np.abs(mesh.vertices).max(), np.abs(camera.origin).max())
     x, y, depth, scale = camera.raster(mesh.vertices)
     near = error * scale  # of camera space, where lengths may differ from the world's
     faces = mesh.faces[(depth[mesh.faces] > -near).any(axis=1)]
