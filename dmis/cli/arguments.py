@@ -63,9 +63,12 @@ def _sample_counts(text: str) -> list[int]:
 
 def _albedo(text: str) -> tuple[float, ...]:
     """Return one number, or four separated by commas."""
-    numbers = tuple(map(float, text.split(",")))
-    if len(numbers) not in (1, 4):
-        raise argparse.ArgumentTypeError(f"must be one number, or four separated by commas; got {text!r}")
+    try:
+        numbers = tuple(map(float, text.split(",")))
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (1, 4) or not all(0 <= number <= 1 for number in numbers):
+        raise argparse.ArgumentTypeError(f"must be one number from 0 to 1, or four separated by commas; got {text!r}")
     return numbers
 
 

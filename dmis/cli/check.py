@@ -30,6 +30,8 @@ def check(options: argparse.Namespace) -> int:
         raise ValueError(f"nothing in {file} can be checked as it stands; the lines above say how to change that")
     if not subjects:
         raise ValueError(f"{file} must define something to check; it has nothing of: {RECOGNISED}")
+    if options.albedo and all(subject.kind != "lobe" for subject in subjects):
+        raise ValueError(f"--albedo is that of lobes, of which {file} has none")
     outcomes: list[Outcome] = []
     for subject in subjects:
         print(f"{subject.kind} {subject.name}", flush=True)

@@ -6,6 +6,7 @@ Tutorial t has the exercises 3t + 1 to 3t + 3. A starter file of each is in ``do
 
 from __future__ import annotations
 
+import argparse
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -16,11 +17,27 @@ from pathlib import Path
 
 from dmis.base.plugins import load_plugin
 from dmis.testing.outcome import Outcome, attempt
-from dmis.testing.report import write_figures
+from dmis.testing.report import line, summary, write_figures
 from grading import EXERCISES
 
 for _name in ("one_batch", "monte_carlo", "sampling", "mis", "parabola", "pilot", "own"):
     import_module(f"check_{_name}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Check the file that the command line names; return 0 if all checks passed, 1 if one failed, 2 for a bad file."""
+    parser = argparse.ArgumentParser("python docs/exercises/checks", description="Check the solution of an exercise.")
+    parser.add_argument("exercise", type=int, choices=EXERCISES, metavar="N", help=f"its number, 1 to {len(EXERCISES)}")
+    parser.add_argument("file", type=Path, metavar="FILE.py", help="the solution: the starter file, completed")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="directory of pictures (default: the file's)")
+    options = parser.parse_args(arguments)
+    try:
+        outcomes = check_file(options.exercise, options.file, options.output or options.file.parent)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(*map(line, outcomes), summary(outcomes), sep="\n")
+    return int(not all(outcome.passed for outcome in outcomes))
 
 
 def check_file(number: int, file: Path, folder: Path) -> list[Outcome]:
