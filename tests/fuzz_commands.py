@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 
+from dmis.cli.arguments import COMMANDS
 from dmis.fit.registry import RULES
 
 AMOUNTS = ["", " ", "1" * 5000]
@@ -38,14 +39,8 @@ def rule_text(rng: random.Random) -> str:
 
 
 OPTIONS = {
-    "render": "--spp --resolution --integrator --rule --seed --threads --workers --sampler --shading-samples --lights "
-    "--compensation --max-depth --checkpoint --stats --png --dialect --allow-outside --quiet -o --cluster",
-    "compare": "--rules --spp --seeds --seed --reference --reference-spp --oracle-spp --resolution --threads -o "
-    "--quiet",
-    "oracle": "--spp --resolution --integrator --max-depth --threads -o --quiet",
-    "info": "--resolution --dialect --allow-outside",
-    "check": "--albedo -o",
-    "bench": "--rules --resolution --spp --threads --seed",
+    command: {names.split()[0]: about for names, about in options.items() if names.startswith("-")}
+    for command, (_, options) in COMMANDS.items()
 }
 SIZES = ["4x4", "1x1", "0x0", "-1x4", "99999x1", "65535x65535", "4", "x", "4x4x4", "²x²", "1" * 5000 + "x1", "4X3"]
 FILES = [
@@ -78,8 +73,9 @@ def arguments(rng: random.Random) -> list[str]:
     if command in ("render", "compare", "oracle") and rng.random() < 0.9:
         out += ["-o", "out.exr" if command == "render" else "out"]
     for _ in range(rng.randint(0, 4)):
-        option = rng.choice(OPTIONS[command].split())
-        out += [option, *value(rng, option)]
+        option = rng.choice(list(OPTIONS[command]))
+        flag = OPTIONS[command][option].get("action") == "store_true"
+        out += [option, *([] if flag or rng.random() < 0.02 else value(rng, option))]
     if command == "compare" and "--reference" not in out:
         out += ["--reference", "good/i.npy"]
     if rng.random() < 0.1:
@@ -88,9 +84,7 @@ def arguments(rng: random.Random) -> list[str]:
 
 
 def value(rng: random.Random, option: str) -> list[str]:
-    """The value of an option, or none, mostly where it wants none."""
-    if option in ("--quiet", "--allow-outside") or rng.random() < 0.02:
-        return []
+    """The value of an option, mostly of its kind."""
     if option in ("--rule", "--rules"):
         return [",".join(rule_text(rng) for _ in range(1 + (option == "--rules")))]
     if option == "--resolution":

@@ -148,22 +148,6 @@ def test_paths_have_the_same_mean(material, depth):
     assert (np.abs(z) < 5).all() and np.abs(a.mean() / b.mean() - 1) < 0.02
 
 
-@pytest.mark.parametrize("sampler", mitsuba_scene.SAMPLERS)
-def test_nearest_spp_is_kept_by_the_sampler(sampler):
-    """Mitsuba renders with the number of samples, and keeps none that is nearer."""
-
-    def kept(spp):
-        return mi.load_dict({"type": sampler, "sample_count": spp}).sample_count() == spp
-
-    mi.set_log_level(mi.LogLevel.Error)  # of numbers that are not kept Mitsuba warns
-    for spp in (1, 5, 30, 64, 128, 237):
-        nearest = mitsuba_scene.nearest_spp(sampler, spp)
-        distance = abs(np.log(nearest / spp))
-        closer = [n for n in range(1, 4 * spp) if abs(np.log(n / spp)) < distance - 1e-9]
-        assert kept(nearest) and not any(map(kept, closer))
-    mi.set_log_level(mi.LogLevel.Warn)
-
-
 def test_lights_are_picked_by_power():
     """The probability of each light is its share of the power: pi A L of the disk, pi R^2 4 pi L of an even sky."""
     scene = room(matte())
@@ -191,19 +175,6 @@ def test_setups_have_the_same_mean(sampler):
     a, b = (np.array(x, float).reshape(8, 2, 16, 2, 20, 3).mean((2, 4)) for x in images)
     z = (a.mean(axis=0) - b.mean(axis=0)) / np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / 8)
     assert (np.abs(z) < 5).all()
-
-
-def test_compensation_changes_the_samples_of_the_sky():
-    """With it light samples have no density where the sky is below its mean; without it they have everywhere."""
-    light = room(matte()).lights[1]
-    wi = directions(np.random.default_rng(5))
-    si = dr.zeros(mi.SurfaceInteraction3f, N)
-    sample = dr.zeros(mi.DirectionSample3f, N)
-    sample.d = mi.Vector3f(*wi)
-    plain, compensated = (
-        np.array(mitsuba_scene._light(light, 1.0, on).pdf_direction(si, sample)) for on in (False, True)
-    )
-    assert (plain > 0).all() and 0.2 < (compensated == 0).mean() < 0.8
 
 
 def test_turns_are_resumed_and_compared(tmp_path, monkeypatch):
