@@ -94,7 +94,7 @@ def threads(names: list[str], spp: int, repeats: int) -> Iterator[Target]:
 def learning(names: list[str]) -> Iterator[Target]:
     """Statistics, filter and fit at 128 samples per pixel."""
     for name in names:
-        (speed,) = bench([name], ["second-moment"], (228, 171), 128, repeats=1)
+        (speed,) = bench([name], ["second-moment"], (228, 171), 128, repeats=1, profile=True)
         share = speed.fit + speed.parts["statistics"]
         yield Target(f"statistics and fit at 128 spp, {name}", 100 * share, 3, " %")
 
@@ -127,7 +127,8 @@ def main() -> int:
     given = parser.parse_args()
     names = list(SCENES)
     speeds = bench(
-        names, given.rules.split(","), (342, 256), given.spp, repeats=given.repeats, progress=show("bench")
+        names, given.rules.split(","), (342, 256), given.spp, repeats=given.repeats, profile=True,
+        progress=show("bench"),
     )  # fmt: skip
     print(HEADER, *(speed.row() for speed in speeds), sep="\n")
     targets = []

@@ -7,6 +7,7 @@ their speed varies; the ratio of total to floor, measured in turns, is the cost 
 from __future__ import annotations
 
 import cProfile
+import math
 import pstats
 import statistics
 import sys
@@ -25,7 +26,6 @@ from dmis.formats.load_scene import load_scene
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
-from dmis.pipeline.result import Result
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
 
@@ -55,7 +55,7 @@ class Speed:
     pilot, fit
         Shares of pilot and fit in the time of a render, medians.
     parts
-        Share of each of `PARTS`, and of shading, in the tiles of the last render.
+        Share of each of `PARTS`, and of shading, in the tiles of the last render; empty without `profile`.
     """
 
     scene: str
@@ -94,6 +94,7 @@ def bench(
     parallel: int = 1,
     repeats: int = 3,
     seed: int = 0,
+    profile: bool = False,
     progress: Progress | None = None,
     **options: Any,
 ) -> list[Speed]:
@@ -105,6 +106,8 @@ def bench(
         Names or files of scenes, see `dmis.formats.load_scene.load_scene`.
     parallel
         Number of threads, of renders and of Embree alone.
+    profile
+        Whether tiles are rendered once more under Python's profiler, for the `parts` of each `Speed`.
     progress
         Called as ``progress(case, done, total)`` after each render.
     options
@@ -122,38 +125,38 @@ def bench(
             raise ValueError(f"spp must be more than the pilot's {pilot} camera samples of rule {rule}; got {spp}")
     scenes = [load_scene(source, resolution=resolution) for source in sources]
     cases = [(scene, rule) for scene in scenes for rule in rules]
-    runs: list[list[tuple[Mapping[str, float], float]]] = [[] for _ in cases]
-    last: list[tuple[Job, Result, list[Tile]]] = []
+    times: list[list[Mapping[str, float]]] = [[] for _ in cases]
+    speeds = []
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
             tiles: list[Tile] = []
             job = Job.of(scene, rule, spp, seed + k, make_settings(**options))
             result = render_job(job, parallel, observer=tiles.extend)
-            runs[n].append((result.seconds, embree_seconds(job.scene, tiles, parallel)))
+            times[n].append({**result.seconds, "floor": embree_seconds(job.scene, tiles, parallel)})
             if k == repeats - 1:
-                last.append((job, result, tiles))
+                parts = time_by_part(job.scene, tiles) if profile else {}
+                speeds.append(_speed(job, dict(result.rays), parallel, times[n], parts))
             if progress:
                 progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
-    return [_speed(*case, parallel, times) for case, times in zip(last, runs)]
+    return speeds
 
 
 def _speed(
-    job: Job, last: Result, tiles: Sequence[Tile], threads: int, runs: Sequence[tuple[Mapping[str, float], float]]
+    job: Job, rays: dict[str, int], threads: int, times: Sequence[Mapping[str, float]], parts: dict[str, float]
 ) -> Speed:
     """Return the times of the renders of one case."""
-    height, width = last.image.shape[:2]
-    pilot, fit = (statistics.median(times[stage] / times["total"] for times, _ in runs) for stage in ("pilot", "fit"))
+    pilot, fit = (statistics.median(of[stage] / of["total"] for of in times) for stage in ("pilot", "fit"))
     return Speed(
         scene=job.scene.name,
         rule=job.rule_text,
         threads=threads,
-        samples=height * width * job.spp,
-        rays=dict(last.rays),
-        seconds=[times["total"] for times, _ in runs],
-        floor=[floor for _, floor in runs],
+        samples=math.prod(job.scene.camera.resolution) * job.spp,
+        rays=rays,
+        seconds=[of["total"] for of in times],
+        floor=[of["floor"] for of in times],
         pilot=pilot,
         fit=fit,
-        parts=time_by_part(job.scene, tiles),
+        parts=parts,
     )
 
 
