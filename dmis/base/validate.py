@@ -105,6 +105,13 @@ def positive(name: str, value: float) -> float:
     return value
 
 
+def check_shape(call: str, values: Any, count: int, *allowed: str) -> None:
+    """Raise a ValueError that names `call` unless its `values` have one of the shapes, in which N is `count`."""
+    if str(np.shape(values)) not in [shape.replace("N", str(count)) for shape in allowed]:
+        shapes = " or ".join(allowed)
+        raise ValueError(f"{call} must be of shape {shapes}; got shape {np.shape(values)} for N = {count}")
+
+
 def check_methods(value: object, protocol: type, names: Iterable[str]) -> None:
     """Raise a ValueError if the class of `value` only inherits one of the methods `names` from `protocol`.
 

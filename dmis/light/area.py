@@ -50,7 +50,6 @@ class DiskLight(AreaLight):
     radiance: Rgb
     positions: ClassVar[tuple[str, ...]] = ("centre",)
     lengths: ClassVar[tuple[str, ...]] = ("radius",)
-    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         positive("radius", self.radius)
@@ -111,7 +110,6 @@ class QuadLight(AreaLight):
     radiance: Rgb
     positions: ClassVar[tuple[str, ...]] = ("corner",)
     lengths: ClassVar[tuple[str, ...]] = ("edge_u", "edge_v")
-    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         if self._data[4] == 0:
@@ -179,7 +177,6 @@ class SphereLight(AreaLight):
     radiance: Rgb
     positions: ClassVar[tuple[str, ...]] = ("centre",)
     lengths: ClassVar[tuple[str, ...]] = ("radius",)
-    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         positive("radius", self.radius)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from dmis.base.validate import check_methods
+from dmis.base.validate import check_methods, check_shape
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
 from dmis.light.light_sample import LightSample, rgb
@@ -148,6 +148,7 @@ class AreaLight(SampledLight, Protocol):
     """
 
     radiance: Any
+    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
     textured: ClassVar[bool] = False
 
     def emission(self, p: Array) -> Array:
@@ -156,10 +157,6 @@ class AreaLight(SampledLight, Protocol):
         Camera rays see it where they meet the light's part, and `sample` and `hit` report it, as one function.
         """
         return rgb("radiance", self.radiance)
-
-    def brightness(self, length: float) -> float:
-        """Return the largest radiance."""
-        return float(np.max(self.radiance))
 
 
 class DeltaLight(Light, Protocol):
@@ -188,6 +185,7 @@ def check_light_form(light: Light) -> None:
         _check_values(light)
 
 
+RADIANCE_SHAPES = "(3, 1)", "(3, N)"
 _POINTS = np.array([[0.1, -0.4], [0.2, 0.5], [0.3, -0.6]], np.float32)
 _DIRECTIONS = np.array([[0.6, 0], [0, -0.6], [0.8, -0.8]], np.float32)
 _NUMBERS = np.array([[0.25, 0.5], [0.75, 0.5]], np.float32)
@@ -201,9 +199,9 @@ def _check_values(light: Any) -> None:
             _check_light_sample(f"{name}.sample(p)", light.sample(_POINTS), delta=True)
             return
         if light.infinite:
-            _check_radiance(f"{name}.radiance(wi) must return radiance", light.radiance(_DIRECTIONS))
+            check_shape(f"{name}.radiance(wi)", light.radiance(_DIRECTIONS), 2, *RADIANCE_SHAPES)
         else:
-            _check_radiance(f"{name}.emission(p) must return radiance", light.emission(_POINTS))
+            check_shape(f"{name}.emission(p)", light.emission(_POINTS), 2, *RADIANCE_SHAPES)
         _check_light_sample(f"{name}.sample(p, u)", light.sample(_POINTS, _NUMBERS))
         _check_light_sample(f"{name}.hit(p, wi)", light.hit(_POINTS, _DIRECTIONS))
 
@@ -215,17 +213,9 @@ def _check_light_sample(call: str, light_sample: Any, delta: bool = False) -> No
             f"{call} must return a LightSample of dmis.light.light_sample; got {type(light_sample).__name__}. Write "
             f"LightSample(wi, distance, radiance, pdf, emits)"
         )
-    for field, allowed in (("wi", "(3, N)"), ("distance", "(N,)"), ("pdf", "(N,)"), ("emits", "(N,)")):
-        shape = (3, 2) if field == "wi" else (2,)
-        array = np.asarray(getattr(light_sample, field))
-        if array.shape != shape and not (delta and field == "pdf"):  # which is not read
-            raise ValueError(f"{call}: {field} must be of shape {allowed}; got shape {array.shape} for N = 2")
+    for field, shape in (("wi", "(3, N)"), ("distance", "(N,)"), ("pdf", "(N,)"), ("emits", "(N,)")):
+        if not (delta and field == "pdf"):  # which is not read
+            check_shape(f"{call}: {field}", getattr(light_sample, field), 2, shape)
     if (kind := np.asarray(light_sample.emits).dtype).kind != "b":
         raise ValueError(f"{call}: emits must be bool; got {kind}. Write a comparison, such as cos > 0")
-    _check_radiance(f"{call}: radiance must be of shape", light_sample.radiance_at(None))
-
-
-def _check_radiance(must: str, radiance: Any) -> None:
-    """Raise a ValueError unless `radiance` has the shape of that of two points."""
-    if (shape := np.shape(radiance)) not in ((3, 1), (3, 2)):
-        raise ValueError(f"{must} (3, 1) or (3, N); got shape {shape} for N = 2")
+    check_shape(f"{call}: radiance", light_sample.radiance_at(None), 2, *RADIANCE_SHAPES)

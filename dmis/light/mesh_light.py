@@ -49,7 +49,6 @@ class MeshLight(AreaLight):
     faces: Array
     radiance: Rgb
     positions: ClassVar[tuple[str, ...]] = ("vertices",)
-    radiances: ClassVar[tuple[str, ...]] = ("radiance",)
 
     def __post_init__(self) -> None:
         if not self._data[2] > 0:

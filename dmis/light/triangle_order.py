@@ -1,12 +1,10 @@
-"""Order and orientation of a light's triangles that keep even points even on their surface.
+"""Order and orientation of a light's triangles that keep low-discrepancy points so on their surface.
 
 The first number u_0 of a light sample picks a triangle by the cumulative shares of area. The first 2^m points of a
 (0, 2)-sequence have one u_0 in each interval [i, i + 1) 2^-m, and a digit shift leaves the same rest in all of them. So
-2^m samples take, of each interval, a triangle in the same place of the order, and the same place along one direction of
-it. That is even on the surface only if the triangles of an interval are close to each other and face the same side
-(`compact_order`), and if the rest of u_0 moves a sample the shortest way (`shortest_edge_last`). With the triangles as
-a file lists them, the variance of 256 samples of a tube of 512 long triangles is 2,000 times as large
-(``tests/light/test_triangle_order.py``).
+the triangles of an interval must be close to each other and face the same side (`compact_order`), and the rest of u_0
+must move a sample the shortest way (`shortest_edge_last`). With the triangles as a file lists them, the variance of 256
+samples of a tube of 512 long triangles is 2,000 times as large (``tests/light/test_triangle_order.py``).
 """
 
 from __future__ import annotations
@@ -17,48 +15,32 @@ from dmis.base.selection import Index
 from dmis.base.vectors import Floats
 from dmis.geometry.mesh import Ints
 
-_MOST_LEVELS = 20
-"""Levels of the tree: one interval of u_0 in a million is finer than the points of any render."""
-
 
 def compact_order(triangles: Floats) -> Index:
-    """Return an order of triangles in which every dyadic interval of the area is a compact part of the surface.
+    """Return an order of triangles ``(F, 3, 3)`` in which each dyadic interval of the area is a compact part.
 
     The surface is halved in area, across the widest axis of the triangles' centres and normals, and each half again,
-    until each part is one triangle (a k-d tree, level by level).
-
-    Parameters
-    ----------
-    triangles
-        Corners, ``(F, 3, 3)``: triangle, corner, coordinate.
-
-    Returns
-    -------
-    Index
-        A permutation of the F triangles.
+    until each part is one triangle (a k-d tree, level by level), or a millionth of the area.
     """
     count = len(triangles)
     order = np.arange(count)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     twice = np.linalg.norm(cross, axis=1)
-    if count < 3 or not twice.sum() > 0:
-        return order
     centre = triangles.mean(axis=1)
     radius = np.linalg.norm(np.ptp(centre, axis=0)) / 2  # of the whole surface: opposite normals are as far apart
     features = np.concatenate([centre, cross * (radius / np.maximum(twice, 1e-300))[:, None]], axis=1)
-    for level in range(_MOST_LEVELS):
-        share = twice[order]
+    for level in range(20 if twice.any() else 0):
+        share, ordered = twice[order], features[order]
         middle = (np.cumsum(share) - share / 2) / share.sum()
         part = np.minimum((middle * 2**level).astype(np.int64), 2**level - 1)
         first = np.flatnonzero(np.diff(part, prepend=-1))
         sizes = np.diff(first, append=count)
         if sizes.max() < 3:
             break
-        sorted_features = features[order]
-        width = np.maximum.reduceat(sorted_features, first) - np.minimum.reduceat(sorted_features, first)
+        width = np.maximum.reduceat(ordered, first) - np.minimum.reduceat(ordered, first)
         axis = np.repeat(width.argmax(axis=1), sizes)
         direction = 1 - 2 * (part & 1)  # back and forth, so that parts that follow each other touch
-        order = order[np.lexsort((sorted_features[np.arange(count), axis] * direction, part))]
+        order = order[np.lexsort((ordered[np.arange(count), axis] * direction, part))]
     return order
 
 

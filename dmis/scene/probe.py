@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array
+from dmis.base.validate import check_shape
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
@@ -51,26 +51,18 @@ def surface(
 
 def check_lobe_form(lobe: Lobe) -> None:
     """Raise a ValueError if a method of a lobe returns values of the wrong shape for four points."""
+    name = type(lobe).__name__
     points = surface(Material((lobe,)), (0.6, 0, 0.8), 4)
     u = np.array([[0.1, 0.4, 0.6, 0.9], [0.7, 0.2, 0.8, 0.3]], np.float32)
     with np.errstate(all="ignore"):
         if lobe.delta:
             wi, factor = points.delta[0].scatter(points)
-            _check_shape(lobe, "scatter(surface), directions", wi, "(3, N)")
-            _check_shape(lobe, "scatter(surface), factors", factor, "(1, 1)", "(1, N)", "(3, 1)", "(3, N)")
+            check_shape(f"{name}.scatter(surface), directions", wi, 4, "(3, N)")
+            check_shape(f"{name}.scatter(surface), factors", factor, 4, "(1, 1)", "(1, N)", "(3, 1)", "(3, N)")
             return
         points = points.beyond() if lobe.transmissive else points
         wi = points.sample(u)
-        _check_shape(lobe, "sample(surface, u)", wi, "(3, N)")
+        check_shape(f"{name}.sample(surface, u)", wi, 4, "(3, N)")
         directions = Directions(points, wi)
-        _check_shape(lobe, "pdf(directions)", points.pdf(directions), "(N,)")
-        _check_shape(lobe, "eval(directions)", points.eval(directions), "(1, 1)", "(1, N)", "(3, 1)", "(3, N)")
-
-
-def _check_shape(lobe: Lobe, call: str, values: Array, *allowed: str) -> None:
-    """Raise a ValueError unless values have one of the shapes, in which N is 4."""
-    if str(np.shape(values)) not in [shape.replace("N", "4") for shape in allowed]:
-        raise ValueError(
-            f"{type(lobe).__name__}.{call} must be of shape {', '.join(allowed[:-1])}{' or ' * (len(allowed) > 1)}"
-            f"{allowed[-1]}; got shape {np.shape(values)} for N = 4"
-        )
+        check_shape(f"{name}.pdf(directions)", points.pdf(directions), 4, "(N,)")
+        check_shape(f"{name}.eval(directions)", points.eval(directions), 4, "(1, 1)", "(1, N)", "(3, 1)", "(3, N)")

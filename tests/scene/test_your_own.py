@@ -241,10 +241,10 @@ def changed(base: type, method: str, change: Callable[[Any], Any]) -> Any:
     [
         (
             changed(Panel, "emission", lambda _: 8.0),
-            r"Mine\.emission\(p\) must return radiance \(3, 1\) or .* shape \(\)",
+            r"Mine\.emission\(p\) must be of shape \(3, 1\) or .* shape \(\)",
         ),
-        (changed(Panel, "emission", lambda _: np.ones(3)), r"Mine\.emission\(p\) must return .* got shape \(3,\)"),
-        (changed(HalfSky, "radiance", lambda _: np.ones(3)), r"Mine\.radiance\(wi\) must return .* got shape \(3,\)"),
+        (changed(Panel, "emission", lambda _: np.ones(3)), r"Mine\.emission\(p\) must be .* got shape \(3,\)"),
+        (changed(HalfSky, "radiance", lambda _: np.ones(3)), r"Mine\.radiance\(wi\) must be .* got shape \(3,\)"),
         (changed(Panel, "sample", lambda s: s.wi), r"Mine\.sample\(p, u\) must return a LightSample .* got ndarray"),
         (changed(Panel, "hit", lambda s: s.pdf), r"Mine\.sample\(p, u\) must return a LightSample .* got ndarray"),
         (changed(Candle, "sample", lambda _: None), r"Mine\.sample\(p\) must return a LightSample .* got NoneType"),
