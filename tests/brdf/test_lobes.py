@@ -19,7 +19,7 @@ from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.testing.lobe import check_lobe
 from dmis.testing.outcome import require
 from dmis.testing.scenes import surface
-from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
+from dmis.testing.sphere import columns, polar, uniforms
 
 GOLD = Conductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))
 """Index and absorption of gold as pbrt-v2 makes RGB of its measured spectra."""
@@ -40,26 +40,7 @@ LOBES = {
     "coated base": CoatedBase(1.0),
     "coated base rough": CoatedBase(0.9, 1.7, 0.3, 0.1, 5),
 }
-ANGLES = (0.0, 35.0, 70.0, 85.0)
 each_lobe = pytest.mark.parametrize("name", LOBES)
-each_angle = pytest.mark.parametrize("degrees", ANGLES)
-
-
-def of(name: str) -> Material:
-    return Material((LOBES[name],))
-
-
-def axis_of(name: str, wo: Array) -> Array:
-    """Where the density is largest: the mirror direction, or the normal for lobes that are sampled with the cosine."""
-    lobe = LOBES[name]
-    return wo * [-1, -1, 1] if isinstance(lobe, Microfacet | BlendCoat) else np.array([0.0, 0.0, 1.0])
-
-
-def hemisphere(axis: Array) -> tuple[Array, Array]:
-    """Quadrature over +z with many rings near `axis`, three quarters of them within 77 degrees."""
-    w, weights = sphere_rule(axis, 500, 200, power=3.0)
-    up = w[2] > 0
-    return np.ascontiguousarray(w[:, up]), weights[up]
 
 
 @each_lobe
@@ -86,34 +67,6 @@ def test_rounding_does_not_change_a_narrow_lobe(exponent: float, degrees: float)
     up = wi[2] > 1e-3
     up &= expected > 1e-3 * expected[up].max()
     assert abs((got / expected)[up].mean() - 1) < 0.01
-
-
-def test_white_lambert_reflects_everything() -> None:
-    """``f = 1/pi`` integrates to albedo 1; the quadrature's horizon is a row of cells, so 1e-4 is enough."""
-    w, weights = hemisphere(np.array([0.0, 0.0, 1.0]))
-    some = surface(of("lambert"), polar(50), w.shape[1])
-    np.testing.assert_allclose((some.eval(Directions(some, w)) * (w[2] * weights)).sum(), 1, atol=1e-4)
-
-
-@pytest.mark.parametrize("degrees", [0.0, 35.0, 70.0])
-def test_smooth_microfacets_reflect_everything(degrees: float) -> None:
-    """Away from grazing angles a narrow lobe without Fresnel loses nothing: V-cavities conserve energy."""
-    for name in ("blinn 1e4",):
-        wo = polar(degrees)
-        w, weights = hemisphere(axis_of(name, wo))
-        some = surface(of(name), wo, w.shape[1])
-        albedo = (some.eval(Directions(some, w)) * (w[2] * weights)).sum(axis=1)
-        np.testing.assert_allclose(albedo, 1, atol=2e-3)
-
-
-def test_anisotropic_with_equal_exponents_is_blinn() -> None:
-    """With both exponents 30 the two distributions have the same value, density and tangent-free result."""
-    wi = np.stack([polar(d, a) for d in (5, 40, 80) for a in (0, 100, 210)], axis=1).astype(np.float32)
-    one = surface(Material((Microfacet(1.0, Blinn(30.0)),)), polar(40), 9)
-    two = surface(Material((Microfacet(1.0, Anisotropic(30.0, 30.0)),)), polar(40), 9)
-    # 1 - cos_h rounds at 6e-8, times exponent 30, twice
-    np.testing.assert_allclose(two.eval(Directions(two, wi)), one.eval(Directions(one, wi)), rtol=2e-5)
-    np.testing.assert_allclose(two.pdf(Directions(two, wi)), one.pdf(Directions(one, wi)), rtol=2e-5)
 
 
 def test_anisotropic_exponent_u_lies_along_dpdu() -> None:

@@ -14,14 +14,13 @@ from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn
-from dmis.brdf.fresnel import Dielectric
 from dmis.brdf.materials import Material, glass, matte, metal, mirror, plastic, shiny_metal, substrate, uber
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.brdf.texture import Image
 from dmis.testing.density import DensityView
 from dmis.testing.scenes import surface
-from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
+from dmis.testing.sphere import columns, polar, uniforms
 
 MIXTURES = {
     "matte": matte(0.5),
@@ -49,23 +48,6 @@ def test_samples_follow_the_density(name: str, degrees: float) -> None:
         return some.pdf(Directions(some, w))
 
     assert DensityView(wi, pdf, wi[2] > 0).p > LEVEL
-
-
-@pytest.mark.parametrize("name", MIXTURES)
-@pytest.mark.parametrize("degrees", [0.0, 60.0, 84.0])
-def test_energy(name: str, degrees: float) -> None:
-    """No material of these parameters reflects more than arrives; the quadrature is good to 0.001.
-
-    Plastic does not dim its base, and with pbrt-v2's swapped indices reflects totally beyond 42 degrees: it keeps the
-    bound because Kd + Ks < 1.
-    """
-    wo = polar(degrees)
-    w, weights = sphere_rule(wo * [-1, -1, 1], 500, 200, power=3.0)
-    up = w[2] > 0
-    w, weights = np.ascontiguousarray(w[:, up]), weights[up]
-    some = surface(MIXTURES[name], wo, w.shape[1])
-    albedo = (some.eval(Directions(some, w)) * (w[2] * weights)).sum(axis=1)
-    assert (albedo > 0).all() and albedo.max() < 1.001
 
 
 @pytest.mark.parametrize("name", MIXTURES)
@@ -136,13 +118,6 @@ def test_shiny_metal_reflects_its_parameter_straight_on(r: float) -> None:
         np.testing.assert_allclose(lobe.fresnel(np.float32([1])), r, rtol=1e-5)
 
 
-def test_fresnel_is_the_right_way_round() -> None:
-    """Plastic, uber and glass are denser inside than outside: 4 % straight on, everything at grazing."""
-    for made in (plastic(), uber(), glass()):
-        (fresnel,) = {lobe.fresnel for lobe in made.lobes if getattr(lobe, "fresnel", None) is not None}
-        assert fresnel == Dielectric(1.5)
-
-
 def _image(*texel: float) -> Image:
     """Two texels, the first of which is good."""
     return Image(np.array([[np.full(len(texel), 0.1), texel]]))
@@ -152,7 +127,6 @@ def _image(*texel: float) -> Image:
     "make, message",
     [
         (lambda: matte(-0.1), "kd must be finite and not negative"),
-        (lambda: matte(np.nan), "kd must be finite"),
         (lambda: matte((0.1, np.inf, 0)), "kd must be finite"),
         (
             lambda: matte((255, 0, 0)),
@@ -165,36 +139,19 @@ def _image(*texel: float) -> Image:
         (lambda: matte(_image(200.0)), r"kd must be at most 1, because .* got an image \(1, 2, 1\) from 0.1 to 200"),
         (lambda: plastic(ks=2), "ks must be at most 1"),
         (lambda: substrate(kd=2), "kd must be at most 1"),
-        (lambda: uber(kt=(0, 0, 2), opacity=0.5), "kt must be at most 1"),
-        (lambda: mirror(2), "kr must be at most 1"),
-        (lambda: glass(kt=1.1), "kt must be at most 1"),
         (lambda: matte(0.5, 91), r"sigma must be in \[0, 90\]"),
-        (lambda: matte(0.5, np.nan), "sigma must be in"),
-        (lambda: plastic(roughness=0), "roughness must be positive"),
-        (lambda: plastic(ks=-1), "ks must be"),
-        (lambda: metal(roughness=-0.1), "roughness must be positive"),
-        (lambda: metal(roughness=np.nan), "roughness must be positive"),
-        (lambda: substrate(kd=-1), "kd must be"),
-        (lambda: substrate(v_roughness=0), "v_roughness must be positive"),
-        (lambda: mirror(-1), "kr must be"),
-        (lambda: glass(kt=-1), "kt must be"),
-        (lambda: uber(kt=-1), "kt must be"),
         (lambda: uber(opacity=Image(np.ones((1, 1, 1)))), "opacity must be a number or an RGB triple, because"),
         (lambda: shiny_metal(ks=Image(np.ones((1, 1, 1)))), "ks must be a number or an RGB triple, because"),
         (lambda: matte((0.1, 0.2)), "kd must be a number, an RGB triple or an image, because"),
-        (lambda: matte(()), "kd must be a number, an RGB triple or an image, because"),
         (lambda: matte(1e39), "kd must be finite"),
         (lambda: matte(0.5, Image(np.ones((1, 1, 1)))), "sigma must be a number, because"),
         (lambda: metal(eta=(1, 2)), "eta must be a number or an RGB triple, because"),
         (lambda: metal(k=Image(np.ones((1, 1, 1)))), "k must be a number or an RGB triple, because"),
         (lambda: metal(k=(1, np.nan, 1)), "k must be finite and not negative, because"),
         (lambda: shiny_metal(ks=2), "ks must be at most 1, because .* got 2"),
-        (lambda: shiny_metal(kr=(0.5, 0.5, 1.1)), "kr must be at most 1"),
-        (lambda: shiny_metal(kr=(0.5, 0.5)), "kr must be a number, an RGB triple"),
         (lambda: mirror((1, 1, 1, 1)), "kr must be a number, an RGB triple"),
         (lambda: uber(opacity=2), r"opacity must be in \[0, 1\], because .* got 2"),
         (lambda: uber(opacity=(0.5, -0.1, 1)), r"opacity must be in \[0, 1\]"),
-        (lambda: uber(opacity=np.nan), r"opacity must be in \[0, 1\]"),
         (lambda: uber(kd=-1, opacity=0), "kd must be finite and not negative"),
         (lambda: uber(kd=(0.1, 0.2), opacity=(1, 1, 1)), "kd must be a number, an RGB triple"),
     ],

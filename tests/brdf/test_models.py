@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, pixel_shares
 
 import dmis
 from dmis.base.vectors import Array, dot
@@ -16,18 +15,13 @@ from dmis.brdf.fresnel import Conductor, Dielectric
 from dmis.brdf.materials import Material
 from dmis.brdf.phong import Lafortune
 from dmis.brdf.texture import Image
-from dmis.estimator.settings import Settings
 from dmis.geometry.shapes import sphere
-from dmis.light.area import QuadLight
 from dmis.pipeline.fingerprint import fingerprint
-from dmis.pipeline.tile import Tile, render_tile
-from dmis.samplers.warp import square_to_hemisphere
 from dmis.scene.groups import Part
 from dmis.testing.lobe import check_lobe
 from dmis.testing.outcome import require
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
-from dmis.testing.statistics import z_score
 
 MODELS = {
     "phong 5": dmis.phong(0, 1, 5),
@@ -53,14 +47,6 @@ MODELS = {
     "coated diffuse 0.3": dmis.coated_diffuse(0.9, 0.3),
 }
 each_model = pytest.mark.parametrize("name", MODELS)
-
-
-def or_slow(usual, more):
-    """Values of a parameter: the usual ones, and more that only a slow run has."""
-    return [*usual, *(pytest.param(value, marks=pytest.mark.slow) for value in more)]
-
-
-each_angle = pytest.mark.parametrize("degrees", or_slow([40.0, 86.0], [0.0, 75.0]))
 
 
 def lobe_axis(name: str, wo: Array) -> Array:
@@ -96,52 +82,7 @@ def test_checks(name: str) -> None:
         require(check_lobe(lobe, name))
 
 
-@each_model
-@pytest.mark.parametrize("degrees", or_slow([80.0], [20.0]))
-def test_estimates_agree_with_uniform_sampling(name: str, degrees: float) -> None:
-    """What the surface reflects of a smooth sky, by BRDF sampling, by uniform sampling and by quadrature.
-
-    Narrow lobes are left to quadrature: uniform samples almost never meet them, and a z-test would know nothing.
-    """
-    wo, count = polar(degrees), 2**18
-
-    def reflected(w: Array) -> Array:
-        some = surface(MODELS[name], wo, w.shape[1])
-        sky = 1 + 0.5 * w[0] - 0.3 * w[1] + w[2]
-        directions = Directions(some, w)
-        f = np.broadcast_to(some.eval(directions), w.shape)[1] * directions.cos_i * directions.above
-        return f.astype(float) * sky, some.pdf(directions).astype(float)
-
-    value, pdf = reflected(surface(MODELS[name], wo, count).sample(uniforms(count, 3)))
-    brdf = np.divide(value, pdf, out=np.zeros_like(value), where=pdf > 0)
-    w, weights = hemisphere(name, wo)
-    exact = reflected(w)[0] @ weights
-    # the quadrature is good to 0.1 % where the horizon cuts a wide lobe
-    assert abs(brdf.mean() - exact) < Z_LIMIT * brdf.std() / np.sqrt(count) + 1e-3 * exact
-    uniform = reflected(square_to_hemisphere(uniforms(count, 4)))[0] * (2 * np.pi)
-    if (uniform > 1e-3 * uniform.max()).mean() > 0.02:
-        assert abs(z_score(brdf, uniform)) < Z_LIMIT
-
-
-def test_uniform_sampling_is_a_test_for_most_models() -> None:
-    """The lobes that the z-test above leaves out are the narrow ones."""
-    wide = [name for name in MODELS if not name.endswith((" 1000", " 0.03"))]
-    for name in wide:
-        w = square_to_hemisphere(uniforms(2**16))
-        some = surface(MODELS[name], polar(20.0), w.shape[1])
-        f = np.broadcast_to(some.eval(Directions(some, w)), w.shape)[1] * w[2]
-        assert (f > 1e-3 * f.max()).mean() > 0.02, name
-
-
 # Energy and symmetry ------------------------------------------------------------------------------------------------
-
-
-@each_model
-@each_angle
-def test_energy(name: str, degrees: float) -> None:
-    """No white lobe reflects more than arrives, whatever the angle; the quadrature is good to 0.001."""
-    for azimuth in (25.0, 80.0):
-        assert 0 < albedo(MODELS[name], name, degrees, azimuth) <= 1.001
 
 
 @pytest.mark.parametrize("name", ["phong 5", "phong 1000", "blinn-phong 8", "blinn-phong 1000"])
@@ -245,17 +186,6 @@ def test_weights_are_the_closed_forms() -> None:
     )
 
 
-@pytest.mark.parametrize("degrees", [5.0, 60.0])
-def test_ellipses_with_equal_axes_are_circles(degrees: float) -> None:
-    """Both kinds of roughness have the same values at equal alpha; a few roundings."""
-    wi = np.stack([polar(d, a) for d in (5, 40, 80) for a in (0, 100, 210)], axis=1).astype(np.float32)
-    for make in (dmis.ward, dmis.cook_torrance, dmis.ggx):
-        one, two = (surface(make(0, 1, *alpha), polar(degrees), 9) for alpha in ((0.3,), (0.3, 0.3)))
-        assert isinstance(two.reflection[0], type(one.reflection[0]))
-        np.testing.assert_allclose(two.eval(Directions(two, wi)), one.eval(Directions(one, wi)), rtol=1e-4, atol=1e-9)
-        np.testing.assert_allclose(two.pdf(Directions(two, wi)), one.pdf(Directions(one, wi)), rtol=1e-4, atol=1e-9)
-
-
 def test_beckmann_is_a_distribution_of_facets() -> None:
     """The facets' projected area is that of the surface: ``int D cos_h = 1``."""
     w, weights = sphere_rule(rings=2000, sectors=200, power=2.0)
@@ -341,49 +271,7 @@ def test_extreme_roughness_is_finite(name: str, degrees: float) -> None:
 
 # Scenes -------------------------------------------------------------------------------------------------------------
 
-LAMP = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
 BALL = sphere(0.35, segments=16).transformed([[1, 0, 0, 0.3], [0, 1, 0, 0.1], [0, 0, 1, 0.4], [0, 0, 0, 1]])
-RENDERED = {
-    "phong": dmis.phong(0.2, 0.5, 20),
-    "lafortune": dmis.lafortune(0, 0.5, 20, c_n=0.8),
-    "blinn-phong": dmis.blinn_phong(0, 0.5, 40),
-    "ward": dmis.ward(0.1, 0.5, 0.1, 0.3),
-    "ashikhmin-shirley": dmis.ashikhmin_shirley(0.4, 0.2, 10, 100),
-    "torrance-sparrow": dmis.torrance_sparrow(0, 1, 30, Dielectric(1.5)),
-    "cook-torrance": dmis.cook_torrance(0, 0.8, 0.2),
-    "ggx": dmis.ggx(0.1, 0.8, 0.2),
-    "anisotropic ggx": dmis.ggx(0, 0.8, 0.1, 0.4),
-    "smooth coat": dmis.coated_diffuse(0.8, thickness=0.01),
-    "rough coat": dmis.coated_diffuse((0.8, 0.5, 0.2), 0.3),
-}
-
-
-OFTEN = (
-    "lafortune",
-    "ashikhmin-shirley",
-    "cook-torrance",
-    "anisotropic ggx",
-    "smooth coat",
-    "rough coat",
-)  # one of each kind of sampling
-
-
-@pytest.mark.parametrize("name", or_slow(OFTEN, [name for name in RENDERED if name not in OFTEN]))
-def test_light_and_brdf_sampling_agree_in_renders(name: str) -> None:
-    """Means over seeds of a floor and a ball: light against BRDF sampling, and each against w = 1/2."""
-    ball = Part(BALL, RENDERED[name], tangent=(0, 0, 1))
-    scene = box_scene(RENDERED[name], (LAMP,), (ball,), resolution=(8, 8))
-
-    def means(w: float, seed: int) -> Array:
-        tiles = (
-            Tile(seed + k, 0, 0, (0, 8), (0, 8), 16, pixel_shares(w), Settings(sampler="independent"))
-            for k in range(30)
-        )
-        return np.array([render_tile(scene, tile).moments.mean.mean() for tile in tiles])
-
-    light, brdf, both = means(1.0, 0), means(0.0, 1000), means(0.5, 2000)
-    assert abs(z_score(light, brdf)) < Z_LIMIT
-    assert abs(z_score(light, both)) < Z_LIMIT and abs(z_score(brdf, both)) < Z_LIMIT
 
 
 def test_models_of_one_kind_share_a_group_and_textures_reach_them() -> None:

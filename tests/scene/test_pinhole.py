@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, pixel_shares
+from helpers import LEVEL
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings
 from dmis.geometry.shapes import quad
-from dmis.intersect import BruteForce
-from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.groups import Part
 from dmis.scene.pinhole import offsets, ray_origins
 from dmis.scene.scene import Scene
@@ -88,19 +85,6 @@ def test_rays_leave_to_both_sides() -> None:
     image = dmis.render(Scene(camera, parts, lamps), "balance", 4).image
     np.testing.assert_array_equal(image[:3], 7)  # rays of the rows between them pass beside the lamps
     np.testing.assert_array_equal(image[5:], 2)
-
-
-@pytest.mark.parametrize("place", PLACES)
-def test_brute_force_agrees(place: str) -> None:
-    """Embree and the oracle give the same image from the same rays."""
-    eye = np.array(PLACES[place], float)
-    scene = room(eye, np.array([0.1, 0.05, 2.0]), turned=True, shift=3.0)
-    vertices = np.concatenate([part.mesh.vertices for part in scene.parts]).astype(np.float32)
-    faces = np.concatenate([part.mesh.faces + 4 * k for k, part in enumerate(scene.parts)])
-    tile = Tile(1, 0, 0, (0, 16), (0, 16), 2, pixel_shares(0.5), Settings(integrator="direct"))
-    a, b = (render_tile(scene, tile, caster).moments.mean for caster in (None, BruteForce(vertices, faces)))
-    assert a.min() > 0
-    np.testing.assert_allclose(a, b, rtol=1e-3)
 
 
 def test_rules_agree() -> None:

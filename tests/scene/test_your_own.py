@@ -13,7 +13,7 @@ import dmis
 from dmis.base.vectors import Array, dot, normalise
 from dmis.brdf.cosines import Directions, LocalFrame
 from dmis.brdf.diffuse import Lambert, cosine_pdf, cosine_sample
-from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.lobe import Lobe
 from dmis.brdf.texture import Image
 from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad
@@ -132,16 +132,6 @@ def test_infinite_light_against_a_map(rule: str) -> None:
     assert abs(z_score(images(own, 0), images(shipped, 100))) < Z_LIMIT
 
 
-def test_delta_light_against_a_point_light() -> None:
-    """Deltas have no noise of their own: the same samples give the same image, up to float32."""
-    own, shipped = (
-        dmis.render(box_scene(lights=(light,)), "balance", 8, settings=dmis.Settings(integrator="direct")).image
-        for light in (Candle(), dmis.PointLight((0, 0, 2), (4, 4, 4)))
-    )
-    assert shipped.max() > 0.1
-    np.testing.assert_allclose(own, shipped, rtol=1e-5)
-
-
 @pytest.mark.parametrize("rule", ["fixed:0", "fixed:1", "balance"])
 def test_transmissive_lobe_under_an_even_sky(rule: str) -> None:
     """Paper of transmittance t under an even sky of radiance 1 lets t through, with all techniques."""
@@ -204,14 +194,6 @@ def test_material_names_the_method_that_a_lobe_lacks(method: str, signature: str
     lobe = type("Mine", (Paint,), {method: getattr(Lobe, method)})(0.5)
     with pytest.raises(ValueError, match=rf"Mine must define the method {signature}.*{says}"):
         dmis.Material((lobe,))
-
-
-def test_material_names_the_method_that_a_delta_lobe_lacks() -> None:
-    class Mine(DeltaLobe):
-        pass
-
-    with pytest.raises(ValueError, match=r"Mine must define the method scatter\(surface\).*Return directions"):
-        dmis.Material((Mine(),))  # type: ignore[abstract]
 
 
 @pytest.mark.parametrize(
