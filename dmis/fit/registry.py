@@ -49,7 +49,7 @@ _GUESSES = {"power": "pbrt", "light": "fixed:1", "brdf": "fixed:0", "bsdf": "fix
 _REMOVED_RULES = {"linear": "second-moment, which minimises the variance that linear fitted f for"}
 """What to use in place of rules of earlier versions."""
 _REMOVED_OPTIONS = {
-    "shrink": "curves of patches are filtered alone; choose the filter with filter= and size=",
+    "shrink": "leave it out; filter= and size= say how curves of patches are averaged",
     "strategies": "the pilot has the thesis's three; spp= sets its samples at each",
 }
 """What to do in place of options of earlier versions."""
@@ -203,7 +203,7 @@ def _options(name: str) -> dict[str, list[Any]]:
     """
     try:
         parameters = signature(RULES[name], eval_str=True).parameters
-    except NameError:  # an annotation that only type checkers see
+    except (NameError, AttributeError, TypeError):  # annotations that only type checkers understand
         parameters = signature(RULES[name]).parameters
     options = {}
     for key, p in parameters.items():

@@ -83,7 +83,7 @@ def test_only_fit_must_be_given(box: dmis.Scene) -> None:
         ("light", "got 'light', did you mean 'fixed:1'?"),
         ("brdf", "got 'brdf', did you mean 'fixed:0'?"),
         ("linear:patch=8", "rule linear was removed. Use second-moment"),
-        ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: .* choose the filter"),
+        ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: leave it out; filter= and"),
         ("thesis:strategies=5", "rule thesis has no option strategies any more: .* spp= sets"),
     ],
 )
