@@ -158,6 +158,10 @@ class Rule:
         """Return why `adapted` gives another rule for so few camera samples, and which; empty if it does not."""
         return ""
 
+    def __repr__(self) -> str:
+        """Return the name of the class with its attributes, such as ``Quieter(least=0.2)``."""
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
+
     def fit(self, pilot: Mapping[Any, Pilot]) -> Fit:
         """Return the weights, from the `Pilot` at each weight of `pilot`."""
         raise NotImplementedError(f"class {type(self).__name__} needs a method fit(self, pilot) that returns a Fit")
@@ -166,16 +170,9 @@ class Rule:
 def rule_text(rule: Any) -> str:
     """Return the text of a rule for messages, provenance and checkpoints, the same in every process.
 
-    A text is itself, and an object is what its ``__repr__`` returns. An object of a class without one is the name of
-    its class with its attributes, such as ``Quieter(least=0.2)``. Memory addresses are left out.
+    A text is itself, and an object is what its ``__repr__`` returns, without memory addresses.
     """
-    if isinstance(rule, str):
-        return rule
-    text = repr(rule)
-    if rule.__class__.__repr__ is object.__repr__:
-        attributes = (f"{name}={value!r}" for name, value in getattr(rule, "__dict__", {}).items())
-        text = f"{type(rule).__name__}({', '.join(attributes)})"
-    return re.sub(r" at 0x[0-9a-fA-F]+", "", text)
+    return rule if isinstance(rule, str) else re.sub(r" at 0x[0-9a-fA-F]+", "", repr(rule))
 
 
 def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
