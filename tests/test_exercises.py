@@ -200,14 +200,12 @@ def test_bad_function_gets_a_clear_message(text: str, message: str) -> None:
         ("def mirror(wo, n): return 2 * n * (n * wo).sum(axis=0) - wo", 0, "all 4 checks passed"),
         ("import os\ndef mirror(wo, n): os._exit(0)", 1, "ended the process before its check was complete"),
         ("1 / 0", 2, "line 1: ZeroDivisionError"),
-        (None, 2, "no such"),
     ],
 )
-def test_the_command(tmp_path: Path, text: str | None, code: int, printed: str) -> None:
+def test_the_command(tmp_path: Path, text: str, code: int, printed: str) -> None:
     """It needs the folder of the checks and dmis, and says pass, fail or neither by its exit code."""
     file = tmp_path / "my_answer.py"
-    if text is not None:
-        file.write_text(text, "utf-8")
+    file.write_text(text, "utf-8")
     command = [sys.executable, str(FOLDER / "checks"), "1", str(file)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert (done.returncode, printed in done.stdout + done.stderr) == (code, True), done

@@ -14,13 +14,11 @@ from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
 from dmis.testing.outcome import Fault, Outcome, run_checks
-from dmis.testing.scenes import ABOVE, box_scene, compare_means
+from dmis.testing.scenes import box_scene, compare_means
 from dmis.testing.statistics import level, z_limit
 
 SPP = 32
 """Camera samples per pixel of each render, the pilot included."""
-_SIZES = ((16, 16), (21, 13), (1, 1))
-"""Images ``(width, height)``: whole patches, cut ones, a single pixel."""
 
 
 def check_rule(rule: Rule | str, name: str = "") -> list[Outcome]:
@@ -39,12 +37,14 @@ def check_rule(rule: Rule | str, name: str = "") -> list[Outcome]:
         One for each check. A right rule fails any of them with a probability of 1e-4.
     """
     name = name or (rule if isinstance(rule, str) else type(rule).__name__)
+    sizes = [_scene(size) for size in ((16, 16), (21, 13), (1, 1))]  # whole patches, cut ones, a single pixel
+    dark = [box_scene(matte(0.0)), box_scene(lights=()), box_scene(eye=(0, -3, 6), target=(0, 40, 0))]
     return run_checks(
         name,
         [
             ("it is a rule", lambda: _check_form(rule)),
-            ("fit returns shares in [0, 1] of the shape of the image", lambda: _check_fit(rule)),
-            ("fit copes with a pilot without variance", lambda: _check_black(rule)),
+            ("fit returns shares in [0, 1] of the shape of the image", lambda: _check_fit(rule, sizes)),
+            ("fit copes with a pilot without variance", lambda: _check_fit(rule, dark)),
             ("fit depends on the pilot alone", lambda: _check_deterministic(rule)),
             ("renders agree with balance", lambda: _check_renders(rule, name)),
         ],
@@ -72,18 +72,10 @@ def _check_form(rule: Rule | str) -> str:
     return f"pilot: {pilot or 'none'}"
 
 
-def _check_fit(rule: Rule | str) -> str:
-    """Raise a Fault if shares are refused, for images of several sizes."""
-    shares = [_render(rule, _scene(size)).weight for size in _SIZES]
+def _check_fit(rule: Rule | str, scenes: list[Scene]) -> str:
+    """Raise a Fault if the shares of a scene are refused."""
+    shares = [_render(rule, scene).weight for scene in scenes]
     return f"shares from {min(w.min() for w in shares):.3f} to {max(w.max() for w in shares):.3f}"
-
-
-def _check_black(rule: Rule | str) -> str:
-    """Raise a Fault if shares are refused where every sample is 0, or where all are the same."""
-    for scene in (box_scene(matte(0.0)), box_scene(lights=())):
-        _render(rule, scene)
-    _render(rule, box_scene(matte(0.5), (ABOVE,), eye=(0, -3, 6), target=(0, 40, 0)))
-    return "black surfaces, no light, light in a part of the image"
 
 
 def _check_deterministic(rule: Rule | str) -> str:

@@ -62,10 +62,10 @@ class HalfSky(InfiniteLight):
         return LightSample(wi, np.full(n, INFINITE_DISTANCE), self.radiance(wi), pdf, np.ones(n, bool))
 
 
-def with_fault(base: type, method: str, change: Callable[..., Any]) -> Any:
-    """Return a light whose `method` returns what `change` makes of its result and its arguments."""
+def with_fault(base: type, method: str, change: Callable[..., Any], *values: Any) -> Any:
+    """Return a light of these values whose `method` returns what `change` makes of its result and its arguments."""
     original = getattr(base, method)
-    return type("Mine", (base,), {method: lambda self, *args: change(original(self, *args), *args)})()
+    return type("Mine", (base,), {method: lambda self, *args: change(original(self, *args), *args)})(*values)
 
 
 class Inner(Panel):
@@ -75,40 +75,15 @@ class Inner(Panel):
         return Panel.sample(self, p, np.float32(0.1) + u * np.float32(0.8))
 
 
-class OwnPdf(Panel):
-    """`sample` reports another pdf than `hit`."""
-
-    def sample(self, p: Array, u: Array) -> LightSample:
-        sample = Panel.hit(self, p, Panel.sample(self, p, u).wi)
-        return replace(sample, pdf=sample.pdf * np.float32(1.07))
-
-
-class Dark(PointLight):
-    """Its distance is NaN."""
-
-    def sample(self, p: Array, u: Array | None = None) -> LightSample:
-        return replace(sample := PointLight.sample(self, p), distance=sample.distance * np.nan)
-
-
-class Far(PointLight):
-    """Its radiance falls off by 1 / d."""
-
-    def sample(self, p: Array, u: Array | None = None) -> LightSample:
-        return replace(sample := PointLight.sample(self, p), radiance=sample.radiance * sample.distance)
+def scaled(sample: LightSample, *args: Array) -> LightSample:
+    return replace(sample, pdf=sample.pdf * np.float32(1.07))
 
 
 def brighter(sample: LightSample, *args: Array) -> LightSample:
     return replace(sample, radiance=np.broadcast_to(sample.radiance, sample.wi.shape) * np.float32(1.5))
 
 
-def scaled(sample: LightSample, *args: Array) -> LightSample:
-    return replace(sample, pdf=sample.pdf * np.float32(1.07))
-
-
-def flat(sample: LightSample, *args: Array) -> LightSample:
-    return replace(sample, radiance=np.full((3, 1), 4, np.float32))
-
-
+POINT = (0, 0, 2), (1, 1, 1)
 MESH, OTHER_SIDE = "mesh", "meet the bright side of mesh.. and as many the other side"
 FAULTS: dict[str, tuple[Any, str, str]] = {
     "pdf": (with_fault(Panel, "hit", scaled), "integrates", r"^the pdf of hit is 1\.0[67]\d times the density"),
@@ -118,7 +93,11 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         "chi-square",
         r"^sample does not follow the pdf of hit",
     ),
-    "pdf of sample alone": (OwnPdf(), "sample and hit", r"^sample and hit disagree: pdf of sample is "),
+    "pdf of sample alone": (
+        with_fault(Panel, "sample", scaled),
+        "sample and hit",
+        r"^sample and hit disagree: pdf of sample is ",
+    ),
     "radiance of sample alone": (
         with_fault(Panel, "sample", brighter),
         "sample and hit",
@@ -136,7 +115,11 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
         r"^hit: (distance is .* but mesh\(\) is .* away|emits is True in .* of directions)",
     ),
     "samples of a part": (Inner(), "chi-square", r"^sample does not follow the pdf of hit: .* integrates to 1\.00"),
-    "emission": (with_fault(Panel, "hit", flat), "camera sees", r"^emission.. returns \d+ where the radiance of hit"),
+    "emission": (
+        with_fault(Panel, "hit", lambda s, *_: replace(s, radiance=np.full((3, 1), 4, np.float32))),
+        "camera sees",
+        r"^emission\(\) returns \d+ where the radiance of hit",
+    ),
     "brightness": (with_fault(Panel, "brightness", lambda *_: 4.0), "brightness", r"^brightness.. returns 4, but .* 8"),
     "NaN": (
         with_fault(Panel, "hit", lambda s, p, wi: replace(s, pdf=s.pdf * (s.distance / s.distance))),
@@ -145,8 +128,16 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     ),
     "no mesh": (with_fault(Panel, "mesh", lambda *_: None), "forms", r"^mesh\(\) must return the visible surface"),
     "form": (with_fault(Panel, "hit", lambda s, *_: s.pdf), "forms", r"must return a LightSample of .*; got ndarray"),
-    "delta": (Dark((0, 0, 2), (1, 1, 1)), "finite", r"^sample: distance is nan \(receivers at the origin"),
-    "falloff": (Far((0, 0, 2), (1, 1, 1)), "fall off", r"^sample: radiance is 2 times as large at half the distance"),
+    "delta": (
+        with_fault(PointLight, "sample", lambda s, *_: replace(s, distance=s.distance * np.nan), *POINT),
+        "finite",
+        r"^sample: distance is nan \(receivers at the origin",
+    ),
+    "falloff of 1 / d": (
+        with_fault(PointLight, "sample", lambda s, *_: replace(s, radiance=s.radiance * s.distance), *POINT),
+        "fall off",
+        r"^sample: radiance is 2 times as large at half the distance",
+    ),
     "renders": (with_fault(HalfSky, "hit", scaled), "renders", "sample or hit: BRDF samples need hit alone"),
 }
 
@@ -162,7 +153,7 @@ def test_each_fault_is_found(fault: str) -> None:
 RIGHT = [
     Panel(),
     HalfSky(),
-    PointLight((0, 0, 2), (1, 1, 1)),
+    PointLight(*POINT),
     dmis.SpotLight((30, 0, 9), (0, 0, -1), (1, 1, 1)),
     dmis.DistantLight((0, 1, 1), (1, 1, 1)),
 ]
