@@ -20,8 +20,6 @@ GRAZING = (0.0, 89.9, 89.9999, 90.0)
 CORNERS = np.array([[0, 0, 1, 1, 0.5, 0.5], [0, 1, 0, 1, 0, 1], [0, 1, 1, 0, 0, 1], [0, 1, 0, 1, 1, 0]], np.float32)
 CORNERS *= np.float32(1 - 2**-24)
 """Smallest and largest uniform numbers, ``(4, 6)``."""
-ROUNDED = 0.995
-"""Least share of sampled directions in which two functions must agree: rounding decides at outlines."""
 _PROPORTIONAL = 0.05
 """Largest spread of observed / expected counts from cell to cell of a density that is only scaled."""
 
@@ -115,33 +113,43 @@ def _difference(mean: Array, exact: Integral, limit: float) -> str:
     )
 
 
-def check_hit(views: Sequence[DensityView], hides_itself: bool) -> str:
-    """Raise a Fault if `hit` reports other light samples of the sampled directions than `sample` does.
+def check_hit(
+    views: Sequence[DensityView], hides_itself: bool = False, share: float = 0.995, name: str = "sample"
+) -> str:
+    """Raise a Fault if `hit` reports other light samples of the directions than `sample` does.
 
     The pdfs are compared where there is a `DensityView.value`: that of a technique's light samples is the light's.
+
+    Parameters
+    ----------
+    hides_itself
+        Whether `sample` may pick a point that another point of the light hides.
+    share
+        Least share of directions in which both must agree: rounding decides at outlines.
+    name
+        Name of what returned `sample`, for messages.
     """
     for view in views:
         assert view.sample is not None and view.hit is not None
-        sample, hit = view.sample, view.hit(view.wi)
+        sample, hit, disagree = view.sample, view.hit(view.wi), f"{name} and hit disagree ({view.place})"
         same = (sample.emits == hit.emits) | (hides_itself & ~sample.emits)
-        if same.mean() < ROUNDED:
+        if same.mean() < share:
             raise Fault(
-                f"sample and hit disagree: emits is the same in {same.mean():.1%} of sampled directions: sample says "
-                f"that {sample.emits.mean():.1%} emit, hit {hit.emits.mean():.1%} ({view.place})"
+                f"{disagree}: emits is the same in {same.mean():.1%} of directions; it is True in "
+                f"{sample.emits.mean():.1%} by {name}, in {hit.emits.mean():.1%} by hit"
             )
         both = sample.emits & hit.emits
         for field in ("distance", "radiance", "pdf")[: 2 if view.value is None else 3]:
-            a, b = (np.broadcast_to(getattr(of, field), (3, COUNT)) for of in (sample, hit))
-            tolerance = 1e-2 if field == "distance" else 2e-3
+            a, b = (np.broadcast_to(getattr(of, field), view.wi.shape) for of in (sample, hit))
             atol = 1e-3 * np.abs(b).max() if field == "radiance" else 0
-            close = np.isclose(a, b, rtol=tolerance, atol=atol).all(axis=0)
-            if both.any() and close[both].mean() < ROUNDED:
+            close = np.isclose(a, b, rtol=2e-2 if field == "distance" else 2e-3, atol=atol).all(axis=0)
+            if both.any() and close[both].mean() < share:
                 k = np.flatnonzero(both & ~close)[0]
                 raise Fault(
-                    f"sample and hit disagree: {field} of sample is {a[:, k].max():.5g}, of hit {b[:, k].max():.5g} in "
-                    f"{1 - close[both].mean():.0%} of sampled directions ({view.place})"
+                    f"{disagree}: {field} is {a[:, k].max():.5g} by {name}, {b[:, k].max():.5g} by hit in "
+                    f"{1 - close[both].mean():.0%} of directions"
                 )
-    return f"{COUNT} directions"
+    return f"{views[0].wi.shape[1]} directions"
 
 
 def check_finite(views: Sequence[DensityView], value_name: str) -> str:

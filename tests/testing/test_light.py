@@ -84,7 +84,7 @@ def brighter(sample: LightSample, *args: Array) -> LightSample:
 
 
 POINT = (0, 0, 2), (1, 1, 1)
-MESH, OTHER_SIDE = "mesh", "meet the bright side of mesh.. and as many the other side"
+CAMERA, EMITS = "camera sees", "^the camera and hit disagree .*: emits is the same in "
 FAULTS: dict[str, tuple[Any, str, str]] = {
     "pdf": (with_fault(Panel, "hit", scaled), "integrates", r"^the pdf of hit is 1\.0[67]\d times the density"),
     "pdf of a sky": (with_fault(HalfSky, "hit", scaled), "integrates", r": it integrates to 1\.07"),
@@ -96,29 +96,29 @@ FAULTS: dict[str, tuple[Any, str, str]] = {
     "pdf of sample alone": (
         with_fault(Panel, "sample", scaled),
         "sample and hit",
-        r"^sample and hit disagree: pdf of sample is ",
+        r"^sample and hit disagree .*: pdf is .* in 100% of",
     ),
     "radiance of sample alone": (
         with_fault(Panel, "sample", brighter),
         "sample and hit",
-        r"^sample and hit disagree: radiance of sample is 1\.5, of hit 1 in 100%",
+        r"^sample and hit disagree .*: radiance is 1\.5 by sample, 1 by hit in 100%",
     ),
     "emits on the wrong side": (
         with_fault(Panel, "hit", lambda s, *_: replace(s, emits=(s.pdf > 0) & (s.wi[2] < 0))),
-        MESH,
-        OTHER_SIDE,
+        CAMERA,
+        EMITS,
     ),
-    "winding": (with_fault(Panel, "mesh", lambda *_: quad((-1, -1, 2), (2, 0, 0), (0, 2, 0))), MESH, OTHER_SIDE),
+    "winding": (with_fault(Panel, "mesh", lambda *_: quad((-1, -1, 2), (2, 0, 0), (0, 2, 0))), CAMERA, EMITS),
     "mesh elsewhere": (
         with_fault(Panel, "mesh", lambda *_: quad((-1, -1, 2.3), (0, 2, 0), (2, 0, 0))),
-        MESH,
-        r"^hit: (distance is .* but mesh\(\) is .* away|emits is True in .* of directions)",
+        CAMERA,
+        EMITS,
     ),
     "samples of a part": (Inner(), "chi-square", r"^sample does not follow the pdf of hit: .* integrates to 1\.00"),
     "emission": (
         with_fault(Panel, "hit", lambda s, *_: replace(s, radiance=np.full((3, 1), 4, np.float32))),
-        "camera sees",
-        r"^emission\(\) returns \d+ where the radiance of hit",
+        CAMERA,
+        r"^the camera and hit disagree .*: radiance is 8 by the camera, 4 by hit",
     ),
     "brightness": (with_fault(Panel, "brightness", lambda *_: 4.0), "brightness", r"^brightness.. returns 4, but .* 8"),
     "NaN": (
