@@ -19,7 +19,7 @@ from datetime import date
 from pathlib import Path
 
 import dmis
-from dmis.experiment.speed.bench import HEADER, PARTS, Speed, bench, fresh_python, peak_memory
+from dmis.experiment.speed.bench import HEADER, TIME_PARTS, Speed, bench, fresh_python, peak_memory
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
@@ -145,8 +145,8 @@ def main() -> int:
             targets.append(target)
     about = f"Made on {date.today()}: {machine()}."
     where = [
-        "| scene | rule | " + " | ".join((*PARTS, "shading", "pilot", "fit")) + " |",
-        "|---" * (len(PARTS) + 5) + "|",
+        "| scene | rule | " + " | ".join((*TIME_PARTS, "shading", "pilot", "fit")) + " |",
+        "|---" * (len(TIME_PARTS) + 5) + "|",
         *(
             f"| {s.scene} | {s.rule} | "
             + " | ".join(f"{share:.0%}" for share in (*s.parts.values(), s.pilot))

@@ -32,7 +32,7 @@ from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 from dmis.scene.suggestions import Suggestions
 
-LIMIT = 1.01
+FEATURE_COST_LIMIT = 1.01
 KD = (0.5, 0.25, 0.125)
 LAMP = QuadLight((-0.5, -0.5, 2), (0, 1, 0), (1, 0, 0), (5, 4, 3))
 CHECKS = Image(np.indices((8, 8)).sum(axis=0)[..., None] % 2 * np.float32(0.8))
@@ -121,7 +121,7 @@ def main() -> int:
         # of the median, from the spread of the middle half: one pair that is interrupted does not matter
         low, middle, high = np.quantile(found, [0.25, 0.5, 0.75])
         error = 1.2533 * (high - low) / 1.349 / np.sqrt(pairs)
-        failed |= not same or (not given.quick and middle - 3 * error > LIMIT)
+        failed |= not same or (not given.quick and middle - 3 * error > FEATURE_COST_LIMIT)
         print(f"| {name} | {middle:.4f} ± {error:.4f} | {'yes' if same else 'NO'} |", flush=True)
     return int(failed)
 

@@ -23,7 +23,7 @@ from examples.gallery import SCENES, Errors, Options, print_canvas  # noqa: F401
 
 ROOT = Path(__file__).resolve().parent.parent
 TABLES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}
-"""The same for the tables of docs/measurements.md."""
+"""The thesis's size is divided by this for published tables: 200x200, 228x171, 228x171 and 300x167 pixels."""
 
 
 def options(script: str, description: str, **more: dict) -> tuple[Options, argparse.Namespace]:

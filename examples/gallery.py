@@ -27,7 +27,6 @@ from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
 
 T = TypeVar("T")
-SIZES = ("quick", "default", "full")
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Options:
     Attributes
     ----------
     size
-        One of `SIZES`.
+        ``quick``, ``default`` or ``full``.
     scene_dir
         Folder of the original pbrt-v2 scenes; None: the scenes that come with dmis.
     threads

@@ -12,7 +12,7 @@ import time
 from datetime import date
 from pathlib import Path
 
-from common import SCENES, machine, options, replace_table, show
+from common import SCENES, TABLES, machine, options, replace_table, show
 
 import dmis
 from dmis import plot
@@ -31,8 +31,6 @@ opts, given = options(
 )
 RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")
 BUDGETS = opts.pick((8, 32), (16, 32, 64, 128))
-SIZES = {"teapot-area-light": 4, "killeroo-diffuse": 6, "killeroo-gold": 6, "tt": 5}
-"""The thesis's size is divided by this: 200x200, 228x171, 228x171 and 300x167 pixels."""
 folder = opts.output.parent / "report"
 page = given.page or opts.output.parent / "report.html"
 
@@ -41,7 +39,7 @@ page = given.page or opts.output.parent / "report.html"
 begun = time.perf_counter()
 comparisons, limits = [], []
 for name in given.scenes:
-    scene = opts.scene(name, SIZES[name] * opts.pick(4, 1))
+    scene = opts.scene(name, TABLES[name] * opts.pick(4, 1))
     reference = opts.reference(scene, opts.pick(64, 512))
     oracle = dmis.make_oracle(scene, opts.pick(64, 256), parallel=opts.threads, progress=show(f"oracle of {name}"))
     comparison = dmis.compare(

@@ -37,7 +37,7 @@ from dmis.variance.curves import GRID, GRID_SHARES, HALF
 
 LAYOUT = 3
 """Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
-_PARTS = ("curve", "pattern", "position")
+_CURVE_PARTS = ("curve", "pattern", "position")
 """Parts of the variance curves that an oracle's file has, see `dmis.variance.curves.Curves.sums`."""
 HARM_LIMIT = 1.02
 """Ratio of the variance of a weight to that of w = 1/2 above which the weight counts as harmful."""
@@ -221,14 +221,14 @@ def make_oracle(
             path, scene, rule, spp // 2 + 1, REFERENCE_SEED + 2, settings=settings, parallel=parallel, progress=progress
         )
         rays: Counter[str] = sum((Counter(result.provenance["pilot_rays"]) for result in results), Counter())
-        maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _PARTS}
+        maps = {name: np.stack([result.maps[name] for result in results]).astype(np.float32) for name in _CURVE_PARTS}
         with replacing(path) as partial, open(partial, "wb") as archive:
             np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
         remove_halves(path)
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
             rays = json.loads(str(arrays["rays"]))
-            parts = {name: arrays[name].astype(np.float64) for name in _PARTS}
+            parts = {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
     except Exception as error:  # a damaged archive may raise anything
         raise ValueError(f"oracle {path} is damaged ({error}); remove it, and it is rendered again") from error
     settings = resolve_auto(settings, scene)
@@ -251,7 +251,7 @@ class _CurveMaps(SecondMoment):
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return equal shares, and the means over patches of the parts of the curves."""
         means, _ = self._pool(pilot[0.5])
-        return Fit(0.5, {name: means[name] for name in _PARTS})
+        return Fit(0.5, {name: means[name] for name in _CURVE_PARTS})
 
 
 def cached_oracle(

@@ -31,7 +31,7 @@ from dmis.scene.scene import Scene
 
 HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | Embree alone | total / floor | range |
 |---|---|---|---|---|---|---|---|---|"""
-PARTS = {
+TIME_PARTS = {
     "embree": {"intersect.py": {"closest", "occluded"}},
     "random numbers": {"streams.py": {"draw", "start", "stream", "make_sampler"}, "sobol.py": {"draw"}},
     "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "samples.py": {"record_samples"}},
@@ -55,7 +55,7 @@ class Speed:
     pilot, fit
         Shares of pilot and fit in the time of a render, medians.
     parts
-        Share of each of `PARTS`, and of shading, in the tiles of the last render; empty without `profile`.
+        Share of each of `TIME_PARTS`, and of shading, in the tiles of the last render; empty without `profile`.
     """
 
     scene: str
@@ -161,7 +161,7 @@ def _speed(
 
 
 def time_by_part(scene: Scene, tiles: Sequence[Tile], limit: float = 10.0) -> dict[str, float]:
-    """Return the shares of `PARTS` and of shading in the time of `tiles`; they add up to 1.
+    """Return the shares of `TIME_PARTS` and of shading in the time of `tiles`; they add up to 1.
 
     Tiles of all passes are rendered in a random order under Python's profiler, for about `limit` seconds.
     """
@@ -171,16 +171,16 @@ def time_by_part(scene: Scene, tiles: Sequence[Tile], limit: float = 10.0) -> di
         profile.runcall(render_tile, scene, tiles[k])
         if time.perf_counter() > end:
             break
-    seconds = dict.fromkeys((*PARTS, "shading"), 0.0)
+    seconds = dict.fromkeys((*TIME_PARTS, "shading"), 0.0)
     for (file, _, function), (_, _, _, inclusive, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         name = PurePath(file).name
         if name == "tile.py" and function == "render_tile":
             seconds["shading"] += inclusive
-        for part, files in PARTS.items():
+        for part, files in TIME_PARTS.items():
             if "dmis" in file and function in files.get(name, ()):
                 seconds[part] += inclusive
     total = seconds["shading"]
-    seconds["shading"] -= sum(seconds[part] for part in PARTS)
+    seconds["shading"] -= sum(seconds[part] for part in TIME_PARTS)
     return {part: time_of_part / total for part, time_of_part in seconds.items()}
 
 
