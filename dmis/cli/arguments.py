@@ -72,12 +72,12 @@ def _albedo(text: str) -> tuple[float, ...]:
     return numbers
 
 
-def _whole(most: int) -> Any:
-    """Return a parser of whole numbers from 1 to `most`."""
+def _whole(most: int, least: int = 1) -> Any:
+    """Return a parser of whole numbers from `least` to `most`."""
 
     def parse(text: str) -> int:
-        if not (text.isdecimal() and 1 <= int(text) <= most):
-            raise argparse.ArgumentTypeError(f"must be a whole number from 1 to {most}; got {text!r}")
+        if not (text.isdecimal() and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"must be a whole number from {least} to {most}; got {text!r}")
         return int(text)
 
     return parse
@@ -120,7 +120,7 @@ SCENE = {
 AS_IN_FILE = {
     "--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say"),
 }
-WORKERS = _whole(MAX_WORKERS)
+WORKERS, SEED = _whole(MAX_WORKERS), _whole(2**63, 0)
 THREADS = {"--threads": _option("number of threads (default: one per processor)", WORKERS, group="executor")}
 QUIET = {"--quiet": _flag("print warnings and errors only", "output")}
 VERBOSE = {
@@ -137,7 +137,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "--png": _option("also write a preview image", metavar="OUT.png"),
         "--spp": _option("camera samples per pixel, pilot included (default 128)", int),
         "--rule": _option(RULES_HELP),
-        "--seed": _option("seed of the random numbers (default 0)", int, 0),
+        "--seed": _option("seed of the random numbers (default 0)", SEED, 0),
         **settings_options(),
         **AS_IN_FILE,
         **THREADS,
@@ -154,7 +154,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "--rules": _option("rules separated by commas, or all (default %(default)s)", str, "balance,thesis,auto"),
         "--spp": _option("camera samples per pixel of each budget (default 128)", _sample_counts, metavar="N,N,..."),
         "--seeds": _option("number of seeds, from --seed on (default 5)", _whole(10_000), 5, metavar="K"),
-        "--seed": _option("first seed (default 0)", int, 0),
+        "--seed": _option("first seed (default 0)", SEED, 0),
         **settings_options(),
         **AS_IN_FILE,
         "--reference": _option(".exr or .npy file (default: rendered once, then cached)", Path, metavar="REF"),
@@ -195,7 +195,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **settings_options(),
         "--threads": _option("number of threads (default 1)", WORKERS, 1),
         "--repeats": _option("renders of each scene and rule, of which medians are printed (default 3)", int, 3),
-        "--seed": _option("first seed (default 0)", int, 0),
+        "--seed": _option("first seed (default 0)", SEED, 0),
     }),
 }  # fmt: skip
 """Summary and options of each command."""

@@ -197,17 +197,13 @@ class Settings:
         suggested = scene.suggested
         direct = resolve_auto(make_settings(**options), scene).integrator == "direct"
         samples = (suggested.shading_samples if direct else None) or 2
-        unmet = list(suggested.unmet)
-        if samples > MAX_SHADING_SAMPLES:
-            unmet.append(f"{samples} shading samples (at most {MAX_SHADING_SAMPLES})")
+        most = MAX_SHADING_SAMPLES
+        unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {most})"] if samples > most else [])]
         if unmet:
             text = f"scene {scene.name}: the file asks for what dmis does not have: {', '.join(unmet)}"
             warnings.warn(SceneWarning(text), stacklevel=2)
-        values = {
-            "shading_samples": min(samples, MAX_SHADING_SAMPLES),
-            "lights": (suggested.lights or "all") if direct else "one",
-            "sampler": suggested.sampler or "auto",
-        }
+        values = {"shading_samples": min(samples, most), "sampler": suggested.sampler or "auto"}
+        values["lights"] = (suggested.lights or "all") if direct else "one"
         if preset := options.get("preset"):  # what it pins stays as it is
             values = {name: value for name, value in values.items() if name in PRESETS[preset].choices}
         return make_settings(**{**values, **options})
