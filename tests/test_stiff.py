@@ -20,34 +20,21 @@ from dmis.fit.registry import RULES
 from dmis.fit.thesis import parabola_minimum
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import columns, polar, unit
-from dmis.variance.moments import Moments
 
 FAMILY = list(stiff.family())
 SAMPLE = {
     "light radius, roughness 8e-06, 1e-08",
-    "light radius, roughness 0.008, 1e-08",
-    "light radius, roughness 8e-06, 1",
     "light radius, roughness 8e+06, 1e-08",
-    "light radius, roughness 8e+06, 1",
     "light distance 8e+06",
-    "radiance 1e-30",
     "radiance 1e+30",
     "sun's contrast 1e+08",
     "grazing view 1e-07",
-    "grazing light 0.001",
     "light in contact, facing 0.0001",
-    "light in contact, at right angles 0.0001",
-    "ground under a sphere of radius 1 1000",
-    "ground under a sphere of radius 1 100000",
     "ground under a sphere of radius 1 1e+06",
-    "slivers 100000",
     "offset 8e+06",
-    "scale 1e-06",
     "scale 1e+06",
-    "albedo 0",
     "albedo 1",
     "identical techniques, light 0",
-    "identical techniques, brdf 0",
 }
 LEAN = ("thesis", "inverse-variance", "representativity")
 """Rules that may leave a technique too few samples to be measured here, see test_rules.py."""
@@ -74,7 +61,8 @@ def test_the_whole_map(case: stiff.Case, rule: str) -> None:
     assert case.rounding >= 1 or found.z(case.rounding) < Z_LIMIT
 
 
-EVERY_RULE = ["fixed:0.5" if rule == "fixed" else rule for rule in sorted(RULES)]
+EVERY_RULE = [rule for rule in sorted(RULES) if rule not in ("fixed", "pbrt", "one-sample", "taylor", "kl", "tsallis")]
+"""The rules, without those that differ from another by its heuristic or objective alone."""
 
 
 @pytest.mark.parametrize("rule", EVERY_RULE)
@@ -102,7 +90,7 @@ def one_point(radiance: float = 1.0, resolution: tuple[int, int] = (1, 1), lit: 
 
 
 @pytest.mark.parametrize("rule", EVERY_RULE)
-@pytest.mark.parametrize("resolution", [(1, 1), (1, 5), (3, 2)])
+@pytest.mark.parametrize("resolution", [(1, 1), (1, 5)])
 def test_images_smaller_than_a_patch(rule: str, resolution: tuple[int, int]) -> None:
     """One pixel, one column, less than a patch."""
     result = dmis.render(one_point(resolution=resolution), rule, 64, parallel=1)
@@ -112,7 +100,7 @@ def test_images_smaller_than_a_patch(rule: str, resolution: tuple[int, int]) -> 
 
 @pytest.mark.filterwarnings("ignore:.*none of its 1 lights emits:dmis.scene.scene.SceneWarning")
 @pytest.mark.parametrize("rule", EVERY_RULE)
-@pytest.mark.parametrize("radiance, lit, seen", [(0.0, False, 0.0), (0.0, True, 0.0), (7.0, True, 7.0)])
+@pytest.mark.parametrize("radiance, lit, seen", [(0.0, False, 0.0), (7.0, True, 7.0)])
 def test_images_without_noise(rule: str, radiance: float, lit: bool, seen: float) -> None:
     """All black, all lamp: nothing varies, and no weight is better than another."""
     result = dmis.render(one_point(radiance, (5, 4), lit), rule, 16, parallel=1)
@@ -144,7 +132,7 @@ def test_one_sample_has_no_variance() -> None:
 
 
 @pytest.mark.parametrize("make", [dmis.torrance_sparrow, dmis.blinn_phong, dmis.phong, dmis.ashikhmin_shirley])
-@pytest.mark.parametrize("exponent", [1e4, 1e6, 1e8])
+@pytest.mark.parametrize("exponent", [1e4, 1e8])
 def test_sharp_lobes(make: Callable[..., dmis.Material], exponent: float) -> None:
     """Densities of a sharp lobe are those of float64 at the same directions, a few of its widths from the mirror's.
 
@@ -176,19 +164,7 @@ def _lobe(material: dmis.Material, wo: Array, n: Array, wi: Array) -> tuple[Arra
     return np.broadcast_to(lobe.eval(Directions(at, wi)), wo.shape)[0], lobe.pdf(Directions(at, wi))
 
 
-def test_moments_do_not_lose_digits() -> None:
-    """A pixel's 32768 samples, one after the other; tiny and huge ones; a large mean with a small spread."""
-    samples = np.full((2**15, 3), 0.1, np.float32)
-    np.testing.assert_allclose(Moments.of(samples).mean, np.float64(np.float32(0.1)), rtol=1e-14)
-    for scale in (1e-30, 1e30):
-        x = (scale * np.random.default_rng(1).random((64, 5))).astype(np.float32)
-        np.testing.assert_allclose(Moments.of(x).variance(), x.astype(np.float64).var(axis=0, ddof=1), rtol=1e-6)
-    x = (1000 + np.random.default_rng(1).random((64, 5))).astype(np.float32)
-    np.testing.assert_allclose(Moments.of(x).variance(), x.astype(np.float64).var(axis=0, ddof=1), rtol=1e-6)
-
-
-@pytest.mark.parametrize("scale", [1e-150, 1e-30, 1.0, 1e30, 1e150])
-@pytest.mark.parametrize("base", [0.0, 1e4])
+@pytest.mark.parametrize("scale, base", [(1e-150, 0.0), (1e-30, 1e4), (1e150, 1e4)])
 def test_the_parabola_is_found_at_any_scale(scale: float, base: float) -> None:
     """The minimum of a planted parabola, on a constant that is much larger than its depth."""
     w = np.array([0, 0.5, 1])
