@@ -18,7 +18,7 @@ def test_recorder_sees_every_ray_and_changes_nothing(box):
         recorder = Recorder(box.intersector)
         kept, plain = render_tile(box, tile, recorder), render_tile(box, tile)
         np.testing.assert_array_equal(kept.moments.mean, plain.moments.mean)
-        recorded += sum(origin.shape[1] for origin, _, _ in recorder.queries)
+        recorded += sum(query.args[0].shape[1] for query in recorder.queries)
     assert recorded == sum(result.rays.values())
 
 
