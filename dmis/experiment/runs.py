@@ -175,7 +175,7 @@ def _timed_run(
 
 
 def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any) -> Result:
-    """Render a budget with the `options` of `measure`; `PINNED` uses executor, integrator and depth of them."""
+    """Render a budget with the `options` of `measure`; `PINNED` uses only executor, integrator and depth."""
     if rule != PINNED:
         return render(scene, rule, spp, seed=seed, **options)
     parallel = options.pop("parallel", None)

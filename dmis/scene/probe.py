@@ -52,7 +52,7 @@ def check_lobe_form(lobe: Lobe) -> None:
     """Raise a ValueError if a method of a lobe returns values of the wrong shape for four points, or for one."""
     for n in (4, 1):
         points = surface(Material((lobe,)), (0.6, 0, 0.8), n)
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # shapes count here, values do not
             if lobe.delta:
                 wi, factor = points.delta[0].scatter(points)
                 _check_shape(lobe, "scatter(surface), directions", wi, [(3, n)])
