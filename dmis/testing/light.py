@@ -56,14 +56,17 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
     name = name or type(light).__name__
     views: list[DensityView] = []
     corners: list[DensityView] = []
+    cameras: list[DensityView] = []
 
     def check_form() -> str:
         check_light_form(light)
         if not light.delta:
             if not light.infinite and light.mesh() is None:
                 raise Fault("mesh() must return the visible surface, a dmis.Mesh, which the camera sees")
-            views.extend(_view(light, p, uniforms(COUNT, k), _from(p)) for k, p in enumerate(receivers(light), 1))
-            corners.extend(_view(light, p, CORNERS[:2], f"receiver {place}") for place, p in _special(light).items())
+            points, special = _receivers(light)
+            views.extend(_view(light, p, uniforms(COUNT, k), _from(p)) for k, p in enumerate(points, 1))
+            corners.extend(_view(light, p, CORNERS[:2], f"receiver {place}") for place, p in special.items())
+            cameras.extend(_cameras(light, points))
         return "methods and shapes are right"
 
     def run() -> Iterator[tuple[str, Callable[[], str]]]:
@@ -72,7 +75,6 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
             yield "values are finite, and fall off", lambda: _check_delta(light)
             return
         yield from view_checks(views, corners, LEVEL, "the radiance of hit", light.hides_itself())
-        cameras = [_camera(light, p) for p in receivers(light)]
         yield "the camera sees what hit reports", lambda: check_hit(cameras, share=_OUTLINE, name="the camera")
         yield "radiance is at most brightness", lambda: _check_brightness(light, views)
         yield "renders by fixed:0, fixed:1 and balance agree", lambda: _check_renders(light)
@@ -100,21 +102,19 @@ def _placement(light: Any) -> tuple[Array, Array, Array, Array, float]:
     return centre, normal, s, t, size
 
 
-def receivers(light: Any) -> list[Array]:
-    """Return points ``(3,)`` from which a light is looked at; all but the third see its bright side."""
+def _receivers(light: Any) -> tuple[list[Array], dict[str, Array]]:
+    """Return points ``(3,)`` from which a light is looked at, and others, by words for messages.
+
+    All but the third see the bright side. At the others values may not be finite.
+    """
     centre, normal, s, t, size = _placement(light)
     points = [
         centre + size * (1.1 * normal + 0.2 * s + 0.1 * t),
         centre + size * (0.5 * normal - 0.6 * s + 0.3 * t),
         centre - size * (1.3 * normal + 0.3 * s - 0.2 * t),
     ]
-    return points[:1] if light.infinite else points
-
-
-def _special(light: Any) -> dict[str, Array]:
-    """Return receivers ``(3,)`` at which values may not be finite, with words for messages."""
-    centre, normal, s, _, size = _placement(light)
-    return {"on the light": centre, "in its plane": centre + 2 * size * s, "far": centre + 1e3 * size * normal}
+    special = {"on the light": centre, "in its plane": centre + 2 * size * s, "far": centre + 1e3 * size * normal}
+    return points[:1] if light.infinite else points, special
 
 
 def _from(p: Array) -> str:
@@ -158,25 +158,30 @@ def _check_delta(light: Any) -> str:
     return f"{lit.mean():.0%} of 4096 receivers are lit"
 
 
-def _camera(light: Any, p: Array) -> DensityView:
-    """Return directions from `p` ``(3,)`` to the light and around it, with what camera rays see as light samples."""
-    view = _view(light, p, CORNERS[:2], _from(p))
-    if light.infinite:
-        w = square_to_sphere(uniforms(4096))
-        radiance, distance = light.radiance(w), np.full(4096, INFINITE_DISTANCE)
-        emits = light.hit(columns(p, 4096), w).emits | np.broadcast_to(radiance, w.shape).any(axis=0)
-    else:
+def _cameras(light: Any, points: list[Array]) -> Iterator[DensityView]:
+    """Yield directions from `points` ``(3,)`` to the light and around it, with light samples of what cameras see."""
+    if not light.infinite:
         mesh = light.mesh()
+        caster = Intersector(mesh.vertices, mesh.faces)
         corners = np.asarray(mesh.vertices, float)[mesh.faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        to = corners.mean(axis=(0, 1)) - p
-        size = np.linalg.norm(corners.reshape(-1, 3) - p - to, axis=1).max() / np.linalg.norm(to)
-        w = unit(*to)[:, None] + np.clip(size, 0.02, 2) * (2 * np.random.default_rng(6).random((3, 4096)) - 1)
-        w = normalise(w.astype(np.float32))
-        hits = Intersector(mesh.vertices, mesh.faces).closest(columns(p, 4096), w)
-        emits, distance = (hits.prim >= 0) & ((normals[hits.prim] * w.T).sum(axis=1) < 0), hits.distance
-        radiance = light.emission((p[:, None] + w * np.where(emits, distance, 0)).astype(np.float32))
-    return replace(view, wi=w, sample=LightSample(w, distance, radiance, distance, emits), value=None)
+        middle = corners.mean(axis=(0, 1))
+        size = np.linalg.norm(corners.reshape(-1, 3) - middle, axis=1).max()
+    for p in points:
+        view = _view(light, p, CORNERS[:2], _from(p))
+        if light.infinite:
+            w = square_to_sphere(uniforms(4096))
+            radiance, distance = light.radiance(w), np.full(4096, INFINITE_DISTANCE)
+            emits = light.hit(columns(p, 4096), w).emits | np.broadcast_to(radiance, w.shape).any(axis=0)
+        else:
+            to = middle - p
+            spread = np.clip(size / np.linalg.norm(to), 0.02, 2)
+            cube = 2 * np.random.default_rng(6).random((3, 4096)) - 1
+            w = normalise((unit(*to)[:, None] + spread * cube).astype(np.float32))
+            hits = caster.closest(columns(p, 4096), w)
+            emits, distance = (hits.prim >= 0) & ((normals[hits.prim] * w.T).sum(axis=1) < 0), hits.distance
+            radiance = light.emission((p[:, None] + w * np.where(emits, distance, 0)).astype(np.float32))
+        yield replace(view, wi=w, sample=LightSample(w, distance, radiance, distance, emits), value=None)
 
 
 def _check_brightness(light: Any, views: list[DensityView]) -> str:
