@@ -36,7 +36,7 @@ SMALL = ("--resolution", "16x12", "--plugin")
 @pytest.fixture(autouse=True)
 def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Leave the tables, modules and search path as they were."""
-    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     rules = dict(RULES)
     yield
@@ -127,10 +127,10 @@ def test_a_plugin_without_a_rule_is_named(tmp_path: Path, capsys: pytest.Capture
         (
             "my_rules.txt",
             "",
-            r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt\. Copy .*",
+            r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt",
         ),
-        ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: /.*"),
-        ("my_rules.py", "a = 1\nb = = 2\n", r"plugin .*my_rules\.py, line 2, is not Python: invalid syntax"),
+        ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: .*"),
+        ("my_rules.py", "a = 1\nb = = 2\n", r"plugin .*my_rules\.py, line 2: SyntaxError: invalid syntax .*"),
         ("my_rules.py", "\n\n1 / 0\n", r"plugin .*my_rules\.py, line 3: ZeroDivisionError: division by zero"),
         (
             "my_rules.py",
