@@ -60,16 +60,16 @@ def check(result, threaded):
 
 
 class Killer:
-    """Progress that kills a process after the third tile of the final pass, and keeps count."""
+    """Progress that kills a process, a child by default, after the third tile of the final pass, and keeps count."""
 
-    def __init__(self, victim):
+    def __init__(self, victim=None):
         self._victim, self.done = victim, []
 
     def __call__(self, stage, done, total):
         if stage == "final":
             self.done.append(done)
             if len(self.done) == 3:
-                os.kill(self._victim(), signal.SIGKILL)
+                os.kill(self._victim or multiprocessing.active_children()[0].pid, signal.SIGKILL)
             self.total = total
 
 
@@ -77,7 +77,7 @@ def test_a_dead_process_ends_with_how_to_resume(wide, threaded, pickled, tmp_pat
     """One of two workers is killed: an error; what was finished is kept. The scene was written once, and is gone."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     options = {"parallel": dmis.Processes(2), "checkpoint": tmp_path / "c", **OPTIONS}
-    progress = Killer(lambda: multiprocessing.active_children()[0].pid)
+    progress = Killer()
     with pytest.raises(ChildProcessError, match=r"workers died .*memory runs out.* `if __name__ == .*checkpoint=DIR"):
         dmis.render(wide, progress=progress, **options)
     assert len(pickled) == 1 and os.listdir(tmp_path) == ["c"]
@@ -93,9 +93,7 @@ def test_a_given_pool_reads_the_scene_once(wide, threaded, pickled):
         assert len(pickled) == 1
         assert pool.submit(_reads).result() == 1
         with pytest.raises(ChildProcessError, match="workers died before all tiles were rendered"):
-            dmis.render(
-                wide, parallel=pool, progress=Killer(lambda: multiprocessing.active_children()[0].pid), **OPTIONS
-            )
+            dmis.render(wide, parallel=pool, progress=Killer(), **OPTIONS)
 
 
 def _reads():
@@ -168,7 +166,7 @@ def test_any_executor_will_do(wide, threaded):
     check(dmis.render(wide, parallel=Inline(), **OPTIONS), threaded)
 
 
-@pytest.mark.parametrize("parallel", [2, 8, dmis.Processes(2), Inline()], ids=["2", "8", "processes", "any"])
+@pytest.mark.parametrize("parallel", [3, dmis.Processes(2)], ids=["threads", "processes"])
 def test_rules_of_two_rounds_have_the_same_bits(wide, parallel):
     """Patterns, numbers of samples and the image, for any number of threads or processes."""
     one, other = (dmis.render(wide, "auto", 32, seed=5, sampler="sobol", parallel=n) for n in (1, parallel))
@@ -202,27 +200,15 @@ def test_results_are_let_go(wide, monkeypatch):
     assert len(most) == 15 and max(most) <= 3
 
 
-@pytest.mark.parametrize(
-    ("parallel", "message"),
-    [
-        (0, "parallel must be a whole number from 1 to 1024, the number of threads; or dmis.Processes"),
-        (-1, "got -1"),
-        (1.5, "got 1.5"),
-        (True, "got True"),
-        ("4", "got '4'"),
-        (dmis.Processes, "parallel must be"),
-    ],
-)
-def test_bad_parallel(box, parallel, message):
+@pytest.mark.parametrize("parallel", [0, 1.5, True, "4", dmis.Processes])
+def test_bad_parallel(box, parallel):
     """The message says what is allowed."""
+    message = "parallel must be a whole number from 1 to 1024, the number of threads; or dmis.Processes.*; got "
     with pytest.raises(ValueError, match=message):
         dmis.render(box, "balance", 2, parallel=parallel)
-
-
-@pytest.mark.parametrize("number", [0, 1025, True, 1.5])
-def test_bad_number_of_processes(number):
-    with pytest.raises(ValueError, match="number of processes must be a whole number from 1 to 1024; got"):
-        dmis.Processes(number)
+    if parallel is not dmis.Processes:
+        with pytest.raises(ValueError, match="number of processes must be a whole number from 1 to 1024; got"):
+            dmis.Processes(parallel)
 
 
 def test_parallel_in_words():
@@ -249,7 +235,7 @@ def test_cluster_survives_a_death(wide, threaded, pickled, cluster):
     """One of two workers is killed: its nanny starts another, and the scheduler has its tiles done again."""
     before = cluster.run(os.getpid)
     victim = next(iter(before.values()))
-    progress = Killer(lambda: victim)
+    progress = Killer(victim)
     check(dmis.render(wide, parallel=cluster.get_executor(pure=False), progress=progress, **OPTIONS), threaded)
     assert len(progress.done) == 15 and progress.done[-1] == progress.total
     cluster.wait_for_workers(2, timeout=120)
@@ -264,7 +250,7 @@ def test_tiles_that_kill_their_workers_are_given_up(wide, cluster):
     try:
         victim = next(iter(cluster.run(os.getpid).values()))
         with pytest.raises(ChildProcessError, match=r"workers died before .*KilledWorker"):
-            dmis.render(wide, parallel=cluster.get_executor(pure=False), progress=Killer(lambda: victim), **OPTIONS)
+            dmis.render(wide, parallel=cluster.get_executor(pure=False), progress=Killer(victim), **OPTIONS)
     finally:
         scheduler.allowed_failures = allowed
 

@@ -17,10 +17,9 @@ from helpers import pickled, run_cell
 import dmis
 from dmis.brdf import diffuse, microfacet
 from dmis.brdf.diffuse import Lambert
-from dmis.experiment.table import Results, conditions, definition
-from dmis.fit.fixed import Fixed
+from dmis.experiment.runs import Run
+from dmis.experiment.table import Results, conditions
 from dmis.fit.registry import RULES
-from dmis.fit.rule import Fit
 from dmis.pipeline import tile
 from dmis.pipeline.fingerprint import digest, fingerprint
 from dmis.testing.scenes import box_scene
@@ -123,9 +122,7 @@ def test_a_definition_without_source_is_refused():
         pass
 
     for value in (names["Mine"](0.5), Inner(0.5), lambda x: x):
-        with pytest.raises(
-            ValueError, match="must be defined by class or def at the top level of a file, or of a cell"
-        ):
+        with pytest.raises(ValueError, match="must be defined by class or def at the top level of a file, or of"):
             digest(value)
 
 
@@ -197,16 +194,8 @@ def test_key_does_not_depend_on_use(box):
 def test_shape_type_and_bytes_of_arrays():
     """All of them, and the order of bytes of a machine does not matter."""
     values = np.arange(6, dtype=np.float32)
-    distinct = [
-        values,
-        values.reshape(2, 3),
-        values.reshape(3, 2),
-        values.astype(float),
-        values + 1,
-        values[:0],
-        values[0],
-    ]
-    assert len({digest(v) for v in distinct}) == len(distinct)
+    shapes = (values, values.reshape(2, 3), values.reshape(3, 2), values[:0], values[0])
+    assert len({digest(v) for v in (*shapes, values.astype(float), values + 1)}) == 7
     assert digest(values) == digest(values.astype(">f4")) == digest(np.repeat(values, 2)[::2])
     assert digest(values.reshape(2, 3)) == digest(np.asfortranarray(values.reshape(2, 3)))
 
@@ -226,15 +215,20 @@ def test_values_that_differ(one, other):
     assert (digest(one) == digest(other)) == same and digest(one) == digest(one)
 
 
+@dataclass(frozen=True, eq=False)
+class Drawn(Lambert):
+    """A lobe with a field that has no content."""
+
+    rng: Any
+
+
 @pytest.mark.parametrize("value", [np.random.default_rng(1), sys, np.array([np.random.default_rng(1)]), iter([1])])
 def test_a_field_without_content_is_refused(value):
     """The message has the way there, the type and a way out."""
     scene = box_scene(dmis.Material((Drawn(0.5, {"a": [1, value]}),)))
-    with pytest.raises(
-        ValueError, match=r"\['material'\]\.lobes\[0\]\.rng\['a'\]\[1\].* must be made of numbers"
-    ) as error:
+    message = r"\['material'\]\.lobes\[0\]\.rng\['a'\]\[1\].* must be made of numbers.*functools.cached_property"
+    with pytest.raises(ValueError, match=message):
         fingerprint(scene)
-    assert "functools.cached_property" in str(error.value)
 
 
 def test_a_scene_without_fingerprint_is_rendered(tmp_path):
@@ -245,13 +239,6 @@ def test_a_scene_without_fingerprint_is_rendered(tmp_path):
     with pytest.raises(ValueError, match="must be made of numbers"):
         dmis.render(scene, "balance", 2, checkpoint=tmp_path / "c", progress=pytest.fail, parallel=1)
     assert not (tmp_path / "c").exists()
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn(Lambert):
-    """A lobe that can be rendered, with a field that has no content."""
-
-    rng: Any
 
 
 def test_a_render_hashes_nothing_that_nobody_reads(box, monkeypatch):
@@ -281,69 +268,33 @@ class Map(dmis.Rule):
     weight: Any
 
     def fit(self, pilot):
-        return Fit(self.weight)
+        return dmis.Fit(self.weight)
 
 
-def maps() -> tuple[Map, Map]:
-    """Two maps whose `repr` is the same: NumPy leaves out the middle."""
-    first = np.full((60, 80), 0.5)
-    second = first.copy()
-    second[30, 40] = 0.75
-    assert repr(Map(first)) == repr(Map(second))
-    return Map(first), Map(second)
+def test_another_rule_tile_layout_or_package_is_refused(box, tmp_path, monkeypatch):
+    """In checkpoints, where tiles of another size would be taken for those of the same number, and in tables.
 
-
-def test_maps_that_differ_in_the_middle_are_not_mixed(box, tmp_path, monkeypatch):
-    """Neither in one table, nor in one checkpoint."""
-    first, second = maps()
-    monkeypatch.setitem(RULES, "mine", lambda: first)
-    before = definition("mine")
-    about = conditions(box, dmis.Reference(np.zeros((24, 32, 3)), np.zeros((24, 32, 3)), 1), 1)
-    Results(tmp_path, about, ["mine"]).append(_run("pinned"))
-    monkeypatch.setitem(RULES, "mine", lambda: second)
-    assert definition("mine") != before
+    The rules have the same `repr`: NumPy leaves out the middle of their maps.
+    """
+    rule, other = (Map(np.full((60, 80), 0.5)) for _ in range(2))
+    other.weight[30, 40] = 0.75
+    assert repr(rule) == repr(other)
+    box, file, runs = replace(box, camera=replace(box.camera, resolution=(80, 60))), tmp_path / "c", tmp_path / "runs"
+    dmis.render(box, rule, 4, checkpoint=file)
+    about = conditions(box, dmis.Reference(np.zeros((60, 80, 3)), np.zeros((60, 80, 3)), 1), 1)
+    monkeypatch.setitem(RULES, "mine", lambda: rule)
+    Results(runs, about, ["mine"]).append(Run("pinned", 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0, 0.5))
+    monkeypatch.setitem(RULES, "mine", lambda: other)
     with pytest.raises(ValueError, match="another rule mine"):
-        Results(tmp_path, about, ["mine"])
-    scene = replace(box, camera=replace(box.camera, resolution=(80, 60)))
-    with pytest.raises(ValueError, match=r"belongs to a different image; .*: rule_hash is"):
-        dmis.render(scene, second, 4, checkpoint=_interrupted(scene, first, tmp_path / "c"))
-
-
-def test_another_tile_layout_or_another_dmis_is_refused(box, tmp_path, monkeypatch):
-    """Tiles of another size would be taken for those of the same number; tables of two versions would be one."""
-    file = _interrupted(box, "balance", tmp_path / "c")
+        Results(runs, about, ["mine"])
+    with pytest.raises(ValueError, match="package_hash was"):
+        Results(runs, {**about, "package_hash": "0123"})
+    with pytest.raises(ValueError, match=": rule_hash is"):
+        dmis.render(box, other, 4, checkpoint=file)
     with monkeypatch.context() as change:
         change.setattr(tile, "CHUNK", 2**10)
         with pytest.raises(ValueError, match=r": tiles\.batch is 65536 in the checkpoint and 1024 in this"):
-            dmis.render(box, "balance", 4, checkpoint=file)
-    about = conditions(box, dmis.Reference(np.zeros((24, 32, 3)), np.zeros((24, 32, 3)), 1), 1)
-    Results(tmp_path, about).append(_run("pinned"))
-    for name in ("dmis.pipeline.job", "dmis.experiment.table"):
-        monkeypatch.setattr(sys.modules[name], "package_hash", lambda: "0123")
+            dmis.render(box, rule, 4, checkpoint=file)
+    monkeypatch.setattr("dmis.pipeline.job.package_hash", lambda: "0123")
     with pytest.raises(ValueError, match=r": package_hash is \w+ in the checkpoint and 0123 in this render$"):
-        dmis.render(box, "balance", 4, checkpoint=file)
-    with pytest.raises(ValueError, match="package_hash was"):
-        Results(tmp_path, {**about, "package_hash": "0123"})
-
-
-def test_rule_of_a_class_that_was_edited(tmp_path):
-    """Shipped rules by options; one's own by source as well."""
-    text = "class Mine:\n    settings = pilot = None\n    def fit(self, pilot):\n        return 0.5\n"
-    first = digest(imported(text, tmp_path)())
-    assert digest(imported(text.replace("0.5", "0.6"), tmp_path)()) != first == digest(imported(text, tmp_path)())
-    assert digest(Fixed(0.5)) == digest(Fixed(0.5)) != digest(Fixed(0.25))
-
-
-def _run(rule: str) -> dmis.experiment.runs.Run:
-    return dmis.experiment.runs.Run(rule, 8, 0, 1, 0.0, 0.0, 1.0, 1.0, 0.1, 1.0, 1.0, 0.5)
-
-
-def _interrupted(scene, rule, file):
-    """A checkpoint with a tile, or none."""
-
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        dmis.render(scene, rule, 4, checkpoint=file, progress=stop, parallel=1)
-    return file
+        dmis.render(box, rule, 4, checkpoint=file)

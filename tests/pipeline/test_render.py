@@ -254,32 +254,6 @@ def test_progress_reaches_the_end(box):
     assert final == sorted(final)
 
 
-class Interrupted(BaseException):
-    """Stands for Ctrl-C."""
-
-
-def test_interrupted_work_is_not_lost(box, tmp_path):
-    """A render stopped halfway goes on from its checkpoint to the same bits, and leaves it to its caller."""
-    file = tmp_path / "render.checkpoint"
-    whole = dmis.render(box, "thesis", 40, seed=9)
-    done = []
-
-    def stop(stage, finished, total):
-        done.append(finished)
-        if stage == "final" and finished >= total / 2:
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        dmis.render(box, "thesis", 40, seed=9, progress=stop, checkpoint=file)
-    assert file.exists()
-    calls = []
-    resumed = dmis.render(box, "thesis", 40, seed=9, progress=lambda *c: calls.append(c), checkpoint=file)
-    assert same(whole, resumed)
-    assert whole.rays == resumed.rays
-    assert all(stage == "final" for stage, _, _ in calls)  # the pilot was not rendered again
-    assert file.exists()
-
-
 def test_every_part_of_a_scene_is_in_its_hash(box):
     """Another light, material, mesh or camera is another scene; the same description read twice is the same one."""
     from dataclasses import replace
