@@ -1,11 +1,11 @@
 """Where tiles are rendered: threads, processes of this machine, or a cluster; and how the scene gets there.
 
-A worker gets the scene once, however many tiles it renders. Threads share it. Processes read it from a temporary
-file. On a Dask cluster it is a task whose result is copied to all workers, from worker to worker; one that joins later
-gets it with its first tile. Any other executor gets it with every tile.
+A worker gets the scene once, however many tiles it renders. Threads share it. Processes read it from their pipes. On
+a Dask cluster it is a task whose result is copied to all workers, from worker to worker; one that joins later gets it
+with its first tile. Any other executor gets it with every tile, and its workers keep the last one.
 
-A pool of processes ends with the first of them that dies, which is an error; Dask's scheduler renders the tiles of a
-dead worker again, as often as its ``allowed-failures`` says.
+The first process that dies is an error; Dask's scheduler renders the tiles of a dead worker again, as often as its
+``allowed-failures`` says.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import pickle
 import platform
 import signal
 import sys
-import tempfile
 import threading
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -87,19 +87,18 @@ class Workers:
     def __init__(self, scene: Scene, parallel: Parallel = None) -> None:
         parallel = check_parallel(parallel)
         keep()  # threads that are there already have their arenas
-        self._own = not isinstance(parallel, Executor)
-        self._file: Path | None = None
-        self._scene: Any = scene  # what every tile carries in the scene's place
-        if isinstance(parallel, Processes) or _is_processes(parallel):
-            with tempfile.NamedTemporaryFile(prefix="dmis-scene-", delete=False) as file:
-                pickle.dump(scene, file)
-            self._scene = self._file = Path(file.name)
-        elif _is_dask(parallel):
-            self._scene = _send(parallel, scene)
+        self._own: ThreadPoolExecutor | _ProcessPool | None = None
         if isinstance(parallel, Processes):
-            self._executor: Executor = _pool(parallel.number, Path(file.name))
+            self._own = _ProcessPool(parallel.number, scene)
+            self._submit: Callable[[Tile], Future[Rendered]] = self._own.submit
+            return
+        executor = parallel if isinstance(parallel, Executor) else ThreadPoolExecutor(parallel)
+        sent: Any = scene
+        if isinstance(executor, ThreadPoolExecutor):
+            self._own = None if executor is parallel else executor
         else:
-            self._executor = ThreadPoolExecutor(parallel) if isinstance(parallel, int) else parallel
+            sent = _send(executor, scene) if _is_dask(executor) else pickle.dumps(scene)
+        self._submit = lambda tile: executor.submit(_render, sent, tile, __version__)
 
     def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, Rendered], None, None]:
         """Yield rendered tiles in order of completion; tiles are submitted in the order given.
@@ -112,7 +111,7 @@ class Workers:
         waiting: dict[Future[Rendered], Tile] = {}
         try:
             for tile in tiles:
-                waiting[self._executor.submit(_render, self._scene, tile, __version__)] = tile
+                waiting[self._submit(tile)] = tile
             for future in as_completed(list(waiting)):
                 tile = waiting.pop(future)
                 yield tile, future.result()
@@ -129,23 +128,75 @@ class Workers:
 
     def close(self, now: bool = False) -> None:
         """Let go of the scene, and end the executor if it is our own; do not wait for running tiles if `now`."""
-        if self._own:
-            self._executor.shutdown(wait=not now, cancel_futures=now)
-        if self._file is not None:
-            self._file.unlink(missing_ok=True)
-        self._scene = None
+        if self._own is not None:
+            self._own.shutdown(wait=not now, cancel_futures=now)
+        del self._submit
 
 
-def _pool(number: int, scene: Path) -> Executor:
-    """Return a pool of processes that begin with `_start`."""
-    import multiprocessing  # imported where used: threads do without
-    from concurrent.futures import ProcessPoolExecutor
+class _ProcessPool:
+    """Threads, each of which renders its tiles in a process of its own, and knows by its pipe when that dies."""
 
-    context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
-    return ProcessPoolExecutor(number, context, initializer=_start, initargs=(scene, loaded_plugins()))
+    def __init__(self, number: int, scene: Scene) -> None:
+        self._scene, self._threads, self._local = pickle.dumps(scene), ThreadPoolExecutor(number), threading.local()
+        self._processes: list[Any] = []
+
+    def submit(self, tile: Tile) -> Future[Rendered]:
+        """Return the future of a tile."""
+        return self._threads.submit(self._render, tile)
+
+    def shutdown(self, wait: bool, cancel_futures: bool) -> None:
+        """End the threads, and then the processes; at once if not `wait`."""
+        if wait:
+            self._threads.shutdown()
+        for process in self._processes:
+            process.terminate()
+            process.join()
+        self._threads.shutdown(cancel_futures=cancel_futures)
+
+    def _render(self, tile: Tile) -> Rendered:
+        """Return the rendered tile of the process of this thread, which is started for the first tile."""
+        try:
+            if not hasattr(self._local, "pipe"):
+                self._local.pipe = self._start()
+            self._local.pipe.send(tile)
+            answer: Rendered | Exception = self._local.pipe.recv()
+        except (EOFError, OSError) as error:
+            raise BrokenExecutor(f"a process has closed its pipe, {error!r}") from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def _start(self) -> Any:
+        """Start a process, and return the connection to it."""
+        import multiprocessing  # imported where used: threads do without
+
+        context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
+        ours, its = context.Pipe()
+        process = context.Process(target=_serve, args=(its, loaded_plugins()), daemon=True)
+        process.start()
+        self._processes.append(process)
+        its.close()  # so that a read ends with the process
+        ours.send_bytes(self._scene)
+        return ours
 
 
-def _render(scene: Scene | Path, tile: Tile, version: str) -> Rendered:
+def _serve(pipe: Any, plugins: Sequence[Path]) -> None:
+    """Render the tiles that come through a pipe until it is closed, or its other end dies; ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for plugin in plugins:
+        load_plugin(plugin)
+    with suppress(EOFError, OSError):
+        scene = pickle.loads(pipe.recv_bytes())
+        while True:
+            tile = pipe.recv()
+            try:
+                answer: Rendered | Exception = _render(scene, tile, __version__)
+            except Exception as error:
+                answer = error
+            pipe.send(answer)
+
+
+def _render(scene: Scene | bytes, tile: Tile, version: str) -> Rendered:
     """Render one tile in a worker."""
     if version != __version__:
         raise ValueError(
@@ -153,42 +204,13 @@ def _render(scene: Scene | Path, tile: Tile, version: str) -> Rendered:
             f"{version} asked, and {platform.node()} has {__version__}"
         )
     keep()
-    return render_tile(_read(scene) if isinstance(scene, Path) else scene, tile)
+    return render_tile(_load(scene) if isinstance(scene, bytes) else scene, tile)
 
 
 @lru_cache(maxsize=1)
-def _read(path: Path) -> Scene:
-    return _load(path.read_bytes())
-
-
 def _load(data: bytes) -> Scene:
     scene: Scene = pickle.loads(data)
     return scene
-
-
-def _start(file: Path, plugins: Sequence[Path]) -> None:
-    """Begin a worker process: it ignores Ctrl-C, ends with the process that started it, and loads its plugins."""
-    import multiprocessing
-    from multiprocessing.connection import wait
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-
-    def watch() -> None:
-        if parent is not None:
-            wait([parent.sentinel])
-            file.unlink(missing_ok=True)
-            os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-    for plugin in plugins:
-        load_plugin(plugin)
-
-
-def _is_processes(executor: Any) -> bool:
-    from concurrent.futures import ProcessPoolExecutor
-
-    return isinstance(executor, ProcessPoolExecutor)
 
 
 def _is_dask(executor: Any) -> bool:

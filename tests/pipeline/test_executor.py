@@ -6,7 +6,6 @@ import pickle
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import weakref
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -73,47 +72,71 @@ class Killer:
             self.total = total
 
 
-def test_a_dead_process_ends_with_how_to_resume(wide, threaded, pickled, tmp_path, monkeypatch):
-    """One of two workers is killed: an error; what was finished is kept. The scene was written once, and is gone."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+def test_a_dead_process_ends_with_how_to_resume(wide, threaded, pickled, tmp_path):
+    """One of two workers is killed: an error; what was finished is kept. The scene was written once."""
     options = {"parallel": dmis.Processes(2), "checkpoint": tmp_path / "c", **OPTIONS}
     progress = Killer()
     with pytest.raises(ChildProcessError, match=r"workers died .*memory runs out.* `if __name__ == .*checkpoint=DIR"):
         dmis.render(wide, progress=progress, **options)
-    assert len(pickled) == 1 and os.listdir(tmp_path) == ["c"]
+    assert len(pickled) == 1 and not multiprocessing.active_children()
     finished = []
     check(dmis.render(wide, progress=lambda *about: finished.append(about), **options), threaded)
     assert 0 < len(finished) <= 15 - len(progress.done)
 
 
+def test_half_a_result(wide, monkeypatch):
+    """A process that dies while it sends a tile is an error like any other."""
+    monkeypatch.setattr(executor, "_serve", _half)
+    with pytest.raises(ChildProcessError, match="workers died before all tiles were rendered"):
+        dmis.render(wide, "balance", 2, parallel=dmis.Processes(2))
+
+
+def _half(pipe, _):
+    pipe.recv_bytes()
+    pipe.recv()
+    os.write(pipe.fileno(), b"\x00\x01")
+    os._exit(1)
+
+
+def test_an_error_in_a_process_is_the_error_of_the_render(wide, monkeypatch):
+    """With its own type and message; the processes are gone."""
+    monkeypatch.setattr(executor, "_serve", _failing)
+    with pytest.raises(ZeroDivisionError, match="by zero"):
+        dmis.render(wide, "balance", 2, parallel=dmis.Processes(2))
+    assert not multiprocessing.active_children()
+
+
+def _failing(pipe, plugins):
+    executor.render_tile = lambda *_: 1 / 0
+    executor._serve(pipe, plugins)
+
+
 def test_a_given_pool_reads_the_scene_once(wide, threaded, pickled):
-    """Two processes, 20 tiles in two passes, one reading each; no file is left; a death ends with a clear error."""
+    """20 tiles in two passes have one copy of the scene, in the pool's process."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         check(dmis.render(wide, parallel=pool, **OPTIONS), threaded)
-        assert len(pickled) == 1
-        assert pool.submit(_reads).result() == 1
-        with pytest.raises(ChildProcessError, match="workers died before all tiles were rendered"):
-            dmis.render(wide, parallel=pool, progress=Killer(), **OPTIONS)
+        assert len(pickled) == 1 and pool.submit(_reads).result() == 1
 
 
 def _reads():
-    return executor._read.cache_info().misses
+    return executor._load.cache_info().misses
 
 
 def test_processes_end_with_the_one_that_started_them(tmp_path):
-    """Killed with -9, it leaves neither workers nor the scene's file behind."""
+    """Killed with -9, it leaves neither workers nor files behind."""
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     command = [sys.executable, script]
     environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(dmis.__file__).parent.parent)}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
         pids = process.stdout.readline().split()
-        assert len(pids) == 2 and len(list(tmp_path.glob("dmis-scene-*"))) == 1
+        assert len(pids) == 2
         process.kill()
     end = time.monotonic() + 120
-    while any(map(_runs, pids)) or list(tmp_path.glob("dmis-scene-*")):
+    while any(map(_runs, pids)):
         assert time.monotonic() < end
         time.sleep(0.05)
+    assert os.listdir(tmp_path) == ["script.py"]
 
 
 def test_a_script_without_main_guard_is_told_so(tmp_path):
