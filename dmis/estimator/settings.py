@@ -86,20 +86,24 @@ class Settings:
     allocation: str = "systematic"
     lights: str = _option(
         "all",
-        "lights sampled at a point: all, one at random, or as pbrt-v2 (default all)",
+        "lights sampled at a point: all, one at random, or pbrt: all in direct lighting, one on paths (default all)",
         choices=("all", "one", "pbrt"),
     )
     integrator: str = _option(
         "auto",
-        "light straight from lights, or by paths (default: as the scene says)",
+        "direct: light straight from the lights; path: scattered light, too (default: as the scene says)",
         choices=("auto", "direct", "path"),
     )
     max_depth: int | str | None = _option(
-        "auto", "surfaces on a path, at most; path: none sets no limit (default: as the scene says, or 5)", _depth, "D"
+        "auto",
+        "largest number of surfaces on a path: of mirrors and glass (direct), or of all, 1 being direct lighting and "
+        "none no limit (path; default: as the scene says, or 5)",
+        _depth,
+        "D",
     )
     sampler: str = _option(
         "auto",
-        "sample points: independent, stratified, sobol or lowdiscrepancy (default: sobol if it can)",
+        "sample points: independent, stratified, sobol or lowdiscrepancy (default sobol)",
         str,
         "NAME",
     )
