@@ -13,7 +13,7 @@ import numpy as np
 
 from dmis import plot
 from dmis.estimator.records import Record
-from dmis.fit.objectives import OBJECTIVE_NAMES, objective
+from dmis.fit.objectives import OBJECTIVE_NAMES, Gather, objective
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, Curves
 from examples.gallery import options
@@ -122,11 +122,9 @@ vertex = float(parabola_minimum(shares, points)[0])
 # The rules of the literature learn from the same pilot.
 def relative(name):
     """Return the share that an objective gives, and the variance there."""
-    statistic = objective(name).statistic(PIXELS, 4)
+    statistic = Gather(objective(name), PIXELS, 4)
     statistic.add(records, radiance, SPP)
-    means = {
-        key: a.mean(axis=-1)[..., None, None] for key, a in statistic.sums().items()
-    }
+    means = statistic.sums()["values"].mean(axis=-1)[..., None, None]
     return float(np.clip(objective(name).solve(means, (1.0, 1.0)), 0, 1)[0, 0])
 
 
