@@ -119,15 +119,6 @@ class DensityView:
             return 1.0
         return chi2_p(observed, np.append(expected, lacking), np.append(error, self.mass_error * self.count) ** 2)
 
-    @property
-    def ratio(self) -> tuple[float, float]:
-        """Ratio of observed to expected counts over all cells, and its spread between cells beyond their noise."""
-        some = self.expected[0] >= 5
-        observed, expected = self.observed[some], self.expected[0][some]
-        ratio = observed.sum() / max(expected.sum(), 1e-30)
-        excess = ((observed - ratio * expected) ** 2).sum() - (ratio * expected).sum()
-        return float(ratio), float(np.sqrt(max(excess, 0) / max((expected**2).sum(), 1e-30)))
-
     @cached_property
     def integral(self) -> Integral:
         """Integral of `value` over the cells of the samples."""

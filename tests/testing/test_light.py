@@ -86,7 +86,7 @@ def brighter(sample: LightSample, *args: Array) -> LightSample:
 POINT = (0, 0, 2), (1, 1, 1)
 CAMERA, EMITS = "camera sees", "^the camera and hit disagree .*: emits is the same in "
 FAULTS: dict[str, tuple[Any, str, str]] = {
-    "pdf": (with_fault(Panel, "hit", scaled), "integrates", r"^the pdf of hit is 1\.0[67]\d times the density"),
+    "pdf": (with_fault(Panel, "hit", scaled), "integrates", r"^the pdf of hit is not the density of sample"),
     "pdf of a sky": (with_fault(HalfSky, "hit", scaled), "integrates", r": it integrates to 1\.07"),
     "pdf without cosine": (
         with_fault(Panel, "hit", lambda s, *_: replace(s, pdf=s.pdf * np.abs(s.wi[2]))),

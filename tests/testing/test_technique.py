@@ -42,7 +42,7 @@ FAULTS: dict[str, tuple[dict[str, Any], str, str]] = {
     "pdf 7 % too large": (
         {"pdf": lambda s, d, p: pdf(s, d, p) * np.float32(1.07)},
         "integrates",
-        r"^pdf is 1\.070 times the density of sample",
+        r"^pdf is not the density of sample: it integrates to 1\.070",
     ),
     "pdf without cosine": (
         {"pdf": lambda s, d, p: d.above * INV_PI},
