@@ -77,7 +77,7 @@ _private = Lambert(0.5)
 @pytest.fixture(autouse=True)
 def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Leave the tables, modules and search path as they were."""
-    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     tables = [(table, dict(table)) for table in (RULES, TECHNIQUES)]
     yield
