@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -80,7 +80,7 @@ class EnvironmentLight(InfiniteLight):
     texels: Array
     to_world: Array | None = None
     scale: Rgb = (1.0, 1.0, 1.0)
-    compensation: float | None = field(default=None, metadata={"fingerprint": 0.0})
+    compensation: float | None = None
     positions: ClassVar[tuple[str, ...]] = ()
     radiances: ClassVar[tuple[str, ...]] = ("scale",)
 

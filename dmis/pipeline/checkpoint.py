@@ -68,24 +68,18 @@ class Store:
                 yield tile
 
     def append(self, tile: FilmTile) -> None:
-        """Write a tile into the folder."""
+        """Write a tile into the folder; nothing if another process has finished the image and removed it."""
         about = {"pass": tile.pass_, "number": tile.number, "rows": tile.rows, "columns": tile.columns}
         about_text = np.array(json.dumps({**about, "rays": dict(tile.rays), "sums": list(tile.sums)}))
         archive = io.BytesIO()
         np.savez(archive, about=about_text, mean=tile.mean, root=tile.root, **tile.sums)  # type: ignore[arg-type]
-        name = f"{tile.pass_}-{tile.number}.npz"
         try:
-            try:
-                self._write(name, archive)
-            except FileNotFoundError:  # another process has finished this image, and removed the folder
-                self._create()
-                self._write(name, archive)
+            with replacing(self._folder / f"{tile.pass_}-{tile.number}.npz") as partial:
+                partial.write_bytes(archive.getbuffer())
+        except FileNotFoundError:
+            return
         except OSError as error:
             raise type(error)(f"cannot write checkpoint {self._folder}: {error.strerror}") from error
-
-    def _write(self, name: str, archive: io.BytesIO) -> None:
-        with replacing(self._folder / name) as partial:
-            partial.write_bytes(archive.getbuffer())
 
     def _create(self) -> None:
         """Make the folder with its key in one step, unless there is something at its path."""
@@ -124,7 +118,7 @@ def remove_checkpoint(path: str | os.PathLike[str]) -> None:
         names = [] if folder.is_file() else os.listdir(folder)
         if KEY not in names or not all(map(_OUR_NAMES.fullmatch, names)):
             raise ValueError(f"{folder} is not removed: it is not a checkpoint, or has other files in it; remove it")
-        folder.rename(removed)  # in one step: a process that shares it makes a new one
+        folder.rename(removed)  # in one step: a process that shares it writes nothing into it any more
         shutil.rmtree(removed, ignore_errors=True)
 
 

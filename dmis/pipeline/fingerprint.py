@@ -14,6 +14,7 @@ import inspect
 import linecache
 import sys
 from collections.abc import Mapping, Set
+from copy import copy
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType
@@ -44,26 +45,30 @@ def fingerprint(scene: Scene, expected_image: bool = False) -> str:
     Parameters
     ----------
     expected_image
-        Leave out what only the noise depends on: a field of a dataclass with ``fingerprint`` in its metadata enters
-        with that value.
+        Leave out what only the noise depends on, the compensation of lights.
 
     Raises
     ------
     ValueError
         If a field of a class that is not shipped holds something that has no fingerprint, see `digest`.
     """
+    lights = [copy(light) for light in scene.lights] if expected_image else scene.lights
+    for light in lights if expected_image else ():
+        if hasattr(light, "compensation"):
+            vars(light)["compensation"] = 0.0
     number = {id(light): k for k, light in enumerate(scene.lights)}
     content = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name not in _ABOUT}
+    content["lights"] = lights
     content["camera"] = {**_fields(scene.camera), "to_world": np.asarray(scene.camera.to_world, np.float64)}
     content["parts"] = [
         {**_fields(part), "light": None if part.light is None else number[id(part.light)]} for part in scene.parts
     ]
     content["integrator"] = scene.suggested.integrator or DEFAULT_INTEGRATOR
     content["max_depth"] = scene.suggested.max_depth or DEFAULT_DEPTH
-    return digest({"meaning": MEANING, **content}, "scene", expected_image)
+    return digest({"meaning": MEANING, **content}, "scene")
 
 
-def digest(value: Any, name: str = "value", expected_image: bool = False) -> str:
+def digest(value: Any, name: str = "value") -> str:
     """Return a hash of `value` by its structure: 16 hexadecimal digits.
 
     Parameters
@@ -73,8 +78,6 @@ def digest(value: Any, name: str = "value", expected_image: bool = False) -> str
         attributes are made of these, such as dataclasses.
     name
         What messages call it.
-    expected_image
-        See `fingerprint`.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def digest(value: Any, name: str = "value", expected_image: bool = False) -> str
         If there is something else in it, or it contains itself; the message has the path of fields that leads there.
     """
     try:
-        return _Walk(expected_image).value(value, name).hex()[:16]
+        return _hash(value, name).hex()[:16]
     except RecursionError:
         raise ValueError(f"{name} must not contain itself, because it is walked to the end") from None
 
@@ -95,59 +98,52 @@ def package_hash() -> str:
     return digest(files)
 
 
-class _Walk:
-    """The hashes of one walk over a value."""
+def _hash(value: Any, path: str) -> bytes:
+    """Return the hash of anything; `path` leads to it, for messages."""
+    if isinstance(value, _PLAIN):
+        return _leaf(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return _array_hash(np.asarray(value), path)
+    if isinstance(value, tuple | list | range):
+        return _node("sequence", *(_hash(v, f"{path}[{k}]") for k, v in enumerate(value)))
+    if isinstance(value, Mapping):
+        items = (_node("item", _hash(k, path), _hash(v, f"{path}[{k!r}]")) for k, v in value.items())
+        return _node("mapping", *sorted(items))
+    if isinstance(value, Set):
+        return _node("set", *sorted(_hash(v, path) for v in value))
+    if isinstance(value, BuiltinFunctionType | np.ufunc):
+        return _node("builtin", _leaf(value.__name__))
+    if isinstance(value := inspect.unwrap(value), type | FunctionType):
+        return _definition_hash(value, path)
+    kind = type(value)
+    own = kind.__module__.partition(".")[0] not in sys.stdlib_module_names
+    if is_dataclass(value) or (hasattr(value, "__dict__") and own):
+        content = {name: _hash(v, f"{path}.{name}") for name, v in sorted(_fields(value).items())}
+        named = (_node("field", _leaf(name), content[name]) for name in content)
+        return _node("object", _definition_hash(kind, path), *named)
+    raise ValueError(
+        f"{path} must be made of numbers, texts, arrays, tuples, dictionaries, functions and dataclasses of these, "
+        f"because references and checkpoints are kept by its content; got {kind.__name__}. Store the data that it "
+        f"is made from in the field, and build it in a functools.cached_property"
+    )
 
-    def __init__(self, expected_image: bool) -> None:
-        self._expected_image = expected_image
 
-    def value(self, value: Any, path: str) -> bytes:
-        """Return the hash of anything; `path` leads to it, for messages."""
-        if isinstance(value, _PLAIN):
-            return _leaf(value)
-        if isinstance(value, np.ndarray | np.generic):
-            return self._array(np.asarray(value), path)
-        if isinstance(value, tuple | list | range):
-            return _node("sequence", *(self.value(v, f"{path}[{k}]") for k, v in enumerate(value)))
-        if isinstance(value, Mapping):
-            items = (_node("item", self.value(k, path), self.value(v, f"{path}[{k!r}]")) for k, v in value.items())
-            return _node("mapping", *sorted(items))
-        if isinstance(value, Set):
-            return _node("set", *sorted(self.value(v, path) for v in value))
-        if isinstance(value, BuiltinFunctionType | np.ufunc):
-            return _node("builtin", _leaf(value.__name__))
-        if isinstance(value := inspect.unwrap(value), type | FunctionType):
-            return self._definition(value, path)
-        kind = type(value)
-        if is_dataclass(value) or (hasattr(value, "__dict__") and not _of_python(kind)):
-            content = _fields(value)
-            if self._expected_image and is_dataclass(value):
-                stand_ins = {field.name: field.metadata.get("fingerprint") for field in fields(value)}
-                content |= {name: v for name, v in stand_ins.items() if v is not None}
-            content = {name: self.value(v, f"{path}.{name}") for name, v in content.items()}
-            named = (_node("field", _leaf(name), content[name]) for name in sorted(content))
-            return _node("object", self._definition(kind, path), *named)
-        raise ValueError(
-            f"{path} must be made of numbers, texts, arrays, tuples, dictionaries, functions and dataclasses of these, "
-            f"because references and checkpoints are kept by its content; got {kind.__name__}. Store the data that it "
-            f"is made from in the field, and build it in a functools.cached_property"
-        )
+def _array_hash(array: np.ndarray, path: str) -> bytes:
+    if array.dtype.kind not in "biufc":
+        return _node("array", _leaf(str(array.shape)), _hash(array.tolist(), path))
+    ordered = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1)
+    data = hashlib.sha256(ordered.view(np.uint8).data).digest()
+    return _node("array", _leaf(f"{array.dtype.kind}{array.dtype.itemsize}{array.shape}"), data)
 
-    def _array(self, array: np.ndarray, path: str) -> bytes:
-        if array.dtype.kind not in "biufc":
-            return _node("array", _leaf(str(array.shape)), self.value(array.tolist(), path))
-        ordered = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1)
-        data = hashlib.sha256(ordered.view(np.uint8).data).digest()
-        return _node("array", _leaf(f"{array.dtype.kind}{array.dtype.itemsize}{array.shape}"), data)
 
-    def _definition(self, value: Any, path: str) -> bytes:
-        """Return the hash of a class or function: its name if it is shipped, else its source and that of its bases."""
-        if value.__module__.partition(".")[0] == "dmis" or _of_python(value):
-            return _node("shipped", _leaf(value.__name__))
-        bases = [self._definition(base, path) for base in getattr(value, "__bases__", ())]
-        constants = {k: v for k, v in vars(value).items() if isinstance(v, (*_PLAIN, np.ndarray)) and k[:2] != "__"}
-        text = _leaf(value.__qualname__), _leaf(_source(value))
-        return _node("source", *text, self.value(constants, path), *bases)
+def _definition_hash(value: Any, path: str) -> bytes:
+    """Return the hash of a class or function: its name if it is shipped, else its source and that of its bases."""
+    if value.__module__.partition(".")[0] == "dmis" or _of_python(value):
+        return _node("shipped", _leaf(value.__name__))
+    bases = [_definition_hash(base, path) for base in getattr(value, "__bases__", ())]
+    constants = {k: v for k, v in vars(value).items() if isinstance(v, (*_PLAIN, np.ndarray)) and k[:2] != "__"}
+    text = _leaf(value.__qualname__), _leaf(_source(value))
+    return _node("source", *text, _hash(constants, path), *bases)
 
 
 @functools.cache
