@@ -62,7 +62,7 @@ def test_technique() -> None:
 
 @pytest.mark.usefixtures("drawn")
 def test_technique_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     path = tmp_path / "my_cosine.py"
     path.write_text(block("A technique"), "utf-8")
@@ -105,7 +105,7 @@ def test_sampler() -> None:
 
 
 def test_sampler_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    monkeypatch.setattr(plugins, "_LOADED", {})
+    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     path, out = tmp_path / "my_sampler.py", tmp_path / "a.exr"
     path.write_text(block("A sampler"), "utf-8")
