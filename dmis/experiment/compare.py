@@ -12,7 +12,7 @@ import numpy as np
 
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
-from dmis.estimator.settings import make_settings
+from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
 from dmis.experiment.oracle import Oracle, cached_oracle
@@ -128,18 +128,14 @@ def compare(
     """
     parallel = options.pop("parallel", None)
     settings, folder = make_settings(**options), Path(folder)
-    rules, spp = _check_arguments(scene, rules, spp, reference, oracle)
-    seeds = seed_list(seeds)
+    rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, oracle, settings)
     check_output(folder)
-    for rule in rules:
-        merge_settings(make_rule(rule), rule, settings)
     results = Results(folder, conditions(scene, reference, parallel, settings), rules)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).adapted(n, "sobol").pilot.values()) < n]
     measure(
-        scene, [*pinned, *budgets], seeds, reference,
-        done=tuple(results.runs), keep=results.keep, record=results.append, progress=progress,
-        parallel=parallel, settings=settings,
+        scene, [*pinned, *budgets], seeds, reference, done=tuple(results.runs), keep=results.keep,
+        record=results.append, progress=progress, parallel=parallel, settings=settings,
     )  # fmt: skip
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
@@ -151,9 +147,9 @@ def compare(
 
 
 def _check_arguments(
-    scene: Scene, rules: Any, spp: Any, reference: Any, oracle: Oracle | None
-) -> tuple[list[str], list[int]]:
-    """Return the rules, ``balance`` first, and numbers of samples; a ValueError if an argument is not of its form."""
+    scene: Scene, rules: Any, spp: Any, seeds: Any, reference: Any, oracle: Oracle | None, settings: Settings
+) -> tuple[list[str], list[int], list[int]]:
+    """Return rules, ``balance`` first, numbers of samples and seeds; a ValueError if an argument is not of its form."""
     for name, values, example in (("rules", rules, '["balance", "thesis:patch=8"]'), ("spp", spp, f"[{spp}]")):
         if isinstance(values, str) or not isinstance(values, Iterable):
             raise ValueError(f"{name} must be a list, such as {example}; got {values!r}")
@@ -173,7 +169,10 @@ def _check_arguments(
         )
     if oracle is not None and oracle.variance.shape[1:] != (-(-height // oracle.patch), -(-width // oracle.patch)):
         raise ValueError(f"oracle must cover {width}x{height} pixels; got {oracle.variance.shape[1:]} patches")
-    return list(dict.fromkeys(("balance", *rules))), [whole("spp", n, 1) for n in spp]
+    rules = list(dict.fromkeys(("balance", *rules)))
+    for rule in rules:
+        merge_settings(make_rule(rule), rule, settings)
+    return rules, [whole("spp", n, 1) for n in spp], seed_list(seeds)
 
 
 def _draw(comparison: Comparison, folder: Path) -> None:

@@ -225,14 +225,18 @@ def make_oracle(
         with replacing(path) as partial, open(partial, "wb") as archive:
             np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
         remove_halves(path)
+    return _read_oracle(path, spp, patch, scene.camera.resolution[::-1], resolve_auto(settings, scene))
+
+
+def _read_oracle(path: Path, spp: int, patch: int, shape: tuple[int, int], settings: Settings) -> Oracle:
+    """Return the oracle in a file of the cache; a ValueError if it is damaged."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
             rays = json.loads(str(arrays["rays"]))
             parts = {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
     except Exception as error:  # a damaged archive may raise anything
         raise ValueError(f"oracle {path} is damaged ({error}); remove it, and it is rendered again") from error
-    settings = resolve_auto(settings, scene)
-    s, shape = settings.shading_samples, scene.camera.resolution[::-1]
+    s = settings.shading_samples
     zero, pixels = np.broadcast_to(0.0, parts["curve"].shape[1:]), patch_sum(np.ones(shape), patch)
     halves = [
         PatchCurves(square=zero, cross=zero, pixels=pixels, **{name: a[k] for name, a in parts.items()})

@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -119,27 +120,23 @@ def measure(
     dmis.experiment.alarm.ReferenceWarning
         Once for each rule whose image has another mean than the reference, see `dmis.experiment.alarm`.
     """
-    seeds = seed_list(seeds)
     runs: dict[Budget, list[Run]] = {budget: [] for budget in budgets}
+    turns = list(product(seed_list(seeds), runs))
     finished = {(run.rule, run.spp, run.seed): run for run in done}
-    total = len(runs) * len(seeds)
     alarmed: set[str] = set()
     with reporting(progress, "renders") as report:
-        for k, seed in enumerate(seeds):
-            for n, (rule, spp) in enumerate(runs):
-                run = finished.get((rule, spp, seed))
-                if run is None:
-                    run, result = _timed_run(scene, rule, spp, seed, reference, **options)
-                    if keep:
-                        keep((rule, spp), result)
-                    if record:
-                        record(run)
-                if rule not in alarmed and alarm.raises_alarm(run):
-                    alarmed.add(rule)
-                    warnings.warn(alarm.ReferenceWarning(alarm.summary([run])), stacklevel=2)
-                runs[rule, spp].append(run)
-                if report:
-                    report(rule, k * len(runs) + n + 1, total)
+        for n, (seed, (rule, spp)) in enumerate(turns, 1):
+            run = finished.get((rule, spp, seed))
+            if run is None:
+                run = _timed_run(scene, rule, spp, seed, reference, keep, **options)
+                if record:
+                    record(run)
+            if rule not in alarmed and alarm.raises_alarm(run):
+                alarmed.add(rule)
+                warnings.warn(alarm.ReferenceWarning(alarm.summary([run])), stacklevel=2)
+            runs[rule, spp].append(run)
+            if report:
+                report(rule, n, len(turns))
     return runs
 
 
@@ -151,15 +148,23 @@ def seed_list(seeds: int | Iterable[int]) -> list[int]:
 
 
 def _timed_run(
-    scene: Scene, rule: str, spp: int, seed: int, reference: Reference, **options: Any
-) -> tuple[Run, Result]:
-    """Render a budget; return time and error, and the result."""
+    scene: Scene,
+    rule: str,
+    spp: int,
+    seed: int,
+    reference: Reference,
+    keep: Callable[[Budget, Result], None] | None,
+    **options: Any,
+) -> Run:
+    """Render a budget; hand the result to `keep`, and return time and error."""
     scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
     begin = time.process_time()
     result = _render_budget(scene, rule, spp, seed, **options)
     cpu_seconds = time.process_time() - begin
+    if keep:
+        keep((rule, spp), result)
     mse, error = mean_over_blocks(squared_error(result, reference))
-    run = Run(
+    return Run(
         rule=rule,
         spp=spp,
         seed=seed,
@@ -171,7 +176,6 @@ def _timed_run(
         cpu_seconds=cpu_seconds,
         mean_z=alarm.mean_z(result.image, reference, spp),
     )
-    return run, result
 
 
 def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any) -> Result:
