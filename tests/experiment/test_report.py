@@ -131,23 +131,19 @@ def test_efficiency_follows_from_the_file(made, page):
     """Means, medians and 1 / (MSE s), computed once more from results.csv."""
     with open(made[1] / "results.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    head, *shown = Tables(page).tables["efficiency"]
-    assert len(shown) == 10
-    pinned = {
-        row["spp"]: [float(r["mse"]) for r in rows if (r["rule"], r["spp"]) == (PINNED, row["spp"])] for row in rows
-    }
+    (head, *lines), (costs_head, *costs) = (Tables(page).tables[kind] for kind in ("efficiency", "costs"))
+    assert len(lines) == len(costs) == 10
     spp = ""
-    costs_head, *lines = Tables(page).tables["costs"]
-    for line, cost in zip(shown, lines, strict=True):
-        cells, costs = dict(zip(head, line, strict=True)), dict(zip(costs_head, cost, strict=True))
+    for line, cost in zip(lines, costs, strict=True):
+        cells, cost = dict(zip(head, line, strict=True)), dict(zip(costs_head, cost, strict=True))
         spp = cells["spp"] or spp
-        mine = [row for row in rows if (row["rule"], row["spp"]) == (cells["rule"], spp)]
-        mse = np.mean([float(row["mse"]) for row in mine])
+        mine, pinned = ([r for r in rows if (r["rule"], r["spp"]) == (rule, spp)] for rule in (cells["rule"], PINNED))
+        mse, of_pinned = (np.mean([float(row["mse"]) for row in of]) for of in (mine, pinned))
         seconds = np.median([float(row["seconds"]) for row in mine])
-        assert len(mine) == 2 and float(cells["MSE"]) == pytest.approx(mse, rel=1e-3)
-        assert float(costs["seconds"]) == pytest.approx(seconds, abs=0.0051) and costs["rule"] == cells["rule"]
-        assert float(costs["MSE·s"]) == pytest.approx(mse * seconds, rel=0.01)
-        assert float(cells["MSE / pinned"]) == pytest.approx(mse / np.mean(pinned[spp]), abs=6e-4)
+        assert float(cells["MSE"]) == pytest.approx(mse, rel=1e-3) and cost["rule"] == cells["rule"]
+        assert float(cost["seconds"]) == pytest.approx(seconds, abs=0.0051)
+        assert float(cost["MSE·s"]) == pytest.approx(mse * seconds, rel=0.01)
+        assert float(cells["MSE / pinned"]) == pytest.approx(mse / of_pinned, abs=6e-4)
         if cells["rule"] == "balance":
             assert (cells["seconds at equal error"], cells["error in equal time"]) == ("1.000", "1.000")
 
