@@ -1,6 +1,7 @@
 """pbrt-v3 and v4: the same scene in three dialects is the same scene; what differs, by hand; what is refused."""
 
 import dataclasses
+import functools
 import warnings
 
 import numpy as np
@@ -12,7 +13,7 @@ from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
-from dmis.brdf.fresnel import Coat, Conductor, ExactConductor
+from dmis.brdf.fresnel import Conductor, ExactConductor
 from dmis.brdf.materials import COPPER_ETA, COPPER_K
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
@@ -431,16 +432,56 @@ def lobes(scene):
     return scene.parts[-1].material.lobes
 
 
-def test_materials_of_v3(read):
-    assert isinstance(lobes(read("v3", 'Material "matte" "float sigma" 20'))[0], OrenNayar)
-    (lobe,) = lobes(read("v3", 'Material "plastic" "rgb Ks" [0 0 0] "rgb Kd" [.1 .2 .3]'))
-    assert isinstance(lobe, Lambert)
-    close(lobe.reflectance, [0.1, 0.2, 0.3])
-    reflection, transmission = lobes(read("v3", 'Material "glass" "float eta" 1.3'))
-    assert (reflection.fresnel.eta, transmission.eta) == (1.3, 1.3)
-    diffuse, mirror, through = lobes(
-        read("v3", 'Material "uber" "rgb Ks" [0 0 0] "rgb Kr" [1 1 1] "rgb Kt" [1 1 1] "float eta" 1.2')
-    )
+REMAPPED = {0.1: 0.4618, 0.01: 0.1389, 0.001: 0.0473, 0.0: 0.0473}
+"""alpha of pbrt-v3, by hand from its polynomial: 1.62142 - 1.88801 + 0.91935 - 0.20900 + 0.01801 for 0.1."""
+GLASS, BLEND = [RoughReflection, RoughTransmission], [BlendBase, BlendCoat]
+SMOOTH, COATED = [SpecularReflection, SpecularTransmission], [CoatedBase, SpecularReflection]
+FINE, COARSE = '"float uroughness" .01 "float roughness" .1', '"float uroughness" .1 "float vroughness" .01'
+PLAIN = '"bool remaproughness" "false"'
+LOBES = [  # dialect, material, its parameters, its lobes, and attributes of some of them
+    ("v3", "matte", '"float sigma" 20', [OrenNayar], {}),
+    ("v3", "plastic", '"rgb Ks" [0 0 0] "rgb Kd" [.1 .2 .3]', [Lambert], {"0.reflectance": [0.1, 0.2, 0.3]}),
+    ("v3", "plastic", '"float roughness" .1', [Lambert, RoughReflection], {"1.roughness.alpha": REMAPPED[0.1]}),
+    ("v3", "plastic", "", [Lambert, RoughReflection], {"1.fresnel.eta": 1 / 1.5}),  # swapped on one side
+    ("v3", "glass", '"float eta" 1.3', SMOOTH, {"0.fresnel.eta": 1.3, "1.eta": 1.3}),
+    ("v3", "glass", f'"rgb Kt" [.5 .6 .7] {COARSE}', GLASS, {"1.transmittance": (0.5, 0.6, 0.7)}),
+    ("v3", "glass", COARSE, GLASS, {"1.roughness.alpha_u": REMAPPED[0.1], "1.roughness.alpha_v": REMAPPED[0.01]}),
+    ("v3", "uber", '"rgb Kd" [0 0 0] "float eta" 1.3', [RoughReflection], {"0.fresnel.eta": 1.3}),  # not swapped
+    ("v3", "uber", f'"rgb Kd" [0 0 0] {FINE}', [RoughReflection], {"0.roughness.alpha": REMAPPED[0.01]}),  # v is u
+    ("v3", "metal", FINE, [GGX], {"0.roughness.alpha_v": REMAPPED[0.1]}),  # v is roughness
+    ("v3", "substrate", '"float uroughness" .01', BLEND, {"1.distribution.roughness.alpha_u": REMAPPED[0.01]}),
+    ("v3", "substrate", '"float uroughness" .01', BLEND, {"1.distribution.roughness.alpha_v": REMAPPED[0.1]}),
+    *(("v3", "metal", f'"float roughness" {r}', [GGX], {"0.roughness.alpha": alpha}) for r, alpha in REMAPPED.items()),
+    ("v3", "metal", f'"float roughness" 0 {PLAIN}', [GGX], {"0.roughness.alpha": 0.001}),
+    ("v4", "conductor", '"float roughness" .04', [GGX], {"0.roughness.alpha": 0.2}),
+    ("v4", "conductor", '"float vroughness" .09 "float uroughness" .04', [GGX], {"0.roughness.alpha_v": 0.3}),
+    ("v4", "conductor", f'"float roughness" .04 {PLAIN}', [GGX], {"0.roughness.alpha": 0.04}),
+    ("v4", "conductor", '"float roughness" 9e-7', [SpecularReflection], {}),  # alpha is below 1e-3
+    ("v4", "dielectric", '"float roughness" .04', GLASS, {"0.roughness.alpha": 0.2, "1.roughness.alpha": 0.2}),
+    ("v4", "dielectric", '"float roughness" .1 "float eta" 1', SMOOTH, {}),  # there is no surface
+    ("v4", "coateddiffuse", "", COATED, {"0.reflectance": [0.5] * 3, "0.bounces": 5}),
+    ("v4", "coateddiffuse", "", COATED, {"0.eta": 1.5, "0.thickness": 0.01, "1.fresnel.eta": 1.5}),
+    ("v4", "coateddiffuse", '"float roughness" 9e-7', COATED, {"0.roughness": 0}),
+    ("v4", "coateddiffuse", '"rgb reflectance" [.2 .4 1]', COATED, {"0.reflectance": (0.2, 0.4, 1)}),
+    ("v4", "coateddiffuse", '"float roughness" .04', [CoatedBase, GGX], {"0.roughness": 0.2, "1.roughness.alpha": 0.2}),
+    ("v4", "coateddiffuse", '"float eta" 1.3', COATED, {"0.eta": 1.3, "1.fresnel.eta": 1.3}),
+    ("v4", "coateddiffuse", '"integer maxdepth" 101 "integer nsamples" 4', COATED, {"0.bounces": 51}),
+    ("v4", "coateddiffuse", '"float thickness" -1 "float g" .5', COATED, {"0.thickness": 0}),
+]
+
+
+@pytest.mark.parametrize("dialect, kind, parameters, kinds, values", LOBES)
+def test_lobes_of_materials(read, dialect, kind, parameters, kinds, values):
+    found = lobes(read(dialect, f'Material "{kind}" {parameters}'))
+    assert [type(lobe) for lobe in found] == kinds
+    for path, value in values.items():
+        number, *names = path.split(".")
+        np.testing.assert_allclose(functools.reduce(getattr, names, found[int(number)]), value, atol=1e-4)
+
+
+def test_uber_of_v3(read):
+    text = 'Material "uber" "rgb Ks" [0 0 0] "rgb Kr" [1 1 1] "rgb Kt" [1 1 1] "float eta" 1.2'
+    diffuse, mirror, through = lobes(read("v3", text))
     assert isinstance(diffuse, Lambert) and isinstance(mirror, SpecularReflection)
     assert mirror.fresnel.eta == through.eta == 1.2  # not swapped as in v2
 
@@ -491,81 +532,6 @@ def test_smooth_conductor(read):
     facing = [lobe.fresnel(np.ones(1, np.float32))[:, 0] for lobe in conductors]
     assert facing[1][0] > facing[1][1] > facing[1][2]
     np.testing.assert_allclose(facing[2], [0.2, 0.5, 0.9], rtol=1e-5)
-    (lobe,) = lobes(read("v4", 'Material "conductor" "float roughness" 9e-7'))  # alpha is below 1e-3
-    assert isinstance(lobe, SpecularReflection)
-
-
-REMAPPED = {0.1: 0.4618, 0.01: 0.1389, 0.001: 0.0473, 0.0: 0.0473}
-"""alpha of pbrt-v3, by hand from its polynomial: 1.62142 - 1.88801 + 0.91935 - 0.20900 + 0.01801 for 0.1."""
-
-
-@pytest.mark.parametrize("roughness, alpha", REMAPPED.items())
-def test_roughness_of_v3(read, roughness, alpha):
-    (lobe,) = lobes(read("v3", f'Material "metal" "float roughness" {roughness}'))
-    assert isinstance(lobe, GGX) and isinstance(lobe.fresnel, ExactConductor)
-    assert lobe.roughness.alpha == pytest.approx(alpha, abs=1e-4)
-    (lobe,) = lobes(read("v3", f'Material "metal" "bool remaproughness" "false" "float roughness" {roughness}'))
-    assert lobe.roughness.alpha == max(roughness, 0.001)
-
-
-def test_rough_materials_of_v3(read):
-    diffuse, coat = lobes(read("v3", 'Material "plastic" "float roughness" .1'))
-    assert isinstance(diffuse, Lambert) and isinstance(coat, RoughReflection)
-    assert coat.fresnel.eta == 1 / 1.5  # swapped, as in v2, but on the side of the shading normal only
-    assert coat.roughness.alpha == pytest.approx(REMAPPED[0.1], abs=1e-4)
-    base, coat = lobes(read("v3", 'Material "substrate" "float uroughness" .01 "rgb Ks" [.1 .1 .1]'))
-    assert isinstance(base, BlendBase) and isinstance(coat, BlendCoat)
-    spread = coat.distribution.roughness
-    assert (spread.alpha_u, spread.alpha_v) == pytest.approx((REMAPPED[0.01], REMAPPED[0.1]), abs=1e-4)
-    diffuse, rough = lobes(read("v3", 'Material "uber" "rgb opacity" [1 1 1] "float eta" 1.3'))
-    assert isinstance(rough, RoughReflection) and rough.fresnel.eta == 1.3  # not swapped
-    text = '"float uroughness" .01 "float roughness" .1'
-    (rough,) = lobes(read("v3", f'Material "uber" "rgb Kd" [0 0 0] {text}'))
-    assert rough.roughness.alpha == pytest.approx(REMAPPED[0.01], abs=1e-4)  # v follows u
-    (rough,) = lobes(read("v3", f'Material "metal" {text}'))
-    assert rough.roughness.alpha_v == pytest.approx(REMAPPED[0.1], abs=1e-4)  # v is roughness
-
-
-def test_rough_conductor_of_v4(read):
-    (lobe,) = lobes(read("v4", 'Material "conductor" "float roughness" .04'))
-    assert isinstance(lobe, GGX) and lobe.roughness.alpha == pytest.approx(0.2)
-    (lobe,) = lobes(read("v4", 'Material "conductor" "float vroughness" .09 "float uroughness" .04'))
-    assert (lobe.roughness.alpha_u, lobe.roughness.alpha_v) == pytest.approx((0.2, 0.3))
-    (lobe,) = lobes(read("v4", 'Material "conductor" "float roughness" .04 "bool remaproughness" false'))
-    assert lobe.roughness.alpha == pytest.approx(0.04)
-
-
-def test_rough_glass(read):
-    mirrored, through = lobes(
-        read("v3", 'Material "glass" "float uroughness" .1 "rgb Kt" [.5 .6 .7] "float eta" 1.3 "float vroughness" .01')
-    )
-    assert isinstance(mirrored, RoughReflection) and isinstance(through, RoughTransmission)
-    assert mirrored.fresnel.eta == through.eta == 1.3 and through.transmittance == pytest.approx((0.5, 0.6, 0.7))
-    spread = through.roughness
-    assert (spread.alpha_u, spread.alpha_v) == pytest.approx((REMAPPED[0.1], REMAPPED[0.01]), abs=1e-4)
-    mirrored, through = lobes(read("v4", 'Material "dielectric" "float roughness" .04 "float eta" 1.4'))
-    assert mirrored.fresnel.eta == through.eta == 1.4
-    assert mirrored.roughness.alpha == through.roughness.alpha == pytest.approx(0.2)
-    _, through = lobes(read("v4", 'Material "dielectric" "float roughness" .1 "float eta" 1'))  # there is no surface
-    assert isinstance(through, SpecularTransmission)
-
-
-def test_coated_diffuse(read):
-    base, mirror = lobes(read("v4", 'Material "coateddiffuse"'))
-    assert isinstance(base, CoatedBase) and isinstance(mirror, SpecularReflection)
-    close(base.reflectance, [0.5] * 3)
-    assert mirror.fresnel == Coat(1.5)
-    assert (base.eta, base.roughness, base.thickness, base.bounces) == (1.5, 0, 0.01, 5)  # of 10 interfaces
-    text = '"rgb reflectance" [.2 .4 1] "float roughness" .04 "float eta" 1.3 "float thickness" .2'
-    base, rough = lobes(read("v4", f'Material "coateddiffuse" {text} "integer maxdepth" 101 "integer nsamples" 4'))
-    close(base.reflectance, [0.2, 0.4, 1])
-    assert isinstance(rough, GGX) and rough.roughness.alpha == base.roughness == pytest.approx(0.2)
-    assert (base.eta, base.thickness, base.bounces, rough.fresnel.eta) == (1.3, 0.2, 51, 1.3)
-    text = '"float uroughness" .3 "float vroughness" .3 "bool remaproughness" false "float thickness" -1 "float g" .5'
-    base, rough = lobes(read("v4", f'Material "coateddiffuse" {text} "rgb albedo" [0 0 0]'))
-    assert (base.roughness, base.thickness) == (0.3, 0)
-    base, mirror = lobes(read("v4", 'Material "coateddiffuse" "float roughness" 9e-7'))  # alpha is below 1e-3
-    assert base.roughness == 0 and isinstance(mirror, SpecularReflection)
 
 
 def test_images_under_a_coat_and_of_its_roughness(read, tmp_path):

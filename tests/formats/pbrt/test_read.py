@@ -300,15 +300,11 @@ def test_other_shapes_make_mesh_lights(read, shape):
     close(light.radiance, (8, 10, 12))
 
 
-def test_area_light_ends_with_its_block(read):
-    scene = read(f"AttributeBegin {AREA} {TRIANGLE} AttributeEnd")
-    assert [part.light is None for part in scene.parts] == [False, True]
-    assert len(scene.lights) == 1
-
-
 def test_lights_are_in_the_order_of_the_file(read):
+    """And an area light ends with its block."""
     scene = read(f'LightSource "point" AttributeBegin {AREA} {TRIANGLE} AttributeEnd LightSource "distant"')
     assert [type(light) for light in scene.lights] == [PointLight, MeshLight, DistantLight]
+    assert [part.light is None for part in scene.parts] == [False, True]
 
 
 # Materials --------------------------------------------------------------------------------------------------------
@@ -683,69 +679,56 @@ def test_endless_includes_are_refused(read, tmp_path):
         read('Include "0.pbrt"')
 
 
-def test_reflectances_below_0_are_0_with_a_warning(read):
-    """As pbrt has it, and with the place, also in an override of a Shape line."""
-    world = f'Material "matte" "color Kd" [-1 .5 .5] {TRIANGLE}Material "plastic" "color Ks" [0 0 -2] {TRIANGLE}'
-    with pytest.warns(PbrtWarning) as caught:
-        scene = read(world)
-    (text,) = [str(one.message) for one in caught]
-    assert text.endswith(
-        ": reflectance below 0, taken as 0, as pbrt does: 'Kd' of Material (line 3), 'Ks' of Material (line 4)"
-    )
-    assert (0, 0.5, 0.5) in [part.material.lobes[0].reflectance for part in scene.parts]
-
-
-@pytest.mark.parametrize(("written", "meant"), [("rougness", "roughness"), ("kd", "Kd"), ("sheen", None)])
-def test_misspelt_parameters_are_told(read, written, meant):
-    """A parameter that no material has is not used; if one of a similar name is known, the warning says which."""
-    with pytest.warns(PbrtWarning, match=f"{written!r} of Material") as caught:
-        read(f'{AREA} {TRIANGLE} Material "plastic" "float {written}" 0.5 {TRIANGLE}')
-    hint = f", did you mean {meant!r}?"
-    assert (hint in str(caught[0].message)) if meant else ("did you mean" not in str(caught[0].message))
-
-
-def test_reflectances_above_1_are_taken_with_a_warning(read, tmp_path):
-    """As pbrt takes them; the warning says where. Spectra may exceed 1 a little: a constant 1 is (1.2, .95, .91)."""
-    exr(tmp_path / "bright.exr", np.full((2, 2, 3), 255))
-    world = [
-        'Material "matte" "color Kd" [255 0 0]',  # line 3 of the file
-        'Material "plastic" "color Kd" [.5 .5 .5] "spectrum Ks" [400 1 700 1]',
-        'Texture "b" "color" "imagemap" "string filename" "bright.exr" Material "matte" "texture Kd" "b"',
-        'Material "uber" "color opacity" [2 2 2]',
-        'Material "shinymetal" "color Ks" [2 2 2]',
+ABOVE = "reflectance above 1, which adds light, taken as it is, as pbrt does: "
+BELOW = "reflectance below 0, taken as 0, as pbrt does: "
+UNKNOWN, UNUSED = "not used, because it is unknown there: ", "not used, because it does not change the expected image: "
+WARNINGS = [  # a line of the world, which is line 3 of the file, and the warning
+    ('Material "matte" "color Kd" [-1 .5 .5]', f"{BELOW}'Kd' of Material (line 3)"),
+    ('Material "matte" "color Kd" [255 0 0]', f"{ABOVE}'Kd' of Material (line 3)"),
+    ('Material "plastic" "spectrum Ks" [400 1 700 1]', f"{ABOVE}'Ks' of Material (line 3)"),
+    (
         'MakeNamedMaterial "a" "string type" "mirror" "color Kr" [1 1 1.01]',
+        f"{ABOVE}'Kr' of MakeNamedMaterial (line 3)",
+    ),
+    ('TRIANGLE "color Kd" [3 3 3] TRIANGLE "color Kd" [3 3 3]', f"{ABOVE}'Kd' of Shape (line 3 and 1 more)"),
+    (
         'Material "matte" "color Kd" [1 1 1.0001]',
-    ]
-    shape = TEXTURED.replace("\n", " ")
-    with pytest.warns(PbrtWarning) as caught:
-        scene = read("\n".join(f"{line} {shape}" for line in world) + f'\n{shape} "color Kd" [3 3 3]', add="")
-    (text,) = [str(one.message) for one in caught]
-    assert "scene.pbrt: reflectance above 1, which adds light, taken as it is, as pbrt does: " in text
-    places = ["'Kd' of Material (line 3 and 1 more)", "'Ks' of Material (line 4)", "'Kr' of MakeNamedMaterial (line 8)"]
-    places += ["'Kd' of Shape (line 10)"]
-    assert [place for place in places if place not in text] == [] and text.count("(line") == len(places)
-    reflectances = [part.material.lobes[0].reflectance for part in scene.parts if part.material.name == "matte"]
-    assert (255, 0, 0) in reflectances and (3, 3, 3) in reflectances
-    assert caught[0].filename == __file__
+        None,
+    ),  # spectra may exceed 1 a little: a constant 1 is (1.2, .95, .91)
+    ('Material "uber" "color opacity" [2 2 2]', None),
+    ('Material "shinymetal" "color Ks" [2 2 2]', None),
+    ('LightSource "point"', None),
+    ('Material "plastic" "float rougness" .5', f"{UNKNOWN}parameter 'rougness' of Material, did you mean 'roughness'?"),
+    ('Material "plastic" "float kd" .5', f"{UNKNOWN}parameter 'kd' of Material, did you mean 'Kd'? (line 3)"),
+    ('Material "plastic" "float sheen" .5', f"{UNKNOWN}parameter 'sheen' of Material (line 3)"),
+    ('TRIANGLE "string color" "red"', f"{UNKNOWN}parameter 'color' of Shape (line 3)"),
+    ('Texture "a" "color" "constant" "float trilinear" 1', f"{UNKNOWN}parameter 'trilinear' of Texture (line 3)"),
+    ('LightSource "point" "color LL" [5 5 5]', f"{UNKNOWN}parameter 'LL' of LightSource, did you mean 'I'? (line 3)"),
+    ('LightSource "spot" "color L" [5 5 5]', f"{UNKNOWN}parameter 'L' of LightSource, did you mean 'I'? (line 3)"),
+    ('LightSource "distant" "color I" [5 5 5]', f"{UNKNOWN}parameter 'I' of LightSource, did you mean 'L'? (line 3)"),
+    ('AreaLightSource "area" "color I" [5 5 5]', f"{UNKNOWN}parameter 'I' of AreaLightSource, did you mean 'L'?"),
+]
 
 
-@pytest.mark.parametrize(
-    ("light", "written", "meant"),
-    [
-        ('LightSource "point"', "LL", "I"),
-        ('LightSource "spot"', "L", "I"),
-        ('LightSource "distant"', "I", "L"),
-        ('AreaLightSource "area"', "I", "L"),
-    ],
-)
-def test_a_colour_that_a_light_does_not_have(read, light, written, meant):
-    """It is unknown, and the warning says which one the light has."""
-    what = re.escape(f"unknown there: parameter {written!r} of {light.split()[0]}, did you mean {meant!r}? (line 3)")
-    with pytest.warns(PbrtWarning, match=what):
-        read(f'{light} "color {written}" [5 5 5] "integer nsamples" 4\n{TRIANGLE}')
+@pytest.mark.parametrize("line, text", WARNINGS)
+def test_warnings(read, line, text):
+    """What is not used or out of range is named, with its place, and nothing else is."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read(line.replace("TRIANGLE", TRIANGLE[:-1]))
+    assert len(caught) == (text is not None)
+    for warning in caught:
+        assert f"scene.pbrt: {text}" in str(warning.message) and warning.filename == __file__
 
 
-def test_warnings_name_what_is_not_used(read):
+def test_bright_images_are_named(read, tmp_path):
+    exr(tmp_path / "bright.exr", np.full((2, 2, 3), 255))
+    texture = 'Texture "b" "color" "imagemap" "string filename" "bright.exr" Material "matte" "texture Kd" "b"'
+    with pytest.warns(PbrtWarning, match=re.escape(f"{ABOVE}'Kd' of Material (line 3)")):
+        read(texture, add=TEXTURED)
+
+
+def test_options_that_are_not_used(read):
     options = """Sampler "random" "integer pixelsamples" 4 "bool jitter" "true"
     Accelerator "kdtree"
     VolumeIntegrator "emission"
@@ -755,34 +738,13 @@ def test_warnings_name_what_is_not_used(read):
     Film "image" "string filename" "out.exr"
     Camera "perspective" "float shutteropen" 0
     PixelFilter "box" "float xwidth" .5"""
-    world = (
-        f'AttributeBegin {AREA[:-1]} "integer nsamples" 4 {TRIANGLE} AttributeEnd Material "matte" "color kd" [1 1 1]'
-    )
-    more = 'Texture "a" "color" "constant" "float trilinear" 1\n' + TRIANGLE[:-1] + ' "string color" "red"\n'
     with pytest.warns(PbrtWarning) as caught:
-        read(f"{world}\n{more}{more}")
-    assert len(caught) == 1
+        read(f'AttributeBegin {AREA[:-1]} "integer nsamples" 4 {TRIANGLE} AttributeEnd', options)
     (text,) = [str(w.message) for w in caught]
-    assert (
-        "not used, because it is unknown there: " in text and "parameter 'color' of Shape (line 6 and 1 more)" in text
+    assert text.endswith(
+        f"scene.pbrt: {UNUSED}parameter 'jitter' of Sampler (line 1), Accelerator (line 2), VolumeIntegrator (line 3), "
+        "TransformTimes (line 4), parameter 'filename' of Film (line 7), parameter 'shutteropen' of Camera (line 8)"
     )
-    with pytest.warns(PbrtWarning) as caught:
-        read(world, options)
-    text, unknown = [str(w.message) for w in caught]
-    assert text.split(": ")[1] == "not used, because it does not change the expected image"
-    assert unknown.endswith(
-        ": not used, because it is unknown there: parameter 'kd' of Material, did you mean 'Kd'? (line 12)"
-    )
-    named = [
-        "'jitter' of Sampler (line 1)",
-        "Accelerator (line 2)",
-        "VolumeIntegrator (line 3)",
-        "TransformTimes (line 4)",
-    ]
-    named += ["'filename' of Film (line 7)", "'shutteropen' of Camera"]
-    assert [name for name in named if name not in text] == []
-    assert text.count("(line") == len(named)
-    assert caught[0].filename == __file__
 
 
 @pytest.mark.parametrize(
@@ -800,12 +762,6 @@ def test_integrator_of_the_file(read, options, expected):
     assert (scene.suggested.integrator, scene.suggested.max_depth) == expected
     settings = resolve_auto(Settings(), scene)
     assert (settings.integrator, settings.max_depth) == expected
-
-
-def test_no_warning_without_a_reason(read):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        read('LightSource "point"', 'Film "image" "integer xresolution" 64\nSurfaceIntegrator "directlighting"')
 
 
 # Bad input --------------------------------------------------------------------------------------------------------

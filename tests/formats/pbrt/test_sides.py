@@ -292,13 +292,7 @@ def test_turned_faces_keep_the_texture_coordinates_that_are_read(read, tmp_path,
 
 @pytest.mark.parametrize("shape", ['"sphere"', '"cylinder"'])
 @pytest.mark.parametrize(
-    "before, sign",
-    [
-        ("", 1),
-        ("ReverseOrientation", -1),
-        ("Scale 1 1 -1", -1),
-        ("Scale 1 1 -1 ReverseOrientation", 1),
-    ],
+    "before, sign", [("", 1), ("ReverseOrientation", -1), ("Scale 1 1 -1", -1), ("Scale 1 1 -1 ReverseOrientation", 1)]
 )
 def test_outside_of_plastic_quadrics_of_v3(read, shape, before, sign):
     """SurfaceInteraction turns the normal in object space, outwards, by ReverseOrientation and by the handedness of the
