@@ -4,7 +4,6 @@ import json
 import pickle
 import struct
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -181,17 +180,6 @@ def test_bad_input(source, arguments, kind, message):
         load_scene(source, **arguments)
 
 
-def test_what_is_no_scene(tmp_path):
-    """The natural mistakes: a name in place of what it names, a lamp in place of a list."""
-    with pytest.raises(ValueError, match=r"scene must be a dmis\.Scene"):
-        render("teapot-area-light")
-    lamp = PointLight((0, 0, 3), (1, 1, 1))
-    with pytest.raises(ValueError, match="lights must be a sequence"):
-        load_scene(trimesh.creation.box(), lights=lamp)
-    with pytest.raises(ValueError, match="kd must be a number, an RGB triple or an image"):
-        matte("tex.png")
-
-
 @pytest.mark.parametrize("name, value", [("camera", 1), ("lights", []), ("material", matte())])
 def test_a_pbrt_scene_has_its_own(pbrt_file, name, value):
     with pytest.raises(ValueError, match=f"{name} must not be given for .*because a pbrt scene has its own"):
@@ -213,19 +201,6 @@ def test_a_mesh_light_that_is_not_flat_is_seen() -> None:
     scene = Scene(camera, (floor, light_part(lamp)), (lamp,))
     means = [[render(scene, rule, 512, seed=k).image.mean() for k in range(5)] for rule in ("fixed:1", "fixed:0")]
     assert abs(z_score(np.array(means[1]), float(np.mean(means[0])))) < Z_LIMIT
-
-
-@pytest.mark.parametrize(
-    "light", [QuadLight((-1, -1, 3), (0, 2, 0), (2, 0, 0), 5.0), DiskLight((0, 0, 3), (0, 0, -1), 1, 5)]
-)
-def test_a_grey_light_is_one_number(light: QuadLight | DiskLight) -> None:
-    """As it is of points, and of materials."""
-    floor = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
-    images = [
-        render(load_scene(floor, resolution=(8, 6), lights=(lamp,)), "balance", 8).image
-        for lamp in (light, replace(light, radiance=(5, 5, 5)))
-    ]
-    np.testing.assert_array_equal(*images)
 
 
 def test_a_gltf_file_stands_upright(tmp_path) -> None:

@@ -256,22 +256,6 @@ def test_an_emitting_loopsubdiv_from_outside(read, dialect, visible, outward):
     np.testing.assert_allclose(image, visible if outward else 1 - visible, atol=1e-6)
 
 
-def test_techniques_agree_under_an_emitting_plastic(read):
-    """Above the image: a loopsubdiv wound inwards, which emits along its normals; below it one that does not emit."""
-    camera = 'LookAt 0 -4 1  0 0 -1  0 0 1\nCamera "perspective" "float fov" 35'
-    world = f"""
-    AttributeBegin Material "plastic" AreaLightSource "diffuse" "rgb L" [4 3 2]
-    Translate .5 0 2 Scale 2 2 2 {octahedron("loopsubdiv", False).replace("LEVELS", "nlevels")} AttributeEnd
-    Material "plastic" "float roughness" .3
-    AttributeBegin Translate -.4 0 -.4 {octahedron("loopsubdiv", True).replace("LEVELS", "nlevels")} AttributeEnd
-    Translate 0 0 -1 {SQUARE}"""
-    scene = read("v3", world, camera)
-    (light, e1), (balance, e2), (brdf, e3) = (means(scene, rule) for rule in ("fixed:0", "balance", "fixed:1"))
-    assert balance.min() > 0.01
-    assert np.abs((light - balance) / np.hypot(e1, e2)).max() < Z_LIMIT
-    assert np.abs((brdf - balance) / np.hypot(e3, e2)).max() < Z_LIMIT
-
-
 @pytest.mark.parametrize("dialect", ["v2", "v3"])
 def test_turned_faces_keep_the_texture_coordinates_that_are_read(read, tmp_path, dialect):
     """Default coordinates belong to corners, which change places; nothing reads them where all is constant."""
