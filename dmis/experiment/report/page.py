@@ -72,7 +72,7 @@ def _section(number: int, c: Comparison) -> str:
     elements = [
         f'<section id="s{number}"><h2>{escaped(c.scene)}</h2>',
         f'<p class="facts">{width}×{height} pixels · {count_text(c.seeds, "seed")} · {escaped(c.about["parallel"])} · '
-        f"{_about_reference(c)}</p>",
+        f"{escaped(c.reference.text())}</p>",
         *_alarms(c, rows),
         *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),
         _verdict(rows),
@@ -91,13 +91,6 @@ def _section(number: int, c: Comparison) -> str:
         "</section>",
     ]
     return "\n".join(elements)
-
-
-def _about_reference(c: Comparison) -> str:
-    """Return a text with the samples and the error of the reference."""
-    if c.reference.spp:
-        return f"reference of 2 × {c.reference.spp} samples per pixel, standard error {c.reference.standard_error:.2g}"
-    return "reference given"
 
 
 def _alarms(c: Comparison, rows: Sequence[Gain]) -> list[str]:
