@@ -19,7 +19,7 @@ from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.geometry.mesh import Mesh, without_degenerate
-from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, read_mesh
+from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes, read_mesh
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import AreaLight, Light
@@ -116,8 +116,9 @@ def _mesh_scene(
     if isinstance(lights, Light):
         raise ValueError(f"lights must be a sequence of lights; got {lights!r} alone")
     named, title, file_up, unread = _named_meshes(source, material)
-    parts = [Part(mesh, _material_of(name.split("\0")[0], material)) for name, mesh in named.items()]
-    low, high = _bounds(list(named.values()))
+    parts = [Part(mesh, _material_of(name, material)) for name, mesh in named]
+    bounds = np.array([mesh.bounds for _, mesh in named])
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     if camera is None:
         camera = _look_at_all(low, high, up or file_up)
     if resolution is not None:
@@ -128,8 +129,8 @@ def _mesh_scene(
     return Scene(camera, tuple(parts), tuple(lights), title, source={"unread": list(unread)} if unread else {})
 
 
-def _named_meshes(source: Any, material: Any) -> tuple[dict[str, Mesh], str, str, tuple[str, ...]]:
-    """Return the meshes of a file or an object by name, the scene's name, the axis that is up, and what is not read."""
+def _named_meshes(source: Any, material: Any) -> tuple[list[tuple[str, Mesh]], str, str, tuple[str, ...]]:
+    """Return named meshes of a file or an object, the scene's name, the axis that is up, and what is not read."""
     if not isinstance(source, str | os.PathLike):
         return _meshes(source), "scene", "z", ()
     path = Path(source)
@@ -146,7 +147,7 @@ def _named_meshes(source: Any, material: Any) -> tuple[dict[str, Mesh], str, str
     if unread and material is None:
         text = f"{path}: {', '.join(unread)} ignored, all is matte grey; give load_scene a material"
         warnings.warn(SceneWarning(text), stacklevel=4)  # the caller of load_scene
-    return {"": mesh}, path.stem, "y" if path.suffix.lower() == ".glb" else "z", unread
+    return [("", mesh)], path.stem, "y" if path.suffix.lower() == ".glb" else "z", unread
 
 
 def light_part(light: AreaLight) -> Part:
@@ -173,27 +174,17 @@ def _pbrt_file(source: Any) -> Path | None:
     )
 
 
-def _meshes(source: Any) -> dict[str, Mesh]:
-    """Return the meshes of a source by their geometries' names; names of instances end in a zero byte and a number."""
+def _meshes(source: Any) -> list[tuple[str, Mesh]]:
+    """Return the meshes of a source with their geometries' names."""
     import trimesh
 
     if isinstance(source, Mesh):
-        return {"": source}
+        return [("", source)]
     if isinstance(source, trimesh.Trimesh):
-        return {"": from_trimesh(source)}
+        return [("", from_trimesh(source))]
     if not isinstance(source, trimesh.Scene):
         raise ValueError(f"source must be a path, a name, a Mesh, or of trimesh; got {type(source).__name__}")
-    meshes = {}
-    for k, node in enumerate(source.graph.nodes_geometry):
-        matrix, name = source.graph[node]
-        name = str(name)
-        if isinstance(source.geometry[name], trimesh.Trimesh):
-            alone = trimesh.Scene()
-            alone.add_geometry(source.geometry[name], geom_name=name, transform=matrix)
-            meshes[f"{name}\0{k}"] = from_trimesh(alone)
-    if not meshes:
-        raise ValueError("source must hold triangles to be seen; got a trimesh scene without any")
-    return meshes
+    return placed_meshes(source)
 
 
 def _material_of(name: str, material: Material | Mapping[str, Material] | None) -> Material:
@@ -243,11 +234,6 @@ def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:
     place = tuple(corner.tolist()), tuple(first.tolist()), tuple(second.tolist())
     lamp = QuadLight(*place, (radiance,) * 3)
     return [EnvironmentLight(np.full((16, 32, 3), SKY)), lamp]
-
-
-def _bounds(meshes: list[Mesh]) -> tuple[Array, Array]:
-    """Return the least and the largest coordinates of meshes."""
-    return np.min([m.bounds[0] for m in meshes], axis=0), np.max([m.bounds[1] for m in meshes], axis=0)
 
 
 def _look_at_all(low: Array, high: Array, up: str) -> Camera:

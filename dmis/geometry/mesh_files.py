@@ -37,26 +37,35 @@ def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
     import trimesh
 
     if isinstance(mesh, trimesh.Scene):
-        sizes = {name: len(getattr(geometry, "faces", ())) for name, geometry in mesh.geometry.items()}
-        if sum(sizes[mesh.graph[node][1]] for node in mesh.graph.nodes_geometry) > MAX_FACES:
-            raise ValueError(f"mesh must have at most {MAX_FACES} triangles, because instances are copied")
-        meshes = []
-        for node in mesh.graph.nodes_geometry:
-            matrix, name = mesh.graph[node]
-            if isinstance(mesh.geometry[name], trimesh.Trimesh):
-                placed = from_trimesh(mesh.geometry[name]).transformed(matrix)
-                if np.linalg.det(matrix[:3, :3]) < 0:
-                    placed = Mesh(placed.vertices, placed.faces[:, ::-1], placed.normals, placed.uv)
-                meshes.append(placed)
-        if not meshes:
-            raise ValueError("mesh must hold triangles, because only they can be hit; got a scene without any")
-        return concatenate(meshes)
+        return concatenate([placed for _, placed in placed_meshes(mesh)])
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise ValueError(f"mesh must be a trimesh.Trimesh with faces, or a Scene of them; got {mesh!r}")
     vertices, faces, normals = np.asarray(mesh.vertices), np.asarray(mesh.faces), None
     if "vertex_normals" in mesh._cache:
         normals = repair_normals(vertices, faces, np.array(mesh.vertex_normals))
     return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
+
+
+def placed_meshes(scene: trimesh.Scene) -> list[tuple[str, Mesh]]:
+    """Return the geometries of a trimesh scene with their names, an entry for each place where its graph has one.
+
+    Raises a ValueError if there are no triangles, or more than `MAX_FACES`.
+    """
+    import trimesh
+
+    places = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    places = [(matrix, name) for matrix, name in places if isinstance(scene.geometry[name], trimesh.Trimesh)]
+    if not places:
+        raise ValueError("mesh must hold triangles, because only they can be hit; got a scene without any")
+    if sum(len(scene.geometry[name].faces) for _, name in places) > MAX_FACES:
+        raise ValueError(f"mesh must have at most {MAX_FACES} triangles, because instances are copied")
+    meshes = []
+    for matrix, name in places:
+        placed = from_trimesh(scene.geometry[name]).transformed(matrix)
+        if np.linalg.det(matrix[:3, :3]) < 0:
+            placed = Mesh(placed.vertices, placed.faces[:, ::-1], placed.normals, placed.uv)
+        meshes.append((str(name), placed))
+    return meshes
 
 
 def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:

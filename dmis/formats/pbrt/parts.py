@@ -166,9 +166,9 @@ def _join(shapes: list[Shape], material: Material) -> Mesh:
         mesh = mesh.transformed(shape.to_world)
     if not _has_sides(material):
         return mesh
-    mirrored = mirrors(shape.to_world) and shape.kind in QUADRICS and shape.token.dialect != "v2"
+    dialect = shape.token.dialect
+    mirrored = mirrors(shape.to_world) and shape.kind in QUADRICS and dialect != "v2"
     if mirrored and any(lobe.transmissive for lobe in material.lobes):
-        dialect = shape.token.dialect
         raise shape.token.error(f"a mirrored {shape.kind} of glass is inside out in {dialect}; do not mirror it")
     return _flipped(mesh, _outside(mesh, shape), material)
 
