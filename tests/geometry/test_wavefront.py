@@ -107,10 +107,10 @@ def test_names_and_comments_in_either_encoding(tmp_path, text, encoding):
 
 
 def test_a_polygon_of_many_continued_lines_takes_linear_work(tmp_path):
-    """Eight times the lines take about eight times the work, not 64 times, as by joining each to all before it."""
+    """Eight times the lines take about eight times the work, not 64 times, as by joining each to those before it."""
     work = []
     for corners in (8_000, 64_000):
-        (tmp_path / "a.obj").write_text(QUAD + "f " + " \\\n".join(str(1 + k % 4) for k in range(corners)))
+        (tmp_path / "a.obj").write_text(QUAD + "f " + " \\\n".join(f"{1 + k % 4:010}" for k in range(corners)))
         times = []
         for _ in range(3):
             begin = time.process_time()
