@@ -128,6 +128,13 @@ class TrowbridgeReitz(Parameters):
         return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
 
 
+def stretched(roughness: Roughness, directions: Directions) -> tuple[Array, Array]:
+    """Return the lengths of wo and wi, their tangential parts multiplied by alpha, ``(N,)`` each."""
+    wo, wi = directions.surface.wo, directions.wi
+    o = roughness.stretched(directions.surface, wo, directions.cos_o)
+    return o, roughness.stretched(directions.surface, wi, directions.cos_i)
+
+
 MIN_ALPHA = 1e-4
 """Smallest roughness that float32 directions resolve: their rounding is 1e-3 of its slopes."""
 

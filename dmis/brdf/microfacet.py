@@ -15,6 +15,7 @@ from dmis.brdf.distributions import (
     Roughness,
     TrowbridgeReitz,
     reflect,
+    stretched,
 )
 from dmis.brdf.fresnel import Fresnel
 from dmis.brdf.lobe import Lobe
@@ -66,10 +67,7 @@ class GGX(Lobe):
 
     def eval(self, directions: Directions) -> Array:
         """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
-        o, i = (
-            self._stretched(directions, directions.surface.wo, directions.cos_o),
-            self._stretched(directions, directions.wi, directions.cos_i),
-        )
+        o, i = stretched(self.roughness, directions)
         # G2 / (4 cos_i cos_o) without the division by cosines: L = (|w'| - cos) / (2 cos)
         out = (
             TrowbridgeReitz(self.roughness).density(directions)
@@ -82,7 +80,7 @@ class GGX(Lobe):
 
     def pdf(self, directions: Directions) -> Array:
         """Return the density of `sample`: D_wo over ``4 wo.h``, ``(N,)``."""
-        o = self._stretched(directions, directions.surface.wo, directions.cos_o)
+        o = self.roughness.stretched(directions.surface, directions.surface.wo, directions.cos_o)
         return (
             TrowbridgeReitz(self.roughness).density(directions)
             * directions.above
@@ -92,9 +90,6 @@ class GGX(Lobe):
     def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Sample directions ``(3, N)``: wo mirrored at half vectors that it can see."""
         return reflect(surface, visible_half_vectors(self.roughness, surface, u))
-
-    def _stretched(self, directions: Directions, w: Array, cos: Array) -> Array:
-        return self.roughness.stretched(directions.surface, w, cos)
 
 
 def visible_half_vectors(roughness: Roughness, surface: LocalFrame, u: Array) -> Array:

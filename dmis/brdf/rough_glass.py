@@ -20,7 +20,7 @@ import numpy as np
 
 from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import MIN_DIVISOR, Directions, LocalFrame
-from dmis.brdf.distributions import Roughness, TrowbridgeReitz
+from dmis.brdf.distributions import Roughness, TrowbridgeReitz, stretched
 from dmis.brdf.fresnel import Dielectric, dielectric, relative_ior
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.microfacet import GGX, visible_half_vectors
@@ -73,10 +73,7 @@ class RoughTransmission(Lobe):
     def eval(self, directions: Directions) -> Array:
         """Return the BTDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 where no facet refracts wo to wi."""
         eta, transmitted, cos = self._refracted(directions)
-        o, i = (
-            self._stretched(directions, directions.surface.wo, directions.cos_o),
-            self._stretched(directions, directions.wi, directions.cos_i),
-        )
+        o, i = stretched(self.roughness, directions)
         masked = 2 / np.maximum(
             o * directions.cos_i - i * directions.cos_o, MIN_DIVISOR
         )  # G2 / (cos_i cos_o), and cos_o < 0
@@ -85,7 +82,7 @@ class RoughTransmission(Lobe):
     def pdf(self, directions: Directions) -> Array:
         """Return the density of `sample`, ``(N,)``: D_wo times ``dh/dwi = eta^2 |wi.h| / (wo.h + eta wi.h)^2``."""
         eta, transmitted, _ = self._refracted(directions)
-        o = self._stretched(directions, directions.surface.wo, directions.cos_o)
+        o = self.roughness.stretched(directions.surface, directions.surface.wo, directions.cos_o)
         return transmitted * (2 * eta * eta) / np.maximum(o - directions.cos_o, MIN_DIVISOR)
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
@@ -112,9 +109,6 @@ class RoughTransmission(Lobe):
         refracts = (o * side > 0) & (i * side < 0) & directions.above
         transmitted = TrowbridgeReitz(self.roughness).density(half) * np.abs(o * i) / (length2 * length2) * refracts
         return eta, transmitted, np.abs(o) / np.sqrt(length2)
-
-    def _stretched(self, directions: Directions, w: Array, cos: Array) -> Array:
-        return self.roughness.stretched(directions.surface, w, cos)
 
     def eta_scale(self) -> float:
         """Return the index by whose square radiance is divided inside, see `dmis.brdf.lobe.Lobe.eta_scale`."""

@@ -57,20 +57,19 @@ def small_beside(size: float, boxes: Floats) -> Floats:
 def refine_near_bodies(mesh: Mesh, boxes: Floats) -> Mesh:
     """Split the huge triangles of `mesh` near the bodies in `boxes` ``(B, 2, 3)``; return `mesh` if there are none."""
     small = small_beside(mesh.edges[1], boxes)
+    if not len(small) or not _too_large(mesh.vertices[mesh.faces], small).any():
+        return mesh
+    from trimesh.remesh import subdivide
+
     columns = [mesh.vertices, mesh.normals, mesh.uv]
     rows, faces = np.concatenate([column for column in columns if column is not None], axis=1), mesh.faces
-    while len(small) and len(faces) <= MAX_SPLIT_TRIANGLES:
+    while len(faces) <= MAX_SPLIT_TRIANGLES:
         large = _too_large(rows[:, :3][faces], small)
         if not large.any():
             break
-        from trimesh.remesh import subdivide
-
         rows, faces = subdivide(rows, faces, np.flatnonzero(large))
-    if len(faces) == mesh.triangles:
-        return mesh
-    return Mesh(
-        rows[:, :3], faces, None if mesh.normals is None else rows[:, 3:6], mesh.uv if mesh.uv is None else rows[:, -2:]
-    )
+    normals, uv = (None if mesh.normals is None else rows[:, 3:6]), (None if mesh.uv is None else rows[:, -2:])
+    return Mesh(rows[:, :3], faces, normals, uv)
 
 
 def _too_large(corners: Floats, small: Floats) -> np.ndarray:

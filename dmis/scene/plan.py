@@ -58,9 +58,10 @@ class Plan:
         lights: tuple[Light, ...],
         epsilon: float,
     ) -> None:
-        all_lights = lights
-        lights = tuple(light for light in all_lights if light.has_power())
-        self.removed_lights = len(all_lights) - len(lights)
+        self.removed_lights = len(lights)
+        lights = tuple(light for light in lights if light.has_power())
+        self.removed_lights -= len(lights)
+        live_lights = {id(light) for light in lights}
         self.sampled: tuple[SampledLight, ...] = tuple(light for light in lights if not light.delta)  # type: ignore[misc]
         self.deltas: tuple[DeltaLight, ...] = tuple(light for light in lights if light.delta)  # type: ignore[misc]
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
@@ -75,7 +76,11 @@ class Plan:
             for material in {id(part.material): part.material for part in parts}.values()
         )
         parts = tuple(
-            replace(part, material=simplified[id(part.material)], light=part.light if part.light in lights else None)
+            replace(
+                part,
+                material=simplified[id(part.material)],
+                light=part.light if id(part.light) in live_lights else None,
+            )
             for part in parts
         )
         originals = original_lights(parts)
@@ -83,8 +88,8 @@ class Plan:
         self.copied_lights = len(copies)
         self.sampled = tuple(light for light in self.sampled if id(light) not in copies)
         self.parts = parts = tuple(replace(part, light=light) for part, light in zip(parts, originals, strict=True))
-        seen = [part.light for part in parts]
-        self.unseen = tuple(light for light in self.sampled if light not in seen and light.mesh() is not None)
+        seen = {id(light) for light in originals}
+        self.unseen = tuple(light for light in self.sampled if id(light) not in seen and light.mesh() is not None)
         for part in parts:
             key = batch_key(part)
             part_keys.append(key)
