@@ -68,32 +68,24 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
 
 
 def offset_doubts(parts: Sequence[Part], small: Array, triangle_epsilon: Array | None) -> Iterator[str]:
-    """Yield a message about the body beside which rays begin farthest off, if they do by more than `MAX_OFFSET`.
+    """Yield a message about the one of the bodies `small` ``(B, 2, 3)`` beside which rays begin farthest off.
 
-    Parameters
-    ----------
-    parts
-        Those of the scene.
-    small
-        Bounds of its small bodies, ``(B, 2, 3)``.
-    triangle_epsilon
-        Ray offset of each triangle, ``(T,)``; None if there are no small bodies.
+    That is the largest of the ray offsets `triangle_epsilon` ``(T,)``, in sizes of the body, if above `MAX_OFFSET`.
     """
     if triangle_epsilon is None:
         return
-    sizes, offsets = diagonals(small), np.zeros(len(small))
+    sizes = diagonals(small)
     far = np.flatnonzero(triangle_epsilon > MAX_OFFSET * sizes.min())
     corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts])[far]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    for k, ((least, most), size) in enumerate(zip(small, sizes, strict=True)):
-        near = far[((low <= most + size) & (high >= least - size)).all(axis=1)]
-        offsets[k] = triangle_epsilon[near].max(initial=0)
-    k = int(np.argmax(offsets / sizes))
-    if offsets[k] > MAX_OFFSET * sizes[k]:
-        low, high = small[k]
-        inside = [(part.mesh.bounds[0] <= low).all() and (part.mesh.bounds[1] >= high).all() for part in parts]
+    near = ((low <= most + size) & (high >= least - size) for (least, most), size in zip(small, sizes, strict=True))
+    offsets = np.array([triangle_epsilon[far[mask.all(axis=1)]].max(initial=0) for mask in near]) / sizes
+    k = int(np.argmax(offsets))
+    if offsets[k] > MAX_OFFSET:
+        bounds = [part.mesh.bounds for part in parts]
+        inside = [(low <= small[k, 0]).all() and (high >= small[k, 1]).all() for low, high in bounds]
         yield (
-            f"rays begin {offsets[k] / sizes[k]:.2g} times the size of a body off the surfaces around it (part "
+            f"rays begin {offsets[k]:.2g} times the size of a body off the surfaces around it (part "
             f"{inside.index(True)}): shadows and gaps below that are lost. Make the triangles there smaller, or "
             f"leave out what is far away"
         )

@@ -17,7 +17,7 @@ import numpy as np
 
 from dmis.base.selection import Index, Selection, columns, take
 from dmis.base.vectors import TINY, Array, dot
-from dmis.geometry.refinement import SMALL_RATIO, bodies, diagonals, refine_near_bodies, small_beside
+from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import two_sided
 from dmis.light.light import Light, check_light_form
@@ -181,23 +181,16 @@ class Scene:
         """Ray offset of each triangle, ``(T,)``, for scenes with `small_bodies`, which `epsilon` would begin rays far
         above; None for others.
 
-        A part that is not large beside the smallest body has one offset, `RAY_OFFSET` of its extent. Of others each
-        triangle has `RAY_OFFSET` of the larger of its size and its largest coordinate, which set the rounding of a
-        point on it, and of the height above it at which Embree sees a ray begin. Both come to less than 2e-7 of that.
+        It is `RAY_OFFSET` of the triangle's size or largest coordinate, which set the rounding of a point on it, and of
+        the height above it at which Embree sees a ray begin (both less than 2e-7 of that); or of the smallest body.
         """
         small = self.small_bodies
         if not len(small):
             return None
-        least = float(diagonals(small).min())
-        out = []
-        for part in self.parts:
-            extent: Any = _extent(*part.mesh.bounds)
-            if extent > SMALL_RATIO * least:
-                corners = part.mesh.vertices[part.mesh.faces]
-                edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-                extent = np.maximum(np.maximum(edges.max(axis=1), np.abs(corners).max(axis=(1, 2))), least)
-            out.append(np.broadcast_to(RAY_OFFSET * extent, len(part.mesh.faces)))
-        return np.clip(np.concatenate(out).astype(np.float32), TINY, self.epsilon)
+        corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in self.parts])
+        size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        extent = np.maximum(np.maximum(size, np.abs(corners).max(axis=(1, 2))), diagonals(small).min())
+        return np.clip((RAY_OFFSET * extent).astype(np.float32), TINY, self.epsilon)
 
     @cached_property
     def _other_units(self) -> tuple[Scene, float] | None:
