@@ -28,7 +28,7 @@ HALF_VECTOR_NODES = 32
 """Nodes in each of the two coordinates of half vectors."""
 DIFFUSE_NODES = 64
 """Nodes of diffuse light on either side of the critical angle."""
-_GRAZING = np.float32(1e-7)
+_LEAST_COSINE = np.float32(1e-7)
 """Smallest cosine: at the horizon the terms have the limit 0 / 0."""
 
 
@@ -56,14 +56,14 @@ def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float =
     share = 1 - dielectric(cos, np.float32(eta))
     if thickness:
         inside = np.sqrt(np.maximum(1 - (1 - cos * cos) * np.float32(1 / (eta * eta)), 0))
-        share *= np.exp(np.float32(-thickness) / np.maximum(inside, _GRAZING))
+        share *= np.exp(np.float32(-thickness) / np.maximum(inside, _LEAST_COSINE))
     return share
 
 
 @cache
 def _table(eta: float, alpha: float, thickness: float) -> tuple[Array, Array]:
     """Return `transmittance` at cosines ``(k / TABLE_INTERVALS)^2``, and the differences to the next, as rows."""
-    cos = np.maximum(np.linspace(0, 1, TABLE_INTERVALS + 1) ** 2, _GRAZING)
+    cos = np.maximum(np.linspace(0, 1, TABLE_INTERVALS + 1) ** 2, _LEAST_COSINE)
     cos_o, cos_d, cos_h, weight = _facets(cos, alpha)
     beyond = np.sqrt(1 - (1 - cos_d * cos_d) / (eta * eta))
     cos_i = cos_o / eta + cos_h * (beyond - cos_d / eta)
@@ -86,9 +86,9 @@ def internal_reflectance(eta: float, alpha: float = 0.0, thickness: float = 0.0)
     critical2 = 1 - 1 / (eta * eta)
     cos2 = np.concatenate([critical2 * (1 - nodes**2), critical2 + (1 - critical2) * nodes**2])
     weights = np.concatenate([critical2 * weights, (1 - critical2) * weights]) * np.tile(2 * nodes, 2)
-    cos_o, cos_d, cos_h, weight = _facets(np.sqrt(np.maximum(cos2, _GRAZING)), alpha)
-    cos_i = np.maximum(2 * cos_d * cos_h - cos_o, _GRAZING)
-    share = dielectric(cos_d, np.asarray(1 / eta)) * _unmasked(cos_o, cos_i, alpha) * (cos_i > _GRAZING)
+    cos_o, cos_d, cos_h, weight = _facets(np.sqrt(np.maximum(cos2, _LEAST_COSINE)), alpha)
+    cos_i = np.maximum(2 * cos_d * cos_h - cos_o, _LEAST_COSINE)
+    share = dielectric(cos_d, np.asarray(1 / eta)) * _unmasked(cos_o, cos_i, alpha) * (cos_i > _LEAST_COSINE)
     share = share * np.exp(-thickness / cos_o - thickness / cos_i)
     return float(weights @ (share * weight).sum(axis=(1, 2)))
 

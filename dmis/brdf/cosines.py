@@ -13,7 +13,7 @@ from dmis.samplers.warp import power
 ONE = np.float32(1)
 MAX_COSINE_EXPONENT = 1e3
 """Largest exponent for which a power of float32 cosines is right: their rounding times this is 1e-4 of the lobe."""
-MAX_EXPONENT = 1e12
+MAX_LOBE_EXPONENT = 1e12
 """Largest exponent of a lobe that is a power of a cosine: a lobe of 1e-6 rad, of which float32 directions resolve one
 digit."""
 MIN_COSINE = np.float32(1e-10)

@@ -27,7 +27,7 @@ import numpy as np
 from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
-from dmis.brdf.cosines import MAX_EXPONENT
+from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.diffuse import Lambert, OrenNayar
 from dmis.brdf.distributions import Anisotropic, Blinn, Distribution
 from dmis.brdf.fresnel import Conductor, Dielectric, check_ior, check_metal_index
@@ -184,7 +184,7 @@ class ReciprocalImage(Image):
 
 
 def _exponent(name: str, roughness: Any) -> Any:
-    least, reason = 1 / MAX_EXPONENT, "Blinn's exponent is its reciprocal"
+    least, reason = 1 / MAX_LOBE_EXPONENT, "Blinn's exponent is its reciprocal"
     roughness = check_number(name, roughness, f"positive and finite, at least {least:g}", reason, least, image=True)
     if isinstance(roughness, Image):
         return ReciprocalImage(roughness.texels, roughness.scale, roughness.offset, roughness.wrap)

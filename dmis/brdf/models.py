@@ -22,7 +22,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
 from dmis.brdf.coated_diffuse import CoatedBase
-from dmis.brdf.cosines import MAX_EXPONENT
+from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import (
     MIN_ALPHA,
@@ -205,9 +205,9 @@ def _largest(value: Any) -> Array:
 
 
 def _power(name: str, exponent: Any) -> Any:
-    rule = f"positive and finite, at most {MAX_EXPONENT:g}"
+    rule = f"positive and finite, at most {MAX_LOBE_EXPONENT:g}"
     return check_number(
-        name, exponent, rule, "the lobe is a cosine to this power", FLOAT32_TINY, MAX_EXPONENT, image=True
+        name, exponent, rule, "the lobe is a cosine to this power", FLOAT32_TINY, MAX_LOBE_EXPONENT, image=True
     )
 
 

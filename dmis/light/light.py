@@ -186,7 +186,7 @@ def check_light_form(light: Light) -> None:
 
 
 RADIANCE_SHAPES = "(3, 1)", "(3, N)"
-_POINTS = np.array([[0.1, -0.4], [0.2, 0.5], [0.3, -0.6]], np.float32)
+_PROBE_POINTS = np.array([[0.1, -0.4], [0.2, 0.5], [0.3, -0.6]], np.float32)
 _DIRECTIONS = np.array([[0.6, 0], [0, -0.6], [0.8, -0.8]], np.float32)
 _NUMBERS = np.array([[0.25, 0.5], [0.75, 0.5]], np.float32)
 
@@ -196,14 +196,14 @@ def _check_values(light: Any) -> None:
     name = type(light).__name__
     with np.errstate(all="ignore"):  # a point may be a special one of the light
         if light.delta:
-            _check_light_sample(f"{name}.sample(p)", light.sample(_POINTS), delta=True)
+            _check_light_sample(f"{name}.sample(p)", light.sample(_PROBE_POINTS), delta=True)
             return
         if light.infinite:
             check_shape(f"{name}.radiance(wi)", light.radiance(_DIRECTIONS), 2, *RADIANCE_SHAPES)
         else:
-            check_shape(f"{name}.emission(p)", light.emission(_POINTS), 2, *RADIANCE_SHAPES)
-        _check_light_sample(f"{name}.sample(p, u)", light.sample(_POINTS, _NUMBERS))
-        _check_light_sample(f"{name}.hit(p, wi)", light.hit(_POINTS, _DIRECTIONS))
+            check_shape(f"{name}.emission(p)", light.emission(_PROBE_POINTS), 2, *RADIANCE_SHAPES)
+        _check_light_sample(f"{name}.sample(p, u)", light.sample(_PROBE_POINTS, _NUMBERS))
+        _check_light_sample(f"{name}.hit(p, wi)", light.hit(_PROBE_POINTS, _DIRECTIONS))
 
 
 def _check_light_sample(call: str, light_sample: Any, delta: bool = False) -> None:
