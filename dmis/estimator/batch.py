@@ -37,8 +37,6 @@ class Batch:
         Where shading samples are written down for statistics; None: nowhere.
     colour
         Colour of the pixel of each camera sample, ``(N,)``, by which rays are counted as well; None: they are not.
-    control
-        Coefficient of the control variate, ``(3, N)``, see `dmis.fit.control_variate`; None: there is none.
     """
 
     scene: Scene
@@ -51,7 +49,6 @@ class Batch:
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
     colour: np.ndarray | None = None
-    control: Array | None = None
 
     def count_rays(self, kind: str, number: int, sample: Selection | None) -> None:
         """Count so many rays of a kind, one for each of the camera samples `sample`."""

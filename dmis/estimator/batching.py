@@ -58,7 +58,7 @@ def shading_samples(
     counts = batch.counts
     per_technique = [count if isinstance(count, int) else take(count, camera_sample) for count in counts.per_technique]
     per_technique.append(settings.shading_samples - sum(per_technique))
-    shares, control = take(batch.shares, camera_sample), take_optional(batch.control, camera_sample)
+    shares = take(batch.shares, camera_sample)
     n = size(index, vertices.radiance.shape[1])
     for k, (name, count) in enumerate(zip(settings.techniques, per_technique, strict=True)):
         sampling = technique_by_name(name)
@@ -74,8 +74,7 @@ def shading_samples(
             vertex = compose(index, points)
             surface = vertices.surface.take(vertex)
             light_sample = sampling.sample(surface, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
-            beta = take_optional(control, points)
-            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(shares, points), beta)
+            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(shares, points))
 
 
 def merged_samples(

@@ -2,8 +2,8 @@
 
 A combiner gives each sample its weight (`Combiner.weight`). That is all of it for heuristics (`dmis.estimator.mis`) and
 for frozen weights. One that needs all samples of a pixel observes their records and corrects the pixel afterwards
-(`Combiner.collector`); one with a control variate has coefficients that a pilot learned (`control_variate`). What a
-combiner needs of the settings is in its attributes, so that no other module depends on its name.
+(`Combiner.collector`). What a combiner needs of the settings is in its attributes, so that no other module depends on
+its name.
 """
 
 from __future__ import annotations
@@ -15,24 +15,15 @@ from typing import Protocol
 
 import numpy as np
 
-from dmis.base.selection import Index, take
 from dmis.base.vectors import Array
 from dmis.estimator import mis
 from dmis.estimator.mis import Heuristic
-from dmis.estimator.optimal_mis import Optimal, Progressive
+from dmis.estimator.optimal_mis import Optimal
 from dmis.estimator.records import Record
 
 
 class Collector(Protocol):
-    """Sums over the shading samples of a tile, from which the means of its pixels are corrected.
-
-    Attributes
-    ----------
-    stages
-        Into how many stages the camera samples of a pixel are divided, see `dmis.estimator.optimal_mis.slot`.
-    """
-
-    stages: int
+    """Sums over the shading samples of a tile, from which the means of its pixels are corrected."""
 
     def add(self, records: Sequence[Record], pixel: Array, first: Array, shading_samples: int) -> None:
         """Add one block, see `dmis.estimator.optimal_mis.Optimal.add`."""
@@ -63,10 +54,6 @@ class Combiner:
         Whether it needs techniques whose densities are known.
     fits_pixels
         Whether it fits all samples of each light in a pixel, which therefore have one share.
-    independent
-        Whether it needs independent samples.
-    control_variate
-        Whether it needs coefficients of a control variate, from a pilot.
     share_range
         Least and largest share of the first technique.
     """
@@ -78,8 +65,6 @@ class Combiner:
     two_techniques: bool = False
     exact_densities: bool = False
     fits_pixels: bool = False
-    independent: bool = False
-    control_variate: bool = False
     share_range: tuple[float, float] = (0.0, 1.0)
 
     def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
@@ -133,20 +118,17 @@ class OptimalMIS(Combiner):
     fits_pixels: bool = True
 
     def collector(self, shares: Array, samples: Array) -> Collector:
-        """Return the sums of the direct form, or of the progressive one if samples are `independent`."""
-        return (Progressive if self.independent else Optimal)(shares, samples)
+        """Return the sums of the direct form."""
+        return Optimal(shares, samples)
 
 
-SPECIAL = {
-    combiner.name: combiner
-    for combiner in (
-        Frozen(),
-        OptimalMIS(),
-        OptimalMIS("optimal-progressive", independent=True),
-        Combiner("controlled", has_curves=False, two_techniques=True, exact_densities=True, control_variate=True),
-    )
+SPECIAL = {combiner.name: combiner for combiner in (Frozen(), OptimalMIS())}
+"""Combiners that are more than a heuristic, by name."""
+_REMOVED = {
+    "controlled": "balance",
+    "optimal-progressive": "optimal",
 }
-"""Combiners that are more than a heuristic, by name. ``controlled`` has a control variate."""
+"""Combiners of earlier versions, and what to use in their place."""
 
 
 @cache
@@ -161,6 +143,8 @@ def combiner_by_name(name: str) -> Combiner:
     """
     if name in SPECIAL:
         return SPECIAL[name]
+    if name in _REMOVED:
+        raise ValueError(f"combiner {name} was removed. Use {_REMOVED[name]}")
     if name == "balance":
         return Combiner(name)
     if name == "maximum":
@@ -181,20 +165,7 @@ def combiner_by_name(name: str) -> Combiner:
             f"balance or power"
         )
     raise ValueError(
-        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen, optimal, "
-        f"optimal-progressive or controlled; got {name!r}"
+        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or "
+        f"optimal; got {name!r}"
     )
 
-
-def control_variate(k: int, shares: Array, n: int, lit: Index | None, pdf: Sequence[Array]) -> Array:
-    """Return ``g = (p_l - p_b) / p_w`` of n samples of technique k, ``(n,)``, whose mean over all samples is 0.
-
-    `shares` are those of the n samples, ``(2, n)`` or ``(2, 1)``; `pdf` are p_l and p_b of the samples `lit`. In the
-    directions of the others, which meet no light, the density of the other technique is 0: g is 1 / w or -1 / (1 - w).
-    See `dmis.fit.control_variate`.
-    """
-    shares = np.broadcast_to(shares, (2, n))
-    g = 1 / shares[0] if k == 0 else -1 / shares[1]
-    (w_l, w_b), (p_l, p_b) = take(shares, lit), pdf
-    g[slice(None) if lit is None else lit] = (p_l - p_b) / (w_l * p_l + w_b * p_b)
-    return g

@@ -22,7 +22,7 @@ from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded
-from dmis.estimator.combiner import combiner_by_name, control_variate
+from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.samples import Samples, Vertices, record_samples
 from dmis.estimator.technique import technique_by_name
 from dmis.light.light import DeltaLight
@@ -57,7 +57,6 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     over_s = over_probability / np.float32(settings.shading_samples)
     lit = facing_light(samples.surface, light_sample)  # elsewhere f = 0
     if lit is not None and len(lit) == 0:
-        _add_control_variate(vertices, samples, lit, [np.zeros(0, np.float32)] * len(techniques), over_s)
         return
     surface, wi, shares = samples.surface.take(lit), take(light_sample.wi, lit), take(samples.shares, lit)
     directions = Directions(surface, wi)
@@ -88,20 +87,9 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
         f_over_p_w = take(unlit, visible) * light_sample.radiance_at(lit_and_visible)
         accumulate(vertices.radiance, f_over_p_w, compose(samples.vertex, lit_and_visible))
 
-    if batch.records is not None or samples.control is not None:
-        pdf_all = [np.where(accepted, p, np.float32(j == k)) for j, p in enumerate(pdf)]
-        if batch.records is not None:
-            record_samples(batch, vertices, samples, lit, np.stack(pdf_all), f_over_p_w, visible)
-        _add_control_variate(vertices, samples, lit, pdf_all, over_s)
-
-
-def _add_control_variate(
-    vertices: Vertices, samples: Samples, lit: Index | None, pdf: list[Array], over_s: np.float32
-) -> None:
-    """Add ``-beta g / S``, ``g = (p_l - p_b) / p_w``, of every sample; `pdf` are the densities of the samples `lit`."""
-    if samples.control is not None:
-        g = control_variate(samples.technique_index, samples.shares, len(samples), lit, pdf)
-        accumulate(vertices.radiance, -(samples.control * over_s) * g, samples.vertex)
+    if batch.records is not None:
+        pdf_all = np.stack([np.where(accepted, p, np.float32(j == k)) for j, p in enumerate(pdf)])
+        record_samples(batch, vertices, samples, lit, pdf_all, f_over_p_w, visible)
 
 
 def _add_delta_light(

@@ -4,8 +4,7 @@ Heuristics (`dmis.estimator.mis`) weigh each sample as it comes. The optimal com
 ``a_l p_l + a_b p_b`` over the samples of a pixel, and adds up the fit's integral, which is known because densities
 integrate to 1 if rejected samples count, and what is left of f. It comes on top of any allocation.
 
-The direct form, ``optimal``, applies the fit to the samples that it was made of: consistent, and slightly biased. The
-progressive form, ``optimal-progressive``, applies it to later ones, and is unbiased.
+This is the direct form, which applies the fit to the samples that it was made of: consistent, and slightly biased.
 """
 
 from __future__ import annotations
@@ -20,10 +19,6 @@ from dmis.estimator.records import Record
 
 MIN_SAMPLES_TO_FIT = 8
 """Samples of each technique that the fit needs in a pixel; with fewer the balance heuristic stays."""
-STAGES = 16
-"""Number of stages into which the progressive form divides the samples of a pixel: at 128 camera samples the first fit
-has `MIN_SAMPLES_TO_FIT` samples of each technique, and misses a sixteenth of them.
-"""
 
 
 class Optimal:
@@ -39,8 +34,6 @@ class Optimal:
     samples
         Shading samples of each pixel in all, ``(P,)``.
     """
-
-    stages = 1
 
     def __init__(self, shares: Array, samples: Array) -> None:
         pixels = len(samples)
@@ -94,67 +87,9 @@ class Optimal:
         return out
 
 
-class Progressive(Optimal):
-    """Sums for the progressive estimator (Kondapaneni et al. 2019, Sec. 7): unbiased.
-
-    The samples of a pixel are taken in `STAGES` stages. What all stages before found as ``a`` is the control variate of
-    the next; it is 0 in the first, and until there are `MIN_SAMPLES_TO_FIT` samples of each technique. With n samples
-    in all, n_k of them in stage k, the estimate is
-
-        ``sum_k [sum_k f / S + sum_j a_j (n_k / n - sum_k p_j / S)]``,
-
-    the second sums over the samples of stage k. Their terms have the mean 0 whatever a is, because a comes from other
-    samples, and so does each stage's rounding of the shares (`slot`); hence samples must be independent. Costs the
-    sums of the direct form for each stage. Known failures: few samples per pixel, where the first fit comes late and is
-    noisy (of what the direct form saves, four fifths at 64 camera samples and half at 16 where f is smooth); spikes.
-    """
-
-    stages = STAGES
-
-    def __init__(self, shares: Array, samples: Array) -> None:
-        super().__init__(np.tile(np.broadcast_to(shares, (2, *samples.shape)), STAGES), np.tile(samples, STAGES))
-
-    def correction(self) -> Array:
-        """Return the change of the mean of each pixel by the control variates, ``(3, P)``."""
-        taken, w, n = (a.reshape(*a.shape[:-1], STAGES, -1) for a in (self._taken, self._w, self._samples))
-        usable = (w > 0) & (w < 1)
-        share = np.where(usable, np.stack([w, 1 - w]), 0.5)
-        enough = usable & (_before(taken) >= MIN_SAMPLES_TO_FIT).all(axis=0)
-        out = np.zeros((3, taken.shape[-1]))
-        for sums in self._keys.values():
-            a, b, _, recorded = (total.reshape(*total.shape[:-1], STAGES, -1) for total in sums)
-            missed = (taken - recorded) / (n * share) ** 2
-            ll, lb, bb = a[0] + missed[0], a[1], a[2] + missed[1]
-            fit, good = _solve(_before(ll), _before(lb), _before(bb), _before(b))
-            # sum p_j / S, because n (w p_l + (1 - w) p_b) / S is 1
-            density = n * np.stack([share[0] * ll + share[1] * lb, share[0] * lb + share[1] * bb])
-            change = fit * (taken.sum(axis=0) / n - density)[:, None]
-            out += np.where(good & enough, change, 0).sum(axis=(0, 2))
-        return out
-
-
-def slot(pixel: Array, number: Array, spp: Array | int, pixels: int, stages: int) -> Array:
-    """Return pixel and stage of camera samples as one number, ``(N,)``: those of the first stage come first.
-
-    Parameters
-    ----------
-    pixel, number
-        Pixel of each, and number within it.
-    spp
-        Camera samples of each pixel, ``(P,)`` or one number.
-    """
-    if stages == 1:
-        return pixel
-    return number * stages // (spp if np.ndim(spp) == 0 else spp.take(pixel)) * pixels + pixel  # type: ignore[union-attr]
-
-
 def _solve(ll: Array, lb: Array, bb: Array, b: Array) -> tuple[Array, Array]:
     """Return the solution of ``A a = b``, `b` ``(2, 3, ...)``, and whether there is one, ``(...)`` bool."""
     determinant = ll * bb - lb * lb
     good = determinant > 1e-9 * ll * bb
     return np.stack([bb * b[0] - lb * b[1], ll * b[1] - lb * b[0]]) / np.where(good, determinant, 1), good
 
-
-def _before(sums: Array) -> Array:
-    """Return the sums over the stages before each; stages are the last axis but one."""
-    return np.cumsum(sums, axis=-2) - sums

@@ -43,7 +43,6 @@ PRESETS: Mapping[str, Preset] = {
             "sampler": "independent",
             "reuse_pilot": None,
             "compensation": 0.0,
-            "replicates": 1,
         },
         choices={
             "shading_samples": (),

@@ -60,8 +60,6 @@ class Samples:
         Directions, and what they see of the light.
     shares
         Shares w_k of the techniques, as in `dmis.estimator.batch.Batch.shares`.
-    control
-        Coefficient of the control variate, ``(3, N)``; None: there is none.
     """
 
     technique_index: int
@@ -71,10 +69,6 @@ class Samples:
     surface: ShadingPoints
     light_sample: LightSample
     shares: Array
-    control: Array | None = None
-
-    def __len__(self) -> int:
-        return self.light_sample.wi.shape[1]
 
 
 def record_samples(

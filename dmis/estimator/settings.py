@@ -71,10 +71,6 @@ class Settings:
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
         techniques and covers the rest. None: `dmis.pipeline.job.LEARNED_COMPENSATION` with a rule that learns from the
         samples' densities, else 0.
-    replicates
-        R, 1, 2 or 4: the camera samples of a pixel are divided among R independent copies of the sampler's sequence, so
-        that `dmis.pipeline.result.Result.deviation` is unbiased (`dmis.variance.replicates`). The error is larger for
-        it: with ``sobol`` the mean squared error some 1.1 to 1.4 times with 2, and 1.7 to 2.2 times with 4.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.
@@ -111,7 +107,6 @@ class Settings:
     compensation: float | None = _option(
         None, "share of a sky's samples drawn from what exceeds its mean (default: 0.9 if rules learn)", float, "SHARE"
     )
-    replicates: int = 1
     preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
 
     def __post_init__(self) -> None:
@@ -146,17 +141,9 @@ class Settings:
             raise ValueError(
                 f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light"
             )
-        if combiner.independent and self.sampler not in ("auto", "independent"):
-            raise ValueError(
-                f"combiner {self.combiner} needs sampler independent, because structured samples depend on earlier "
-                f"ones, and so on the fit to these; got {self.sampler!r}"
-            )
         if self.reuse_pilot is not None:
             object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
         object.__setattr__(self, "compensation", check_compensation(self.compensation))
-        object.__setattr__(self, "replicates", whole("replicates", self.replicates, 1, 4))
-        if self.replicates == 3:
-            raise ValueError("replicates must be 1, 2 or 4, because points are most even in powers of two; got 3")
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
@@ -269,5 +256,5 @@ def resolve_auto(settings: Settings, scene: Scene) -> Settings:
         named = suggested.max_depth is not None and suggested.integrator in (None, integrator)
         max_depth = suggested.max_depth if named else DEFAULT_DEPTH
     if sampler == "auto":
-        sampler = "independent" if combiner_by_name(settings.combiner).independent else "sobol"
+        sampler = "sobol"
     return replace(settings, integrator=integrator, max_depth=max_depth, sampler=sampler)
