@@ -26,7 +26,7 @@ import dmis
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import _send
 from dmis.pipeline.film import FilmTile, PassFilm
-from dmis.pipeline.job import Job
+from dmis.pipeline.job import resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import Tile, render_tile
 
@@ -46,7 +46,7 @@ def main():
 
     scene = dmis.load_scene("killeroo-diffuse", size)
     tiles: list[Tile] = []
-    alone = render_job(Job.of(scene, RULE, SPP, 0, dmis.Settings()), 1, observer=tiles.extend)
+    alone = render_job(resolve(scene, RULE, SPP, 0, dmis.Settings()), 1, observer=tiles.extend)
     finals = [tile for tile in tiles if tile.pass_]
     tile_seconds = alone.seconds["render"] / len(finals)
     merge, logged = (merge_seconds(scene, finals, file) for file in (False, True))

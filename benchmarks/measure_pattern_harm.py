@@ -31,7 +31,7 @@ from dmis.base.patches import PATCH, patch_sum
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, PatternMap
 from dmis.fit.rounds import EXPONENT
-from dmis.pipeline.job import Job
+from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 
 SHRINK = {"teapot-area-light": 10, "killeroo-diffuse": 16, "killeroo-gold": 16, "tt": 17}
@@ -52,7 +52,7 @@ opts, given = options(
 
 def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the pattern of each pixel that `auto` chooses, and its cost over that of 1:1."""
-    job = Job.of(scene, "auto", given.budget, seed, dmis.Settings(sampler="sobol"))
+    job = resolve(scene, "auto", given.budget, seed, dmis.Settings(sampler="sobol"))
     with Passes(job, 1) as passes:
         pilot, _ = passes.pilot()
     plan = job.final_pass(pilot).fit.continuation
@@ -63,7 +63,7 @@ def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
     """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
     patterns = PatternMap(PATTERNS, pattern, np.zeros(pattern.shape, np.int32), PATTERNS[FIRST])
-    job = Job.of(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
+    job = resolve(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
     images = []
     for seed in seeds:
         with Passes(replace(job, seed=seed), 1) as passes:

@@ -35,7 +35,7 @@ from dmis.experiment.runs import measure as measure
 from dmis.fit.given import Given as Given
 from dmis.fit.registry import make_rule as make_rule
 from dmis.fit.registry import register_rule as register_rule
-from dmis.fit.rule import Fit as Fit
+from dmis.fit.round import Fit as Fit
 from dmis.fit.rule import Rule as Rule
 from dmis.formats.load_scene import HELD_OUT as HELD_OUT
 from dmis.formats.load_scene import SHIPPED as SHIPPED

@@ -8,7 +8,7 @@ from helpers import Z_LIMIT
 from dmis.base.vectors import Array
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.records import Record
-from dmis.fit.rule import Pilot
+from dmis.fit.round import Pilot
 from dmis.variance.curves import GRID, HALF, Curves
 from dmis.variance.moments import Moments
 

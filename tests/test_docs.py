@@ -154,7 +154,7 @@ def test_one_batch_is_short():
 def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
     """Tutorial 4 finds the weights of the rule bit for bit from the same pilot; its image agrees by z-tests."""
     import dmis
-    from dmis.fit.rule import Pilot
+    from dmis.fit.round import Pilot
 
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     steps = run("4_thesis", tmp_path, monkeypatch)

@@ -18,7 +18,7 @@ from dmis.estimator.settings import make_settings
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
 from dmis.pipeline.executor import Parallel, Processes
-from dmis.pipeline.job import Job
+from dmis.pipeline.job import resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
 
@@ -37,7 +37,7 @@ def render(options: argparse.Namespace) -> int:
         check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
     with _executor(options) as parallel, progress_bar(options.quiet) as progress:
         spp = spp_of(options, scene) if options.spp is None else options.spp
-        job = Job.of(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
+        job = resolve(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
         result = render_job(job, parallel, progress, options.checkpoint)
     write_image(options.output, result)
     if options.png:

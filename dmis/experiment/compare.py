@@ -132,7 +132,7 @@ def compare(
     check_output(folder)
     results = Results(folder, conditions(scene, reference, parallel, settings), rules)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
-    budgets = [(rule, n) for n in spp for rule in rules if sum(make_rule(rule).adapted(n, "sobol").pilot.values()) < n]
+    budgets = [(rule, n) for n in spp for rule in rules if make_rule(rule).pilot_samples(n) < n]
     measure(
         scene, [*pinned, *budgets], seeds, reference, done=tuple(results.runs), keep=results.keep,
         record=results.append, progress=progress, parallel=parallel, settings=settings,

@@ -26,7 +26,7 @@ from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, remove_halves, render_halves
 from dmis.fit.curve_minimum import PatchCurves, cost_weighted
-from dmis.fit.rule import Fit, Pilot
+from dmis.fit.round import Fit, Pilot
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint

@@ -223,7 +223,7 @@ def spp_in_time(seconds: float, runs: Sequence[Run]) -> int:
     Pilot and fit take the same time as in `runs`; the final samples take time in proportion to their number, which is
     at least one. The result is an estimate: render with it, and compare the times.
     """
-    pilot = sum(make_rule(runs[0].rule).adapted(runs[0].spp, "sobol").pilot.values())
+    pilot = make_rule(runs[0].rule).pilot_samples(runs[0].spp)
     overhead = float(np.median([run.overhead for run in runs]))
     seconds_per_sample = float(np.median([(run.seconds - run.overhead) / (run.spp - pilot) for run in runs]))
     return pilot + max(1, round((seconds - overhead) / seconds_per_sample))

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from dmis.estimator.combiner import combiner_by_name
-from dmis.fit.rule import Fit, Pilot, Rule, Weight, final_settings
+from dmis.fit.round import Fit, Pilot, Weight
+from dmis.fit.rule import Rule, final_settings
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.fit.rule import Fit, Pilot, Rule, check_samples, check_shares
+from dmis.fit.round import Fit, Pilot, check_samples, check_shares
+from dmis.fit.rule import Rule
 
 
 @dataclass(frozen=True, eq=False, repr=False)

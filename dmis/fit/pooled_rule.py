@@ -12,7 +12,8 @@ from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps
 from dmis.fit.pooling import pool
-from dmis.fit.rule import Pilot, Rule
+from dmis.fit.round import Pilot
+from dmis.fit.rule import Rule
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -143,7 +143,7 @@ def _check_object(rule: Any) -> Rule:
     if not isinstance(rule, Rule):
         derive = f"Derive its class from dmis.Rule: class {type(rule).__name__}(dmis.Rule)"
         raise ValueError(f"{must}. {derive if hasattr(rule, 'fit') else 'A map of weights is dmis.Given(weight=...)'}")
-    if type(rule).fit is Rule.fit:
+    if type(rule).fit is Rule.fit and type(rule).rounds is Rule.rounds:
         raise ValueError(
             f"{must}, which has no method fit. Add it to class {type(rule).__name__}: "
             f"def fit(self, pilot): return dmis.Fit(weight=0.5)"

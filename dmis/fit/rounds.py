@@ -32,7 +32,7 @@ least, in pixels of another colour, see `Rounds._trust`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from typing import Any
@@ -41,16 +41,17 @@ import numpy as np
 
 from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import shares_of
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.cost import camera_sample_cost, rays_of_colours
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES, PatternMap
 from dmis.estimator.records import Statistic
 from dmis.filter import gaussian
-from dmis.fit.continuation import Continuation
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
-from dmis.fit.fixed import Fixed
 from dmis.fit.pooling import pool
-from dmis.fit.rule import Fit, Pilot, Rule, final_settings
+from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.rule import Rule, final_settings
+from dmis.fit.sample_numbers import powers_of_two
 from dmis.variance.pattern_curves import PatternCurves
 
 HALF = int(np.flatnonzero(SHARES == 0.5)[0])
@@ -67,6 +68,34 @@ FIRST_ROUNDS = ((32, 4), (64, 8), (256, 16), (1024, 32))
 """Budgets below which a first round is so large: twice the number of its camera samples, which have two pairs."""
 LONGEST = 64
 """Size of the first round of all larger budgets."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What is decided for the A x B pixels of one colour.
+
+    Attributes
+    ----------
+    pattern
+        Index of the pattern of each pixel, ``(A, B)``.
+    anew
+        Whether its sequence begins anew, so that its first round is not in the image, ``(A, B)`` bool.
+    density
+        Camera samples in proportion, not negative, ``(A, B)``.
+    cost
+        Cost of a camera sample with each pattern, over that of the pattern 1:1.
+    trust
+        Power of the variance that the density follows.
+    pattern_of_patch
+        Index of the pattern of each patch of the image.
+    """
+
+    pattern: np.ndarray
+    anew: np.ndarray
+    density: Array
+    cost: Array
+    trust: float
+    pattern_of_patch: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -102,8 +131,6 @@ class Rounds(Rule):
     sampler: str = ""
     compensation: float | None = None
 
-    continues = True
-
     def __post_init__(self) -> None:
         if self.spp < 0 or self.spp % 4:
             raise ValueError(f"spp of the first round must be a multiple of 4, or 0 to choose it; got {self.spp}")
@@ -114,7 +141,7 @@ class Rounds(Rule):
         if self.filter not in ("gaussian", "none", "joint"):
             raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
         combiner = combiner_by_name(self.combiner)
-        if not combiner.has_curves or combiner.control_variate:
+        if not combiner.has_curves:
             raise ValueError(
                 f"combiner must be a heuristic, such as balance or power, because a pixel's samples are of two rounds; "
                 f"got {self.combiner!r}. Use second-moment:combiner={self.combiner}"
@@ -137,63 +164,85 @@ class Rounds(Rule):
     def needs_features(self) -> bool:
         return self.filter == "joint"
 
-    def adapted(self, spp: int, sampler: str, replicates: int = 1) -> Rule:
-        """Return the rule for a budget, a sampler and its replicates; with few samples, that of equal numbers.
+    @property
+    def least_spp(self) -> int:
+        """Budget from which on there is a first round."""
+        return max(LEAST_SPP, 2 * self.spp)
 
-        Each replicate has two camera samples or more in the first round.
-        """
-        first = self._first_round(spp, replicates)
-        if self.fallback(spp, replicates):
-            return Fixed(0.5, self.combiner, sampler=self.sampler, compensation=self.compensation)
-        exponent = self.exponent or (1.0 if (self.sampler or sampler) == "independent" else EXPONENT)
-        return replace(self, spp=first, exponent=exponent)
+    def pilot_samples(self, spp: int) -> int:
+        """Return twice the number of camera samples of the first round of a budget; 0 if there is none."""
+        first = self.spp or next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST)
+        return 0 if spp < self.least_spp else first
 
-    def _first_round(self, spp: int, replicates: int) -> int:
-        """Return twice the number of camera samples of the first round of a budget."""
-        return self.spp or max(4 * replicates, next((n for below, n in FIRST_ROUNDS if spp < below), LONGEST))
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        """Yield the first round, which is the same for all pixels, and the second one that it decides."""
+        exponent = self.exponent or (1.0 if budget.settings.sampler == "independent" else EXPONENT)
+        rule = replace(self, exponent=exponent)
+        first_round = budget.pilot(0.5, self.pilot_samples(budget.spp), self.statistic, self.needs_features)
+        # the points of the second round go on from those of the first
+        settings = replace(first_round.settings, sampler=budget.settings.sampler)
+        first = yield replace(first_round, settings=settings)
+        second_round = rule.second_round(first, budget)
+        del first  # its statistics are large
+        yield second_round
 
-    def fallback(self, spp: int, replicates: int = 1) -> str:
-        """Return why a budget is rendered as balance, with equal numbers of samples; empty if it is not."""
-        least = max(LEAST_SPP, 2 * self._first_round(spp, replicates))
-        return f"fewer than {least} samples per pixel, rendered as balance" if spp < least else ""
-
-    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+    def second_round(self, first: Pilot, budget: Budget) -> Round:
         """Return patterns and numbers of samples from the first round.
 
         Its maps are the `pattern` of each patch for the pixels of each colour, the `variance` of each pixel's mean of
         the first round, and the `trust` of each colour, ``(4,)``.
         """
-        first = pilot[0.5]
         n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
-        scale = first.shading_samples // int(SAMPLES_OF[FIRST])
         # variance of each pixel's mean of n samples
         variance = (first.moments.m2.mean(axis=2) / (n * max(n - 1, 1))).astype(np.float32)
-        pattern, begin = np.empty(shape, np.uint8), np.empty(shape, np.int32)
-        density, cost_of_pixel, spent = np.empty((3, *shape))
+        pattern, begin, samples = np.empty(shape, np.uint8), np.empty(shape, np.int32), np.empty(shape, np.int32)
+        chance = budget.generator(1).random(shape)
         trust, patches = np.ones(len(COLOURS)), []
         for colour, at in enumerate(COLOURS):
-            if pattern[at].size:
-                curves, cost = self._curves(first, colour, shape), _costs(first, scale, colour)
-                v = self._variance(variance, curves, n, at)
-                trust[colour] = self._trust(first, variance, curves, n, colour)
-                v **= trust[colour]
-                of_patches = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
-                best_of, anew, ratio = (patch_spread(a, PATCH, shape)[at] for a in of_patches)
-                pattern[at], begin[at] = best_of, np.where(anew, 0, n)
-                density[at] = self._density(v[at] * ratio, cost[best_of])
-                cost_of_pixel[at], spent[at] = cost[best_of], cost[FIRST] * n
-                patches.append(of_patches[0])
+            if not pattern[at].size:
+                continue
+            decision = self.decide(first, variance, colour)
+            pattern[at], begin[at] = decision.pattern, np.where(decision.anew, 0, n)
+            cost, least = decision.cost[pattern[at]], np.where(decision.anew, 2, n)  # one sample has no variance
+            # in units of camera samples of the pattern 1:1; the first round counts as if it had the pixel's own cost
+            allowance = (float(budget.spp) - decision.cost[FIRST] * n + begin[at] * cost).sum()
+            number = powers_of_two(decision.density, cost, least, allowance, chance[at])
+            samples[at] = number - begin[at]
+            trust[colour] = decision.trust
+            patches.append(decision.pattern_of_patch)
+        scale = first.shading_samples // int(SAMPLES_OF[FIRST])
         sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
-        patterns = PatternMap(sizes, pattern, begin, sizes[FIRST])
-        plan = Continuation(patterns, density, cost_of_pixel, spent, float(first.budget))
-        maps = {"pattern": np.stack(patches), "variance": variance, "trust": trust}
-        return Fit(SHARES[SHARE_OF][pattern], maps, continuation=plan)
+        return Round(
+            samples,
+            shares_of(SHARES[SHARE_OF][pattern]),
+            budget.settings,
+            patterns=PatternMap(sizes, pattern, begin, sizes[FIRST]),
+            before=first.moments,
+            weight=budget.spp,
+            stage="final",
+            maps={"pattern": np.stack(patches), "variance": variance, "trust": trust},
+        )
+
+    def decide(self, first: Pilot, variance: Array, colour: int) -> Decision:
+        """Return patterns and densities of the pixels of one colour, from the samples of the others.
+
+        `variance` is that of each pixel's mean of the first round, ``(H, W)``.
+        """
+        n, shape, at = int(np.max(first.moments.n)), variance.shape, COLOURS[colour]
+        curves, cost = self._curves(first, colour, shape), _costs(first, colour)
+        v = self._variance(variance, curves, n, at)
+        trust = self._trust(first, variance, curves, n, colour)
+        v **= trust
+        of_patches = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
+        pattern, anew, ratio = (patch_spread(a, PATCH, shape)[at] for a in of_patches)
+        density = self._density(v[at] * ratio, cost[pattern])
+        return Decision(pattern, anew, density, cost, trust, of_patches[0])
 
     def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
         """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
         others = [k for k in range(len(COLOURS)) if k != colour]
         sums = {name: sum(a[k] for k in others) for name, a in first.sums.items() if name != "halves"}
-        pixels = np.full(shape, float(first.replicates))
+        pixels = np.ones(shape)
         pixels[COLOURS[colour]] = 0
         sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)
         features = first.features if self.needs_features else None
@@ -274,15 +323,16 @@ class Rounds(Rule):
         return best[0].astype(np.uint8), anew, ratio
 
 
-def _costs(first: Pilot, scale: int, colour: int) -> Array:
-    """Return the cost of a camera sample with each pattern, of `scale` times the samples, over that of `EQUAL`.
+def _costs(first: Pilot, colour: int) -> Array:
+    """Return the cost of a camera sample with each pattern, over that of `EQUAL`, for pixels of a colour.
 
     Rays are those of the other colours, so that a pixel's own samples do not decide how many it gets.
     """
     rays = rays_of_colours(first.rays, [k for k in range(len(COLOURS)) if k != colour])
     shares = np.array([SHARES[SHARE_OF], 1 - SHARES[SHARE_OF]])
-    costs = np.concatenate([
-        camera_sample_cost(rays, shares[:, k, None], first.shading_samples, scale * samples, first.techniques)
-        for k, samples in enumerate(SAMPLES_OF)
-    ])  # fmt: skip
-    return np.asarray(costs / costs[EQUAL])
+    samples = SAMPLES_OF * (first.shading_samples // int(SAMPLES_OF[FIRST]))
+    costs = [
+        camera_sample_cost(rays, shares[:, k, None], first.shading_samples, s, first.techniques)
+        for k, s in enumerate(samples)
+    ]
+    return np.concatenate(costs) / costs[EQUAL]

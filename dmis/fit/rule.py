@@ -1,101 +1,21 @@
 """Weight rules: pilot statistics in, share of light samples out.
 
 A rule names the pilot that it needs (camera samples at given weights) and turns the moments of the pilot's samples into
-a map of weights. Here is what all rules share: `Rule`, `Pilot`, `Fit` and their checks. `dmis.fit.registry` has the
-names of all rules.
+a map of weights. Here is what all rules share. `dmis.fit.registry` has the names of all rules.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from dmis.base.validate import number, whole
-from dmis.base.vectors import Array
-from dmis.estimator.allocation import shares_of
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, make_settings
-from dmis.fit.continuation import Continuation
-from dmis.variance.moments import Film
-
-_ROUNDING = 1e-6
-Weight = float | tuple[float, ...]
-"""Share of the first of two techniques, or shares of all of them."""
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """The result of a rule: shares of samples for each pixel, and how the final samples are taken.
-
-    Attributes
-    ----------
-    weight
-        Shares of samples, in the form that suits the rule. Of two techniques the share of the first, light sampling:
-        ``(H, W)``, or one number for the whole image. Of any K techniques all shares: ``(K, H, W)``, or ``(K,)`` for
-        the whole image. `shares` are those of all techniques, whichever the form.
-    samples
-        Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
-    maps
-        Diagnostics by name; those of patches have one value for each in the last two axes.
-    continuation
-        Patterns and numbers of samples that go on from the pilot, of a rule that `continues`; None: `weight` and
-        `samples` divide what the pilot left.
-    """
-
-    weight: Array | float
-    maps: Mapping[str, np.ndarray] = field(default_factory=dict)
-    samples: Array | None = None
-    continuation: Continuation | None = None
-
-    @property
-    def shares(self) -> Array:
-        """Shares of all K techniques, ``(K, H, W)``, or ``(K,)`` for the whole image; float32."""
-        return shares_of(self.weight)
-
-
-@dataclass(frozen=True, eq=False)
-class Pilot:
-    """The samples of a pilot pass at one weight.
-
-    Attributes
-    ----------
-    moments
-        Moments of the samples of each pixel, mean ``(H, W, 3)``.
-    rays
-        Rays traced, by kind.
-    sums
-        Sums of the rule's statistic over patches of `dmis.base.patches.PATCH` pixels,
-        ``(..., rows, columns)``.
-    shading_samples
-        Shading samples of each camera sample.
-    features
-        Feature buffers of these patches, if the rule has `needs_features`, see `dmis.scene.feature_buffers`.
-    techniques
-        Names of the techniques that took the samples.
-    budget
-        Camera samples per pixel of the whole render, the pilot's included.
-    replicates
-        Independent copies of the samples of each pixel, see `dmis.variance.replicates`, all of which are in `sums`.
-    """
-
-    moments: Film
-    rays: Mapping[str, int] = field(default_factory=dict)
-    sums: Mapping[str, Array] = field(default_factory=dict)
-    shading_samples: int = 4
-    features: Mapping[str, Array] = field(default_factory=dict)
-    techniques: tuple[str, ...] = ("light", "brdf")
-    budget: int = 128
-    replicates: int = 1
-
-    def __repr__(self) -> str:
-        height, width = self.moments.mean.shape[:2]
-        spp, techniques, sums = np.mean(self.moments.n), " + ".join(self.techniques), ", ".join(self.sums) or "none"
-        return f"Pilot({width}x{height}, {spp:.3g} spp, {techniques}, sums: {sums})"
+from dmis.fit.round import Budget, Fit, Pilot, Round
 
 
 class Rule:
@@ -120,9 +40,9 @@ class Rule:
     shares_only
         Whether the fit decides shares alone, and no numbers of samples. Then the pilot is left out of scenes with
         nothing to mix, see `dmis.scene.plan.Plan.mixable`. Default: False.
-    continues
-        Whether the final samples go on from the pilot's, in the points of the same sampler: the fit has a
-        `dmis.fit.continuation.Continuation`. Default: False.
+    least_spp
+        Camera samples per pixel from which on the rule learns; smaller budgets are rendered with equal shares.
+        Default: 0.
     """
 
     if TYPE_CHECKING:  # read-only, so that rules may have a field or a property of the name
@@ -140,23 +60,31 @@ class Rule:
         @property
         def shares_only(self) -> bool: ...
         @property
-        def continues(self) -> bool: ...
+        def least_spp(self) -> int: ...
 
     else:
         pilot = settings = MappingProxyType({})
         statistic = None
-        needs_features = multi_technique = shares_only = continues = False
+        needs_features = multi_technique = shares_only = False
+        least_spp = 0
 
-    def adapted(self, spp: int, sampler: str, replicates: int = 1) -> Rule:
-        """Return the rule for a budget of `spp` camera samples, a sampler and a number of replicates of its sequence.
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        """Yield the rounds to render, one after the other, and be sent the film of each: pilot, fit, final pass."""
+        pilot = {}
+        for weight, spp in sorted(self.pilot.items()):
+            pilot[weight] = yield budget.pilot(weight, spp, self.statistic, self.needs_features)
+        fit = self.fit(pilot)
+        pilot.clear()  # statistics are large, and the final pass needs none
+        yield budget.final(fit, spent=sum(self.pilot.values()))
 
-        Here it is the same for all.
-        """
-        return self
+    def pilot_samples(self, spp: int) -> int:
+        """Return the camera samples per pixel that the pilot takes of a budget."""
+        return 0 if spp < self.least_spp else sum(self.pilot.values())
 
-    def fallback(self, spp: int, replicates: int = 1) -> str:
-        """Return why `adapted` gives another rule for so few camera samples, and which; empty if it does not."""
-        return ""
+    def fallback(self, spp: int) -> str:
+        """Return why a budget is rendered with equal shares, for people to read; empty if it is not."""
+        small = f"fewer than {self.least_spp} samples per pixel, rendered as balance"
+        return small if spp < self.least_spp else ""
 
     def __repr__(self) -> str:
         """Return the name of the class with its attributes, such as ``Quieter(least=0.2)``."""
@@ -233,54 +161,6 @@ def _advice(rule: Rule, text: str, name: str, value: Any) -> str:
     others = [item for item in rest.split(",") if item and not item.startswith(f"{option}=")]
     word = ("no", "yes")[value] if isinstance(value, bool) else value
     return f'Write rule="{rule_name}:{",".join([*others, f"{option}={word}"])}"'
-
-
-def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
-    """Raise a ValueError unless a rule's fit has shares of that many `techniques` for an image of `shape`.
-
-    A NaN, such as the ratio of two variances that are 0, or a share outside [0, 1] would not stop the render, but make
-    the image wrong.
-
-    Raises
-    ------
-    ValueError
-        If a weight is not in [0, 1], or is not finite, or shares do not add up to 1; if numbers of samples are
-        negative, not finite or all 0; or if either has another shape.
-    """
-    if not isinstance(fit, Fit):
-        raise ValueError(f"a rule's fit must be a dmis.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)")
-    weight = np.asarray(fit.weight, np.float64)
-    allowed = [*([(), shape] if techniques == 2 else []), (techniques,), (techniques, *shape)]
-    if weight.shape not in allowed:
-        raise ValueError(
-            f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
-            f"for each pixel (height, width); got {weight.shape}"
-        )
-    check_shares("a rule's weight", weight)
-    if np.abs(fit.shares.sum(axis=0) - 1).max() > 1e-3:
-        raise ValueError(
-            f"a rule's weights must add up to 1 over the techniques, because they divide samples; got sums from "
-            f"{fit.shares.sum(axis=0).min():g} to {fit.shares.sum(axis=0).max():g}"
-        )
-    if fit.samples is not None:
-        check_samples("a rule's samples", np.asarray(fit.samples), shape)
-
-
-def check_shares(name: str, weight: Array) -> None:
-    """Raise a ValueError that calls them `name` unless shares are in [0, 1], up to rounding."""
-    inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
-    if not inside.all():
-        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
-        raise ValueError(f"{name} must be in [0, 1], a share of the samples; got {weight[~inside][0]:g}{where}")
-
-
-def check_samples(name: str, samples: Array, shape: tuple[int, ...]) -> None:
-    """Raise a ValueError that calls them `name` unless numbers of samples in proportion are right, of that `shape`."""
-    if samples.shape != shape or not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
-        raise ValueError(
-            f"{name} must be finite, not negative, not all 0, and of shape {shape}; got shape {samples.shape} from "
-            f"{samples.min():g} to {samples.max():g}"
-        )
 
 
 def final_settings(sampler: str, reuse: bool | None = None, compensation: float | None = None) -> dict[str, Any]:

@@ -19,7 +19,8 @@ from dmis.estimator.records import Statistic
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights, guarded_argmin
 from dmis.fit.objectives import Gather, objective
 from dmis.fit.pooled_rule import PooledRule
-from dmis.fit.rule import Fit, Pilot, final_settings
+from dmis.fit.round import Fit, Pilot
+from dmis.fit.rule import final_settings
 from dmis.variance.curves import GRID, GRID_SHARES, HALF, Curves
 
 

@@ -15,7 +15,8 @@ from dmis.estimator.records import Statistic
 from dmis.estimator.technique import technique_by_name
 from dmis.fit.curve_minimum import PatchCurves, guarded_argmin
 from dmis.fit.pooled_rule import PooledRule
-from dmis.fit.rule import Fit, Pilot, Weight, final_settings
+from dmis.fit.round import Fit, Pilot, Weight
+from dmis.fit.rule import final_settings
 from dmis.variance.simplex_curves import SimplexCurves, baseline_point, grid
 
 PRICES = 2.0 ** -np.arange(6)

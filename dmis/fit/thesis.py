@@ -23,7 +23,8 @@ from dmis.base.validate import positive, whole
 from dmis.base.vectors import Array
 from dmis.filter import check_taps, gaussian
 from dmis.fit.patch_size import SIZES, choose_patch
-from dmis.fit.rule import Fit, Pilot, Rule, final_settings
+from dmis.fit.round import Fit, Pilot
+from dmis.fit.rule import Rule, final_settings
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
 """Case of a patch: the parabola's minimum was used; it lay outside [0, 1], and the nearer end was used; the parabola

@@ -11,12 +11,9 @@ import numpy as np
 from dmis.base.selection import compose
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import Counts, allocate
-from dmis.estimator.optimal_mis import slot
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
-from dmis.samplers.keys import ROUNDING
-from dmis.samplers.sobol import Sobol, reordered
-from dmis.samplers.streams import Sampler
+from dmis.samplers.streams import RoundingSampler, Sampler
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +38,6 @@ class CameraSamples:
     ----------
     pixel, number
         Pixel of each camera sample in the tile, and its number within the pixel, ``(N,)``.
-    slot
-        Pixel and stage of each as one number, ``(N,)``, see `dmis.estimator.optimal_mis.slot`.
     counts
         Shading samples of each technique, descending for the first technique, as `dmis.estimator.batch.Batch` needs.
     order
@@ -51,7 +46,6 @@ class CameraSamples:
 
     pixel: np.ndarray
     number: np.ndarray
-    slot: np.ndarray
     counts: Counts
     order: np.ndarray | None
 
@@ -73,37 +67,29 @@ class SampleAllocation:
     ----------
     shares
         Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all pixels are the same.
-    spp
-        Camera samples of each pixel, ``(P,)`` or one number.
     pixels
         P, number of pixels of the tile.
-    stages
-        Number of stages that the combiner takes the samples of a pixel in; each has random offsets of its own.
     rng
         Source of the offsets, and of techniques that are picked at random.
     sampler
-        Sampler of the tile; one of `dmis.samplers.sobol` makes the offsets.
+        Sampler of the tile; a `RoundingSampler` makes the offsets.
     """
 
     def __init__(
         self,
         shares: Array,
-        spp: np.ndarray | int,
         pixels: int,
         settings: Settings,
-        stages: int,
         rng: np.random.Generator,
         sampler: Sampler,
     ) -> None:
-        self._shares = shares if stages == 1 or shares.shape[1] == 1 else np.tile(shares, stages)
-        self._spp, self._pixels, self._stages = spp, pixels, stages
-        self._shading_samples = settings.shading_samples
-        self._offset, self._whole = rng.random((len(shares) - 1, stages * pixels)), None
-        if isinstance(sampler, Sobol):
+        self._shares, self._shading_samples = shares, settings.shading_samples
+        self._offset, self._whole = rng.random((len(shares) - 1, pixels)), None
+        self._reordered = np.asarray
+        if isinstance(sampler, RoundingSampler):
             # numbers of the pixels, and not of the tile
-            sampler.start(np.arange(pixels), np.zeros(pixels, np.int64))
-            offsets = [sampler.draw((ROUNDING, k), None)[0] for k in range(len(self._offset))]
-            self._offset = np.tile(offsets, stages).astype(float)
+            self._offset = sampler.rounding_offsets(len(self._offset)).astype(float)
+            self._reordered = sampler.rounding_order
             counts = self._shading_samples * shares.astype(float)
             self._whole = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
         self._random_allocation = rng if settings.allocation == "random" else None
@@ -114,20 +100,19 @@ class SampleAllocation:
         pixel, number = (
             np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
         )
-        slots = slot(pixel, number, self._spp, self._pixels, self._stages)
         counts = allocate(
             self._shares,
             self._shading_samples,
-            slots,
+            pixel,
             self._sequence_numbers(pixel, number),
             self._offset,
             self._random_allocation,
             self._track_sequence,
         )
         if isinstance(counts.first, int):
-            return CameraSamples(pixel, number, slots, counts, None)
+            return CameraSamples(pixel, number, counts, None)
         order = descending_order(counts.first)
-        return CameraSamples(pixel.take(order), number.take(order), slots.take(order), counts.take(order), order)
+        return CameraSamples(pixel.take(order), number.take(order), counts.take(order), order)
 
     def _sequence_numbers(self, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
         """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.
@@ -137,7 +122,7 @@ class SampleAllocation:
         """
         if self._whole is None or self._whole.all():
             return number
-        order = reordered(ROUNDING, number)
+        order = self._reordered(number)
         return order if not self._whole.any() else np.where(self._whole.take(pixel, mode="clip"), number, order)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
 from dmis.pipeline.tile import Rendered, Tile
+from dmis.variance.moments import Film
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,3 +87,30 @@ class PassFilm:
             self.sums[name][..., rows, columns] = values
         self.rays.update(tile.rays)
         self.done[tile.number] = True
+
+
+def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
+    """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.
+
+    The results overwrite the arrays of the first part, row by row, because images are large. Both are in the
+    units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
+    The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
+    """
+    total = sum(n for _, n in parts)
+    image, deviation = parts[0][0].mean, parts[0][0].root
+    shape = image.shape
+    for row in range(len(image)):
+        mean, variance = np.zeros((2, *shape[1:]))
+        for part, n in parts:
+            share = n / total
+            mean += part.mean[row] * share
+            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*shape[:2], 1))[row]
+            freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
+            variance += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
+        mean *= gain
+        if not (np.abs(mean) <= np.finfo(np.float32).max).all():
+            most = np.abs(mean).max()
+            raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
+        with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
+            image[row], deviation[row] = mean, np.sqrt(variance) * gain
+    return image, deviation

@@ -1,38 +1,29 @@
 """A render job: everything that is checked and decided before the first ray.
 
-`Job.of` takes the arguments of `dmis.pipeline.render.render`, does every check once, and holds the rule, the settings
-of pilot and final pass, the pilot's samples and the statistic that the pilot gathers. `Job.final_pass` turns a rule's
-fit into the final pass.
+`resolve` takes the arguments of `dmis.pipeline.render.render`, does every check once, and returns the `Job`: the scene,
+the rule, and the settings with which the rule makes its rounds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 from warnings import warn
 
-import numpy as np
-
 from dmis import __version__
 from dmis.base.validate import whole
-from dmis.base.vectors import Array
-from dmis.estimator.allocation import shares_of
-from dmis.estimator.combiner import combiner_by_name
-from dmis.estimator.patterns import PatternMap
 from dmis.estimator.presets import PRESETS
-from dmis.estimator.records import Statistic
 from dmis.estimator.settings import MAX_SHADING_SAMPLES, Settings, resolve_auto
 from dmis.estimator.technique import technique_by_name
-from dmis.fit import control_variate
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.rule import Fit, Pilot, Rule, Weight, check_fit, merge_settings, rule_text
-from dmis.pipeline.budget import LEVELS, fill_budget, whole_samples
+from dmis.fit.round import Budget, pilot_settings
+from dmis.fit.rule import Rule, merge_settings, rule_text
+from dmis.fit.sample_numbers import LEVELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
-from dmis.samplers.streams import stream
 from dmis.scene.scene import Scene, SceneWarning
 
 MIN_SPP_TO_LEARN = 16
@@ -46,34 +37,6 @@ Of 0, 0.5 and 0.9 the last has the least error on the scene tt: the weights are 
 """
 NOTHING_TO_MIX = "no light has two techniques: no pilot, equal shares"
 """Value of ``nothing_to_mix`` in the provenance of a render for which this is so."""
-
-
-@dataclass(frozen=True, eq=False)
-class FinalPass:
-    """The final pass: a rule's fit in whole numbers of samples.
-
-    Attributes
-    ----------
-    fit
-        The fit of the rule.
-    shares
-        Shares of the techniques, within the range of the combiner, ``(K,)`` or ``(K, H, W)``.
-    settings
-        Estimator settings.
-    samples
-        Camera samples per pixel of each replicate, one number or ``(H, W)``.
-    control
-        Coefficients of the control variate, ``(H, W, 3)``; None: there is none.
-    patterns
-        Patterns of the pixels, if the rule `continues`; then `samples` are those behind the first round.
-    """
-
-    fit: Fit
-    shares: Array
-    settings: Settings
-    samples: Array | int
-    control: Array | None
-    patterns: PatternMap | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,84 +54,26 @@ class Job:
     spp, seed
         Camera samples per pixel, the pilot's included; seed.
     settings
-        Estimator settings of the final pass, before the fit.
-    pilot_settings
-        Estimator settings of the pilot, see `pilot_settings`.
-    statistic
-        Makes the statistic that the pilot gathers; None: the moments of the pixels alone.
-    nothing_to_mix
-        Whether the rule learns shares alone, and no light of the scene has two techniques: then there is no pilot.
-    fallback
-        Why the budget is too small for the rule of `rule_text`, and which rule renders it; empty if it is not.
+        Estimator settings of the final pass.
+    notes
+        Why another rule than that of `rule_text` renders it, by kind: ``nothing_to_mix`` or ``fallback``; else empty.
     """
 
     scene: Scene
     gain: float
+    given_scene: Scene
     rule: Rule
     rule_text: str
     spp: int
     seed: int
     settings: Settings
-    pilot_settings: Settings
-    statistic: Callable[[int, int], Statistic] | None
-    given_scene: Scene
-    nothing_to_mix: bool
-    fallback: str
-
-    @classmethod
-    def of(cls, scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings: Settings) -> Job:
-        """Return the job of these arguments of `dmis.pipeline.render.render`; a ValueError if one is not right."""
-        if not isinstance(scene, Scene):
-            raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
-        spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
-        _warn_if_dark(scene)
-        float32_scene, gain = scene.in_float32
-        rule = default_rule(spp, settings) if rule is None else rule
-        text = rule_text(rule)
-        rule = make_rule(rule)
-        fallback = rule.fallback(spp, settings.replicates)
-        rule = rule.adapted(spp, resolve_auto(settings, float32_scene).sampler, settings.replicates)
-        settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
-        if settings.reuse_pilot is None:
-            settings = replace(settings, reuse_pilot=settings.sampler == "independent")
-        if settings.compensation is None:
-            settings = replace(settings, compensation=0 if rule.statistic is None else LEARNED_COMPENSATION)
-        _check_rule(rule, text, settings)
-        nothing_to_mix = rule.shares_only and not float32_scene.plan.mixable
-        if nothing_to_mix:
-            rule, settings = _without_learning(settings)
-        statistic = rule.statistic
-        if combiner_by_name(settings.combiner).control_variate:
-            statistic = control_variate.statistic(rule.pilot, statistic)
-        pilot_spp = sum(rule.pilot.values())
-        if spp <= pilot_spp:
-            raise ValueError(
-                f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
-                f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
-            )
-        learning = pilot_settings(settings, rule.pilot, statistic is not None, text)
-        if rule.continues:
-            learning = replace(learning, sampler=settings.sampler)
-        job = cls(
-            float32_scene, gain, rule, text, spp, seed, settings, learning, statistic, scene, nothing_to_mix, fallback
-        )
-        _check_replicates(job)
-        return job
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def pilot_samples(self) -> dict[Any, int]:
-        """Camera samples per pixel that the pilot renders at each weight, in ascending order of the weights.
-
-        With a statistic a camera sample has as many times the shading samples as there are techniques, and there are
-        as many times fewer.
-        """
-        factor = 1 if self.statistic is None else len(self.settings.techniques)
-        return {w: int(n if factor == 1 else n // factor) for w, n in sorted(self.rule.pilot.items())}
-
-    @property
-    def final_spp(self) -> int:
-        """Camera samples per pixel that the pilot leaves of the budget."""
-        return self.spp - sum(self.rule.pilot.values())
+    def budget(self) -> Budget:
+        """What the rule makes its rounds with."""
+        width, height = self.scene.camera.resolution
+        return Budget(self.spp, (height, width), self.settings, self.seed)
 
     @cached_property
     def provenance(self) -> Mapping[str, Any]:
@@ -192,8 +97,7 @@ class Job:
             "spp": self.spp,
             "seed": self.seed,
             "settings": asdict(self.settings),
-            **({"nothing_to_mix": NOTHING_TO_MIX} if self.nothing_to_mix else {}),
-            **({"fallback": self.fallback} if self.fallback else {}),
+            **self.notes,
         }
 
     def without_tables(self) -> Job:
@@ -210,59 +114,35 @@ class Job:
         hashes = {"scene_hash": fingerprint(self.given_scene), "rule_hash": digest(self.rule, "rule")}
         return {**self.provenance, **hashes, "tiles": layout(self.settings), "package_hash": package_hash()}
 
-    def final_pass(self, pilot: Mapping[Any, Pilot]) -> FinalPass:
-        """Return the final pass that the rule fits to the `pilot`, the whole samples of its budget included."""
-        settings = self.settings
-        controlled = combiner_by_name(settings.combiner).control_variate
-        fit = self.rule.fit(
-            {w: control_variate.without_control_sums(p) for w, p in pilot.items()} if controlled else pilot
-        )
-        height_width = self.scene.camera.resolution[::-1]
-        check_fit(fit, height_width, len(settings.techniques))
-        shares = fit.shares
-        if fit.continuation is not None:
-            plan, rng = fit.continuation.of_replicate(settings.replicates), stream(self.seed, len(pilot), 2**31)
-            first = int(np.max(pilot[0.5].moments.n)) // settings.replicates
-            samples: Array | int = fill_budget(plan, first, rng) - plan.patterns.begin
-            return FinalPass(fit, shares, settings, samples, None, plan.patterns)
-        share_range = combiner_by_name(settings.combiner).share_range
-        if share_range != (0, 1):
-            shares = shares_of(np.clip(shares[0], *share_range))
-        samples = self.final_spp // settings.replicates
-        if fit.samples is not None:
-            samples = whole_samples(np.asarray(fit.samples), samples, stream(self.seed, len(pilot), 2**31))
-        control = control_variate.coefficients(pilot[0.5], shares) if controlled else None
-        return FinalPass(fit, shares, settings, samples, control)
 
-
-def pilot_settings(settings: Settings, pilot: Mapping[Weight, int], paired: bool, text: str) -> Settings:
-    """Return the settings that a pilot is rendered with.
-
-    Its samples are independent, as statistics assume, and combined by the balance heuristic, whose terms are f / p_w,
-    however the final samples are drawn and combined. If `paired`, because a statistic is gathered, a camera sample has
-    twice the shading samples, and there are half as many camera samples: two independent estimates at one point tell
-    the variance over the pixel from the variance at the point. For K techniques to have two samples each, there are K
-    times the shading samples in as many times fewer camera samples. `text` is that of the rule in messages.
+def resolve(scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings: Settings) -> Job:
+    """Return the job of the arguments of `dmis.pipeline.render.render`, with a value in place of every default.
 
     Raises
     ------
     ValueError
-        If a number of samples is odd, and must not be.
+        If an argument is not right, or arguments do not go together.
     """
-    settings = replace(settings, combiner="balance", allocation="systematic", sampler="independent")
-    if not paired:
-        return settings
-    techniques = len(settings.techniques)
-    for name, n in (("shading_samples", settings.shading_samples), *(("pilot samples", n) for n in pilot.values())):
-        if n % 2:
-            even = f"{n - 1} or {n + 1}" if n > 1 else "2"
-            raise ValueError(
-                f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {even}, or "
-                f"rule thesis"
-            )
-        if name != "shading_samples" and n % techniques:
-            raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
-    return replace(settings, shading_samples=techniques * settings.shading_samples)
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
+    spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
+    _warn_if_dark(scene)
+    float32_scene, gain = scene.in_float32
+    rule = default_rule(spp, settings) if rule is None else rule
+    text = rule_text(rule)
+    rule = make_rule(rule)
+    settings = resolve_auto(merge_settings(rule, text, settings), float32_scene)
+    notes: dict[str, str] = {}
+    if reason := rule.fallback(spp):
+        notes, rule = {"fallback": reason}, _equal_shares(settings)
+    if settings.reuse_pilot is None:
+        settings = replace(settings, reuse_pilot=settings.sampler == "independent")
+    if settings.compensation is None:
+        settings = replace(settings, compensation=0 if rule.statistic is None else LEARNED_COMPENSATION)
+    _check_rule(rule, text, spp, settings)
+    if rule.shares_only and not float32_scene.plan.mixable:
+        notes, rule = {**notes, "nothing_to_mix": NOTHING_TO_MIX}, _equal_shares(settings)
+    return Job(float32_scene, gain, scene, rule, text, spp, seed, settings, notes)
 
 
 def default_rule(spp: int, settings: Settings) -> Rule | str:
@@ -275,78 +155,59 @@ def default_rule(spp: int, settings: Settings) -> Rule | str:
     if settings.preset is not None:
         return PRESETS[settings.preset].rule
     s = settings.shading_samples
-    if (
-        MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2
-        and s % 2 == 0
-        and 2 * s <= MAX_SHADING_SAMPLES
-        and _densities_known(settings)
-    ):
+    pays = MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2
+    if pays and s % 2 == 0 and 2 * s <= MAX_SHADING_SAMPLES and not _without_densities(settings):
         return "auto"
-    rule = Fixed(0.5, settings.combiner, settings.techniques, settings.allocation)
+    rule = _equal_shares(settings)
     return "balance" if rule == Fixed() else rule
 
 
-def _without_learning(settings: Settings) -> tuple[Rule, Settings]:
-    """Return the rule of equal shares for a scene with nothing to mix, and the settings that go with it.
-
-    All heuristics are the same there; a control variate, whose coefficients need a pilot, is 0.
-    """
-    if combiner_by_name(settings.combiner).control_variate:
-        settings = replace(settings, combiner="balance")
+def _equal_shares(settings: Settings) -> Fixed:
+    """Return the rule of equal shares with these settings."""
     k = len(settings.techniques)
-    w = 0.5 if k == 2 else (1 / k,) * k
-    return Fixed(w, settings.combiner, settings.techniques, settings.allocation), settings
+    return Fixed(0.5 if k == 2 else (1 / k,) * k, settings.combiner, settings.techniques, settings.allocation)
 
 
-def _check_rule(rule: Rule, rule_text: str, settings: Settings) -> None:
-    """Raise a ValueError if the rule is incompatible with the techniques or the allocation of the settings."""
-    if len(settings.techniques) > 2 and not rule.multi_technique:
+def _without_densities(settings: Settings) -> list[str]:
+    """Return the names of the techniques whose pdf is not known."""
+    return [name for name in settings.techniques if not technique_by_name(name).exact]
+
+
+def _check_rule(rule: Rule, text: str, spp: int, settings: Settings) -> None:
+    """Raise a ValueError if the rule does not go with the budget, the techniques or the allocation of the settings."""
+    techniques, pilot_spp = len(settings.techniques), rule.pilot_samples(spp)
+    if techniques > 2 and not rule.multi_technique:
         raise ValueError(
-            f"rule {rule_text} needs two techniques; got {len(settings.techniques)}: {', '.join(settings.techniques)}. "
+            f"rule {text} needs two techniques; got {techniques}: {', '.join(settings.techniques)}. "
             f"Use rule simplex:{'+'.join(settings.techniques)}"
         )
-    if rule.statistic is not None and not rule.multi_technique and not _densities_known(settings):
-        without = [name for name in settings.techniques if not technique_by_name(name).exact]
+    if spp <= pilot_spp:
         raise ValueError(
-            f"rule {rule_text} needs the pdf of every technique, but {', '.join(map(repr, without))} has none. Use "
-            f"thesis or fixed weights"
+            f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
+            f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    if rule.statistic is not None and settings.allocation == "random":
-        raise ValueError(
-            f"rule {rule_text} needs allocation systematic, because it learns variances at fixed shares; got random. "
-            f"Use thesis or fixed weights, which go with it"
-        )
-
-
-def _check_replicates(job: Job) -> None:
-    """Raise a ValueError if replicates have no use with the sampler of a job, or do not divide its samples evenly."""
-    replicates, sampler = job.settings.replicates, job.settings.sampler
-    if replicates == 1:
+    if rule.statistic is None:
         return
-    if sampler == "independent":
+    if not rule.multi_technique and (without := _without_densities(settings)):
         raise ValueError(
-            f"replicates must be 1 with sampler independent, where the variance of the samples is exact already; got "
-            f"{replicates}. Use sampler sobol, or leave replicates out"
+            f"rule {text} needs the pdf of every technique, but {', '.join(map(repr, without))} has none. Use thesis "
+            f"or fixed weights"
         )
-    pilot = 0 if job.rule.continues else job.spp - job.final_spp
-    if (job.spp - pilot) % replicates:
-        least = job.spp - (job.spp - pilot) % replicates
-        behind = f", of which rule {job.rule_text} takes {pilot} for its pilot" if pilot else ""
+    if settings.allocation == "random":
         raise ValueError(
-            f"the camera samples of a pixel must be divisible by {replicates} for replicates={replicates}; got "
-            f"{job.spp}{behind}. Use spp {least} or {least + replicates}"
+            f"rule {text} needs allocation systematic, because it learns variances at fixed shares; got random. Use "
+            f"thesis or fixed weights, which go with it"
         )
-    for n in job.pilot_samples.values() if job.rule.continues else ():
-        if n % (2 * replicates):
+    for name, n in (("shading_samples", settings.shading_samples), *(("pilot samples", n) for n in rule.pilot.values())):
+        if n % 2:
+            even = f"{n - 1} or {n + 1}" if n > 1 else "2"
             raise ValueError(
-                f"the first round of rule {job.rule_text} must have a multiple of {2 * replicates} camera samples for "
-                f"replicates={replicates}; got {n}. Use spp={4 * replicates} in the rule, or leave it out"
+                f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {even}, or "
+                f"rule thesis"
             )
-
-
-def _densities_known(settings: Settings) -> bool:
-    """Return whether the pdf of every technique is known."""
-    return all(technique_by_name(name).exact for name in settings.techniques)
+        if name != "shading_samples" and n % techniques:
+            raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
+    pilot_settings(settings, paired=True)  # refuses too many shading samples
 
 
 def _warn_if_dark(scene: Scene) -> None:

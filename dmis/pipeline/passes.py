@@ -1,35 +1,26 @@
-"""Passes over an image: cut it into tiles, read finished ones from a checkpoint, render the rest, merge all of them."""
+"""Passes over an image, one for each round: cut it into tiles, read finished ones from a checkpoint, render the rest, merge all of them."""
 
 from __future__ import annotations
 
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import replace
 from types import TracebackType
-from typing import Any
-
-import numpy as np
 
 from dmis.base.malloc import release
 from dmis.base.vectors import Array
-from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import rays_of_all_pixels
-from dmis.estimator.patterns import PatternMap
-from dmis.estimator.records import Statistic
-from dmis.estimator.settings import Settings
-from dmis.fit.rule import Pilot
+from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.film import FilmTile, PassFilm
-from dmis.pipeline.job import FinalPass, Job
+from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.variance.moments import Film, join
-from dmis.variance.replicates import mean_of_replicates, replicate_seed
 
 Observer = Callable[[Sequence[Tile]], None]
 """Called with the tiles of a pass before they are rendered."""
@@ -72,13 +63,14 @@ class Passes:
         observer: Observer | None = None,
     ) -> None:
         self._job, self._progress, self._observer = job, progress, observer
+        self._rounds = 0
         self._pixels = math.prod(job.scene.camera.resolution)
         self.rays: Counter[str] = Counter()
         self.embree_seconds = 0.0
         parallel = check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:
-            passes = (len(job.rule.pilot) + 1) * job.settings.replicates
+            passes = len(job.rule.pilot) + 1
             self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
         self._workers = Workers(job.scene, parallel)
 
@@ -90,84 +82,30 @@ class Passes:
     ) -> None:
         self._workers.close(now=kind is not None)
 
-    def pilot(self) -> tuple[dict[Any, Pilot], list[Film]]:
-        """Render the pilot: one pass for each weight, and the feature buffers if the rule needs them.
-
-        Returns
-        -------
-        pilot
-            By weight.
-        first_round
-            Moments of the samples of each replicate, from which the final ones go on; none if they do not.
-        """
-        job = self._job
-        replicates = job.settings.replicates if job.rule.continues else 1
-        pilot, first_round = {}, []
-        for number, (w, spp) in enumerate(job.pilot_samples.items()):
-            parts = [
-                self.render(
-                    self._pass_number(number, replicate), "pilot", spp // replicates, shares_of(w), job.pilot_settings,
-                    job.statistic,
-                )
-                for replicate in range(replicates)
-            ]  # fmt: skip
-            pilot[w] = _pool_replicates(parts)
-            first_round += [part.moments for part in parts] if job.rule.continues else []
-        if job.rule.needs_features:
-            features, rays = render_feature_buffers(job.scene)
-            self.rays["guide"] += rays
-            pilot = {w: replace(p, features=features) for w, p in pilot.items()}
-            release(self._pixels)
-        return pilot, first_round
-
-    def final(self, final: FinalPass, first_round: Sequence[Film]) -> Film:
-        """Render the final pass, a pass for each replicate; the moments per pixel, with those of the `first_round`."""
-        films = []
-        for replicate in range(final.settings.replicates):
-            number = self._pass_number(len(self._job.rule.pilot), replicate)
-            film = self.render(
-                number, "final", final.samples, final.shares, final.settings, control=final.control,
-                patterns=final.patterns,
-            ).moments  # fmt: skip
-            films.append(film if final.patterns is None else join(first_round[replicate], film, final.patterns.begin))
-        return mean_of_replicates(films, exact=True)
-
-    def _pass_number(self, number: int, replicate: int) -> int:
-        """Return the number of a pass over a replicate, which is its own; those of the first replicate come first."""
-        return number + replicate * (len(self._job.rule.pilot) + 1)
-
-    def render(
-        self,
-        pass_: int,
-        stage: str,
-        spp: Array | int,
-        shares: Array,
-        settings: Settings,
-        statistic: Callable[[int, int], Statistic] | None = None,
-        control: Array | None = None,
-        patterns: PatternMap | None = None,
-    ) -> Pilot:
-        """Render one pass and return its moments, rays and sums.
-
-        Parameters
-        ----------
-        pass_
-            Number of the pass, which its random streams are made from; it tells the replicate, too.
-        stage
-            Name of the pass for `Progress`.
-        spp, shares, settings, statistic, control, patterns
-            As in `dmis.pipeline.tile.make_tiles`.
-        """
+    def render(self, round_: Round) -> Pilot:
+        """Render a round over the image and return its film; one that goes on joins the samples before it."""
         resolution = self._job.scene.camera.resolution
-        seed = replicate_seed(self._job.seed, pass_ // (len(self._job.rule.pilot) + 1))
-        tiles = make_tiles(resolution, seed, pass_, spp, shares, settings, statistic, control, patterns)
+        tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
         if self._observer:
             self._observer(tuple(tiles))
         film = PassFilm.empty(resolution, len(tiles))
-        for film_tile in self._store.finished_tiles(pass_) if self._store else ():
+        for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
             film.merge_tile(film_tile)
+        self._rounds += 1
         release(self._pixels)
-        tiles.sort(key=lambda tile: tile.camera_samples, reverse=True)  # so that no large one is waited for at the end
+        self._render_missing(film, tiles, round_.stage)
+        release(self._pixels)
+        self.rays.update(rays_of_all_pixels(film.rays))
+        settings, spp = round_.settings, round_.spp
+        moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
+        if round_.before is not None and round_.patterns is not None:
+            moments = join(round_.before, moments, round_.patterns.begin)
+        rays, s, techniques = dict(film.rays), settings.shading_samples, tuple(settings.techniques)
+        return Pilot(moments, rays, film.sums, s, self._features(round_), techniques, self._job.spp)
+
+    def _render_missing(self, film: PassFilm, tiles: list[Tile], stage: str) -> None:
+        """Render the tiles that are not in the film yet, the largest first, so that none is waited for at the end."""
+        tiles.sort(key=lambda tile: tile.camera_samples, reverse=True)
         missing = [tile for tile in tiles if not film.done[tile.number]]
         total = sum(tile.camera_samples for tile in tiles)
         finished = total - sum(tile.camera_samples for tile in missing)
@@ -181,19 +119,12 @@ class Passes:
                 finished += tile.camera_samples
                 if self._progress:
                     self._progress(stage, finished, total)
+
+    def _features(self, round_: Round) -> Mapping[str, Array]:
+        """Return the feature buffers of the scene, if the round needs them."""
+        if not round_.needs_features:
+            return {}
+        features, rays = render_feature_buffers(self._job.scene)
+        self.rays["guide"] += rays
         release(self._pixels)
-        self.rays.update(rays_of_all_pixels(film.rays))
-        moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
-        techniques = tuple(settings.techniques)
-        of_pass = moments, dict(film.rays), film.sums, settings.shading_samples
-        return Pilot(*of_pass, techniques=techniques, budget=self._job.spp)
-
-
-def _pool_replicates(pilots: Sequence[Pilot]) -> Pilot:
-    """Return the pilot of all replicates of a first round."""
-    if len(pilots) == 1:
-        return pilots[0]
-    rays = sum((Counter(pilot.rays) for pilot in pilots), Counter[str]())
-    sums = {name: np.sum([pilot.sums[name] for pilot in pilots], axis=0) for name in pilots[0].sums}
-    moments = mean_of_replicates([pilot.moments for pilot in pilots], exact=False)
-    return replace(pilots[0], moments=moments, rays=rays, sums=sums, replicates=len(pilots))
+        return features

@@ -1,9 +1,9 @@
-"""Rendering with a rule: pilot, fit, final pass, one image.
+"""Rendering with a rule: it asks for rounds, such as pilot and final pass, and is sent their films; then the image.
 
-`dmis.pipeline.job` checks the arguments and decides what is rendered, `dmis.pipeline.passes` renders it, pass by pass.
-The budget `spp` includes the pilot. Pilot and final image are both unbiased. Where the pilot is part of the image they
-are averaged with weights fixed beforehand, their camera samples: so the result is unbiased although the weights were
-learned. (Weighting by estimated variance would not be.)
+`dmis.pipeline.job` checks the arguments, `dmis.pipeline.passes` renders the rounds. The budget `spp` includes the
+pilot. Pilot and final image are both unbiased. Where the pilot is part of the image they are averaged with weights
+fixed beforehand, their camera samples: so the result is unbiased although the shares were learned. (Weighting by
+estimated variance would not be.)
 """
 
 from __future__ import annotations
@@ -11,21 +11,19 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Generator
 from typing import Any
 
-import numpy as np
-
-from dmis.base.vectors import Array
-from dmis.estimator.cost import UNTRACED, rays_of_all_pixels
+from dmis.estimator.cost import rays_of_all_pixels
 from dmis.estimator.settings import Settings, make_settings
+from dmis.fit.round import Pilot, Round
 from dmis.fit.rule import Rule
 from dmis.pipeline.executor import Parallel
-from dmis.pipeline.job import FinalPass, Job
+from dmis.pipeline.film import average_films
+from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.passes import Observer, Passes
 from dmis.pipeline.progress import Progress, reporting
-from dmis.pipeline.result import Result
-from dmis.samplers.streams import is_sequence
+from dmis.pipeline.result import Result, make_result
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Film
 
@@ -73,7 +71,7 @@ def render(
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
-    job = Job.of(scene, rule, spp, seed, make_settings(settings, **options))
+    job = resolve(scene, rule, spp, seed, make_settings(settings, **options))
     return render_job(job, parallel, progress, checkpoint)
 
 
@@ -84,90 +82,37 @@ def render_job(
     checkpoint: str | os.PathLike[str] | None = None,
     observer: Observer | None = None,
 ) -> Result:
-    """Render a job: pilot, fit, final pass.
+    """Render the rounds that the rule of a job asks for, and send it the film of each.
 
-    Parameters and errors are those of `render`; `observer` gets the tiles of each pass, in row order, before they are
+    Parameters and errors are those of `render`; `observer` gets the tiles of each round, in row order, before they are
     rendered.
     """
     _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
+    seconds = {"pilot": 0.0, "fit": 0.0, "final": 0.0}
+    image: list[tuple[Film, int]] = []
+    pilot_rays: Counter[str] = Counter()
     with reporting(progress) as report, Passes(job, parallel, report, checkpoint, observer) as passes:
         job.scene.prepare()
-        times = [time.perf_counter()]
-        pilot, first_round = passes.pilot()  # samples
-        times.append(time.perf_counter())
-        final_pass = job.final_pass(pilot)  # variance, fit, filter
-        films = [(p.moments, int(np.mean(p.moments.n))) for p in pilot.values()] if job.settings.reuse_pilot else []
-        pilot_rays = sum((Counter(rays_of_all_pixels(p.rays)) for p in pilot.values()), Counter[str]())
-        del pilot  # its statistics are large, and nothing else of them is needed
-        times.append(time.perf_counter())
-        final = passes.final(final_pass, first_round)  # samples again
-        times.append(time.perf_counter())
-    # weights are the budgets: those of adaptive samples depend on the pilot, and would bias the mean
-    image, deviation = _average([(final, job.final_spp), *films], job.gain)
-    seconds = dict(zip(("pilot", "fit", "render"), np.diff(times).tolist(), strict=True))
-    seconds |= {"total": times[-1] - times[0], "embree": passes.embree_seconds}
-    return _result(job, final_pass, (image, deviation), seconds, (passes.rays, pilot_rays))
+        rounds, film, began = job.rule.rounds(job.budget), None, time.perf_counter()
+        while (round_ := _next_round(rounds, film)) is not None:  # variance, fit, filter
+            seconds["fit"] += time.perf_counter() - began
+            began, film = time.perf_counter(), None
+            film, last = passes.render(round_), round_  # samples
+            if round_.weight:
+                image.append((film.moments, round_.weight))
+            if round_.stage == "pilot":
+                pilot_rays.update(rays_of_all_pixels(film.rays))
+            seconds[round_.stage] += time.perf_counter() - began
+            began = time.perf_counter()
+    times = {"pilot": seconds["pilot"], "fit": seconds["fit"], "render": seconds["final"]}
+    times |= {"total": sum(times.values()), "embree": passes.embree_seconds}
+    mean_and_deviation = average_films(image[::-1], job.gain)
+    return make_result(job, last, mean_and_deviation, times, (passes.rays, pilot_rays))
 
 
-def _result(
-    job: Job,
-    final: FinalPass,
-    image: tuple[Array, Array],
-    seconds: Mapping[str, float],
-    counts: tuple[Mapping[str, int], Mapping[str, int]],
-) -> Result:
-    """Return the result of a job; `counts` are all rays and those of the pilot, by kind."""
-    rays = {kind: number for kind, number in counts[0].items() if kind != UNTRACED}
-    shape = image[0].shape[:2]
-    replicates, settings = final.settings.replicates, final.settings
-    if final.patterns is not None:
-        light, brdf = final.patterns.shading_samples(np.asarray(final.samples))
-        samples = replicates * (final.samples + final.patterns.begin)
-        weight, shading_samples = light / (light + brdf), replicates * (light + brdf) / samples
-    else:
-        samples = job.spp - job.final_spp + replicates * np.asarray(final.samples, np.float32)
-        weight, shading_samples = final.shares[0], np.full(shape, job.settings.shading_samples)
-    described = job.without_tables()
-    deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
-    deviation_of = "replicates" if replicates > 1 else deviation_of
-    of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
-    of_image["deviation_of"] = deviation_of
-    return Result(
-        image=image[0],
-        deviation=image[1],
-        deviation_of=deviation_of,
-        weight=np.full(shape, weight, np.float32),
-        samples=np.full(shape, samples, np.float32),
-        shading_samples=np.asarray(shading_samples, np.float32),
-        seconds=seconds,
-        rays=rays,
-        maps=final.fit.maps,
-        describe=lambda: {**described.provenance, **of_image},
-    )
-
-
-def _average(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
-    """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.
-
-    The results overwrite the arrays of the first part, row by row, because images are large. Both are in the
-    units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
-    The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
-    """
-    total = sum(n for _, n in parts)
-    image, deviation = parts[0][0].mean, parts[0][0].root
-    shape = image.shape
-    for row in range(len(image)):
-        mean, variance = np.zeros((2, *shape[1:]))
-        for part, n in parts:
-            share = n / total
-            mean += part.mean[row] * share
-            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*shape[:2], 1))[row]
-            freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
-            variance += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
-        mean *= gain
-        if not (np.abs(mean) <= np.finfo(np.float32).max).all():
-            most = np.abs(mean).max()
-            raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
-        with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
-            image[row], deviation[row] = mean, np.sqrt(variance) * gain
-    return image, deviation
+def _next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
+    """Return the next round of a rule, which is sent the film of the last one; None if there are no more."""
+    try:
+        return next(rounds) if film is None else rounds.send(film)
+    except StopIteration:
+        return None

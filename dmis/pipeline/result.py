@@ -14,7 +14,11 @@ import numpy as np
 
 from dmis.base.color import luminance
 from dmis.base.vectors import Array
+from dmis.estimator.cost import UNTRACED
+from dmis.fit.round import Round
 from dmis.image import png_of, write_exr, write_png
+from dmis.pipeline.job import Job
+from dmis.samplers.streams import is_sequence
 
 FEW = 4.0
 """A pixel of a firefly is the work of fewer than this many of its samples."""
@@ -57,10 +61,7 @@ class Result:
     deviation_of
         What `deviation` is estimated from. ``samples``: the variance of samples that are taken to be independent; it is
         too large where systematic rounding or a structured sampler spreads them. ``sub-blocks``: the spread of four
-        parts of a sequence (`dmis.variance.sub_blocks`), too large by a factor of about 1.4. ``replicates``: the spread
-        of independent copies of the sequence (`dmis.variance.replicates`, the setting ``replicates``), whose square is
-        unbiased. With R of them it has R - 1 degrees of freedom: 95 % of a pixel's errors are within 12.7 deviations
-        with 2, and 3.2 with 4; the mean over many pixels is exact with either.
+        parts of a sequence (`dmis.variance.sub_blocks`), too large by a factor of about 1.4.
     weight
         ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first. Of the rules
         ``auto`` and ``counts``, share among all samples of the image.
@@ -135,6 +136,50 @@ class Result:
     def fireflies(self) -> np.ndarray:
         """``(H, W)`` bool: pixels that look like fireflies, see `find_fireflies`."""
         return find_fireflies(self.image, self.variance, self.samples)
+
+
+def make_result(
+    job: Job,
+    final: Round,
+    image: tuple[Array, Array],
+    seconds: Mapping[str, float],
+    counts: tuple[Mapping[str, int], Mapping[str, int]],
+) -> Result:
+    """Return the result of a job, whose last round was `final`.
+
+    Parameters
+    ----------
+    image
+        The image and its deviation.
+    seconds
+        As in `Result`.
+    counts
+        All rays and those of the pilot, by kind.
+    """
+    rays = {kind: number for kind, number in counts[0].items() if kind != UNTRACED}
+    shape, settings = image[0].shape[:2], final.settings
+    if final.patterns is not None:
+        samples, light, brdf = final.technique_samples()
+        weight, shading_samples = light / (light + brdf), (light + brdf) / samples
+    else:
+        samples = job.spp - final.weight + np.asarray(final.spp, np.float32)
+        weight, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
+    described = job.without_tables()
+    deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
+    of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
+    of_image["deviation_of"] = deviation_of
+    return Result(
+        image=image[0],
+        deviation=image[1],
+        deviation_of=deviation_of,
+        weight=np.full(shape, weight, np.float32),
+        samples=np.full(shape, samples, np.float32),
+        shading_samples=np.asarray(shading_samples, np.float32),
+        seconds=seconds,
+        rays=rays,
+        maps=final.maps,
+        describe=lambda: {**described.provenance, **of_image},
+    )
 
 
 def find_fireflies(image: Array, variance: Array, samples: Array) -> np.ndarray:

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
+from dmis.base.patches import PATCH
 from dmis.base.selection import indices, take
 from dmis.base.vectors import Array
 from dmis.estimator.batch import Batch
-from dmis.estimator.combiner import combiner_by_name
-from dmis.estimator.patterns import PatternMap
-from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.intersect import RayCaster, TimedCaster
-from dmis.pipeline.camera_samples import SampleAllocation, SampleBlock, sample_batches
+from dmis.fit.round import Round
+from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
+from dmis.pipeline.observers import make_observers
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import Sampler, is_sequence, make_sampler, stream
+from dmis.samplers.streams import Sampler, make_sampler, stream
 from dmis.scene.pinhole import ray_origins
 from dmis.scene.scene import Scene
-from dmis.variance.moments import Moments, PixelMoments
-from dmis.variance.sub_blocks import SubBlocks
+from dmis.variance.moments import Moments
 
 # CHUNK, `batch_size`, MIN_SIDE, MAX_SIDE and `PATCH` decide which tiles an image is cut into, and which batches a tile.
 # A tile's number seeds its random stream (`dmis.samplers.streams.stream`), and its batches draw from that in turn. So
@@ -38,25 +36,16 @@ MIN_SIDE, MAX_SIDE = 32, 128
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A rectangle of P pixels to be rendered in one pass.
+    """A rectangle of P pixels to be rendered in one round.
 
     Attributes
     ----------
     seed, pass_, number
-        Seed, number of the pass and number of the tile: the random stream is made from them.
+        Seed, number of the round and number of the tile: the random stream is made from them.
     rows, columns
         ``(begin, end)`` in the image.
-    spp
-        Camera samples per pixel, one number or ``(P,)`` in row order.
-    shares
-        Shares of samples of the K techniques, ``(K, P)``, or ``(K, 1)`` if those of all pixels are the same; float32.
-    statistic
-        Makes the `Statistic` that gathers the shading samples; None: there is none.
-    control
-        Coefficient of the control variate, ``(3, P)``, see `dmis.fit.control_variate`; None: there is none.
-    patterns
-        Patterns of the pixels, and where in their sequences they go on, so that `spp` are the samples from there on;
-        None: `shares` divide the samples, and all pixels begin their sequences.
+    round
+        The round of these pixels, see `dmis.fit.round.Round.of_area`.
     """
 
     seed: int
@@ -64,12 +53,7 @@ class Tile:
     number: int
     rows: tuple[int, int]
     columns: tuple[int, int]
-    spp: np.ndarray | int
-    shares: Array
-    settings: Settings
-    statistic: Callable[[int, int], Statistic] | None = None
-    control: Array | None = None
-    patterns: PatternMap | None = None
+    round: Round
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -84,31 +68,34 @@ class Tile:
     @property
     def camera_samples(self) -> int:
         """Number of camera samples of all pixels."""
-        return self.pixels * self.spp if isinstance(self.spp, int) else int(self.spp.sum())
+        spp = self.round.spp
+        return self.pixels * spp if isinstance(spp, int) else int(spp.sum())
 
     @property
     def begin(self) -> np.ndarray:
         """Numbers of the first camera samples in the sequences of the pixels, ``(P,)``, or ``(1,)`` if all are 0."""
-        return np.zeros(1, np.int64) if self.patterns is None else self.patterns.begin
+        return np.zeros(1, np.int64) if self.round.patterns is None else self.round.patterns.begin
 
     def sampler(self, settings: Settings, width: int, rng: np.random.Generator) -> Sampler:
         """Return the sampler of the pixels, in an image of `width` pixels."""
         rows, columns = np.arange(*self.rows), np.arange(*self.columns)
         pixels = (rows[:, None] * width + columns).reshape(-1)
-        stops = np.unique(self.spp + self.begin).tolist()
+        stops = np.unique(self.round.spp + self.begin).tolist()
         return make_sampler(settings.sampler, PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples))
 
-    def groups(self) -> Iterator[tuple[np.ndarray, Array, Settings]]:
-        """Yield the pixels ``(A,)`` that are rendered together, with their shares and their settings."""
+    def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
+        """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""
+        spp, patterns, settings = self.round.spp, self.round.patterns, self.round.settings
         every = np.arange(self.pixels)
-        if self.patterns is None:
-            yield every, self.shares, self.settings
+        if patterns is None:
+            yield every, spp, self.round.shares, settings
             return
-        for number, (n_l, n_b) in enumerate(self.patterns.patterns):
-            pixels = every[(self.patterns.pattern == number) & (self.spp > 0)]
+        spp = np.broadcast_to(spp, self.pixels)
+        for number, (n_l, n_b) in enumerate(patterns.patterns):
+            pixels = every[(patterns.pattern == number) & (spp > 0)]
             if len(pixels):
                 shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
-                yield pixels, shares, replace(self.settings, shading_samples=n_l + n_b)
+                yield pixels, spp.take(pixels), shares, replace(settings, shading_samples=n_l + n_b)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,45 +138,15 @@ def layout(settings: Settings) -> dict[str, int]:
     return {"chunk": CHUNK, "base": PATCH, "batch": batch_size(settings), **sides}
 
 
-def make_tiles(
-    resolution: tuple[int, int],
-    seed: int,
-    pass_: int,
-    spp: np.ndarray | int,
-    shares: Array,
-    settings: Settings,
-    statistic: Callable[[int, int], Statistic] | None = None,
-    control: Array | None = None,
-    patterns: PatternMap | None = None,
-) -> list[Tile]:
-    """Return the tiles of one pass over an image, in row order.
-
-    Parameters
-    ----------
-    resolution
-        Width and height of the image.
-    seed, pass_, settings, statistic
-        As in `Tile`.
-    spp
-        Camera samples per pixel, one number or ``(H, W)``.
-    shares
-        Shares of samples of the K techniques, ``(K,)`` or ``(K, H, W)`` float32, see `dmis.fit.rule.Fit.shares`.
-    control
-        Coefficient of the control variate, ``(H, W, 3)``; None: there is none.
-    patterns
-        Patterns of the pixels, ``(H, W)``, see `Tile`.
-    """
-    tiles = []
-    areas = _tile_areas(resolution, int(np.mean(spp)), not isinstance(spp, int), batch_size(settings))
-    for number, (rows, columns) in enumerate(areas):
-        area = slice(*rows), slice(*columns)
-        tile_spp = spp if isinstance(spp, int) else spp[area].reshape(-1)
-        tile_control = None if control is None else control[area].reshape(-1, 3).T.astype(np.float32)
-        tile_shares = _shares_of_area(shares, area)
-        ours = None if patterns is None else patterns.of_area(area)
-        tile = Tile(seed, pass_, number, rows, columns, tile_spp, tile_shares, settings, statistic, tile_control, ours)
-        tiles.append(tile)
-    return tiles
+def make_tiles(resolution: tuple[int, int], seed: int, pass_: int, round_: Round) -> list[Tile]:
+    """Return the tiles of one round over an image of `resolution` (width, height), in row order."""
+    areas = _tile_areas(
+        resolution, int(np.mean(round_.spp)), not isinstance(round_.spp, int), batch_size(round_.settings)
+    )
+    return [
+        Tile(seed, pass_, number, rows, columns, round_.of_area((slice(*rows), slice(*columns))))
+        for number, (rows, columns) in enumerate(areas)
+    ]
 
 
 def _tile_areas(
@@ -211,16 +168,8 @@ def _tile_areas(
     ]
 
 
-def _shares_of_area(shares: Array, area: tuple[slice, slice]) -> Array:
-    """Return the shares of the pixels of an area of the image, ``(K, P)``, or ``(K, 1)`` if all are equal."""
-    if shares.ndim == 1:
-        return shares[:, None]
-    of_pixels = shares[:, *area].reshape(len(shares), -1)
-    return of_pixels if (of_pixels != of_pixels[:, :1]).any() else of_pixels[:, :1].copy()
-
-
 def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Rendered:
-    """Render one tile: camera samples in batches, the radiance of each, and the moments of each pixel.
+    """Render one tile: camera samples in batches, the radiance of each, and what observers make of it.
 
     Parameters
     ----------
@@ -232,56 +181,27 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     ValueError
         If a pixel is not finite.
     """
-    tile = replace(tile, settings=resolve_auto(tile.settings, scene))
-    settings, pixels, shading_samples = tile.settings, tile.pixels, tile.settings.shading_samples
-    rng = stream(tile.seed, tile.pass_, tile.number)
-    collector = combiner_by_name(settings.combiner).collector(tile.shares, tile.spp * np.full(pixels, shading_samples))
-    statistic = tile.statistic(pixels, shading_samples) if tile.statistic else None
-    colour = _pixel_colours(tile) if getattr(statistic, "by_colour", False) else None
-    stages = 1 if collector is None else collector.stages
+    tile = replace(tile, round=replace(tile.round, settings=resolve_auto(tile.round.settings, scene)))
+    rng, rays, timed = stream(tile.seed, tile.pass_, tile.number), Counter[str](), TimedCaster(caster or scene.intersector)
+    observers = make_observers(tile.round, tile.shape)
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
-    rays: Counter[str] = Counter()
-    timed = TimedCaster(caster or scene.intersector)
-    moments = SubBlocks(tile.spp, pixels) if is_sequence(settings.sampler) else PixelMoments(pixels)
-    for group, shares, settings in tile.groups():
+    for pixels, spp, shares, settings in tile.groups():
         sampler = tile.sampler(settings, scene.camera.resolution[0], rng)
-        allocation = SampleAllocation(shares, tile.spp, pixels, settings, stages, rng, sampler)
-        spp = tile.spp if isinstance(tile.spp, int) else tile.spp.take(group)
-        for blocks in sample_batches(spp, group, batch_size(settings)):
+        allocation = SampleAllocation(shares, tile.pixels, settings, rng, sampler)
+        for blocks in sample_batches(spp, pixels, batch_size(settings)):
             # n_1 of the S shading samples of a camera sample to the first technique, w S on average
             samples = allocation.camera_samples(blocks)
             sampler.start(samples.pixel, samples.number + take(tile.begin, samples.pixel))
-            origin, direction = _camera_rays(scene, sampler, corners, samples.pixel)
+            shares_of_samples, records = take(shares, samples.pixel), observers.new_records()
+            batch = Batch(scene, timed, settings, sampler, rng, shares_of_samples, samples.counts, rays, records)
+            batch.colour = observers.colours(samples.pixel)
             # L_i, the radiance of camera sample i
-            batch = Batch(
-                scene,
-                timed,
-                settings,
-                sampler,
-                rng,
-                take(shares, samples.pixel),
-                samples.counts,
-                rays,
-                None if statistic is None and collector is None else [],
-                None if colour is None else colour.take(samples.pixel),
-                None if tile.control is None else tile.control.take(samples.pixel, axis=1),
-            )
-            values = radiance(
-                batch, origin, direction, None if covered is None else indices(covered.take(samples.pixel))
-            )
-            if collector is not None:
-                first = np.broadcast_to(samples.counts.first, len(samples.pixel))
-                collector.add(batch.records or [], samples.slot, first, shading_samples)
-            values, records = samples.restore_order(values, batch.records)
-            if statistic is not None:
-                statistic.add(records, values, blocks[0].count)
-            # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2
-            _add_blocks(moments, blocks, values)
-    total = moments.total() if tile.camera_samples else Moments(0, *np.zeros((2, 3, pixels)))
-    if collector is not None:
-        total = replace(total, mean=total.mean + collector.correction())
-    _check_finite(total, tile)
-    return Rendered(tile.number, _image_moments(total, tile), rays, _patch_sums(statistic, tile), timed.seconds)
+            may_see = None if covered is None else indices(covered.take(samples.pixel))
+            values = radiance(batch, *_camera_rays(scene, sampler, corners, samples.pixel), may_see)
+            observers.add(blocks, samples, records, values)
+    moments = observers.moments(tile.camera_samples)
+    _check_finite(moments, tile)
+    return Rendered(tile.number, _image_moments(moments, tile), rays, observers.patch_sums(), timed.seconds)
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
@@ -298,14 +218,6 @@ def _pixel_corners(tile: Tile) -> tuple[Array, Array]:
     return x, y
 
 
-def _pixel_colours(tile: Tile) -> np.ndarray:
-    """Return the number of the colour of each pixel of a tile, see `COLOURS`, ``(P,)`` uint8."""
-    colour = np.empty(tile.shape, np.uint8)  # tiles begin at multiples of two
-    for number, at in enumerate(COLOURS):
-        colour[at] = number
-    return colour.reshape(-1)
-
-
 def _camera_rays(
     scene: Scene, sampler: Sampler, corners: tuple[Array, Array], pixel: np.ndarray
 ) -> tuple[Array, Array]:
@@ -316,15 +228,6 @@ def _camera_rays(
     x, y = corners
     direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
     return ray_origins(scene.camera.origin, scene.plan.pinhole_offsets, direction), direction
-
-
-def _add_blocks(moments: PixelMoments | SubBlocks, blocks: Sequence[SampleBlock], values: Array) -> None:
-    """Add the radiance ``(3, N)`` of the camera samples of `blocks` to the moments of their pixels."""
-    begin = 0
-    for block in blocks:
-        end = begin + block.count * len(block.pixels)
-        moments.add(values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1), block.pixels, block.first)
-        begin = end
 
 
 def _check_finite(total: Moments, tile: Tile) -> None:
@@ -344,12 +247,3 @@ def _image_moments(total: Moments, tile: Tile) -> Moments:
     """Return moments ``(3, P)`` of the pixels of a tile as an image ``(rows, columns, 3)``."""
     mean, m2 = (np.moveaxis(a.reshape(3, *tile.shape), 0, -1) for a in (total.mean, total.m2))
     return Moments(total.n if isinstance(total.n, int) else total.n.reshape(*tile.shape, 1), mean, m2)
-
-
-def _patch_sums(statistic: Statistic | None, tile: Tile) -> dict[str, Array]:
-    """Return the sums of a statistic over patches of `PATCH` pixels, by name; none if there is no statistic."""
-    sums = {} if statistic is None else statistic.sums()
-    images = {name: a.reshape(*a.shape[:-1], *tile.shape) for name, a in sums.items()}
-    if getattr(statistic, "by_colour", False):
-        images = {name: by_colour(image) for name, image in images.items()}
-    return {name: patch_sum(image, PATCH) for name, image in images.items()}

@@ -77,6 +77,7 @@ class Sobol:
         seed = np.random.SeedSequence(block.seed).generate_state(1, np.uint64)
         self._pixel_words = mix(seed + np.asarray(block.pixels).astype(np.uint64) * GOLDEN)
         self._shifts: dict[Hashable, np.ndarray] = {}
+        self._pixels = len(block.pixels)
         self._pixel = self._number = np.empty(0, np.int64)
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
@@ -104,6 +105,15 @@ class Sobol:
     def draw_block(self, key: Hashable, index: Selection | None, sample: int, count: int) -> Array:
         """See `dmis.samplers.streams.BlockSampler.draw_block`."""
         return self.draw(key, index, None if count == 1 else take(self._number, index) * count + sample)
+
+    def rounding_offsets(self, count: int) -> Array:
+        """See `dmis.samplers.streams.RoundingSampler.rounding_offsets`."""
+        self.start(np.arange(self._pixels), np.zeros(self._pixels, np.int64))
+        return np.stack([self.draw((ROUNDING, k), None)[0] for k in range(count)])
+
+    def rounding_order(self, number: np.ndarray) -> np.ndarray:
+        """See `dmis.samplers.streams.RoundingSampler.rounding_order`."""
+        return reordered(ROUNDING, number)
 
 
 def order_of(pair: tuple[int, ...]) -> int:

@@ -76,6 +76,19 @@ class BlockSampler(Sampler, Protocol):
         ...
 
 
+@runtime_checkable
+class RoundingSampler(Sampler, Protocol):
+    """Sampler that spreads the rounding of shares to whole samples over its points, too."""
+
+    def rounding_offsets(self, count: int) -> Array:
+        """Return `count` uniform offsets of systematic rounding for each pixel, ``(count, P)``."""
+        ...
+
+    def rounding_order(self, number: np.ndarray) -> np.ndarray:
+        """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``."""
+        ...
+
+
 class Independent:
     """Sampler of independent random numbers."""
 

@@ -26,7 +26,7 @@ from dmis.base.patches import patch_mean, patch_spread
 from dmis.experiment.metrics import ratio
 from dmis.experiment.runs import measure
 from dmis.filter import gaussian
-from dmis.fit.rule import Pilot
+from dmis.fit.round import Pilot
 from dmis.fit.thesis import STATUS, parabola_minimum
 from dmis.variance.moments import Moments
 

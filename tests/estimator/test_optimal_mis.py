@@ -12,7 +12,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.allocation import allocate
 from dmis.estimator.optimal_mis import MIN_SAMPLES_TO_FIT, STAGES, Optimal, Progressive, slot
 from dmis.estimator.records import Record
-from dmis.fit.rule import Fit
+from dmis.fit.round import Fit
 from dmis.geometry.shapes import quad
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.testing.statistics import z_score

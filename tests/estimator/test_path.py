@@ -16,7 +16,8 @@ from dmis.brdf.materials import Material, glass, matte, mirror, plastic
 from dmis.estimator import path
 from dmis.estimator.path import Rays, merge
 from dmis.estimator.settings import Settings
-from dmis.fit.rule import Fit, Rule
+from dmis.fit.round import Fit
+from dmis.fit.rule import Rule
 from dmis.geometry.shapes import quad, sphere
 from dmis.light.area import QuadLight
 from dmis.light.delta import PointLight

@@ -4,7 +4,7 @@ import numpy as np
 
 import dmis
 from dmis.experiment.speed.embree_floor import Recorder, embree_seconds
-from dmis.pipeline.job import Job
+from dmis.pipeline.job import resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import render_tile
 
@@ -12,7 +12,7 @@ from dmis.pipeline.tile import render_tile
 def test_recorder_sees_every_ray_and_changes_nothing(box):
     """Recorded rays equal counted rays, tile by tile, and the image of the tile stays the same."""
     tiles = []
-    result = render_job(Job.of(box, "thesis", 12, 0, dmis.Settings()), observer=tiles.extend)
+    result = render_job(resolve(box, "thesis", 12, 0, dmis.Settings()), observer=tiles.extend)
     recorded = 0
     for tile in tiles:
         recorder = Recorder(box.intersector)
@@ -25,5 +25,5 @@ def test_recorder_sees_every_ray_and_changes_nothing(box):
 def test_floor_is_part_of_the_whole(box):
     """Embree alone takes some time."""
     tiles = []
-    render_job(Job.of(box, "balance", 16, 0, dmis.Settings()), 1, observer=tiles.extend)
+    render_job(resolve(box, "balance", 16, 0, dmis.Settings()), 1, observer=tiles.extend)
     assert embree_seconds(box, tiles, 1) > 0

@@ -79,7 +79,7 @@ def pixels_of(weight: Array, scene: dmis.Scene) -> Array:
 
 def test_oracle_agrees_with_renders(box: dmis.Scene, tmp_path) -> None:
     """The saving of the best weights in rendered images, over 160 seeds, agrees with the oracle."""
-    from dmis.fit.rule import Fit
+    from dmis.fit.round import Fit
 
     oracle = make_oracle(box, 512, folder=tmp_path)
 

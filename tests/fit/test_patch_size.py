@@ -10,7 +10,7 @@ import dmis
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.fit.patch_size import SIZES, choose_patch
-from dmis.fit.rule import Pilot
+from dmis.fit.round import Pilot
 from dmis.fit.thesis import Thesis, parabola_minimum
 from dmis.testing.statistics import z_score
 from dmis.variance.moments import Moments

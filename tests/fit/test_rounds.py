@@ -14,7 +14,7 @@ from dmis.estimator.patterns import FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARE
 from dmis.fit import rounds
 from dmis.fit.registry import make_rule
 from dmis.fit.rounds import HALF, LONGEST, Rounds
-from dmis.fit.rule import Pilot
+from dmis.fit.round import Pilot
 from dmis.variance.moments import Film
 
 PLAIN = Rounds(spp=16, exponent=1.4, filter="none", guard=0.0)

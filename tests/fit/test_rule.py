@@ -14,7 +14,8 @@ from dmis.brdf.materials import plastic
 from dmis.cli.commands import main
 from dmis.experiment.compare import compare, parse_rules
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.rule import Pilot, rule_text
+from dmis.fit.round import Pilot
+from dmis.fit.rule import rule_text
 from dmis.fit.thesis import Thesis
 from dmis.light.area import DiskLight
 from dmis.testing.scenes import box_scene

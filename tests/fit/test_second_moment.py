@@ -11,7 +11,7 @@ from planted import PLAIN, pilot_of_curves
 from dmis.estimator.cost import camera_sample_cost
 from dmis.fit.curve_minimum import cost_weighted
 from dmis.fit.registry import make_rule
-from dmis.fit.rule import Pilot
+from dmis.fit.round import Pilot
 from dmis.fit.second_moment import SecondMoment
 from dmis.variance.curves import GRID, GRID_SHARES
 

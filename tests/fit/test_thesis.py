@@ -10,7 +10,8 @@ from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import RULES, make_rule
-from dmis.fit.rule import Pilot, Rule
+from dmis.fit.round import Pilot
+from dmis.fit.rule import Rule
 from dmis.fit.thesis import STATUS, Thesis, parabola_minimum
 from dmis.variance.moments import Moments
 

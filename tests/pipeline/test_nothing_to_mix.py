@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.fit.rule import Fit
+from dmis.fit.round import Fit
 from dmis.testing.scenes import box_scene
 
 POINT, SUN = dmis.PointLight((1, -1, 2), (3, 3, 3)), dmis.DistantLight((0, 0.3, 1), (1, 1, 1))

@@ -12,10 +12,10 @@ import dmis
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import make_settings
 from dmis.fit.fixed import Fixed
-from dmis.fit.rule import Fit
+from dmis.fit.round import Fit
 from dmis.fit.thesis import Thesis
 from dmis.pipeline.fingerprint import fingerprint
-from dmis.pipeline.job import Job
+from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 from dmis.pipeline.tile import MAX_SIDE, make_tiles
 
@@ -162,7 +162,7 @@ def test_default_sampler(box, rule, options, sampler):
     result = dmis.render(box, rule, 32, **plain)
     assert result.provenance["settings"]["sampler"] == sampler
     assert same(result, dmis.render(box, rule, 32, **named))
-    keys = [Job.of(box, rule, 32, 0, make_settings(**settings)).key for settings in (plain, named)]
+    keys = [resolve(box, rule, 32, 0, make_settings(**settings)).key for settings in (plain, named)]
     assert keys[0] == keys[1]
 
 
@@ -193,7 +193,7 @@ def test_weight_of_a_reused_pilot_does_not_depend_on_numbers_of_samples(box, spr
 
 def _one_pass(scene, number, w, spp, seed):
     settings = dmis.Settings(sampler="independent")  # as those of a pilot
-    with Passes(Job.of(scene, "thesis", 16, seed, settings), 1) as passes:
+    with Passes(resolve(scene, "thesis", 16, seed, settings), 1) as passes:
         return passes.render(number, "pilot", spp, shares_of(w), settings).moments.mean
 
 

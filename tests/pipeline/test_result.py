@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import dmis
-from dmis.fit.rule import Pilot
+from dmis.fit.round import Pilot
 from dmis.image import png_of, write_png
 
 

@@ -23,7 +23,7 @@ from dmis.estimator.settings import make_settings
 from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
-from dmis.pipeline.job import Job
+from dmis.pipeline.job import resolve
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import Tile, render_tile
@@ -130,7 +130,7 @@ def bench(
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
             tiles: list[Tile] = []
-            job = Job.of(scene, rule, spp, seed + k, make_settings(**options))
+            job = resolve(scene, rule, spp, seed + k, make_settings(**options))
             result = render_job(job, parallel, observer=tiles.extend)
             times[n].append({**result.seconds, "floor": embree_seconds(job.scene, tiles, parallel)})
             if k == repeats - 1:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.patches import COLOURS
 from dmis.base.vectors import Array
-from dmis.fit.continuation import Continuation
 
 LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
@@ -49,30 +47,32 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
     return samples
 
 
-def fill_budget(plan: Continuation, first: int, rng: np.random.Generator) -> np.ndarray:
-    """Return whole numbers of camera samples, the first round's included, ``(H, W)`` int32.
+def powers_of_two(density: Array, cost: Array, least: Array, budget: float, chance: Array) -> np.ndarray:
+    """Return numbers of camera samples in proportion to a density on average, for a budget, ``(H, W)`` int32.
 
-    They are powers of two, in proportion to the density on average, and cost the budget or a little less, each colour
-    its part of it. A pixel that goes on has at least the samples of the `first` round.
+    They are powers of two, which cost the budget or a little less.
+
+    Parameters
+    ----------
+    density
+        Numbers in proportion, not negative, ``(H, W)``.
+    cost
+        Cost of a camera sample of each pixel, ``(H, W)``.
+    least
+        Least number of each pixel, ``(H, W)``.
+    budget
+        Cost of all of them, in the same units.
+    chance
+        Uniform random numbers of the rounding, ``(H, W)``.
     """
-    samples = np.empty(plan.density.shape, np.int32)
-    chance = rng.random(samples.shape)
-    for colour in COLOURS:
-        cost, begin = plan.cost[colour], plan.patterns.begin[colour]
-        if not cost.size:
-            continue
-        least = np.where(begin > 0, first, 2)  # one sample has no variance
-        budget = (plan.budget - plan.spent[colour] + begin * cost).sum()  # as if the first round had this cost
-        # t is rounded up to 2^(k + 1) with probability t / 2^k - 1, if to a power of two up to 2 t / (1 + chance)
-        density = plan.density[colour]
-        x = 2 * density / (1 + chance[colour]) / max(density.max(), 1e-300)
-        low, high = 0.0, 60.0  # binary logarithm of the scale
-        for _ in range(50):
-            middle = (low + high) / 2
-            fits = (_power_of_two(x * 2.0**middle, least) * cost).sum() <= budget
-            low, high = (middle, high) if fits else (low, middle)
-        samples[colour] = _spend_rest(_power_of_two(x * 2.0**low, least), x * 2.0**low, cost, budget)
-    return samples
+    # t is rounded up to 2^(k + 1) with probability t / 2^k - 1, if to a power of two up to 2 t / (1 + chance)
+    x = 2 * density / (1 + chance) / max(density.max(), 1e-300)
+    low, high = 0.0, 60.0  # binary logarithm of the scale
+    for _ in range(50):
+        middle = (low + high) / 2
+        fits = (_power_of_two(x * 2.0**middle, least) * cost).sum() <= budget
+        low, high = (middle, high) if fits else (low, middle)
+    return _spend_rest(_power_of_two(x * 2.0**low, least), x * 2.0**low, cost, budget).astype(np.int32)
 
 
 def _spend_rest(samples: Array, target: Array, cost: Array, budget: float) -> Array:

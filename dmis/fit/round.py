@@ -1,0 +1,280 @@
+"""What passes between a rule and the renderer: budget, rounds, their films, and fits.
+
+A rule has a `Budget`, from which it makes `Round`s, asks for one after the other, and is sent the `Pilot`, the film, of
+each (`dmis.fit.rule.Rule.rounds`). Most rules turn the pilot into a `Fit`, shares of samples, and no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.allocation import shares_of
+from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.patterns import PatternMap
+from dmis.estimator.records import Statistic
+from dmis.estimator.settings import Settings
+from dmis.fit.sample_numbers import whole_samples
+from dmis.samplers.streams import stream
+from dmis.variance.moments import Film
+
+_ROUNDING = 1e-6
+Weight = float | tuple[float, ...]
+"""Share of the first of two techniques, or shares of all of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One pass over the image, or over a part of it.
+
+    Attributes
+    ----------
+    spp
+        Camera samples of each pixel: one number, or ``(H, W)``; of a part of the image ``(P,)``, in row order.
+    shares
+        Shares w_k of the K techniques, of sum 1: ``(K,)`` or ``(K, H, W)`` float32; of a part of the image ``(K, P)``,
+        or ``(K, 1)`` where all pixels have the same.
+    settings
+        Estimator settings.
+    statistic
+        Makes the statistic that gathers the shading samples; None: there is none.
+    patterns
+        Whole numbers of samples of each technique per pixel, in place of `shares`, and where in its sequence each pixel
+        goes on; None: `shares` divide the samples, and all pixels begin their sequences.
+    before
+        Film of the samples before those of the `patterns`, whose mean they join; None: there is none.
+    weight
+        Weight of the round's mean in the image, in camera samples that are fixed beforehand; 0: it is not in the image.
+    stage
+        Stage that `dmis.pipeline.progress.Progress` shows: ``pilot`` or ``final``.
+    needs_features
+        Whether the film brings feature buffers, see `dmis.scene.feature_buffers`.
+    maps
+        Diagnostics of the rule, for `dmis.pipeline.result.Result.maps`.
+    """
+
+    spp: Array | int
+    shares: Array
+    settings: Settings
+    statistic: Callable[[int, int], Statistic] | None = None
+    patterns: PatternMap | None = None
+    before: Film | None = None
+    weight: int = 0
+    stage: str = "pilot"
+    needs_features: bool = False
+    maps: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def of_area(self, area: tuple[slice, slice]) -> Round:
+        """Return the round of the pixels of an area of the image, ``(P,)`` in row order, without `before` and `maps`."""
+        shares = self.shares[:, None] if self.shares.ndim == 1 else self.shares[:, *area].reshape(len(self.shares), -1)
+        if (shares == shares[:, :1]).all():
+            shares = shares[:, :1].copy()
+        return replace(
+            self,
+            spp=self.spp if isinstance(self.spp, int) else self.spp[area].reshape(-1),
+            shares=shares,
+            patterns=None if self.patterns is None else self.patterns.of_area(area),
+            before=None,
+            maps={},
+        )
+
+    def technique_samples(self) -> tuple[Array, Array, Array]:
+        """Return the camera samples of each pixel, and its light and BRDF samples, those of `before` included.
+
+        Only for rounds with `patterns`; ``(H, W)`` each.
+        """
+        assert self.patterns is not None
+        light, brdf = self.patterns.shading_samples(np.asarray(self.spp))
+        return self.spp + self.patterns.begin, light, brdf
+
+
+@dataclass(frozen=True, eq=False)
+class Pilot:
+    """The samples of a pilot pass at one weight.
+
+    Attributes
+    ----------
+    moments
+        Moments of the samples of each pixel, mean ``(H, W, 3)``.
+    rays
+        Rays traced, by kind.
+    sums
+        Sums of the rule's statistic over patches of `dmis.base.patches.PATCH` pixels,
+        ``(..., rows, columns)``.
+    shading_samples
+        Shading samples of each camera sample.
+    features
+        Feature buffers of these patches, if the rule has `needs_features`, see `dmis.scene.feature_buffers`.
+    techniques
+        Names of the techniques that took the samples.
+    budget
+        Camera samples per pixel of the whole render, the pilot's included.
+    """
+
+    moments: Film
+    rays: Mapping[str, int] = field(default_factory=dict)
+    sums: Mapping[str, Array] = field(default_factory=dict)
+    shading_samples: int = 4
+    features: Mapping[str, Array] = field(default_factory=dict)
+    techniques: tuple[str, ...] = ("light", "brdf")
+    budget: int = 128
+
+    def __repr__(self) -> str:
+        height, width = self.moments.mean.shape[:2]
+        spp, techniques, sums = np.mean(self.moments.n), " + ".join(self.techniques), ", ".join(self.sums) or "none"
+        return f"Pilot({width}x{height}, {spp:.3g} spp, {techniques}, sums: {sums})"
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The result of a rule: shares of samples for each pixel, and how the final samples are taken.
+
+    Attributes
+    ----------
+    weight
+        Shares of samples, in the form that suits the rule. Of two techniques the share of the first, light sampling:
+        ``(H, W)``, or one number for the whole image. Of any K techniques all shares: ``(K, H, W)``, or ``(K,)`` for
+        the whole image. `shares` are those of all techniques, whichever the form.
+    samples
+        Camera samples of the final pass in proportion, ``(H, W)``, of any positive scale; None: the same everywhere.
+    maps
+        Diagnostics by name; those of patches have one value for each in the last two axes.
+    """
+
+    weight: Array | float
+    maps: Mapping[str, np.ndarray] = field(default_factory=dict)
+    samples: Array | None = None
+
+    @property
+    def shares(self) -> Array:
+        """Shares of all K techniques, ``(K, H, W)``, or ``(K,)`` for the whole image; float32."""
+        return shares_of(self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """What a rule may spend, and what it makes its rounds with.
+
+    Attributes
+    ----------
+    spp
+        Camera samples per pixel of all rounds together.
+    shape
+        Height and width of the image.
+    settings
+        Estimator settings of the final pass.
+    seed
+        Seed of the render.
+    """
+
+    spp: int
+    shape: tuple[int, int]
+    settings: Settings
+    seed: int = 0
+
+    def pilot(
+        self,
+        weight: Weight,
+        spp: int,
+        statistic: Callable[[int, int], Statistic] | None = None,
+        needs_features: bool = False,
+    ) -> Round:
+        """Return a pilot round of `spp` camera samples at one weight.
+
+        With a `statistic` a camera sample has as many times the shading samples as there are techniques, see
+        `pilot_settings`, and there are as many times fewer. Whether the pilot is part of the image is a setting; its
+        weight there is its number of camera samples.
+        """
+        if statistic is not None:
+            spp //= len(self.settings.techniques)
+        settings = pilot_settings(self.settings, statistic is not None)
+        in_image = spp if self.settings.reuse_pilot else 0
+        return Round(spp, shares_of(weight), settings, statistic, weight=in_image, needs_features=needs_features)
+
+    def final(self, fit: Fit, spent: int = 0) -> Round:
+        """Return the final pass of a fit, in whole numbers of samples, behind `spent` camera samples of pilots.
+
+        Its weight in the image is what the budget has left, whatever its numbers of samples are: these depend on the
+        pilot, and would bias the mean.
+
+        Raises
+        ------
+        ValueError
+            If the fit is not right, see `check_fit`.
+        """
+        check_fit(fit, self.shape, len(self.settings.techniques))
+        shares, spp = fit.shares, self.spp - spent
+        share_range = combiner_by_name(self.settings.combiner).share_range
+        if share_range != (0, 1):
+            shares = shares_of(np.clip(shares[0], *share_range))
+        samples: Array | int = spp
+        if fit.samples is not None:
+            samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))
+        return Round(samples, shares, self.settings, weight=spp, stage="final", maps=fit.maps)
+
+    def generator(self, number: int) -> np.random.Generator:
+        """Return a random generator for decisions behind `number` rounds, which no tile draws from."""
+        return stream(self.seed, number, 2**31)
+
+
+def pilot_settings(settings: Settings, paired: bool) -> Settings:
+    """Return the settings that a pilot is rendered with.
+
+    Its samples are independent, as statistics assume, and combined by the balance heuristic, whose terms are f / p_w,
+    however the final samples are drawn and combined. If `paired`, because a statistic is gathered, a camera sample of K
+    techniques has K times the shading samples: two independent estimates at one point tell the variance over the pixel
+    from the variance at the point.
+    """
+    settings = replace(settings, combiner="balance", allocation="systematic", sampler="independent")
+    return replace(settings, shading_samples=len(settings.techniques) * settings.shading_samples) if paired else settings
+
+
+def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
+    """Raise a ValueError unless a rule's fit has shares of that many `techniques` for an image of `shape`.
+
+    A NaN, such as the ratio of two variances that are 0, or a share outside [0, 1] would not stop the render, but make
+    the image wrong.
+
+    Raises
+    ------
+    ValueError
+        If a weight is not in [0, 1], or is not finite, or shares do not add up to 1; if numbers of samples are
+        negative, not finite or all 0; or if either has another shape.
+    """
+    if not isinstance(fit, Fit):
+        raise ValueError(f"a rule's fit must be a dmis.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)")
+    weight = np.asarray(fit.weight, np.float64)
+    allowed = [*([(), shape] if techniques == 2 else []), (techniques,), (techniques, *shape)]
+    if weight.shape not in allowed:
+        raise ValueError(
+            f"a rule's weight must be of shape {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}, for the image or "
+            f"for each pixel (height, width); got {weight.shape}"
+        )
+    check_shares("a rule's weight", weight)
+    if np.abs(fit.shares.sum(axis=0) - 1).max() > 1e-3:
+        raise ValueError(
+            f"a rule's weights must add up to 1 over the techniques, because they divide samples; got sums from "
+            f"{fit.shares.sum(axis=0).min():g} to {fit.shares.sum(axis=0).max():g}"
+        )
+    if fit.samples is not None:
+        check_samples("a rule's samples", np.asarray(fit.samples), shape)
+
+
+def check_shares(name: str, weight: Array) -> None:
+    """Raise a ValueError that calls them `name` unless shares are in [0, 1], up to rounding."""
+    inside = (weight >= -_ROUNDING) & (weight <= 1 + _ROUNDING)
+    if not inside.all():
+        where = f" in {np.sum(~inside):,} of {weight.size:,} values" if weight.ndim > 1 else ""
+        raise ValueError(f"{name} must be in [0, 1], a share of the samples; got {weight[~inside][0]:g}{where}")
+
+
+def check_samples(name: str, samples: Array, shape: tuple[int, ...]) -> None:
+    """Raise a ValueError that calls them `name` unless numbers of samples in proportion are right, of that `shape`."""
+    if samples.shape != shape or not (np.isfinite(samples).all() and (samples >= 0).all() and samples.any()):
+        raise ValueError(
+            f"{name} must be finite, not negative, not all 0, and of shape {shape}; got shape {samples.shape} from "
+            f"{samples.min():g} to {samples.max():g}"
+        )
