@@ -27,10 +27,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import SCENES, machine, options
 
 import dmis
-from dmis.base.patches import PATCH, patch_sum
+from dmis.base.patches import COLOURS, PATCH, patch_sum
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, PatternMap
-from dmis.fit.rounds import EXPONENT
+from dmis.fit.round import Round
+from dmis.fit.rounds import EXPONENT, Rounds
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 
@@ -53,22 +54,28 @@ opts, given = options(
 def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the pattern of each pixel that `auto` chooses, and its cost over that of 1:1."""
     job = resolve(scene, "auto", given.budget, seed, dmis.Settings(sampler="sobol"))
+    assert isinstance(job.rule, Rounds), f"no first round of {scene.name}, {given.budget} spp"
+    rounds = job.rule.rounds(job.budget)
     with Passes(job, 1) as passes:
-        pilot, _ = passes.pilot()
-    plan = job.final_pass(pilot).fit.continuation
-    assert plan is not None
-    return plan.patterns.pattern, plan.cost * given.budget / plan.budget
+        first = passes.render(next(rounds))
+    variance = rounds.send(first).maps["variance"]
+    rule = replace(job.rule, exponent=EXPONENT)
+    pattern, cost = np.empty(variance.shape, np.uint8), np.empty(variance.shape)
+    for colour, at in enumerate(COLOURS):
+        decision = rule.decide(first, variance, colour)
+        pattern[at], cost[at] = decision.pattern, decision.cost[decision.pattern]
+    return pattern, cost
 
 
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
     """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
     patterns = PatternMap(PATTERNS, pattern, np.zeros(pattern.shape, np.int32), PATTERNS[FIRST])
     job = resolve(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
+    equal_numbers = Round(given.samples, shares_of(0.5), job.settings, patterns=patterns, stage="final")
     images = []
     for seed in seeds:
         with Passes(replace(job, seed=seed), 1) as passes:
-            film = passes.render(0, "final", given.samples, shares_of(0.5), job.settings, patterns=patterns).moments
-        images.append(film.mean)
+            images.append(passes.render(equal_numbers).moments.mean)
     deviations = np.array(images, np.float64)
     deviations -= deviations.mean(axis=0)
     return np.square(deviations).mean(axis=-1) * len(images) / (len(images) - 1)

@@ -58,6 +58,7 @@ from dmis.pipeline.checkpoint import remove_checkpoint as remove_checkpoint
 from dmis.pipeline.executor import Processes as Processes
 from dmis.pipeline.render import render as render
 from dmis.pipeline.result import Result as Result
+from dmis.pipeline.result import average as average
 from dmis.pipeline.result import find_fireflies as find_fireflies
 from dmis.pipeline.result import write_image as write_image
 from dmis.samplers.pixel_filter import PixelFilter as PixelFilter

@@ -26,8 +26,6 @@ def rule_text(rng: random.Random) -> str:
         "cutoff",
         "maximum",
         "frozen",
-        "controlled",
-        "optimal-progressive",
         "stratified",
         "random",
     ]

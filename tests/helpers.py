@@ -16,6 +16,7 @@ import scipy.stats
 
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.formats.load_scene import load_scene
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
@@ -63,14 +64,12 @@ def tile_of(
     spp: int = 16,
     w: float = 0.5,
     sampler: str = "independent",
-    beta: float | None = None,
     **settings: object,
 ) -> tuple[Array, Counter[str]]:
-    """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays; `beta` of a control variate."""
+    """Pixel means ``(H, W, 3)`` of one tile that is the whole image, and its rays."""
     width, height = scene.camera.resolution
-    control = None if beta is None else np.full((3, width * height), beta, np.float32)
     shares, settings = pixel_shares(w), Settings(sampler=sampler, **settings)
-    tile = Tile(seed, 0, 0, (0, height), (0, width), spp, shares, settings, control=control)
+    tile = Tile(seed, 0, 0, (0, height), (0, width), Round(spp, shares, settings))
     rendered = render_tile(scene, tile)
     return rendered.moments.mean, rendered.rays
 

@@ -18,7 +18,7 @@ from dmis.estimator.settings import make_settings
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
 from dmis.pipeline.executor import Parallel, Processes
-from dmis.pipeline.job import resolve
+from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
 

@@ -165,7 +165,5 @@ def combiner_by_name(name: str) -> Combiner:
             f"balance or power"
         )
     raise ValueError(
-        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or "
-        f"optimal; got {name!r}"
+        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or optimal; got {name!r}"
     )
-

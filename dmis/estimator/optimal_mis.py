@@ -92,4 +92,3 @@ def _solve(ll: Array, lb: Array, bb: Array, b: Array) -> tuple[Array, Array]:
     determinant = ll * bb - lb * lb
     good = determinant > 1e-9 * ll * bb
     return np.stack([bb * b[0] - lb * b[1], ll * b[1] - lb * b[0]]) / np.where(good, determinant, 1), good
-

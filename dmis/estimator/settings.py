@@ -19,6 +19,8 @@ from dmis.scene.scene import Scene, SceneWarning
 
 MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
+REMOVED_SETTINGS = {"replicates": "Render with several seeds, and take dmis.average of the results"}
+"""Settings of earlier versions, and what to do in their place."""
 
 
 def _depth(text: str) -> int | str | None:
@@ -224,6 +226,9 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     if settings is not None and not isinstance(settings, Settings):
         raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
     names = [field.name for field in fields(Settings)]
+    if removed := options.keys() & REMOVED_SETTINGS.keys():
+        name = removed.pop()
+        raise ValueError(f"option {name} was removed. {REMOVED_SETTINGS[name]}")
     if unknown := [name for name in options if name not in names]:
         is_parallel = {"threads", "workers", "executor"} & set(unknown)
         hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)

@@ -68,7 +68,7 @@ class Round:
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def of_area(self, area: tuple[slice, slice]) -> Round:
-        """Return the round of the pixels of an area of the image, ``(P,)`` in row order, without `before` and `maps`."""
+        """Return the round of the pixels of an area of the image, ``(P,)`` in row order; without `before`, `maps`."""
         shares = self.shares[:, None] if self.shares.ndim == 1 else self.shares[:, *area].reshape(len(self.shares), -1)
         if (shares == shares[:, :1]).all():
             shares = shares[:, :1].copy()
@@ -229,7 +229,9 @@ def pilot_settings(settings: Settings, paired: bool) -> Settings:
     from the variance at the point.
     """
     settings = replace(settings, combiner="balance", allocation="systematic", sampler="independent")
-    return replace(settings, shading_samples=len(settings.techniques) * settings.shading_samples) if paired else settings
+    return (
+        replace(settings, shading_samples=len(settings.techniques) * settings.shading_samples) if paired else settings
+    )
 
 
 def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,7 +85,7 @@ class SampleAllocation:
     ) -> None:
         self._shares, self._shading_samples = shares, settings.shading_samples
         self._offset, self._whole = rng.random((len(shares) - 1, pixels)), None
-        self._reordered = np.asarray
+        self._reordered: Callable[[np.ndarray], np.ndarray] = np.asarray
         if isinstance(sampler, RoundingSampler):
             # numbers of the pixels, and not of the tile
             self._offset = sampler.rounding_offsets(len(self._offset)).astype(float)

@@ -139,9 +139,14 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings
         settings = replace(settings, reuse_pilot=settings.sampler == "independent")
     if settings.compensation is None:
         settings = replace(settings, compensation=0 if rule.statistic is None else LEARNED_COMPENSATION)
-    _check_rule(rule, text, spp, settings)
+    _check_rule(rule, text, settings)
     if rule.shares_only and not float32_scene.plan.mixable:
         notes, rule = {**notes, "nothing_to_mix": NOTHING_TO_MIX}, _equal_shares(settings)
+    if spp <= (pilot_spp := rule.pilot_samples(spp)):
+        raise ValueError(
+            f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
+            f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
+        )
     return Job(float32_scene, gain, scene, rule, text, spp, seed, settings, notes)
 
 
@@ -173,18 +178,13 @@ def _without_densities(settings: Settings) -> list[str]:
     return [name for name in settings.techniques if not technique_by_name(name).exact]
 
 
-def _check_rule(rule: Rule, text: str, spp: int, settings: Settings) -> None:
-    """Raise a ValueError if the rule does not go with the budget, the techniques or the allocation of the settings."""
-    techniques, pilot_spp = len(settings.techniques), rule.pilot_samples(spp)
+def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
+    """Raise a ValueError if the rule does not go with the techniques, the samples or the allocation of the settings."""
+    techniques = len(settings.techniques)
     if techniques > 2 and not rule.multi_technique:
         raise ValueError(
             f"rule {text} needs two techniques; got {techniques}: {', '.join(settings.techniques)}. "
             f"Use rule simplex:{'+'.join(settings.techniques)}"
-        )
-    if spp <= pilot_spp:
-        raise ValueError(
-            f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
-            f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
     if rule.statistic is None:
         return
@@ -198,7 +198,10 @@ def _check_rule(rule: Rule, text: str, spp: int, settings: Settings) -> None:
             f"rule {text} needs allocation systematic, because it learns variances at fixed shares; got random. Use "
             f"thesis or fixed weights, which go with it"
         )
-    for name, n in (("shading_samples", settings.shading_samples), *(("pilot samples", n) for n in rule.pilot.values())):
+    for name, n in (
+        ("shading_samples", settings.shading_samples),
+        *(("pilot samples", n) for n in rule.pilot.values()),
+    ):
         if n % 2:
             even = f"{n - 1} or {n + 1}" if n > 1 else "2"
             raise ValueError(

@@ -23,19 +23,16 @@ def make_observers(round_: Round, shape: tuple[int, int]) -> Observers:
     pixels, settings = shape[0] * shape[1], round_.settings
     shading_samples = round_.spp * np.full(pixels, settings.shading_samples)
     statistic = None if round_.statistic is None else round_.statistic(pixels, settings.shading_samples)
-    colour = None
-    if getattr(statistic, "by_colour", False):
-        colour = np.empty(shape, np.uint8)  # tiles begin at multiples of two
-        for number, at in enumerate(COLOURS):
-            colour[at] = number
-        colour = colour.reshape(-1)
+    colour = np.zeros(shape, np.uint8)  # tiles begin at multiples of two
+    for number, at in enumerate(COLOURS):
+        colour[at] = number
     return Observers(
         shape,
         SubBlocks(round_.spp, pixels) if is_sequence(settings.sampler) else PixelMoments(pixels),
         statistic,
         combiner_by_name(settings.combiner).collector(round_.shares, shading_samples),
         settings.shading_samples,
-        colour,
+        colour.reshape(-1) if getattr(statistic, "by_colour", False) else None,
     )
 
 

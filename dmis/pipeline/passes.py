@@ -1,4 +1,4 @@
-"""Passes over an image, one for each round: cut it into tiles, read finished ones from a checkpoint, render the rest, merge all of them."""
+"""Passes over an image, one for each round: read finished tiles from a checkpoint, render the rest, merge them."""
 
 from __future__ import annotations
 

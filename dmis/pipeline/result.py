@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from pathlib import Path
@@ -180,6 +180,29 @@ def make_result(
         maps=final.maps,
         describe=lambda: {**described.provenance, **of_image},
     )
+
+
+def average(results: Sequence[Result]) -> tuple[Array, Array]:
+    """Return the mean of independent renders, such as of different seeds, and the unbiased variance of that mean.
+
+    Of R images x_r with the mean m the variance is ``sum_r (x_r - m)^2 / (R (R - 1))``, whatever their points are, with
+    R - 1 degrees of freedom in each pixel. R renders of n samples have a larger error than one of R n low-discrepancy
+    points.
+
+    Returns
+    -------
+    mean, variance
+        ``(H, W, 3)`` float64 each.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two results.
+    """
+    if len(results) < 2:
+        raise ValueError(f"results must be at least two, because a variance needs two renders; got {len(results)}")
+    images = np.array([result.image for result in results], np.float64)
+    return images.mean(axis=0), images.var(axis=0, ddof=1) / len(results)
 
 
 def find_fireflies(image: Array, variance: Array, samples: Array) -> np.ndarray:

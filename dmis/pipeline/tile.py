@@ -14,8 +14,8 @@ from dmis.base.vectors import Array
 from dmis.estimator.batch import Batch
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
-from dmis.intersect import RayCaster, TimedCaster
 from dmis.fit.round import Round
+from dmis.intersect import RayCaster, TimedCaster
 from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
 from dmis.pipeline.observers import make_observers
 from dmis.samplers.pixel_block import PixelBlock
@@ -182,7 +182,11 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         If a pixel is not finite.
     """
     tile = replace(tile, round=replace(tile.round, settings=resolve_auto(tile.round.settings, scene)))
-    rng, rays, timed = stream(tile.seed, tile.pass_, tile.number), Counter[str](), TimedCaster(caster or scene.intersector)
+    rng, rays, timed = (
+        stream(tile.seed, tile.pass_, tile.number),
+        Counter[str](),
+        TimedCaster(caster or scene.intersector),
+    )
     observers = make_observers(tile.round, tile.shape)
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     for pixels, spp, shares, settings in tile.groups():

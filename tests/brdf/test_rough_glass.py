@@ -11,6 +11,7 @@ from dmis.base.vectors import Array, dot
 from dmis.brdf.cosines import Directions
 from dmis.brdf.materials import Material, glass
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.geometry.shapes import quad, sphere
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
@@ -144,7 +145,7 @@ BELOW = QuadLight((-0.7, -0.7, -1.6), (1.4, 0, 0), (0, 1.4, 0), (4, 2, 1))
 
 def images(scene: Scene, w: float, seed: int, settings: Settings, count: int = 2) -> Array:
     width, height = scene.camera.resolution
-    tiles = (Tile(seed + k, 0, 0, (0, height), (0, width), 16, pixel_shares(w), settings) for k in range(count))
+    tiles = (Tile(seed + k, 0, 0, (0, height), (0, width), Round(16, pixel_shares(w), settings)) for k in range(count))
     return np.array([render_tile(scene, tile).moments.mean for tile in tiles])
 
 
@@ -167,7 +168,6 @@ def balanced() -> tuple[Scene, Array]:
         "thesis:patch=4",
         "neyman",
         "second-moment:combiner=optimal",
-        "second-moment:combiner=controlled",
         "fixed:0.3,combiner=power",
         "fixed:0.3,sampler=sobol",
         "simplex:mix=light+brdf+resampled",
@@ -206,7 +206,7 @@ def test_smooth_glass_in_an_even_sky_has_no_noise() -> None:
     camera = box_scene(glass(), eye=(0, -6, 0), resolution=(8, 8)).camera
     ball = replace(sphere(0.9, segments=48), normals=None)  # at edges, light refracted about others may not get in
     scene = Scene(camera, (Part(ball, glass()),), (EnvironmentLight(np.ones((2, 4, 3), np.float32)),))
-    tile = Tile(0, 0, 0, (0, 8), (0, 8), 64, pixel_shares(0.5), Settings(integrator="path", max_depth=None))
+    tile = Tile(0, 0, 0, (0, 8), (0, 8), Round(64, pixel_shares(0.5), Settings(integrator="path", max_depth=None)))
     moments = render_tile(scene, tile).moments
     np.testing.assert_allclose(moments.mean, 1, atol=2e-4)
     np.testing.assert_allclose(moments.variance(), 0, atol=1e-6)

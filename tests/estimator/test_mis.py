@@ -461,7 +461,7 @@ def test_exponent(name: str, exponent: float | None) -> None:
 # Combiners ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [*HEURISTICS, "optimal", "optimal-progressive", "controlled"])
+@pytest.mark.parametrize("name", [*HEURISTICS, "optimal"])
 @pytest.mark.parametrize("w", [0.05, 0.3, 0.5])
 def test_every_combiner_weighs_all_of_f(name: str, w: float) -> None:
     """``sum_k w_k p_k weight_k = 1`` in every direction, so that the estimate is unbiased before any correction."""

@@ -1,4 +1,4 @@
-"""The optimal combiner: exact where it must be, the balance heuristic where it cannot be fitted; unbiased in stages."""
+"""The optimal combiner: exact where it must be, the balance heuristic where it cannot be fitted."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,9 @@ from helpers import Z_LIMIT, pixel_shares
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.estimator.allocation import allocate
-from dmis.estimator.optimal_mis import MIN_SAMPLES_TO_FIT, STAGES, Optimal, Progressive, slot
+from dmis.estimator.optimal_mis import MIN_SAMPLES_TO_FIT, Optimal
 from dmis.estimator.records import Record
-from dmis.fit.round import Fit
+from dmis.fit.round import Fit, Round
 from dmis.geometry.shapes import quad
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.testing.statistics import z_score
@@ -99,82 +98,6 @@ def test_renders(box: dmis.Scene) -> None:
     assert np.array_equal(one, two)
 
 
-# Progressive --------------------------------------------------------------------------------------------------------
-
-
-def staged(kind: type[Optimal], f, w: float, spp: int, missed: float, pixels: int = 40_000) -> tuple[Array, Array]:
-    """The plain and the combined estimates of pixels with two shading samples for each camera sample."""
-    rng = np.random.default_rng(round(100 * w))
-    collector = kind(pixel_shares(w), np.full(pixels, 2 * spp))
-    pixel, number = np.tile(np.arange(pixels), spp), np.repeat(np.arange(spp), pixels)
-    place = slot(pixel, number, spp, pixels, collector.stages)
-    shares = pixel_shares(np.full(collector.stages * pixels, w))
-    offset = rng.random((1, collector.stages * pixels))
-    first = np.asarray(allocate(shares, 2, place, number, offset, None).first)
-    plain, records = np.zeros(pixels), []
-    for side, count in enumerate((first, 2 - first)):
-        for turn in range(2):
-            index = np.flatnonzero(count > turn)
-            index = index[rng.random(len(index)) >= missed]
-            x = np.sqrt(rng.random(len(index)))
-            x = x if side == 0 else 1 - x
-            pdf = (1 - missed) * np.stack([2 * x, 2 * (1 - x)])
-            value = f(x) / (w * pdf[0] + (1 - w) * pdf[1])
-            plain += np.bincount(pixel[index], value, pixels) / (2 * spp)
-            records.append(Record(side, (0,), turn, index, np.repeat(value[None], 3, axis=0), pdf))
-    collector.add(records, place, first, 2)
-    return plain, plain + collector.correction()[0]
-
-
-@pytest.mark.parametrize("w, missed", [(0.5, 0.0), (0.3, 0.0), (0.3, 0.4)])
-def test_progressive_is_unbiased(w: float, missed: float) -> None:
-    """The mean of 40000 pixels with 32 camera samples is the integral of x^4, 1/5; that of the direct form is not.
-
-    The direct form is 0.6 to 0.9 % too low, 15 standard errors (with misses its bias happens to cancel). Both have less
-    variance than balance.
-    """
-    z, variance = {}, {}
-    for kind in (Optimal, Progressive):
-        plain, combined = staged(kind, lambda x: x**4, w, 32, missed)
-        z[kind], variance[kind] = z_score(combined, 0.2), combined.var() / plain.var()
-    assert abs(z[Progressive]) < Z_LIMIT
-    assert missed or z[Optimal] < -2 * Z_LIMIT
-    assert variance[Optimal] < variance[Progressive] < 0.95
-
-
-def test_progressive_is_exact_after_the_first_fit() -> None:
-    """For a combination of the densities, the first stages' noise is all that is left.
-
-    Fitted from the second stage on, 1/16 of the samples at 128 of each technique: 1/16 of the variance.
-    """
-    plain, combined = staged(Progressive, lambda x: 3 * 2 * x + 5 * 2 * (1 - x), 0.5, 128, 0.0, pixels=4000)
-    assert combined.var() == pytest.approx(plain.var() / STAGES, rel=0.1)
-
-
-def test_progressive_without_enough_samples() -> None:
-    """Fewer than 8 of each technique before the last stage: no correction."""
-    plain, combined = staged(Progressive, lambda x: x, 0.5, MIN_SAMPLES_TO_FIT, 0.0, pixels=100)
-    np.testing.assert_array_equal(combined, plain)
-
-
-@pytest.mark.parametrize(
-    "rule", ["fixed:w=0.3,combiner=optimal-progressive", "second-moment:reuse=no,combiner=optimal-progressive"]
-)
-def test_progressive_renders(box: dmis.Scene, rule: str) -> None:
-    """The mean of balance, by a z-test over seeds; threads do not matter."""
-    images = [dmis.render(box, rule, 64, seed=s, parallel=1).image for s in range(16)]
-    balanced = [dmis.render(box, "balance", 128, seed=s, parallel=1).image.mean() for s in range(100, 116)]
-    assert abs(z_score([image.mean() for image in images], balanced)) < Z_LIMIT
-    assert np.array_equal(images[1], dmis.render(box, rule, 64, seed=1, parallel=2).image)
-
-
-@pytest.mark.parametrize("rule", ["balance:combiner=optimal-progressive,sampler=sobol", "thesis:combiner=optimal-p"])
-def test_progressive_names_and_samplers(box: dmis.Scene, rule: str) -> None:
-    """Structured samples are not independent of the fit to earlier ones; and names are whole."""
-    with pytest.raises(ValueError, match=r"sampler independent|combiner must be"):
-        dmis.render(box, rule, 16)
-
-
 class Control:
     """A statistic: mean of ``(p_l - p_b) / p_w`` over all shading samples, at w = 1/2, of each pixel."""
 
@@ -197,7 +120,7 @@ class Control:
 
 
 def test_rejected_directions_count_as_missed() -> None:
-    """The mean of ``(p_l - p_b) / p_w`` is 0, which controls rest on, if what a technique rejects counts as missed.
+    """The mean of ``(p_l - p_b) / p_w`` is 0, as optimal weights need, if what a technique rejects counts as missed.
 
     On a coarse ball with smooth normals many directions below the shading normal's horizon are above the surface.
     """
@@ -206,7 +129,7 @@ def test_rejected_directions_count_as_missed() -> None:
     camera = dmis.Camera.look_at((0, -6, 2), (0, 0, 0), fov=30, resolution=(16, 16))
     scene = dmis.Scene(camera, (part,), (dmis.EnvironmentLight(np.ones((1, 1, 3))),), "coarse ball")
     scene.prepare()
-    tiles = [Tile(s, 0, 0, (0, 16), (0, 16), 64, pixel_shares(0.5), dmis.Settings(), Control) for s in range(40)]
+    tiles = [Tile(s, 0, 0, (0, 16), (0, 16), Round(64, pixel_shares(0.5), dmis.Settings(), Control)) for s in range(40)]
     assert abs(z_score([render_tile(scene, tile).sums["control"].mean() for tile in tiles], 0.0)) < Z_LIMIT
 
 
@@ -222,7 +145,7 @@ def test_lights_that_hide_part_of_themselves() -> None:
     scene = dmis.Scene(camera, (floor, dmis.light_part(light)), (light,))
     means = {
         rule: [dmis.render(scene, rule, 64, seed=k).image.mean(dtype=float) for k in range(12)]
-        for rule in ("balance", "balance:combiner=optimal-progressive", "second-moment:combiner=controlled,guard=1e9")
+        for rule in ("balance", "balance:combiner=optimal")
     }
     expected, *others = means.values()
     for found in others:

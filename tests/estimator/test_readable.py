@@ -14,6 +14,7 @@ from helpers import LEVEL, Z_LIMIT, pixel_shares, tile_of
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import stream
 from dmis.testing.scenes import box_scene
@@ -112,7 +113,7 @@ def test_densities_and_values_are_equal(page: SimpleNamespace, monkeypatch: pyte
     page.radiance(scene, x, y, np.full(len(x), 0.5, np.float32), stream(SEED, 0, 0))
     width, height = scene.camera.resolution
     settings = Settings(sampler="independent")
-    render_tile(scene, Tile(SEED, 0, 0, (0, height), (0, width), 1, pixel_shares(0.5), settings, Shelf))
+    render_tile(scene, Tile(SEED, 0, 0, (0, height), (0, width), Round(1, pixel_shares(0.5), settings, Shelf)))
     floor = [entry for entry in logged if entry[0].shape[1] == len(x)]  # four lights, two of them by two techniques
     assert len(floor) == 6 and len(Shelf.records) == 4
     for record, (f, p_l, p_b) in zip(Shelf.records, floor, strict=False):
@@ -134,7 +135,9 @@ def test_images_agree(page: SimpleNamespace, name: str, w: str) -> None:
     plain = Moments.of(samples.mean(axis=0, dtype=float).reshape(spp, len(x)))
     width, height = scene.camera.resolution
     settings = Settings(sampler="independent")
-    fast = render_tile(scene, Tile(SEED, 2, 0, (0, height), (0, width), spp, pixel_shares(share), settings)).moments
+    fast = render_tile(
+        scene, Tile(SEED, 2, 0, (0, height), (0, width), Round(spp, pixel_shares(share), settings))
+    ).moments
     # of the mean of the channels, which are taken as fully dependent
     deviation = np.sqrt(fast.variance()).mean(axis=-1).reshape(-1)
     error = np.sqrt((deviation**2 + plain.variance()) / spp)

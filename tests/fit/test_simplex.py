@@ -308,7 +308,7 @@ def test_bad_texts(text: str, message: str) -> None:
 def test_what_needs_two_techniques() -> None:
     """Combiners that fit or freeze, and rules of one weight."""
     three = ("light", "brdf", "uniform")
-    for combiner in ("optimal", "optimal-progressive", "controlled", "frozen"):
+    for combiner in ("optimal", "frozen"):
         with pytest.raises(ValueError, match=f"combiner {combiner} needs two techniques; got 3: light, brdf, uniform"):
             Settings(techniques=three, combiner=combiner)
     with pytest.raises(ValueError, match="a share for each of light, brdf, uniform; got"):

@@ -32,7 +32,7 @@ def allocation_of(shares, spp, settings):
     """Allocation of a tile with the sampler of the settings."""
     rng = np.random.default_rng(2)
     block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
-    return SampleAllocation(shares, spp, PIXELS, settings, 1, rng, make_sampler(settings.sampler, block))
+    return SampleAllocation(shares, PIXELS, settings, rng, make_sampler(settings.sampler, block))
 
 
 @pytest.mark.parametrize("sampler", ["independent", "sobol"])
@@ -45,7 +45,6 @@ def test_order_of_counts_and_back(allocation, sampler):
     for blocks in sample_batches(UNEVEN, np.arange(PIXELS), 64):
         samples = allocation.camera_samples(blocks)
         assert (np.diff(samples.counts.first.astype(int)) <= 0).all() and np.ptp(samples.counts.first) > 0
-        np.testing.assert_array_equal(samples.slot, samples.pixel)
         values = np.stack([samples.pixel, samples.number, samples.counts.first]).astype(np.float32)
         record = Record(0, (0,), 0, np.array([2, 0]), values[:, [2, 0]], values[:2, [2, 0]])
         restored, (moved,) = samples.restore_order(values, [record])

@@ -14,6 +14,7 @@ import pytest
 from helpers import pixel_shares
 
 import dmis
+from dmis.fit.round import Round
 from dmis.pipeline import checkpoint
 from dmis.pipeline.film import FilmTile
 from dmis.pipeline.tile import Rendered, Tile
@@ -233,7 +234,7 @@ def test_files_of_others_in_a_checkpoint_are_not_removed(box, tmp_path):
 def stored(path):
     """A checkpoint with one tile of 4x4 pixels, and the tile's file."""
     rng, moments = np.random.default_rng(1), np.random.default_rng(2).random((2, 4, 4, 3))
-    tile = Tile(1, 0, 5, (0, 4), (4, 8), 2, pixel_shares(0.5), dmis.Settings())
+    tile = Tile(1, 0, 5, (0, 4), (4, 8), Round(2, pixel_shares(0.5), dmis.Settings()))
     store = checkpoint.Store(path, {"seed": 1})
     rendered = Rendered(5, Moments(2, *moments), Counter(camera=5), {"sums": rng.random((2, 1, 1))})
     store.append(FilmTile.of(tile, rendered))

@@ -9,6 +9,7 @@ from helpers import pixel_shares
 
 from dmis import Settings
 from dmis.base.patches import PATCH
+from dmis.fit.round import Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.film import FilmTile, PassFilm
 from dmis.pipeline.tile import Rendered, Tile
@@ -26,7 +27,7 @@ def rendered():
         shape = rows[1] - rows[0], columns[1] - columns[0]
         moments = Moments(2, rng.random((*shape, 3)), rng.random((*shape, 3)))
         sums = {"curve": rng.random((2, *(-(-n // PATCH) for n in shape)))}
-        tile = Tile(7, 3, number, rows, columns, 2, pixel_shares(0.5), Settings())
+        tile = Tile(7, 3, number, rows, columns, Round(2, pixel_shares(0.5), Settings()))
         tiles.append((tile, Rendered(number, moments, Counter(camera=10**number), sums)))
     return tiles
 

@@ -31,7 +31,6 @@ def mirror_scene() -> dmis.Scene:
         ("thesis:patch=auto,reuse=yes", "balance"),
         ("thesis:combiner=power,sampler=sobol", "pbrt:sampler=sobol"),
         ("second-moment", "balance"),
-        ("second-moment:combiner=controlled", "balance"),
         ("second-moment:combiner=optimal", "balance:combiner=optimal"),
         ("neyman:combiner=frozen", "balance:combiner=frozen"),
         ("simplex:light+brdf", "balance"),

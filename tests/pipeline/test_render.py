@@ -12,7 +12,7 @@ import dmis
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.settings import make_settings
 from dmis.fit.fixed import Fixed
-from dmis.fit.round import Fit
+from dmis.fit.round import Fit, Round
 from dmis.fit.thesis import Thesis
 from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import resolve
@@ -54,7 +54,7 @@ def test_seed_changes_the_image(box):
 def test_tiles_cover_every_pixel_once(spp):
     """For every number of samples, at a resolution that no tile size divides."""
     times_covered = np.zeros((171, 229), int)
-    tiles = make_tiles((229, 171), 1, 0, spp, shares_of(0.5), dmis.Settings())
+    tiles = make_tiles((229, 171), 1, 0, Round(spp, shares_of(0.5), dmis.Settings()))
     for tile in tiles:
         times_covered[slice(*tile.rows), slice(*tile.columns)] += 1
         assert max(tile.shape) <= MAX_SIDE and tile.camera_samples == spp * tile.pixels
@@ -63,19 +63,18 @@ def test_tiles_cover_every_pixel_once(spp):
 
 
 def test_tiles_have_the_maps_of_their_pixels():
-    """Samples, shares and coefficients of a tile are those of its rows and columns; equal shares become one column."""
+    """Samples and shares of a tile are those of its rows and columns; equal shares become one column."""
     rng, settings = np.random.default_rng(1), dmis.Settings()
-    spp, shares, control = rng.integers(1, 9, (40, 50)), rng.random((3, 40, 50)), rng.random((40, 50, 3))
-    for tile in make_tiles((50, 40), 1, 0, spp, shares, settings, None, control):
+    spp, shares = rng.integers(1, 9, (40, 50)), rng.random((3, 40, 50))
+    for tile in make_tiles((50, 40), 1, 0, Round(spp, shares, settings)):
         area = slice(*tile.rows), slice(*tile.columns)
-        np.testing.assert_array_equal(tile.spp, spp[area].reshape(-1))
-        np.testing.assert_array_equal(tile.shares, [share[area].reshape(-1) for share in shares])
-        np.testing.assert_array_equal(tile.control.T, control[area].reshape(-1, 3).astype(np.float32))
+        np.testing.assert_array_equal(tile.round.spp, spp[area].reshape(-1))
+        np.testing.assert_array_equal(tile.round.shares, [share[area].reshape(-1) for share in shares])
         assert tile.camera_samples == spp[area].sum()
     of_image = np.array([0.2, 0.3, 0.5])
     for equal in (of_image, np.broadcast_to(of_image[:, None, None], (3, 40, 50))):
-        tile = make_tiles((50, 40), 1, 0, 4, equal, settings)[0]
-        assert (tile.spp, tile.shares.tolist(), tile.control) == (4, [[0.2], [0.3], [0.5]], None)
+        tile = make_tiles((50, 40), 1, 0, Round(4, equal, settings))[0]
+        assert (tile.round.spp, tile.round.shares.tolist()) == (4, [[0.2], [0.3], [0.5]])
 
 
 def test_crop_is_a_part_of_the_image(box):
@@ -114,9 +113,7 @@ def test_reused_pilot_is_averaged_by_sample_counts(box):
         dmis.render(box, f"thesis:reuse={reuse}", 16, seed=4, sampler="independent") for reuse in ("yes", "no")
     )
     pilot = (both.image.astype(float) * 16 - final.image.astype(float) * 10) / 6
-    direct = np.mean(
-        [_one_pass(box, k, w, 2, seed=4) for k, w in enumerate((0.0, 0.5, 1.0))], axis=0
-    )  # what a pass of its own gives
+    direct = np.mean(_rounds(box, (0.0, 0.5, 1.0), 2, seed=4), axis=0)  # what rounds of their own give
     np.testing.assert_allclose(pilot, direct, atol=2e-5)
 
 
@@ -149,7 +146,6 @@ def test_a_rules_sampler_is_not_replaced_unasked(box):
         ("thesis", {}, "sobol"),
         ("auto", {}, "sobol"),
         ("fixed:0.3,combiner=optimal", {}, "sobol"),
-        ("fixed:0.3,combiner=optimal-progressive", {}, "independent"),
         ("balance:sampler=stratified", {}, "stratified"),
         ("thesis", {"preset": "thesis"}, "independent"),
     ],
@@ -188,13 +184,13 @@ def test_weight_of_a_reused_pilot_does_not_depend_on_numbers_of_samples(box, spr
     """The image is (2 pilot + 16 final) / 18 however many samples a pixel has: else it would be biased."""
     both, final = (dmis.render(box, Divided(spread, reuse), 18, seed=4) for reuse in (True, False))
     pilot = (both.image.astype(float) * 18 - final.image.astype(float) * 16) / 2
-    np.testing.assert_allclose(pilot, _one_pass(box, 0, 0.5, 2, seed=4), atol=2e-5)
+    np.testing.assert_allclose(pilot, _rounds(box, (0.5,), 2, seed=4)[0], atol=2e-5)
 
 
-def _one_pass(scene, number, w, spp, seed):
+def _rounds(scene, weights, spp, seed):
     settings = dmis.Settings(sampler="independent")  # as those of a pilot
     with Passes(resolve(scene, "thesis", 16, seed, settings), 1) as passes:
-        return passes.render(number, "pilot", spp, shares_of(w), settings).moments.mean
+        return [passes.render(Round(spp, shares_of(w), settings)).moments.mean for w in weights]
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -309,10 +305,9 @@ def test_every_part_of_a_scene_is_in_its_hash(box):
             r"progress must be a function progress\(stage, done, total\), True for a bar, or None; got 5",
         ),
         ({"rule": None, "preset": "thesis"}, "; got 4. Use a larger spp or another rule, such as balance"),
-        (
-            {"techniques": ("resampled", "brdf"), "combiner": "controlled"},
-            "combiner controlled needs the pdf of every technique, but 'resampled' has none",
-        ),
+        ({"combiner": "controlled"}, "combiner controlled was removed. Use balance"),
+        ({"combiner": "optimal-progressive"}, "combiner optimal-progressive was removed. Use optimal"),
+        ({"replicates": 2}, r"replicates was removed. Render with several seeds, and take dmis.average"),
     ],
 )
 def test_bad_arguments(box, options, message):

@@ -10,6 +10,7 @@ import dmis
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.light.area import DiskLight
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.keys import CONTINUE
@@ -157,7 +158,7 @@ def test_blocks_of_a_camera_sample_are_better_than_separate_sequences() -> None:
     variance = {}
     for name in ("independent", "lowdiscrepancy"):
         settings = Settings(shading_samples=8, sampler=name)
-        tiles = (Tile(seed, 0, 0, (0, 1), (0, 1), 1, pixel_shares(1.0), settings) for seed in range(200))
+        tiles = (Tile(seed, 0, 0, (0, 1), (0, 1), Round(1, pixel_shares(1.0), settings)) for seed in range(200))
         means = np.array([render_tile(scene, tile).moments.mean[0, 0, 0] for tile in tiles])
         variance[name] = means.var(ddof=1)
     assert variance["lowdiscrepancy"] < 0.2 * variance["independent"]

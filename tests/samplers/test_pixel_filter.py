@@ -10,6 +10,7 @@ from scipy.integrate import quad
 
 import dmis
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.geometry.shapes import sphere
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
@@ -96,7 +97,7 @@ def test_pixels_are_means_of_the_image_around_them(name: str) -> None:
     scene = Scene(camera, (Part(wall, dmis.matte(0)),), (light,))
     images = [
         render_tile(
-            scene, Tile(seed, 0, 0, (0, 3), (0, 9), 64, pixel_shares(0.5), Settings(sampler="independent"))
+            scene, Tile(seed, 0, 0, (0, 3), (0, 9), Round(64, pixel_shares(0.5), Settings(sampler="independent")))
         ).moments.mean
         for seed in range(30)
     ]

@@ -10,6 +10,7 @@ from helpers import LEVEL, Z_LIMIT, pixel_shares
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.light.area import DiskLight
 from dmis.pipeline import tile as tiles
 from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
@@ -183,12 +184,13 @@ def test_images_do_not_depend_on_tiles_and_passes(monkeypatch: pytest.MonkeyPatc
     light = DiskLight((0, 0, 3), (0, 0, -1), 1.0, (1, 1, 1))
     scene = box_scene(matte(0.5), (light,), eye=(0, 0, 4), resolution=(20, 12), fov=10, target=(0, 1e-4, 0))
     settings = Settings(sampler="sobol", integrator="direct")
+    round_ = Round(8, np.array([0.3, 0.7], np.float32), settings)
     images = []
     for side, pass_ in ((32, 0), (4, 3)):
         monkeypatch.setattr(tiles, "MIN_SIDE", side)
         monkeypatch.setattr(tiles, "MAX_SIDE", side)
         image = np.zeros((12, 20, 3), np.float32)
-        for tile in tiles.make_tiles((20, 12), 5, pass_, 8, np.array([0.3, 0.7], np.float32), settings):
+        for tile in tiles.make_tiles((20, 12), 5, pass_, round_):
             image[slice(*tile.rows), slice(*tile.columns)] = tiles.render_tile(scene, tile).moments.mean
         images.append(image)
     np.testing.assert_array_equal(*images)
@@ -278,7 +280,7 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
     settings = Settings(sampler="sobol", shading_samples=shading_samples)
     source = sampler(pixels)
     shares = pixel_shares(np.full(pixels, w))
-    allocation = SampleAllocation(shares, spp, pixels, settings, 1, np.random.default_rng(1), source)
+    allocation = SampleAllocation(shares, pixels, settings, np.random.default_rng(1), source)
     (blocks,) = sample_batches(spp, np.arange(pixels), 10**6)
     samples = allocation.camera_samples(blocks)
     first, before = np.asarray(samples.counts.first).astype(int), samples.counts.samples_before

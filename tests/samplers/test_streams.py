@@ -13,6 +13,7 @@ from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
 from dmis.brdf.models import rough_glass
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.light.area import DiskLight, QuadLight
@@ -236,7 +237,7 @@ def test_light_samples_see_the_whole_pixel(kind: str, w: float) -> None:
     sides = []
     for seed in range(16):
         watch = _Watch(scene.intersector)
-        tile = Tile(seed, 0, 0, (0, 5), (0, 5), 16, pixel_shares(np.full(25, w)), settings)
+        tile = Tile(seed, 0, 0, (0, 5), (0, 5), Round(16, pixel_shares(np.full(25, w)), settings))
         render_tile(scene, tile, watch)
         # the first query is the light technique's: it goes first
         place = (watch.origins[0][:2] / (4 * np.tan(np.radians(5))) + 1) * 5 / 2
@@ -265,7 +266,7 @@ def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
     stripe = half / 10
     paper = [Part(quad((x, -2, 0.0001), (stripe, 0, 0), (0, 4, 0)), matte(0)) for x in stripe * (2 * np.arange(10) - 9)]
     scene = box_scene(matte(0.5), (light,), tuple(paper), (10, 10), eye=(0, 0, 4), fov=10, target=(0, 1e-4, 0))
-    tiles = [Tile(seed, 0, 0, (0, 10), (0, 10), 8, pixel_shares(w), Settings(sampler=kind)) for seed in range(4)]
+    tiles = [Tile(seed, 0, 0, (0, 10), (0, 10), Round(8, pixel_shares(w), Settings(sampler=kind))) for seed in range(4)]
     mean, error = mean_and_error([render_tile(scene, tile).moments.mean for tile in tiles])
     middles = half * ((np.arange(200) + 0.5) / 100 - 1)
     x, y = np.meshgrid(middles, middles)

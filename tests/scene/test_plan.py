@@ -24,6 +24,7 @@ from dmis.brdf.texture import Image
 from dmis.estimator import path, trace
 from dmis.estimator.cost import UNTRACED
 from dmis.estimator.settings import Settings, resolve_auto
+from dmis.fit.round import Round
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
 from dmis.intersect import Hits
@@ -64,7 +65,7 @@ BENCHMARK = load_benchmark()
 def tile_of(scene: Scene, **settings: Any) -> tuple[Array, Counter[str]]:
     width, height = scene.camera.resolution
     tile = Tile(
-        1, 0, 0, (0, height), (0, width), 4, pixel_shares(0.5), Settings(**{"integrator": "direct", **settings})
+        1, 0, 0, (0, height), (0, width), Round(4, pixel_shares(0.5), Settings(**{"integrator": "direct", **settings}))
     )
     found = render_tile(scene, tile)
     return found.moments.mean, found.rays
@@ -281,9 +282,7 @@ def test_pixels_that_see_nothing_are_not_traced(settings: dict[str, Any]) -> Non
         0,
         (0, 30),
         (0, 40),
-        8,
-        pixel_shares(np.linspace(0.2, 0.8, 1200)),
-        Settings(integrator="direct", **settings),
+        Round(8, pixel_shares(np.linspace(0.2, 0.8, 1200)), Settings(integrator="direct", **settings)),
     )
     results, watched = [], []
     for one in (scene, everything(scene)):
@@ -344,7 +343,7 @@ def test_nothing_is_provable_under_a_sky() -> None:
     assert black.covered_pixels is not None and not black.covered_pixels.any()
     watched = Watched(black.intersector)
     image = render_tile(
-        black, Tile(1, 0, 0, (0, 30), (0, 40), 4, pixel_shares(0.5), Settings(integrator="direct")), watched
+        black, Tile(1, 0, 0, (0, 30), (0, 40), Round(4, pixel_shares(0.5), Settings(integrator="direct"))), watched
     )
     assert watched.rays == 0 and not image.moments.mean.any()
 

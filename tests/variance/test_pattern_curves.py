@@ -7,6 +7,7 @@ from helpers import pixel_shares
 import dmis
 from dmis.estimator.patterns import SHARES
 from dmis.estimator.settings import Settings
+from dmis.fit.round import Round
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.variance.curves import Curves, share_variance
 from dmis.variance.pattern_curves import PatternCurves
@@ -27,7 +28,7 @@ def test_colours_add_up_to_the_curves(box: dmis.Scene) -> None:
     """In patches that the tile cuts, too."""
     settings = Settings(shading_samples=4, integrator="direct", sampler="sobol")
     by_colour, whole, rounded = (
-        render_tile(box, Tile(1, 0, 0, (0, 22), (0, 30), 8, pixel_shares(0.5), settings, statistic)).sums
+        render_tile(box, Tile(1, 0, 0, (0, 22), (0, 30), Round(8, pixel_shares(0.5), settings, statistic))).sums
         for statistic in (PatternCurves, Whole, plain)
     )
     for name, a in by_colour.items():
@@ -42,7 +43,7 @@ def test_colours_add_up_to_the_curves(box: dmis.Scene) -> None:
 def test_sums_of_a_colour_come_from_its_pixels(box: dmis.Scene, colour: int) -> None:
     """Whose rows and columns are even or odd in the image."""
     settings = Settings(shading_samples=4, integrator="direct", sampler="sobol")
-    tile = Tile(1, 0, 0, (0, 24), (0, 32), 4, pixel_shares(0.5), settings, PatternCurves)
+    tile = Tile(1, 0, 0, (0, 24), (0, 32), Round(4, pixel_shares(0.5), settings, PatternCurves))
     sums = render_tile(box, tile).sums
     statistic: list[PatternCurves] = []
 
@@ -50,7 +51,7 @@ def test_sums_of_a_colour_come_from_its_pixels(box: dmis.Scene, colour: int) -> 
         statistic.append(Whole(pixels, shading_samples))
         return statistic[0]
 
-    render_tile(box, Tile(1, 0, 0, (0, 24), (0, 32), 4, pixel_shares(0.5), settings, kept))
+    render_tile(box, Tile(1, 0, 0, (0, 24), (0, 32), Round(4, pixel_shares(0.5), settings, kept)))
     image = statistic[0].sums()["curve"].reshape(len(SHARES), 6, 4, 8, 4)
     of_colour = image[:, :, colour // 2 :: 2, :, colour % 2 :: 2].sum(axis=(2, 4))
     np.testing.assert_allclose(sums["curve"][colour], of_colour, rtol=1e-9)

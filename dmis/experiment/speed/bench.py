@@ -23,7 +23,7 @@ from dmis.estimator.settings import make_settings
 from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
-from dmis.pipeline.job import resolve
+from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import Tile, render_tile
