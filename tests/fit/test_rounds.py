@@ -168,8 +168,8 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int]) -> N
 def test_budget_has_the_first_round_too() -> None:
     """Each colour's part is used to 2 %, with a first round that is not in the image; no pixel has fewer than two."""
     first = random_pilot((64, 64))
-    root = first.moments.root.astype(float)
-    root[:, 3::8] *= 1e3  # patches that begin anew because of some of their pixels
+    root = np.ones((64, 64, 3))
+    root[:, 3::8] = 1e5  # patches begin anew because of these pixels, and their other ones need next to nothing
     first = pilot(first.sums["curve"] / 4, first.sums["position"] / 4, root, budget=64)
     second, cost = second_round(first), decided(first)[1]
     assert second.patterns is not None and {*np.unique(second.patterns.begin)} == {0, N}
