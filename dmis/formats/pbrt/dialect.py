@@ -109,11 +109,9 @@ V4 = Dialect(
     ends=False,
 )
 DIALECTS = {dialect.name: dialect for dialect in (V2, V3, V4)}
-V1_PARAMETERS = {"Camera": ("hither", "yon"), "Film": ("premultiplyalpha", "writefrequency")}
-"""Parameters that only pbrt-v1 has, by directive."""
 IRRELEVANT = {
-    "Camera": frozenset({"shutteropen", "shutterclose", "focaldistance", *V1_PARAMETERS["Camera"]}),
-    "Film": frozenset({"filename", "diagonal", "display", "savefp16", *V1_PARAMETERS["Film"]}),
+    "Camera": frozenset({"shutteropen", "shutterclose", "focaldistance", "hither", "yon"}),
+    "Film": frozenset({"filename", "diagonal", "display", "savefp16", "premultiplyalpha", "writefrequency"}),
     "LightSource": frozenset({"nsamples", "samples"}),
     "AreaLightSource": frozenset({"nsamples", "samples"}),
     "Shape": frozenset({"discarddegenerateUVs", "levels", "nlevels"}),
@@ -142,32 +140,23 @@ def _by_word(table: str) -> dict[tuple[str, str], str]:
 
 
 _NAMES = _by_word("""
-v2    : Sampler        : adaptive bestcandidate
-v2    : Accelerator    : grid
-v2    : Material       : shinymetal bluepaint brushedmetal clay felt primer skin
-v2 v3 : Camera         : environment
+v2    : Material       : shinymetal
 v2 v3 : Film           : image
 v2 v3 : Sampler        : lowdiscrepancy random
-v2 v3 : Shape          : cone heightfield hyperboloid nurbs paraboloid
-v2 v3 : Material       : matte plastic metal mirror glass substrate uber translucent
+v2 v3 : Material       : matte plastic metal mirror glass substrate uber
 v2 v3 : AreaLightSource: area
 v3    : Sampler        : 02sequence maxmindist
-v3    : Integrator     : directlighting whitted
-v3    : Material       : disney fourier
-v3 v4 : Camera         : realistic
+v3    : Integrator     : directlighting
 v3 v4 : Sampler        : sobol
-v3 v4 : Integrator     : bdpt mlt sppm volpath
-v3 v4 : Shape          : curve plymesh
-v3 v4 : Material       : none hair
-v4    : Camera         : spherical
+v3 v4 : Integrator     : volpath
+v3 v4 : Shape          : plymesh
 v4    : Film           : rgb gbuffer spectral
 v4    : Sampler        : independent paddedsobol pmj02bn zsobol
-v4    : Integrator     : function lightpath randomwalk simplepath simplevolpath
 v4    : Shape          : bilinearmesh
 v4    : Material       : diffuse conductor dielectric coateddiffuse
-v4    : Material       : coatedconductor diffusetransmission thindielectric interface
 """)
-"""Dialects that have a directive with this first string; those of a material also in MakeNamedMaterial."""
+"""Dialects that have a directive with this first string, which is supported; those of a material also in
+MakeNamedMaterial."""
 _PARAMETERS = _by_word("""
 v2    : Camera           : hither yon
 v2    : Film             : premultiplyalpha writefrequency

@@ -54,7 +54,11 @@ def carry_out(reader: Reader, source: Source) -> None:
     if not reader.including and reader.phase == "world" and not reader.dialect.ends:
         _world_end(reader)
     if not reader.including and reader.phase != "end":
-        raise token.error(_unfinished(reader))
+        raise token.error(
+            "WorldBegin is missing"
+            if reader.phase == "options"
+            else 'WorldEnd is missing; for a file of pbrt-v4, which has none, give dialect="v4" (--dialect v4)'
+        )
 
 
 def _argument(reader: Reader, cursor: Cursor, kind: int | str) -> Any:
@@ -74,18 +78,6 @@ def _argument(reader: Reader, cursor: Cursor, kind: int | str) -> Any:
     p.items = {**reader.state.added.get(_ADDED.get(token.text, ""), {}), **p.items}
     p.textures = reader.state.textures
     return p
-
-
-def _unfinished(reader: Reader) -> str:
-    """Return the message about a file that ends too early."""
-    if reader.phase != "world":
-        return "WorldBegin is missing"
-    if "v4" not in reader.fits:
-        return "WorldEnd is missing"
-    return (
-        "WorldEnd is missing: the file is cut off, or looks like pbrt-v4, which has no WorldEnd; for v4 give "
-        'dialect="v4" (--dialect v4)'
-    )
 
 
 def _unknown(word: str, dialect: str) -> str:
@@ -161,7 +153,6 @@ def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
     with blame(name):
         pixel_filter = PixelFilter(name.name, (x, y), sigma)
     reader.filter = None if pixel_filter == PixelFilter("box", (0.5, 0.5)) else pixel_filter
-    reader.filtered = True
 
 
 def _integrator(reader: Reader, name: Token, p: Parameters) -> None:

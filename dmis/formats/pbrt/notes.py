@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 from dmis.base.validate import did_you_mean
-from dmis.formats.pbrt.dialect import IRRELEVANT, V1_PARAMETERS
+from dmis.formats.pbrt.dialect import IRRELEVANT
 from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters
 from dmis.formats.pbrt.tokens import Source, Token
 from dmis.scene.scene import SceneWarning
@@ -16,11 +16,6 @@ _UNUSED = "not used, because it does not change the expected image"
 _UNKNOWN = "not used, because it is unknown there"
 _BRIGHT = "reflectance above 1, which adds light, taken as it is, as pbrt does"
 _NEGATIVE = "reflectance below 0, taken as 0, as pbrt does"
-_V1 = (
-    "of pbrt-v1, and the file is read as v2, where the pixel filter without a PixelFilter line is a box of one pixel; "
-    'in v1 it is Mitchell\'s filter of 4 x 4 pixels, which is not supported. Write PixelFilter "box" to render with a '
-    'box, or PixelFilter "gaussian" for a filter of that size'
-)
 
 
 class PbrtWarning(SceneWarning):
@@ -37,7 +32,7 @@ class Notes:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.warnings: list[str] = []
-        kinds = _UNUSED, _UNKNOWN, _BRIGHT, _NEGATIVE, _V1
+        kinds = _UNUSED, _UNKNOWN, _BRIGHT, _NEGATIVE
         self._notes: dict[str, dict[str, dict[int, Token]]] = {kind: {} for kind in kinds}
 
     def _add(self, kind: str, what: str, token: Token) -> None:
@@ -54,8 +49,6 @@ class Notes:
             if name in p.read_names:
                 continue
             what = f"parameter {name!r} of {directive}"
-            if name in V1_PARAMETERS.get(directive, ()) and p.dialect == "v2":
-                self._add(_V1, what, item.token)
             if directive in ("Sampler", "Renderer") or name in IRRELEVANT.get(directive, ()):
                 self._add(_UNUSED, what, item.token)
                 continue
@@ -71,13 +64,10 @@ class Notes:
             for item in items:
                 self._add(kind, f"{item.name!r} of {item.directive.text}", item.token)
 
-    def warn(self, stacklevel: int, filtered: bool) -> None:
-        """Issue a warning for each text and each kind of note, with the first places of what it is about.
-
-        Words of pbrt-v1 are only unused in a file that is `filtered`: that has a PixelFilter line.
-        """
+    def warn(self, stacklevel: int) -> None:
+        """Issue a warning for each text and each kind of note, with the first places of what it is about."""
         for kind, named in self._notes.items():
-            if named and not (kind == _V1 and filtered):
+            if named:
                 places = ", ".join(self._places(what, *tokens.values()) for what, tokens in named.items())
                 self.warnings.append(f"{self.source.path}: {kind}: {places}")
         for text in self.warnings:

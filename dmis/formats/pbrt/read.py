@@ -108,9 +108,8 @@ def read_pbrt(
     Warns
     -----
     PbrtWarning
-        Once each, if something in the file was not used, if reflectances exceed 1, if the dialect is a guess or not
-        that of the file's words, and if the file has words of pbrt-v1 and lacks a PixelFilter line, whose default is
-        another one there.
+        Once each, if something in the file was not used, if reflectances exceed 1, and if the dialect is a guess or not
+        that of the file's words.
     """
     path, resolution = _checked(path, resolution, dialect)
     source = Source.read(path, outside)
@@ -118,14 +117,14 @@ def read_pbrt(
     chosen = guess if dialect is None else DIALECTS[dialect]
     if dialect is not None and dialect not in fits:
         warnings.warn(PbrtWarning(_contradicted(path, dialect, fits)), stacklevel=2)
-    reader = Reader(replace(source, dialect=chosen), resolution, fits if dialect is None else ())
+    reader = Reader(replace(source, dialect=chosen), resolution)
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
         carry_out(reader, reader.source)
         scene = reader.scene()
     reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
     if reason == "guess":
         warnings.warn(PbrtWarning(_guessed(path, chosen, fits)), stacklevel=2)
-    reader.notes.warn(2, reader.filtered)
+    reader.notes.warn(2)
     return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
 
 

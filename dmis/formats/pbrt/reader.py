@@ -75,10 +75,8 @@ class State:
 class Reader:
     """State of reading a pbrt file: options, graphics state, shapes and lights so far, and warnings."""
 
-    def __init__(self, source: Source, resolution: tuple[int, int] | None, fits: tuple[str, ...] = ()) -> None:
+    def __init__(self, source: Source, resolution: tuple[int, int] | None) -> None:
         self.source, self.resolution = source, resolution
-        self.fits = fits
-        """Dialects that the words of the file fit, where no caller has chosen one."""
         self.token = Token("word", "", source, 0)
         """The directive that is executed, for errors."""
         self.dialect = source.dialect
@@ -91,7 +89,7 @@ class Reader:
         self.files, self.characters = 0, 0
         self.integrator = "direct" if self.dialect.name == "v2" else "path", DEFAULT_DEPTH
         self.samples = SampleRequests(self.dialect.name)
-        self.filter, self.filtered = self.dialect.filter, False
+        self.filter = self.dialect.filter
         self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing
