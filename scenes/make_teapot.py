@@ -18,10 +18,12 @@ Run: python scenes/make_teapot.py        (deterministic, a second, needs dmis it
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from dmis.base.vectors import Floats
-from dmis.geometry.shapes import bezier_patches
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.shapes import grid
 
 DIVISIONS = 24
 FILE = Path(__file__).parent / "geometry" / "teapot.ply"
@@ -86,6 +88,44 @@ def teapot() -> Floats:
     """Control points (32, 4, 4, 3) of the teapot; dp/du x dp/dv is outside."""
     turned = [quarters(profile) for profile in (RIM, SHOULDER, BELLY, BOTTOM, KNOB, LID)]
     return np.concatenate(turned + [halves(tube) for tube in (HANDLE_TOP, HANDLE_BOTTOM, SPOUT_BOTTOM, SPOUT_TOP)])
+
+
+def bezier_patches(control: npt.ArrayLike, divisions: int = 16) -> Mesh:
+    """Tessellate bicubic Bézier patches, with analytic normals.
+
+    Parameters
+    ----------
+    control
+        Control points of P patches, (P, 4, 4, 3). u runs along axis 1, v along axis 2, and dp/du x dp/dv is outside.
+    divisions
+        Quads along a side of a patch, >= 1.
+
+    Returns
+    -------
+    Mesh
+        P·2·divisions² triangles, less those without area; uv are each patch's (u, v). Patches that share a boundary
+        curve share its points to the last bit. Where a tangent vanishes, at a pole, the normal is the limit inside.
+    """
+    net = np.asarray(control, np.float64)
+    t = np.linspace(0, 1, divisions + 1)
+    cubic = np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])  # Bernstein, row i for t^i
+    power = np.vander(t, 4, increasing=True)
+    basis = power @ cubic, power[:, :3] @ (cubic[1:] * [[1], [2], [3]]), power[:, :2] @ (cubic[2:] * [[2], [6]])
+
+    def derivative(i: int, j: int) -> Floats:
+        return np.einsum("ui,vj,pijk->puvk", basis[i], basis[j], net, optimize=True)
+
+    pu, pv, puv = derivative(1, 0), derivative(0, 1), derivative(1, 1)
+    normal = np.cross(pu, pv)
+    # Where the normal vanishes: the direction in which it grows towards the inside of the patch.
+    sign = np.where(t < 0.5, 1.0, -1.0)[:, None]
+    growth = sign[:, None] * (np.cross(derivative(2, 0), pv) + np.cross(pu, puv))
+    growth += sign * (np.cross(puv, pv) + np.cross(pu, derivative(0, 2)))
+    length = np.linalg.norm(normal, axis=3, keepdims=True)
+    least = 1e-9 * length.max(axis=(1, 2), keepdims=True)
+    normal = np.where(length > least, normal, growth)
+    normal[np.linalg.norm(normal, axis=3) <= least[..., 0]] = 0
+    return grid(derivative(0, 0), normal, np.stack(np.broadcast_arrays(t[:, None], t), axis=2))
 
 
 def main() -> None:

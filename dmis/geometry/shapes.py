@@ -1,4 +1,4 @@
-"""Meshes of analytic shapes: bicubic Bézier patches, pbrt's quadrics (sphere, cylinder, disk) and parallelograms.
+"""Meshes of analytic shapes: pbrt's quadrics (sphere, cylinder, disk) and parallelograms.
 
 Parameters have pbrt's names and meaning, so that a number in a scene file is the same number here. Angles are degrees.
 """
@@ -14,46 +14,6 @@ import numpy.typing as npt
 from dmis.base.validate import direction, positive, vector, whole
 from dmis.base.vectors import Floats
 from dmis.geometry.mesh import Mesh, vertex_normals, weld
-
-
-def bezier_patches(control: npt.ArrayLike, divisions: int = 16) -> Mesh:
-    """Tessellate bicubic Bézier patches, with analytic normals.
-
-    Parameters
-    ----------
-    control
-        Control points of P patches, (P, 4, 4, 3). u runs along axis 1, v along axis 2, and dp/du x dp/dv is outside.
-    divisions
-        Quads along a side of a patch, >= 1.
-
-    Returns
-    -------
-    Mesh
-        P·2·divisions² triangles, less those without area; uv are each patch's (u, v). Patches that share a boundary
-        curve share its points to the last bit. Where a tangent vanishes, at a pole, the normal is the limit inside.
-    """
-    net = np.asarray(control, np.float64)
-    if net.ndim != 4 or net.shape[1:] != (4, 4, 3) or not len(net) or not np.isfinite(net).all():
-        raise ValueError(f"control must be finite, of shape (P, 4, 4, 3), P >= 1, 16 points a patch; got {net.shape}")
-    t = np.linspace(0, 1, whole("divisions", divisions, 1) + 1)
-    cubic = np.array([[1, 0, 0, 0], [-3, 3, 0, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])  # Bernstein, row i for t^i
-    power = np.vander(t, 4, increasing=True)
-    basis = power @ cubic, power[:, :3] @ (cubic[1:] * [[1], [2], [3]]), power[:, :2] @ (cubic[2:] * [[2], [6]])
-
-    def derivative(i: int, j: int) -> Floats:
-        return np.einsum("ui,vj,pijk->puvk", basis[i], basis[j], net, optimize=True)
-
-    pu, pv, puv = derivative(1, 0), derivative(0, 1), derivative(1, 1)
-    normal = np.cross(pu, pv)
-    # Where the normal vanishes: the direction in which it grows towards the inside of the patch.
-    sign = np.where(t < 0.5, 1.0, -1.0)[:, None]
-    growth = sign[:, None] * (np.cross(derivative(2, 0), pv) + np.cross(pu, puv))
-    growth += sign * (np.cross(puv, pv) + np.cross(pu, derivative(0, 2)))
-    length = np.linalg.norm(normal, axis=3, keepdims=True)
-    least = 1e-9 * length.max(axis=(1, 2), keepdims=True)
-    normal = np.where(length > least, normal, growth)
-    normal[np.linalg.norm(normal, axis=3) <= least[..., 0]] = 0
-    return _grid(derivative(0, 0), normal, np.stack(np.broadcast_arrays(t[:, None], t), axis=2))
 
 
 def sphere(
@@ -128,7 +88,7 @@ class Quadric:
 
     def mesh(self, u: Floats, v: Floats) -> Mesh:
         """Return the mesh of the triangles between lines u (A,) and v (B,), both from 0 to 1; uv are (u, v)."""
-        return _grid(*self.points(u, v))
+        return grid(*self.points(u, v))
 
 
 def spherical(radius: float = 1, zmin: float | None = None, zmax: float | None = None, phimax: float = 360) -> Quadric:
@@ -179,10 +139,10 @@ def quad(corner: npt.ArrayLike, u: npt.ArrayLike, v: npt.ArrayLike) -> Mesh:
     corner, u, v = vector("corner", corner), vector("u", u), vector("v", v)
     direction("u x v", np.cross(u, v))
     uv = np.array([[[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [1.0, 1.0]]])
-    return _grid(corner + uv[..., :1] * u + uv[..., 1:] * v, None, uv)
+    return grid(corner + uv[..., :1] * u + uv[..., 1:] * v, None, uv)
 
 
-def _grid(points: Floats, normals: Floats | None, uv: Floats) -> Mesh:
+def grid(points: Floats, normals: Floats | None, uv: Floats) -> Mesh:
     """Triangulate a grid of points (A, B, 3), or P of them (P, A, B, 3); outside is the first axis times the second.
 
     Points equal up to rounding become equal, so that no ray passes between triangles; triangles that lose their area

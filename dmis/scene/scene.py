@@ -65,7 +65,7 @@ class Scene:
         What the scene's file asks for: integrator, sampler, numbers of samples.
     source
         How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are not read,
-        such as "3 materials (wood, glass, lamp)"; of a pbrt file ``dialect`` and ``dialect_from``, ``file`` (its
+        such as "3 materials"; of a pbrt file ``dialect`` and ``dialect_from``, ``file`` (its
         words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
 
     Raises
