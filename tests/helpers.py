@@ -90,6 +90,24 @@ def mean_and_error(images: Any) -> tuple[float, float]:
     return float(pixels.mean()), float(np.sqrt(pixels.var(axis=0, ddof=1).mean() / pixels.size))
 
 
+def z_score(a: Array, b: Array | float) -> float:
+    """Return the difference of the means of two independent samples, over its standard error.
+
+    Parameters
+    ----------
+    a
+        Sample, ``(N,)``.
+    b
+        Another, ``(M,)``, or a number without error.
+    """
+    a = np.asarray(a, float)
+    error2, other = a.var(ddof=1) / len(a), b
+    if np.ndim(b):
+        b = np.asarray(b, float)
+        error2, other = error2 + b.var(ddof=1) / len(b), b.mean()
+    return float((a.mean() - other) / np.sqrt(error2))
+
+
 def images_z_score(a: Any, b: Any) -> float:
     """Difference of the means of renders ``(seeds, H, W, 3)`` by two ways, over its standard error."""
     (mean_a, error_a), (mean_b, error_b) = mean_and_error(a), mean_and_error(b)

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.formats.load_scene import light_part
 from dmis.testing.scenes import box_scene
-from dmis.testing.statistics import z_score
 
 TEXT = (Path(__file__).parent.parent / "docs" / "extending.md").read_text("utf-8")
 

@@ -26,24 +26,6 @@ def z_limit(level: float) -> float:
     return -NormalDist().inv_cdf(level / 2)
 
 
-def z_score(a: Array, b: Array | float) -> float:
-    """Return the difference of the means of two independent samples, over its standard error.
-
-    Parameters
-    ----------
-    a
-        Sample, ``(N,)``.
-    b
-        Another, ``(M,)``, or a number without error.
-    """
-    a = np.asarray(a, float)
-    error2, other = a.var(ddof=1) / len(a), b
-    if np.ndim(b):
-        b = np.asarray(b, float)
-        error2, other = error2 + b.var(ddof=1) / len(b), b.mean()
-    return float((a.mean() - other) / np.sqrt(error2))
-
-
 def chi2_p(observed: Array, expected: Array, variance: Array | float = 0.0) -> float:
     """Return the p-value of counts against their expectations by Pearson's chi-square test.
 

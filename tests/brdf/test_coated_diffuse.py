@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -20,7 +20,6 @@ from dmis.brdf.texture import Image
 from dmis.scene.groups import Part
 from dmis.testing.scenes import FLOOR, box_scene, surface
 from dmis.testing.sphere import polar
-from dmis.testing.statistics import z_score
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
 COS, WEIGHTS = (NODES + 1) / 2, WEIGHTS / 2

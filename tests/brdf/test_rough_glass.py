@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, images_z_score, pixel_shares
+from helpers import Z_LIMIT, images_z_score, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array, dot
@@ -23,7 +23,6 @@ from dmis.testing.lobe import check_lobe
 from dmis.testing.outcome import require
 from dmis.testing.scenes import FLOOR, box_scene, surface
 from dmis.testing.sphere import polar, uniforms
-from dmis.testing.statistics import z_score
 
 GLASS = {
     "0.05": dmis.rough_glass(alpha=0.05),

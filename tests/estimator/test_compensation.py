@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, means, pickled, tile_of
+from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -18,7 +18,6 @@ from dmis.pipeline.fingerprint import fingerprint
 from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.testing.scenes import box_scene
 from dmis.testing.sphere import sphere_rule, uniforms
-from dmis.testing.statistics import z_score
 
 FAINT = 0.3
 SKY = np.ones((8, 16, 3), np.float32)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, pixel_shares
+from helpers import LEVEL, Z_LIMIT, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -12,7 +12,7 @@ from dmis.estimator.allocation import Counts, allocate, rounding_covariance, sha
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.mis import balance, cutoff, maximum, power
 from dmis.fit.registry import make_rule
-from dmis.testing.statistics import chi2_p, z_score
+from dmis.testing.statistics import chi2_p
 
 HEURISTICS = [
     "balance",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT, pixel_shares
+from helpers import Z_LIMIT, pixel_shares, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -14,7 +14,6 @@ from dmis.estimator.records import Record
 from dmis.fit.round import Fit, Round
 from dmis.geometry.shapes import quad
 from dmis.pipeline.tile import Tile, render_tile
-from dmis.testing.statistics import z_score
 
 PIXELS = 50
 

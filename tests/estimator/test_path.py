@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, Z_LIMIT, images_z_score, mean_and_error
+from helpers import LEVEL, Z_LIMIT, images_z_score, mean_and_error, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -27,7 +27,6 @@ from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 from dmis.testing.scenes import box_scene
-from dmis.testing.statistics import z_score
 
 LAMP = QuadLight((-0.7, -0.7, 1.6), (0, 1.4, 0), (1.4, 0, 0), (4, 4, 4))
 WALLS = (

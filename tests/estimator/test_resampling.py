@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, images_z_score
+from helpers import Z_LIMIT, images_z_score, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -15,7 +15,6 @@ from dmis.estimator.settings import Settings
 from dmis.light.area import SphereLight
 from dmis.testing.scenes import box_scene, surface
 from dmis.testing.sphere import polar
-from dmis.testing.statistics import z_score
 
 LAMP = SphereLight((0.0, 1.5, 3.0), 1.0, (5.0, 4.0, 3.0))
 

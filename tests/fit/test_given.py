@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.brdf.materials import plastic
 from dmis.light.area import DiskLight
 from dmis.testing.scenes import box_scene
-from dmis.testing.statistics import z_score
 
 WIDTH, HEIGHT = 32, 24
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.base.patches import patch_mean, patch_spread
@@ -12,7 +12,6 @@ from dmis.base.vectors import Array
 from dmis.fit.patch_size import SIZES, choose_patch
 from dmis.fit.round import Pilot
 from dmis.fit.thesis import Thesis, parabola_minimum
-from dmis.testing.statistics import z_score
 from dmis.variance.moments import Moments
 
 W = np.array([0.0, 0.5, 1.0])

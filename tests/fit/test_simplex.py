@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, images_z_score
+from helpers import Z_LIMIT, images_z_score, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -24,7 +24,6 @@ from dmis.fit.registry import make_rule
 from dmis.fit.simplex import Simplex, best_points
 from dmis.light.area import SphereLight
 from dmis.testing.scenes import box_scene
-from dmis.testing.statistics import z_score
 from dmis.variance.curves import GRID, Curves
 from dmis.variance.simplex_curves import (
     SMALLEST_SHARE,

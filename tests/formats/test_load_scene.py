@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, z_score
 
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
@@ -25,7 +25,6 @@ from dmis.pipeline.render import render
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene, SceneWarning
-from dmis.testing.statistics import z_score
 
 BOX = trimesh.creation.box()
 

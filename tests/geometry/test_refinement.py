@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL
+from helpers import LEVEL, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -16,7 +16,6 @@ from dmis.geometry.transforms import translate
 from dmis.scene.groups import Part
 from dmis.scene.scene import RAY_OFFSET, Scene, SceneWarning
 from dmis.testing.scenes import FLOOR
-from dmis.testing.statistics import z_score
 
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, means, pickled, tile_of
+from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 
 from dmis import Camera, render
 from dmis.base.vectors import Array
@@ -21,7 +21,6 @@ from dmis.scene.groups import Part
 from dmis.scene.scene import Scene, SceneWarning
 from dmis.testing.scenes import FLOOR, box_scene
 from dmis.testing.sphere import columns, uniforms
-from dmis.testing.statistics import z_score
 
 CORNERS = np.array([[-0.7, -0.7, 1.6], [-0.7, 0.7, 1.6], [0.7, 0.7, 1.6], [0.7, -0.7, 1.6]])
 """Of a quad 1.4 on a side, wound so that (0, 1, 2) looks down, onto the floor."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import LEVEL, Z_LIMIT, pixel_shares
+from helpers import LEVEL, Z_LIMIT, pixel_shares, z_score
 from scipy.integrate import quad
 
 import dmis
@@ -22,7 +22,7 @@ from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 from dmis.testing.scenes import box_scene
 from dmis.testing.sphere import uniforms
-from dmis.testing.statistics import chi2_p, z_score
+from dmis.testing.statistics import chi2_p
 
 FILTERS = {
     "box": PixelFilter("box", (1.2, 0.3)),

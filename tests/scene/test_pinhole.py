@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL
+from helpers import LEVEL, z_score
 
 import dmis
 from dmis.base.vectors import Array
@@ -12,7 +12,6 @@ from dmis.scene.groups import Part
 from dmis.scene.pinhole import offsets, ray_origins
 from dmis.scene.scene import Scene
 from dmis.testing.scenes import box_scene
-from dmis.testing.statistics import z_score
 
 TURN = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 TURN *= np.sign(np.linalg.det(TURN))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT
+from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.base.vectors import Array, dot, normalise
@@ -24,7 +24,6 @@ from dmis.scene.groups import Part
 from dmis.scene.scene import SceneWarning
 from dmis.testing.scenes import FLOOR, box_scene
 from dmis.testing.sphere import uniforms
-from dmis.testing.statistics import z_score
 
 
 @dataclass(frozen=True, eq=False)
