@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dmis.base.selection import Selection, take
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import Counts
-from dmis.estimator.cost import ray_kind_of_colour
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.intersect import RayCaster
@@ -49,10 +47,3 @@ class Batch:
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
     colour: np.ndarray | None = None
-
-    def count_rays(self, kind: str, number: int, sample: Selection | None) -> None:
-        """Count so many rays of a kind, one for each of the camera samples `sample`."""
-        self.rays[kind] += number
-        if self.colour is not None:
-            for colour, n in enumerate(np.bincount(take(self.colour, sample)).tolist()):
-                self.rays[ray_kind_of_colour(kind, colour)] += n

@@ -16,6 +16,7 @@ from dmis.base.selection import Index, Selection, compose, indices, size, take
 from dmis.base.vectors import Array, dot
 from dmis.estimator.allocation import Counts
 from dmis.estimator.batch import Batch
+from dmis.estimator.cost import ray_kind_of_colour
 from dmis.estimator.samples import Samples, Vertices
 from dmis.estimator.technique import SampledLight, technique_by_name
 from dmis.light.light_sample import LightSample
@@ -163,8 +164,16 @@ def unoccluded(
 
     Rays are counted as `kind`, and as those of the camera samples `sample`.
     """
-    batch.count_rays(kind, wi.shape[1], sample)
+    count_rays(batch, kind, wi.shape[1], sample)
     return ~batch.caster.occluded(origin, wi, np.broadcast_to(distance * SHADOW_END, wi.shape[1:]))
+
+
+def count_rays(batch: Batch, kind: str, number: int, sample: Selection | None) -> None:
+    """Count so many rays of a kind, one for each of the camera samples `sample`, by colour where a rule asks for it."""
+    batch.rays[kind] += number
+    if batch.colour is not None:
+        for colour, n in enumerate(np.bincount(take(batch.colour, sample)).tolist()):
+            batch.rays[ray_kind_of_colour(kind, colour)] += n
 
 
 def take_optional(values: Array | None, index: Selection | None) -> Array | None:

@@ -28,11 +28,6 @@ def ray_kind_of_colour(kind: str, colour: int) -> str:
     return f"{kind} of colour {colour}"
 
 
-def rays_of_all_pixels(rays: Mapping[str, int]) -> dict[str, int]:
-    """Return the rays of a pass by kind, without those that are counted once more by colour."""
-    return {kind: number for kind, number in rays.items() if " of colour " not in kind}
-
-
 def rays_of_colours(rays: Mapping[str, int], colours: Sequence[int]) -> dict[str, int]:
     """Return the rays of the pixels of some colours, by kind, from the `rays` of a pass that counts them apart."""
     names = {kind: [ray_kind_of_colour(kind, colour) for colour in colours] for kind in rays}

@@ -145,7 +145,8 @@ class Settings:
             )
         if self.reuse_pilot is not None:
             object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
-        object.__setattr__(self, "compensation", check_compensation(self.compensation))
+        if self.compensation is not None:
+            object.__setattr__(self, "compensation", check_compensation(self.compensation))
         if self.max_depth is None and self.integrator != "path":
             raise ValueError(
                 "max_depth must be a number with integrator direct or auto, because mirrors may face each other"

@@ -14,7 +14,7 @@ import numpy as np
 from dmis.base.selection import Selection, compose, indices, size, take
 from dmis.base.vectors import Array
 from dmis.estimator.batch import Batch
-from dmis.estimator.batching import accumulate, point_chunks, take_optional
+from dmis.estimator.batching import accumulate, count_rays, point_chunks, take_optional
 from dmis.estimator.cost import UNTRACED
 from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
@@ -40,11 +40,11 @@ def radiance(batch: Batch, origin: Array, direction: Array, coverage: Selection 
     """
     total = np.zeros(direction.shape, np.float32)
     traced = size(coverage, direction.shape[1])
-    batch.count_rays("camera", traced, coverage)
+    count_rays(batch, "camera", traced, coverage)
     if traced < direction.shape[1]:
         every = np.arange(direction.shape[1])
         uncovered = np.setdiff1d(every, take(every, coverage), assume_unique=True)
-        batch.count_rays(UNTRACED, len(uncovered), uncovered)
+        count_rays(batch, UNTRACED, len(uncovered), uncovered)
     if not traced:
         return total
     pending = [Rays(take(origin, coverage), take(direction, coverage), coverage, None, 0, ())]
@@ -69,7 +69,7 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
     hits = batch.caster.closest(rays.origin, rays.direction)
     if rays.depth:
         kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
-        batch.count_rays(kind, len(hits.prim), rays.sample)
+        count_rays(batch, kind, len(hits.prim), rays.sample)
     group_of = plan.face_group.take(hits.prim)
     if rays.adds_emission is not False:
         yield from _emission(batch, rays, hits)

@@ -95,6 +95,14 @@ class Rule:
         raise NotImplementedError(f"class {type(self).__name__} needs a method fit(self, pilot) that returns a Fit")
 
 
+def next_round(rounds: Generator[Round, Pilot, None], film: Pilot) -> Round | None:
+    """Send a rule the film of a round; returns the next round that it asks for, None if there is none."""
+    try:
+        return rounds.send(film)
+    except StopIteration:
+        return None
+
+
 def rule_text(rule: Any) -> str:
     """Return the text of a rule for messages, provenance and checkpoints, the same in every process.
 

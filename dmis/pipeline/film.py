@@ -88,6 +88,10 @@ class PassFilm:
         self.rays.update(tile.rays)
         self.done[tile.number] = True
 
+    def rays_of_all_pixels(self) -> dict[str, int]:
+        """Return the rays by kind, without those that are counted once more by colour."""
+        return {kind: number for kind, number in self.rays.items() if " of colour " not in kind}
+
 
 def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
     """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.

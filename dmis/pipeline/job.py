@@ -126,8 +126,9 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
     spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
-    _warn_if_dark(scene)
     float32_scene, gain = scene.in_float32
+    if not float32_scene.plan.has_light:
+        _warn_of_darkness(scene)
     rule = default_rule(spp, settings) if rule is None else rule
     text = rule_text(rule)
     rule = make_rule(rule)
@@ -213,11 +214,10 @@ def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
     pilot_settings(settings, paired=True)  # refuses too many shading samples
 
 
-def _warn_if_dark(scene: Scene) -> None:
+def _warn_of_darkness(scene: Scene) -> None:
     """Warn before a black image is rendered because no light of the scene emits."""
-    if not any(light.has_power() for light in scene.lights):
-        text = (
-            f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, "
-            f"such as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
-        )
-        warn(SceneWarning(text), stacklevel=4)
+    text = (
+        f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, "
+        f"such as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
+    )
+    warn(SceneWarning(text), stacklevel=4)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from types import TracebackType
 
-from dmis.base.malloc import release
+from dmis.base.malloc import LARGE_IMAGE, release
 from dmis.base.vectors import Array
-from dmis.estimator.cost import rays_of_all_pixels
 from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
@@ -41,8 +41,10 @@ class Passes:
 
     Attributes
     ----------
-    rays
-        Rays traced in all passes so far, by kind.
+    rays, pilot_rays
+        Rays traced in all rounds so far, and in those of the pilot, by kind.
+    seconds
+        Time of the rounds so far, by their stage.
     embree_seconds
         CPU seconds of the ray queries of all tiles that were rendered so far.
 
@@ -65,13 +67,16 @@ class Passes:
         self._job, self._progress, self._observer = job, progress, observer
         self._rounds = 0
         self._pixels = math.prod(job.scene.camera.resolution)
-        self.rays: Counter[str] = Counter()
+        self.rays, self.pilot_rays = Counter[str](), Counter[str]()
+        self.seconds = {"pilot": 0.0, "final": 0.0}
         self.embree_seconds = 0.0
         parallel = check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:
             passes = len(job.rule.pilot) + 1
             self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
+        job.scene.prepare()
+        _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
         self._workers = Workers(job.scene, parallel)
 
     def __enter__(self) -> Passes:
@@ -84,7 +89,7 @@ class Passes:
 
     def render(self, round_: Round) -> Pilot:
         """Render a round over the image and return its film; one that goes on joins the samples before it."""
-        resolution = self._job.scene.camera.resolution
+        began, resolution = time.perf_counter(), self._job.scene.camera.resolution
         tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
         if self._observer:
             self._observer(tuple(tiles))
@@ -92,16 +97,19 @@ class Passes:
         for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
             film.merge_tile(film_tile)
         self._rounds += 1
-        release(self._pixels)
+        self._release()
         self._render_missing(film, tiles, round_.stage)
-        release(self._pixels)
-        self.rays.update(rays_of_all_pixels(film.rays))
+        self._release()
+        rays = film.rays_of_all_pixels()
+        self.rays.update(rays)
+        self.pilot_rays.update(rays if round_.stage == "pilot" else {})
         settings, spp = round_.settings, round_.spp
         moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
         if round_.before is not None and round_.patterns is not None:
             moments = join(round_.before, moments, round_.patterns.begin)
-        rays, s, techniques = dict(film.rays), settings.shading_samples, tuple(settings.techniques)
-        return Pilot(moments, rays, film.sums, s, self._features(round_), techniques, self._job.spp)
+        s, techniques, features = settings.shading_samples, tuple(settings.techniques), self._features(round_)
+        self.seconds[round_.stage] += time.perf_counter() - began
+        return Pilot(moments, dict(film.rays), film.sums, s, features, techniques, self._job.spp)
 
     def _render_missing(self, film: PassFilm, tiles: list[Tile], stage: str) -> None:
         """Render the tiles that are not in the film yet, the largest first, so that none is waited for at the end."""
@@ -120,11 +128,16 @@ class Passes:
                 if self._progress:
                     self._progress(stage, finished, total)
 
+    def _release(self) -> None:
+        """Give back freed memory where images are large."""
+        if self._pixels >= LARGE_IMAGE:
+            release()
+
     def _features(self, round_: Round) -> Mapping[str, Array]:
         """Return the feature buffers of the scene, if the round needs them."""
         if not round_.needs_features:
             return {}
         features, rays = render_feature_buffers(self._job.scene)
         self.rays["guide"] += rays
-        release(self._pixels)
+        self._release()
         return features

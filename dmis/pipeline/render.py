@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections import Counter
-from collections.abc import Generator
+from contextlib import nullcontext
 from typing import Any
 
-from dmis.estimator.cost import rays_of_all_pixels
 from dmis.estimator.settings import Settings, make_settings
-from dmis.fit.round import Pilot, Round
-from dmis.fit.rule import Rule
+from dmis.fit.round import Round
+from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.film import average_films
 from dmis.pipeline.job import Job, resolve
@@ -25,7 +23,6 @@ from dmis.pipeline.passes import Observer, Passes
 from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.result import Result, make_result
 from dmis.scene.scene import Scene
-from dmis.variance.moments import Film
 
 
 def render(
@@ -87,32 +84,18 @@ def render_job(
     Parameters and errors are those of `render`; `observer` gets the tiles of each round, in row order, before they are
     rendered.
     """
-    _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
-    seconds = {"pilot": 0.0, "fit": 0.0, "final": 0.0}
-    image: list[tuple[Film, int]] = []
-    pilot_rays: Counter[str] = Counter()
-    with reporting(progress) as report, Passes(job, parallel, report, checkpoint, observer) as passes:
-        job.scene.prepare()
-        rounds, film, began = job.rule.rounds(job.budget), None, time.perf_counter()
-        while (round_ := _next_round(rounds, film)) is not None:  # variance, fit, filter
-            seconds["fit"] += time.perf_counter() - began
-            began, film = time.perf_counter(), None
-            film, last = passes.render(round_), round_  # samples
-            if round_.weight:
-                image.append((film.moments, round_.weight))
-            if round_.stage == "pilot":
-                pilot_rays.update(rays_of_all_pixels(film.rays))
-            seconds[round_.stage] += time.perf_counter() - began
-            began = time.perf_counter()
-    times = {"pilot": seconds["pilot"], "fit": seconds["fit"], "render": seconds["final"]}
-    times |= {"total": sum(times.values()), "embree": passes.embree_seconds}
-    mean_and_deviation = average_films(image[::-1], job.gain)
-    return make_result(job, last, mean_and_deviation, times, (passes.rays, pilot_rays))
-
-
-def _next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
-    """Return the next round of a rule, which is sent the film of the last one; None if there are no more."""
-    try:
-        return next(rounds) if film is None else rounds.send(film)
-    except StopIteration:
-        return None
+    image = []
+    with (
+        reporting(progress) if progress else nullcontext() as report,
+        Passes(job, parallel, report, checkpoint, observer) as passes,
+    ):
+        began, rounds = time.perf_counter(), job.rule.rounds(job.budget)
+        requested: Round | None = next(rounds)
+        while requested is not None:
+            film, last = passes.render(requested), requested  # samples
+            if requested.weight:
+                image.append((film.moments, requested.weight))
+            requested = next_round(rounds, film)  # variance, fit, filter
+            del film  # its statistics are large
+        total = time.perf_counter() - began
+    return make_result(job, last, average_films(image[::-1], job.gain), passes, total)

@@ -18,6 +18,7 @@ from dmis.estimator.cost import UNTRACED
 from dmis.fit.round import Round
 from dmis.image import png_of, write_exr, write_png
 from dmis.pipeline.job import Job
+from dmis.pipeline.passes import Passes
 from dmis.samplers.streams import is_sequence
 
 FEW = 4.0
@@ -142,8 +143,8 @@ def make_result(
     job: Job,
     final: Round,
     image: tuple[Array, Array],
-    seconds: Mapping[str, float],
-    counts: tuple[Mapping[str, int], Mapping[str, int]],
+    passes: Passes,
+    total: float,
 ) -> Result:
     """Return the result of a job, whose last round was `final`.
 
@@ -151,12 +152,14 @@ def make_result(
     ----------
     image
         The image and its deviation.
-    seconds
-        As in `Result`.
-    counts
-        All rays and those of the pilot, by kind.
+    passes
+        The passes that rendered the rounds.
+    total
+        Seconds of all rounds and of the rule between them.
     """
-    rays = {kind: number for kind, number in counts[0].items() if kind != UNTRACED}
+    rays = {kind: number for kind, number in passes.rays.items() if kind != UNTRACED}
+    pilot, last = passes.seconds["pilot"], passes.seconds["final"]
+    seconds = {"pilot": pilot, "fit": total - pilot - last, "render": last, "total": total}
     shape, settings = image[0].shape[:2], final.settings
     if final.patterns is not None:
         samples, light, brdf = final.technique_samples()
@@ -166,7 +169,7 @@ def make_result(
         weight, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
     described = job.without_tables()
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
-    of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(counts[1])}
+    of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(passes.pilot_rays)}
     of_image["deviation_of"] = deviation_of
     return Result(
         image=image[0],
@@ -175,7 +178,7 @@ def make_result(
         weight=np.full(shape, weight, np.float32),
         samples=np.full(shape, samples, np.float32),
         shading_samples=np.asarray(shading_samples, np.float32),
-        seconds=seconds,
+        seconds={**seconds, "embree": passes.embree_seconds},
         rays=rays,
         maps=final.maps,
         describe=lambda: {**described.provenance, **of_image},
