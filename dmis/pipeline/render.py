@@ -84,11 +84,8 @@ def render_job(
     Parameters and errors are those of `render`; `observer` gets the tiles of each round, in row order, before they are
     rendered.
     """
-    image = []
-    with (
-        reporting(progress) if progress else nullcontext() as report,
-        Passes(job, parallel, report, checkpoint, observer) as passes,
-    ):
+    image, bar = [], reporting(progress) if progress else nullcontext()
+    with bar as report, Passes(job, parallel, report, checkpoint, observer) as passes:
         began, rounds = time.perf_counter(), job.rule.rounds(job.budget)
         requested: Round | None = next(rounds)
         while requested is not None:

@@ -20,7 +20,6 @@ from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
 from dmis.pipeline.observers import make_observers
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import Sampler, make_sampler, stream
-from dmis.scene.pinhole import ray_origins
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Moments
 
@@ -231,7 +230,7 @@ def _camera_rays(
         u = scene.camera.filter.offsets(u)
     x, y = corners
     direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
-    return ray_origins(scene.camera.origin, scene.plan.pinhole_offsets, direction), direction
+    return np.repeat(scene.camera.origin, direction.shape[1], axis=1), direction
 
 
 def _check_finite(total: Moments, tile: Tile) -> None:

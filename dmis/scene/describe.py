@@ -45,8 +45,6 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         lines.append(
             "  nothing to mix: no light can be reached by two techniques, so rules learn no shares, without a pilot"
         )
-    if len(plan.pinhole_offsets):
-        lines.append("  the camera lies in the plane of triangles around it, and does not see them")
     if unread:
         lines.append(f"  not read from the file: {', '.join(unread)}")
     lines.append(f"  left out: {'; '.join(_left_out(plan, unread)) or 'nothing'}")

@@ -10,6 +10,7 @@ from dmis.base.vectors import Array
 from dmis.geometry.refinement import diagonals
 from dmis.intersect import RayCaster
 from dmis.light.coincident import find_overlaps, lamp_triangles
+from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.plan import Plan
 
@@ -65,6 +66,16 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
             f"{near[0]}{more}: rays begin above the light, which gives no light there, and may be hidden; move it "
             f"farther away"
         )
+
+
+def camera_doubts(camera: Camera, caster: RayCaster, reach: float) -> Iterator[str]:
+    """Yield a message if the camera is nearer than `reach` to a surface, which then hides all that is behind it."""
+    width, height = camera.resolution
+    x, y = (a.reshape(-1).astype(np.float32) for a in np.meshgrid(np.linspace(0, width, 9), np.linspace(0, height, 9)))
+    direction = camera.rays(x, y)
+    hidden = caster.occluded(np.repeat(camera.origin, len(x), axis=1), direction, np.full(len(x), reach, np.float32))
+    if hidden.any():
+        yield f"the camera is on a surface, and {hidden.mean():.0%} of it sees nothing else; move it farther away"
 
 
 def offset_doubts(parts: Sequence[Part], small: Array, triangle_epsilon: Array | None) -> Iterator[str]:

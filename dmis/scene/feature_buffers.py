@@ -14,7 +14,6 @@ from dmis.base.patches import PATCH, patch_mean
 from dmis.base.vectors import Array
 from dmis.brdf.lobe import Lobe
 from dmis.scene.groups import NO_GROUP
-from dmis.scene.pinhole import ray_origins
 from dmis.scene.scene import Scene
 
 FEATURE_SCALES = {"normal": 1.0, "albedo": 1.0, "material": 0.5}
@@ -78,7 +77,7 @@ def _look(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Return normals ``(3, N)``, albedos ``(3, N)`` and material numbers ``(N,)``, -1 for nothing, at raster points."""
     plan = scene.plan
     direction = scene.camera.rays(x, y)
-    hits = scene.intersector.closest(ray_origins(scene.camera.origin, plan.pinhole_offsets, direction), direction)
+    hits = scene.intersector.closest(np.repeat(scene.camera.origin, len(x), axis=1), direction)
     group_of = plan.face_group.take(hits.prim)
     normal, colour = np.zeros((2, *direction.shape), np.float32)
     material = np.full(len(x), -1)

@@ -18,7 +18,6 @@ import numpy as np
 from dmis.brdf.materials import Material
 from dmis.light.coincident import original_lights
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
-from dmis.scene import pinhole
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group
 from dmis.scene.simplify import simplify
@@ -44,8 +43,6 @@ class Plan:
         out.
     unseen
         Sampled lights with a surface that no part has, so that the camera does not see it.
-    pinhole_offsets
-        Offsets of camera rays from the triangles that the pinhole is on, ``(K, 3)``, see `dmis.scene.pinhole`.
     headlights
         Positions in `deltas` of point lights at the pinhole: whatever the camera sees, they see, so camera hits
         need no shadow rays towards them.
@@ -65,7 +62,6 @@ class Plan:
         self.sampled: tuple[SampledLight, ...] = tuple(light for light in lights if not light.delta)  # type: ignore[misc]
         self.deltas: tuple[DeltaLight, ...] = tuple(light for light in lights if light.delta)  # type: ignore[misc]
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
-        self.pinhole_offsets = pinhole.offsets(np.asarray(camera.to_world, float)[:3, 3], (part.mesh for part in parts))
         eye = camera.origin[:, 0]
         self.headlights = frozenset(k for k, light in enumerate(self.deltas) if light.is_at(eye, 0.1 * epsilon))
         keys: dict[Any, list[tuple[Material, AreaLight | None]]] = {}

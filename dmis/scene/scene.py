@@ -24,7 +24,7 @@ from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
-from dmis.scene.doubts import lamp_doubts, offset_doubts
+from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
@@ -247,6 +247,7 @@ class Scene:
         return (
             *lamp_doubts(self.parts, self.plan, self.intersector, 2 * self._least_epsilon),
             *offset_doubts(self.parts, self.small_bodies, self.triangle_epsilon),
+            *camera_doubts(self.camera, self.intersector, self._least_epsilon),
         )
 
     def prepare(self) -> None:

@@ -1,11 +1,14 @@
 """The pinhole camera: field of view, corners, handedness, bad input."""
 
+import warnings
 from typing import Any
 
 import numpy as np
 import pytest
 
+import dmis
 from dmis.base.vectors import Array, dot
+from dmis.geometry.shapes import quad
 from dmis.scene.camera import Camera
 
 IDENTITY = np.eye(4)
@@ -162,3 +165,15 @@ def test_bad_frame() -> None:
     """A camera made by hand with a corner outside its frame is refused."""
     with pytest.raises(ValueError, match="a crop must lie inside its frame of 10x10"):
         Camera(IDENTITY, 50.0, (4, 4), (8, 0), (10, 10))
+
+
+def test_a_camera_on_a_surface_is_named() -> None:
+    """It sees that surface alone; a little above it no warning."""
+    floor = dmis.Part(quad((-4, -4, 0), (8, 0, 0), (0, 8, 0)), dmis.matte(0.5))
+    lamp = dmis.QuadLight((-0.5, -0.5, 3), (0, 1, 0), (1, 0, 0), (1, 1, 1))
+    for height, warned in ((0.0, True), (0.01, False)):
+        camera = dmis.Camera.look_at((0, 0, height), (1, 0, height), fov=60, resolution=(8, 8))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            dmis.Scene(camera, (floor,), (lamp,)).prepare()
+        assert any("camera is on a surface" in str(w.message) for w in caught) == warned
