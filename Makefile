@@ -49,10 +49,11 @@ bench: $(READY)  ## measure speed against the same Embree calls alone, and wheth
 bench-kernels: $(READY)  ## measure lobes, lights, warps, textures and the film one by one
 	$(BIN)/python -m pytest benchmarks/test_kernels.py --benchmark-columns=min,median,iqr
 
-check: $(READY)  ## lint, format and types, without changing a file
+check: $(READY)  ## lint, format, types and sizes, without changing a file
 	$(BIN)/python -m ruff check $(SOURCES)
 	$(BIN)/python -m ruff format --check $(SOURCES)
 	$(BIN)/python -m mypy
+	$(BIN)/python -m pytest -q tests/test_size.py
 
 format: $(READY)  ## rewrite the sources in the project's format
 	$(BIN)/python -m ruff check --fix $(SOURCES)

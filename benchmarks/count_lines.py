@@ -99,6 +99,15 @@ def count(path: Path, codes: set[CodeType]) -> tuple[int, int]:
     return len(documented - described), len(documented - blank)
 
 
+def lines_called(scene: dmis.Scene, rule: str, spp: int) -> dict[str, tuple[int, int]]:
+    """Return the lines of code that a render calls by file, without and with docstrings, see `count`."""
+    by_file: dict[str, set[CodeType]] = {}
+    for code in called_functions(scene, rule, spp):
+        by_file.setdefault(Path(code.co_filename).relative_to(PACKAGE).as_posix(), set()).add(code)
+    lines = {name: count(PACKAGE / name, codes) for name, codes in by_file.items()}
+    return {name: pair for name, pair in lines.items() if pair[0]}
+
+
 def reading_path(page: Path = PAGE) -> list[str]:
     """Return the files that docs/code.md says to read for such a render, in its order."""
     steps = page.read_text("utf-8").partition("take the files in this order:\n\n")[2].partition("\n\n")[0]
@@ -123,11 +132,7 @@ def main() -> None:
     scene = small_scene()
     if not arguments.first:  # plan, tables and Embree scene are kept with the scene
         dmis.render(scene, arguments.rule, arguments.spp, seed=1, parallel=1)
-    by_file: dict[str, set[CodeType]] = {}
-    for code in called_functions(scene, arguments.rule, arguments.spp):
-        by_file.setdefault(Path(code.co_filename).relative_to(PACKAGE).as_posix(), set()).add(code)
-    lines = {name: count(PACKAGE / name, codes) for name, codes in by_file.items()}
-    lines = {name: pair for name, pair in lines.items() if pair[0]}
+    lines = lines_called(scene, arguments.rule, arguments.spp)
     path = reading_path()
     print(f"{'file':38} {'lines':>6} {'with docstrings':>16}")
     for name in [*path, *sorted(lines.keys() - set(path))]:

@@ -11,8 +11,8 @@ given cost of the image its error is least with
     n ~ (V / C)^(1 / (1 + a)),
 
 and of several patterns the one with the least ``V C^a`` is best. V of the first round's pattern is measured at each
-pixel: the spread of four sub-blocks of its samples (`dmis.variance.sub_blocks`), averaged over its neighbours. For
-another pattern V is scaled by the ratio of variances with independent points,
+pixel: the spread of four sub-blocks of its samples (`dmis.variance.moments.SubBlocks`), averaged over its neighbours.
+For another pattern V is scaled by the ratio of variances with independent points,
 
     V = P + A(w) / S,
 

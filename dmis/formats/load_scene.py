@@ -83,8 +83,7 @@ def load_scene(
         If there is no such file.
     ValueError
         If the source is none of these, a scene has no such name, a file cannot be read, a geometry has no material, or
-        a camera, lights, a material or up are given for a pbrt scene. `dmis.formats.pbrt.tokens.PbrtError` is one of
-        these.
+        a camera, lights, a material or up are given for a pbrt scene (`dmis.formats.pbrt.tokens.PbrtError`).
 
     Warns
     -----

@@ -19,6 +19,7 @@ from dmis.estimator.settings import MAX_SHADING_SAMPLES, Settings, resolve_auto
 from dmis.estimator.technique import technique_by_name
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
+from dmis.fit.rounds import LEAST_SPP
 from dmis.fit.round import Budget, pilot_settings
 from dmis.fit.rule import Rule, merge_settings, rule_text
 from dmis.fit.sample_numbers import LEVELS
@@ -26,8 +27,6 @@ from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning
 
-MIN_SPP_TO_LEARN = 16
-"""Camera samples per pixel from which on a pilot pays."""
 MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
 LEARNED_COMPENSATION = 0.9
@@ -161,7 +160,7 @@ def default_rule(spp: int, settings: Settings) -> Rule | str:
     if settings.preset is not None:
         return PRESETS[settings.preset].rule
     s = settings.shading_samples
-    pays = MIN_SPP_TO_LEARN <= spp <= LEVELS[-1] // 2
+    pays = LEAST_SPP <= spp <= LEVELS[-1] // 2
     if pays and s % 2 == 0 and 2 * s <= MAX_SHADING_SAMPLES and not _without_densities(settings):
         return "auto"
     rule = _equal_shares(settings)
@@ -204,9 +203,8 @@ def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
         *(("pilot samples", n) for n in rule.pilot.values()),
     ):
         if n % 2:
-            even = f"{n - 1} or {n + 1}" if n > 1 else "2"
             raise ValueError(
-                f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {even}, or "
+                f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {n + 1}, or "
                 f"rule thesis"
             )
         if name != "shading_samples" and n % techniques:
@@ -216,8 +214,6 @@ def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
 
 def _warn_of_darkness(scene: Scene) -> None:
     """Warn before a black image is rendered because no light of the scene emits."""
-    text = (
-        f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, "
-        f"such as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
-    )
+    how = "such as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
+    text = f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, {how}"
     warn(SceneWarning(text), stacklevel=4)

@@ -14,8 +14,7 @@ from dmis.estimator.records import Record, Statistic
 from dmis.fit.round import Round
 from dmis.pipeline.camera_samples import CameraSamples, SampleBlock
 from dmis.samplers.streams import is_sequence
-from dmis.variance.moments import Moments, PixelMoments
-from dmis.variance.sub_blocks import SubBlocks
+from dmis.variance.moments import Moments, PixelMoments, SubBlocks
 
 
 def make_observers(round_: Round, shape: tuple[int, int]) -> Observers:

@@ -7,7 +7,7 @@ import pytest
 
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import Sobol
-from dmis.variance.sub_blocks import SubBlocks
+from dmis.variance.moments import SubBlocks
 
 
 def of_samples(values: np.ndarray, n: np.ndarray | int, cuts: tuple[int, ...] = ()) -> SubBlocks:

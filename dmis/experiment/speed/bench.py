@@ -35,7 +35,7 @@ TIME_PARTS = {
     "embree": {"intersect.py": {"closest", "occluded"}},
     "random numbers": {"streams.py": {"draw", "start", "stream", "make_sampler"}, "sobol.py": {"draw"}},
     "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "samples.py": {"record_samples"}},
-    "film": {"moments.py": {"of", "merge"}, "sub_blocks.py": {"add", "total"}},
+    "film": {"moments.py": {"of", "merge", "add", "total"}},
 }
 """Functions whose time, with that of their callees, is one part of a tile's time; the rest is shading."""
 

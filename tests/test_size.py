@@ -1,0 +1,72 @@
+"""Sizes that a reader can hold: `make check` fails above them, and raising one needs a reason in the commit."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+import dmis
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import count_lines  # noqa: E402
+
+LINES = {"dmis": 24_000, "tests": 23_500}
+"""Lines of Python files."""
+WORDS = 38_000
+"""Words of the pages, tables included."""
+LEAST_DOCSTRINGS = 0.235
+"""Share of docstrings in the lines of the package."""
+LONGEST_FUNCTION = 60
+"""Lines of a function of the package."""
+LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220}
+"""Lines of the modules that tell how a render goes."""
+RENDERS = {"thesis": (44, 2100), "auto": (52, 2650)}
+"""Files, and lines with docstrings, that a small render with a rule calls."""
+
+
+def python_files(folder: str) -> list[Path]:
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+def lines_of(path: Path) -> int:
+    return path.read_text("utf-8").count("\n")
+
+
+@pytest.mark.parametrize("folder", LINES)
+def test_lines(folder: str) -> None:
+    assert sum(map(lines_of, python_files(folder))) <= LINES[folder]
+
+
+def test_words_of_pages() -> None:
+    pages = (ROOT / "docs").rglob("*.md")
+    assert sum(len(page.read_text("utf-8").split()) for page in pages if "_build" not in page.parts) <= WORDS
+
+
+def test_docstrings_and_functions() -> None:
+    described, longest = 0, {}
+    for path in python_files("dmis"):
+        tree = ast.parse(path.read_text("utf-8"))
+        described += sum(map(len, count_lines.docstrings(tree)))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                longest[f"{path.name}: {node.name}"] = (node.end_lineno or 0) - node.lineno + 1
+    assert described / sum(map(lines_of, python_files("dmis"))) >= LEAST_DOCSTRINGS
+    assert {name: n for name, n in longest.items() if n > LONGEST_FUNCTION} == {}
+
+
+def test_modules_that_tell_a_render() -> None:
+    for name, most in LONGEST_MODULES.items():
+        assert lines_of(ROOT / "dmis" / name) <= most, name
+
+
+@pytest.mark.parametrize("rule", RENDERS)
+def test_what_a_render_calls(rule: str) -> None:
+    scene = count_lines.small_scene()
+    dmis.render(scene, rule, 16, parallel=1)  # plan, tables and Embree scene are kept with the scene
+    lines = count_lines.lines_called(scene, rule, 16)
+    files, most = RENDERS[rule]
+    assert len(lines) <= files and sum(described for _, described in lines.values()) <= most
