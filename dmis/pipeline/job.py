@@ -19,8 +19,8 @@ from dmis.estimator.settings import MAX_SHADING_SAMPLES, Settings, resolve_auto
 from dmis.estimator.technique import technique_by_name
 from dmis.fit.fixed import Fixed
 from dmis.fit.registry import make_rule
-from dmis.fit.rounds import LEAST_SPP
 from dmis.fit.round import Budget, pilot_settings
+from dmis.fit.rounds import LEAST_SPP
 from dmis.fit.rule import Rule, merge_settings, rule_text
 from dmis.fit.sample_numbers import LEVELS
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
@@ -215,5 +215,7 @@ def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
 def _warn_of_darkness(scene: Scene) -> None:
     """Warn before a black image is rendered because no light of the scene emits."""
     how = "such as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
-    text = f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, {how}"
+    text = (
+        f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, {how}"
+    )
     warn(SceneWarning(text), stacklevel=4)
