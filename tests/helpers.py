@@ -7,6 +7,8 @@ have been to fail at the first run. It is 1 % for all statistical tests of the s
 from __future__ import annotations
 
 import linecache
+import subprocess
+import sys
 from collections import Counter
 from functools import cache
 from typing import Any
@@ -31,6 +33,11 @@ def run_cell(code: str, name: str, namespace: dict[str, Any]) -> None:
     """Run Python code as a notebook runs a cell: its source is known by its name."""
     linecache.cache[name] = (len(code), None, code.splitlines(keepends=True), name)
     exec(compile(code, name, "exec", dont_inherit=True), namespace)
+
+
+def fresh_python(code: str) -> str:
+    """Return the output of a new Python process that runs `code`."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
 
 @cache

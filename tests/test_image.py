@@ -7,9 +7,9 @@ import zlib
 
 import numpy as np
 import pytest
+from helpers import fresh_python
 
 import dmis
-from dmis.experiment.speed.bench import fresh_python
 from dmis.image import encode_png, read_exr, tonemap, write_exr, write_png
 
 

@@ -5,11 +5,11 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from helpers import fresh_python
 from matplotlib.image import imread
 from PIL import Image
 
 from dmis import plot
-from dmis.experiment.speed.bench import fresh_python
 
 
 def test_coordinates_are_pixels():

@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers import fresh_python
 
 import dmis
-from dmis.experiment.speed.bench import fresh_python
 
 GLIBC = pytest.mark.skipif(
     sys.platform != "linux" or platform.libc_ver()[0] != "glibc", reason="only glibc is told what to keep"

@@ -14,12 +14,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import fresh_python
 
 import dmis
 from dmis.cli import commands
 from dmis.cli.commands import main
 from dmis.cli.rendering import fireflies
-from dmis.experiment.speed.bench import fresh_python
 from dmis.fit.registry import RULES
 from dmis.formats.load_scene import SHIPPED
 from dmis.image import read_exr

@@ -6,18 +6,11 @@ their speed varies; the ratio of total to floor, measured in turns, is the cost 
 
 from __future__ import annotations
 
-import cProfile
 import math
-import pstats
 import statistics
-import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import PurePath
 from typing import Any
-
-import numpy as np
 
 from dmis.estimator.settings import make_settings
 from dmis.experiment.speed.embree_floor import embree_seconds
@@ -26,18 +19,10 @@ from dmis.formats.load_scene import load_scene
 from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
-from dmis.pipeline.tile import Tile, render_tile
-from dmis.scene.scene import Scene
+from dmis.pipeline.tile import Tile
 
 HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | Embree alone | total / floor | range |
 |---|---|---|---|---|---|---|---|---|"""
-TIME_PARTS = {
-    "embree": {"intersect.py": {"closest", "occluded"}},
-    "random numbers": {"streams.py": {"draw", "start", "stream", "make_sampler"}, "sobol.py": {"draw"}},
-    "statistics": {"curves.py": {"add", "sums"}, "objectives.py": {"add", "sums"}, "samples.py": {"record_samples"}},
-    "film": {"moments.py": {"of", "merge", "add", "total"}},
-}
-"""Functions whose time, with that of their callees, is one part of a tile's time; the rest is shading."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +39,6 @@ class Speed:
         Wall seconds of each render, and of its Embree calls alone.
     pilot, fit
         Shares of pilot and fit in the time of a render, medians.
-    parts
-        Share of each of `TIME_PARTS`, and of shading, in the tiles of the last render; empty without `profile`.
     """
 
     scene: str
@@ -67,7 +50,6 @@ class Speed:
     floor: list[float]
     pilot: float
     fit: float
-    parts: dict[str, float]
 
     @property
     def ratios(self) -> list[float]:
@@ -94,7 +76,6 @@ def bench(
     parallel: int = 1,
     repeats: int = 3,
     seed: int = 0,
-    profile: bool = False,
     progress: Progress | None = None,
     **options: Any,
 ) -> list[Speed]:
@@ -106,8 +87,6 @@ def bench(
         Names or files of scenes, see `dmis.formats.load_scene.load_scene`.
     parallel
         Number of threads, of renders and of Embree alone.
-    profile
-        Whether tiles are rendered once more under Python's profiler, for the `parts` of each `Speed`.
     progress
         Called as ``progress(case, done, total)`` after each render.
     options
@@ -134,16 +113,13 @@ def bench(
             result = render_job(job, parallel, observer=tiles.extend)
             times[n].append({**result.seconds, "floor": embree_seconds(job.scene, tiles, parallel)})
             if k == repeats - 1:
-                parts = time_by_part(job.scene, tiles) if profile else {}
-                speeds.append(_speed(job, dict(result.rays), parallel, times[n], parts))
+                speeds.append(_speed(job, dict(result.rays), parallel, times[n]))
             if progress:
                 progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
     return speeds
 
 
-def _speed(
-    job: Job, rays: dict[str, int], threads: int, times: Sequence[Mapping[str, float]], parts: dict[str, float]
-) -> Speed:
+def _speed(job: Job, rays: dict[str, int], threads: int, times: Sequence[Mapping[str, float]]) -> Speed:
     """Return the times of the renders of one case."""
     pilot, fit = (statistics.median(of[stage] / of["total"] for of in times) for stage in ("pilot", "fit"))
     return Speed(
@@ -156,46 +132,4 @@ def _speed(
         floor=[of["floor"] for of in times],
         pilot=pilot,
         fit=fit,
-        parts=parts,
     )
-
-
-def time_by_part(scene: Scene, tiles: Sequence[Tile], limit: float = 10.0) -> dict[str, float]:
-    """Return the shares of `TIME_PARTS` and of shading in the time of `tiles`; they add up to 1.
-
-    Tiles of all passes are rendered in a random order under Python's profiler, for about `limit` seconds.
-    """
-    profile = cProfile.Profile(time.thread_time)
-    end = time.perf_counter() + limit
-    for k in np.random.default_rng(0).permutation(len(tiles)):
-        profile.runcall(render_tile, scene, tiles[k])
-        if time.perf_counter() > end:
-            break
-    seconds = dict.fromkeys((*TIME_PARTS, "shading"), 0.0)
-    for (file, _, function), (_, _, _, inclusive, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
-        name = PurePath(file).name
-        if name == "tile.py" and function == "render_tile":
-            seconds["shading"] += inclusive
-        for part, files in TIME_PARTS.items():
-            if "dmis" in file and function in files.get(name, ()):
-                seconds[part] += inclusive
-    total = seconds["shading"]
-    seconds["shading"] -= sum(seconds[part] for part in TIME_PARTS)
-    return {part: time_of_part / total for part, time_of_part in seconds.items()}
-
-
-def peak_memory(source: str, rule: str, resolution: tuple[int, int], spp: int, parallel: int = 2) -> int:
-    """Return the peak resident memory in bytes of a process that loads a scene and renders it (POSIX)."""
-    code = (
-        "import dmis, dmis.base.malloc; "
-        f"dmis.render(dmis.load_scene({source!r}, resolution={resolution!r}), {rule!r}, {spp}, parallel={parallel}); "
-        "print(dmis.base.malloc.peak())"
-    )
-    return int(fresh_python(code))
-
-
-def fresh_python(code: str) -> str:
-    """Return the output of a new Python process that runs `code`, which must be trusted."""
-    import subprocess
-
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
