@@ -9,7 +9,7 @@ the thesis's four scenes and on the two that are held out: no constant was chose
 
 The error of independent points falls as 1 / time, so over that baseline mean squared error times CPU seconds is the
 ratio in equal time. Over Sobol points, whose error falls faster, it is
-`dmis.experiment.convergence.equal_time_ratio`.
+`equal_time_ratio`.
 
 Each render is one line of ``docs/tables/points.csv``, written as soon as it is made; a run that was interrupted goes on
 after the last. Remove the file to measure again. The first budget takes the most seeds: it is that of the thesis.
@@ -28,10 +28,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, TABLES, machine, options, replace_table, show
+from equal_time import equal_time_ratio
 from front_table import write_front_table
 
 import dmis
-from dmis.experiment.convergence import Interval, equal_time_ratio
+from dmis.experiment.convergence import Interval
 from dmis.experiment.runs import Run, measure
 
 PAGE = ROOT / "docs" / "tables.md"
