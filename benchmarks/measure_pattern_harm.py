@@ -69,7 +69,7 @@ def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def squared_deviations(scene: dmis.Scene, pattern: np.ndarray, seeds: range) -> np.ndarray:
     """Return squared deviations of pixels from their mean over seeds, ``(seeds, H, W)``; their mean is V."""
-    patterns = PatternMap(PATTERNS, pattern, np.zeros(pattern.shape, np.int32), PATTERNS[FIRST])
+    patterns = PatternMap(PATTERNS, pattern, PATTERNS[FIRST])
     job = resolve(scene, "balance", given.samples, 0, dmis.Settings(sampler="sobol", compensation=0.9))
     equal_numbers = Round(given.samples, shares_of(0.5), job.settings, patterns=patterns, stage="final")
     images = []

@@ -31,7 +31,7 @@ SAMPLES_OF = np.array([n_l + n_b for n_l, n_b in PATTERNS])
 
 @dataclass(frozen=True, eq=False)
 class PatternMap:
-    """Pattern of each pixel, and where in its sequence it goes on.
+    """Pattern of each pixel.
 
     Attributes
     ----------
@@ -39,25 +39,21 @@ class PatternMap:
         Light and BRDF samples ``(n_l, n_b)`` of each pattern.
     pattern
         Index of the pattern of each pixel, ``(H, W)``, or ``(P,)`` in a tile.
-    begin
-        Number of the first camera sample, the same shape: 0 where a sequence begins.
     first
-        Light and BRDF samples of the camera samples before it.
+        Light and BRDF samples of the camera samples of earlier rounds.
     """
 
     patterns: tuple[tuple[int, int], ...]
     pattern: np.ndarray
-    begin: np.ndarray
     first: tuple[int, int]
 
     def of_area(self, area: tuple[slice, slice]) -> PatternMap:
         """Return the map of an area of the image, in row order."""
-        pattern, begin = (a[area].reshape(-1) for a in (self.pattern, self.begin))
-        return replace(self, pattern=pattern, begin=begin)
+        return replace(self, pattern=self.pattern[area].reshape(-1))
 
-    def shading_samples(self, samples: np.ndarray) -> np.ndarray:
-        """Return the light and the BRDF samples of each pixel, ``(2, H, W)``, for so many samples from `begin` on.
+    def shading_samples(self, samples: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Return the light and BRDF samples of each pixel, ``(2, H, W)``.
 
-        Those of the camera samples before it are included.
+        `samples` are its camera samples with its pattern, `before` those of earlier rounds, ``(H, W)`` each.
         """
-        return self.begin * np.reshape(self.first, (2, 1, 1)) + samples * np.transpose(self.patterns)[:, self.pattern]
+        return before * np.reshape(self.first, (2, 1, 1)) + samples * np.transpose(self.patterns)[:, self.pattern]

@@ -42,10 +42,11 @@ class Round:
     statistic
         Makes the statistic that gathers the shading samples; None: there is none.
     patterns
-        Whole numbers of samples of each technique per pixel, in place of `shares`, and where in its sequence each pixel
-        goes on; None: `shares` divide the samples, and all pixels begin their sequences.
+        Whole numbers of samples of each technique per pixel, in place of `shares`; None: `shares` divide the samples.
+    begin
+        Number in its pixel's sequence of the first camera sample, as `spp`: 0, or where an earlier round ended.
     before
-        Film of the samples before those of the `patterns`, whose mean they join; None: there is none.
+        Film of that earlier round, whose samples are joined where `begin` is not 0; None: there is none.
     weight
         Weight of the round's mean in the image, in camera samples that are fixed beforehand; 0: it is not in the image.
     stage
@@ -61,6 +62,7 @@ class Round:
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
     patterns: PatternMap | None = None
+    begin: Array | int = 0
     before: Film | None = None
     weight: int = 0
     stage: str = "pilot"
@@ -74,7 +76,8 @@ class Round:
             shares = shares[:, :1].copy()
         return replace(
             self,
-            spp=self.spp if isinstance(self.spp, int) else self.spp[area].reshape(-1),
+            spp=_of_area(self.spp, area),
+            begin=_of_area(self.begin, area),
             shares=shares,
             patterns=None if self.patterns is None else self.patterns.of_area(area),
             before=None,
@@ -87,8 +90,13 @@ class Round:
         Only for rounds with `patterns`; ``(H, W)`` each.
         """
         assert self.patterns is not None
-        light, brdf = self.patterns.shading_samples(np.asarray(self.spp))
-        return self.spp + self.patterns.begin, light, brdf
+        light, brdf = self.patterns.shading_samples(np.asarray(self.spp), np.asarray(self.begin))
+        return np.add(self.spp, self.begin), light, brdf
+
+
+def _of_area(values: Array | int, area: tuple[slice, slice]) -> Array | int:
+    """Return the values of the pixels of an area, ``(P,)`` in row order; one number stays one."""
+    return values if isinstance(values, int) else values[area].reshape(-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ class CameraSamples:
     Attributes
     ----------
     pixel, number
-        Pixel of each camera sample in the tile, and its number within the pixel, ``(N,)``.
+        Pixel of each camera sample in the tile, and its number in the sequence of the pixel, ``(N,)``.
     counts
         Shading samples of each technique, descending for the first technique, as `dmis.estimator.batch.Batch` needs.
     order
@@ -67,6 +67,8 @@ class SampleAllocation:
     ----------
     shares
         Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all pixels are the same.
+    begin
+        Number of the first camera sample of each pixel in its sequence, ``(P,)`` or one number.
     pixels
         P, number of pixels of the tile.
     rng
@@ -78,12 +80,13 @@ class SampleAllocation:
     def __init__(
         self,
         shares: Array,
+        begin: Array | int,
         pixels: int,
         settings: Settings,
         rng: np.random.Generator,
         sampler: Sampler,
     ) -> None:
-        self._shares, self._shading_samples = shares, settings.shading_samples
+        self._shares, self._begin, self._shading_samples = shares, begin, settings.shading_samples
         self._offset, self._whole = rng.random((len(shares) - 1, pixels)), None
         self._reordered: Callable[[np.ndarray], np.ndarray] = np.asarray
         if isinstance(sampler, RoundingSampler):
@@ -100,6 +103,7 @@ class SampleAllocation:
         pixel, number = (
             np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
         )
+        number = number + (self._begin if isinstance(self._begin, int) else self._begin.take(pixel))
         counts = allocate(
             self._shares,
             self._shading_samples,

@@ -214,8 +214,6 @@ def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
 
 def _warn_of_darkness(scene: Scene) -> None:
     """Warn before a black image is rendered because no light of the scene emits."""
-    how = "such as dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
-    text = (
-        f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add a light, {how}"
-    )
-    warn(SceneWarning(text), stacklevel=4)
+    text = f"scene {scene.name}: none of its {len(scene.lights)} lights emits, so the image is black. Add one, such as"
+    example = "dataclasses.replace(scene, lights=[dmis.PointLight((0, 0, 5), (50, 50, 50))])"
+    warn(SceneWarning(f"{text} {example}"), stacklevel=4)

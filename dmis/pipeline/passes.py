@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from types import TracebackType
+
+import numpy as np
 
 from dmis.base.malloc import LARGE_IMAGE, release
 from dmis.base.vectors import Array
@@ -68,7 +70,7 @@ class Passes:
         self._rounds = 0
         self._pixels = math.prod(job.scene.camera.resolution)
         self.rays, self.pilot_rays = Counter[str](), Counter[str]()
-        self.seconds = {"pilot": 0.0, "final": 0.0}
+        self.seconds: defaultdict[str, float] = defaultdict(float)
         self.embree_seconds = 0.0
         parallel = check_parallel(parallel)
         self._store: Store | None = None
@@ -105,8 +107,8 @@ class Passes:
         self.pilot_rays.update(rays if round_.stage == "pilot" else {})
         settings, spp = round_.settings, round_.spp
         moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
-        if round_.before is not None and round_.patterns is not None:
-            moments = join(round_.before, moments, round_.patterns.begin)
+        if round_.before is not None:
+            moments = join(round_.before, moments, np.broadcast_to(round_.begin, film.mean.shape[:2]))
         s, techniques, features = settings.shading_samples, tuple(settings.techniques), self._features(round_)
         self.seconds[round_.stage] += time.perf_counter() - began
         return Pilot(moments, dict(film.rays), film.sums, s, features, techniques, self._job.spp)

@@ -87,7 +87,7 @@ def render_job(
     image, bar = [], reporting(progress) if progress else nullcontext()
     with bar as report, Passes(job, parallel, report, checkpoint, observer) as passes:
         began, rounds = time.perf_counter(), job.rule.rounds(job.budget)
-        requested: Round | None = next(rounds)
+        requested: Round | None = next(rounds, None)
         while requested is not None:
             film, last = passes.render(requested), requested  # samples
             if requested.weight:
@@ -95,4 +95,6 @@ def render_job(
             requested = next_round(rounds, film)  # variance, fit, filter
             del film  # its statistics are large
         total = time.perf_counter() - began
+    if not image:
+        raise ValueError(f"rule {job.rule_text} must ask for a Round with a weight, its part of the image; got none")
     return make_result(job, last, average_films(image[::-1], job.gain), passes, total)

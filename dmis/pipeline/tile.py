@@ -70,16 +70,11 @@ class Tile:
         spp = self.round.spp
         return self.pixels * spp if isinstance(spp, int) else int(spp.sum())
 
-    @property
-    def begin(self) -> np.ndarray:
-        """Numbers of the first camera samples in the sequences of the pixels, ``(P,)``, or ``(1,)`` if all are 0."""
-        return np.zeros(1, np.int64) if self.round.patterns is None else self.round.patterns.begin
-
     def sampler(self, settings: Settings, width: int, rng: np.random.Generator) -> Sampler:
         """Return the sampler of the pixels, in an image of `width` pixels."""
         rows, columns = np.arange(*self.rows), np.arange(*self.columns)
         pixels = (rows[:, None] * width + columns).reshape(-1)
-        stops = np.unique(self.round.spp + self.begin).tolist()
+        stops = np.unique(self.round.spp + self.round.begin).tolist()
         return make_sampler(settings.sampler, PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples))
 
     def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
@@ -190,11 +185,11 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     for pixels, spp, shares, settings in tile.groups():
         sampler = tile.sampler(settings, scene.camera.resolution[0], rng)
-        allocation = SampleAllocation(shares, tile.pixels, settings, rng, sampler)
+        allocation = SampleAllocation(shares, tile.round.begin, tile.pixels, settings, rng, sampler)
         for blocks in sample_batches(spp, pixels, batch_size(settings)):
             # n_1 of the S shading samples of a camera sample to the first technique, w S on average
             samples = allocation.camera_samples(blocks)
-            sampler.start(samples.pixel, samples.number + take(tile.begin, samples.pixel))
+            sampler.start(samples.pixel, samples.number)
             shares_of_samples, records = take(shares, samples.pixel), observers.new_records()
             batch = Batch(scene, timed, settings, sampler, rng, shares_of_samples, samples.counts, rays, records)
             batch.colour = observers.colours(samples.pixel)

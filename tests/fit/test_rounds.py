@@ -93,7 +93,7 @@ def test_best_pattern_of_planted_curves(g: int) -> None:
     assert (second.patterns.pattern == best[:, None]).all()
     np.testing.assert_allclose(second.shares[0], np.tile(SHARES[SHARE_OF[best]][:, None], 16))
     # where places in the pixel are most of the error, the first round need not be lost
-    begin = second.patterns.begin
+    begin = second.begin
     assert (begin[:8] == np.where(best[:8, None] == FIRST, N, 0)).all() and (begin[12:] == N).all()
 
 
@@ -148,7 +148,7 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int]) -> N
     def maps(first: Pilot) -> Array:
         second = second_round(first, rule)
         assert second.patterns is not None
-        return np.array([*decided(first, rule), second.patterns.pattern, second.patterns.begin, second.spp])
+        return np.array([*decided(first, rule), second.patterns.pattern, second.begin, second.spp])
 
     expected = maps(first)
     assert np.isfinite(expected).all() and (expected >= 0).all()
@@ -172,9 +172,9 @@ def test_budget_has_the_first_round_too() -> None:
     root[:, 3::8] = 1e5  # patches begin anew because of these pixels, and their other ones need next to nothing
     first = pilot(first.sums["curve"] / 4, first.sums["position"] / 4, root, budget=64)
     second, cost = second_round(first), decided(first)[1]
-    assert second.patterns is not None and {*np.unique(second.patterns.begin)} == {0, N}
-    total = second.spp + second.patterns.begin
-    assert (total >= np.where(second.patterns.begin, N, 2)).all()
+    assert second.patterns is not None and {*np.unique(second.begin)} == {0, N}
+    total = second.spp + second.begin
+    assert (total >= np.where(second.begin, N, 2)).all()
     assert (np.bitwise_count(total) == 1).all()
     for at in COLOURS:
         spent = N * costs()[FIRST] + (second.spp * cost)[at].mean()

@@ -32,7 +32,7 @@ def allocation_of(shares, spp, settings):
     """Allocation of a tile with the sampler of the settings."""
     rng = np.random.default_rng(2)
     block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
-    return SampleAllocation(shares, PIXELS, settings, rng, make_sampler(settings.sampler, block))
+    return SampleAllocation(shares, 0, PIXELS, settings, rng, make_sampler(settings.sampler, block))
 
 
 @pytest.mark.parametrize("sampler", ["independent", "sobol"])

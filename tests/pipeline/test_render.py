@@ -193,6 +193,35 @@ def _rounds(scene, weights, spp, seed):
         return [passes.render(Round(spp, shares_of(w), settings)).moments.mean for w in weights]
 
 
+@dataclass
+class InTwo(dmis.Rule):
+    """A rule that asks for its samples in two rounds, of which the second goes on where the first ended."""
+
+    w: float
+    weight: int = 1
+
+    def rounds(self, budget):
+        whole = budget.final(Fit(self.w))
+        n = budget.spp // 4
+        film = yield replace(whole, spp=n, weight=n * self.weight)
+        assert film.moments.n == n and film.rays["camera"] > 0
+        yield replace(whole, spp=budget.spp - n, begin=n, weight=(budget.spp - n) * self.weight)
+
+
+@pytest.mark.parametrize("w", [0.5, 0.3])
+def test_rounds_that_go_on_are_one_render(box, w):
+    """The sequence, and the rounding of shares, go on: the image is that of one round, but for the order of sums."""
+    two = dmis.render(box, InTwo(w), 16, seed=3, sampler="sobol")
+    one = dmis.render(box, f"fixed:{w}", 16, seed=3, sampler="sobol")
+    np.testing.assert_allclose(two.image, one.image, rtol=1e-5, atol=1e-6)
+    assert two.rays == one.rays and (two.samples == 16).all()
+
+
+def test_a_rule_must_ask_for_a_part_of_the_image(box):
+    with pytest.raises(ValueError, match="must ask for a Round with a weight"):
+        dmis.render(box, InTwo(0.5, weight=0), 16)
+
+
 @pytest.mark.parametrize("rule", RULES)
 def test_variance_layer_predicts_the_scatter_of_the_image(box, rule):
     """Over 24 seeds, the mean of the variance layer is the images' variance (systematic rounding can only lower it)."""

@@ -280,7 +280,7 @@ def test_rounded_counts_are_even(w: float, shading_samples: int) -> None:
     settings = Settings(sampler="sobol", shading_samples=shading_samples)
     source = sampler(pixels)
     shares = pixel_shares(np.full(pixels, w))
-    allocation = SampleAllocation(shares, pixels, settings, np.random.default_rng(1), source)
+    allocation = SampleAllocation(shares, 0, pixels, settings, np.random.default_rng(1), source)
     (blocks,) = sample_batches(spp, np.arange(pixels), 10**6)
     samples = allocation.camera_samples(blocks)
     first, before = np.asarray(samples.counts.first).astype(int), samples.counts.samples_before
