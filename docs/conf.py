@@ -63,7 +63,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["generated/tutorials", "generated/figures"],
     "filename_pattern": r"/\d_",
     "ignore_pattern": r"^(?!plot_|\d_)",
-    "within_subsection_order": "gallery.script_order",
+    "within_subsection_order": "FileNameSortKey",
     "reset_argv": "gallery.announce",
     "abort_on_example_error": True,
     "download_all_examples": False,

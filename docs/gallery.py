@@ -1,4 +1,5 @@
-"""What sphinx-gallery needs to know of the scripts: which are run, in which order they stand, where their pictures are.
+"""What sphinx-gallery needs to know of the scripts: which are run, in which order their sections stand, where
+their pictures are.
 
 Tutorials are run. The scripts of ``examples`` are not, because at the size that can be trusted they take hours: the
 page of each shows the figure that ``make figures`` has written to ``docs/figures``, with its caption.
@@ -15,19 +16,12 @@ FIGURES = ROOT / "docs" / "figures"
 CAPTIONS = json.loads((FIGURES / "captions.json").read_text("utf-8"))
 """By script: title, caption, how the figure was made, and the rectangle of the panel that stands for it."""
 SECTIONS = ("thesis", "explained", "measured")
-README = (ROOT / "README.md").read_text("utf-8")
 
 
 def section_order(folder: str) -> int:
     """Return the place of a section on the page of the gallery."""
     name = Path(folder).name
     return SECTIONS.index(name) if name in SECTIONS else -1
-
-
-def script_order(file: str) -> tuple[int, str]:
-    """Return the place of a script in its section: that of the thesis, as in the tables of README.md, then by name."""
-    place = README.find(f"`{Path(file).name}`")
-    return (place if place >= 0 else len(README)), Path(file).name
 
 
 def announce(conf: dict, script: dict) -> list[str]:

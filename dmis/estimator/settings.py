@@ -61,12 +61,11 @@ class Settings:
         Russian roulette. ``auto``: what the scene says, or else `dmis.scene.defaults.DEFAULT_DEPTH`.
     sampler
         ``independent``, ``stratified``, ``sobol`` or ``lowdiscrepancy`` (pbrt-v2's), for the final pass, see
-        `dmis.samplers`. ``auto``: ``sobol``, or ``independent`` with a combiner that needs independent samples. See
-        `resolve_auto`.
+        `dmis.samplers`. ``auto``: ``sobol``.
     reuse_pilot
         Whether the samples of a rule's pilot are part of the image, each with the same weight as a final sample. None:
-        if the final samples are independent, as the pilot's are; the others are more even, and a few independent ones
-        among them cost more than they bring.
+        if the final samples are independent, as the pilot's are; among low-discrepancy ones a few independent ones
+        cost more than they bring.
     compensation
         Share of the light samples of a sky, in [0, 1), that are drawn in proportion to what exceeds its mean radiance
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
@@ -221,8 +220,7 @@ def resolve_auto(settings: Settings, scene: Scene) -> Settings:
     """Return `settings` with the scene's integrator and depth, and with a sampler, in place of ``auto``.
 
     A depth that the scene names belongs to the integrator that it names. With the other integrator, or where the scene
-    names no depth, the depth is `dmis.scene.defaults.DEFAULT_DEPTH`. The sampler is ``sobol``, or ``independent`` where
-    the combiner needs independent samples.
+    names no depth, the depth is `dmis.scene.defaults.DEFAULT_DEPTH`. The sampler is ``sobol``.
     """
     integrator, max_depth, sampler = settings.integrator, settings.max_depth, settings.sampler
     if "auto" not in (integrator, max_depth, sampler):

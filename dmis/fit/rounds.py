@@ -18,8 +18,8 @@ For another pattern V is scaled by the ratio of variances with independent point
 
 of which P comes from the place in the pixel, and A from S shading samples (`dmis.variance.pattern_curves`). A pixel
 whose pattern changes may begin its sequence anew: the first round is then lost, and the new pattern must make up for
-that. Or it goes on with another pattern: places in the pixel stay even, but light and BRDF samples of m = n - n_1 later
-camera samples do not fill the gaps of the n_1 first ones, and the error is
+that. Or it goes on with another pattern: places in the pixel stay stratified, but light and BRDF samples of
+m = n - n_1 later camera samples do not fill the gaps of the n_1 first ones, and the error is
 
     P n^-a + (m / n)^2 A(w) / S m^-a + (n_1 / n)^2 A(1/2) / 4 n_1^-a.
 
