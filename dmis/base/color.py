@@ -13,6 +13,7 @@ steps of 1 nm.
 from __future__ import annotations
 
 import os
+import re
 from functools import cache
 from pathlib import Path
 
@@ -88,21 +89,19 @@ def read_spd(path: str | os.PathLike[str]) -> tuple[Floats, Floats]:
     FileNotFoundError
         If there is no such file.
     ValueError
-        If the file holds anything but an even number of numbers; the message names the file and line.
+        If the file holds anything but an even number of numbers; the message names the file.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"spectrum file {path} does not exist or is not a file")
-    numbers: list[float] = []
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
-        for word in line.split("#", 1)[0].split():
-            try:
-                numbers.append(float(word))
-            except ValueError:
-                raise ValueError(f"{path}:{number}: a spectrum must be pairs of numbers; got {word!r}") from None
-    if not numbers or len(numbers) % 2:
-        raise ValueError(f"{path}: a spectrum is pairs of wavelength and value; got {len(numbers)} numbers")
-    return np.array(numbers[::2]), np.array(numbers[1::2])
+    words = re.sub("#.*", "", path.read_text(encoding="utf-8", errors="replace")).split()
+    try:
+        numbers = np.array(words, np.float64)
+    except ValueError as error:
+        raise ValueError(f"{path}: a spectrum must be pairs of numbers: {error}") from None
+    if not words or len(words) % 2:
+        raise ValueError(f"{path}: a spectrum is pairs of wavelength and value; got {len(words)} numbers")
+    return numbers[::2], numbers[1::2]
 
 
 @cache

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -41,8 +41,6 @@ class Image:
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
     wrap: Wrap = "repeat"
-    outside: ClassVar[float] = 0.0
-    """Value of a lookup outside of an image whose wrap is black."""
 
     def __post_init__(self) -> None:
         given = np.asarray(self.texels)
@@ -168,7 +166,7 @@ def check_values(
     numbers: Array = value.texels if textured else np.asarray(value, float).reshape(-1)
     if (textured and not image) or numbers.shape[-1] not in ((1, 3) if rgb else (1,)):
         rule = _KINDS[rgb, image]
-    elif textured and value.wrap == "black" and not least <= value.outside <= most:
+    elif textured and value.wrap == "black" and not least <= 0 <= most:
         rule += ", an image with another wrap than black"
     elif (numbers >= least).all() and (numbers <= most).all():
         return numbers

@@ -112,8 +112,6 @@ def _mesh_scene(
     up: str | None,
 ) -> Scene:
     """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
-    if isinstance(lights, Light):
-        raise ValueError(f"lights must be a sequence of lights; got {lights!r} alone")
     named, title, file_up, unread = _named_meshes(source, material)
     parts = [Part(mesh, _material_of(name, material)) for name, mesh in named]
     bounds = np.array([mesh.bounds for _, mesh in named])

@@ -21,14 +21,8 @@ _CORNER = re.compile(r"(-?\d{1,12})(?:/(-?\d{1,12})?(?:/(-?\d{1,12})?)?)?", re.A
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _ABSENT = 2**40
 """Index of what a corner lacks: larger than any of a file."""
-_UNREAD_STATEMENTS = {
-    "fo": "write f in place of fo",
-    "surf": "free-form surfaces are not read; export triangles",
-    "bsp": "patches are not read; export triangles",
-    "bzp": "patches are not read; export triangles",
-    "call": "other files are not read; put their lines in its place",
-}
-"""Statements that are refused, because they make surfaces or read other files, with the remedy of each."""
+_UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
+"""Statements that are refused, because they make surfaces or read other files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +55,8 @@ def read_obj(data: bytes) -> Obj:
     """
     lines = _lines(data)
     heads = np.array([(line.lstrip()[:8].split() or [""])[0] for line in lines])
-    for word, remedy in _UNREAD_STATEMENTS.items():
-        if (heads == word).any():
-            raise _fault(lines, int(np.argmax(heads == word)), f"is not supported; {remedy}")
+    if (unread := np.isin(heads, _UNREAD_STATEMENTS)).any():
+        raise _fault(lines, int(np.argmax(unread)), "is not supported; export triangles, to one file")
     positions, coloured = _numbers(lines, heads, "v", 3, 3)
     tables = positions, _numbers(lines, heads, "vt", 1, 2)[0], _numbers(lines, heads, "vn", 3, 3)[0]
     corners, sides = _corners(lines, heads)

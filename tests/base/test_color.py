@@ -45,7 +45,7 @@ def test_read_spd(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text, message", [("400 1\n500 x\n", "a.spd:2.*'x'"), ("400 1 500", "got 3 numbers"), ("", "got 0 numbers")]
+    "text, message", [("400 1\n500 x\n", "a.spd: .*'x'"), ("400 1 500", "got 3 numbers"), ("", "got 0 numbers")]
 )
 def test_bad_spd(tmp_path, text, message):
     path = tmp_path / "a.spd"

@@ -136,7 +136,7 @@ def test_a_polygon_of_many_continued_lines_takes_linear_work(tmp_path):
         ("v 1 2\n" + QUAD + "f 1 2 3\n", "line 1: 'v 1 2' needs 3 numbers"),
         ("v 1 2 nought\n" + QUAD + "f 1 2 3\n", "line 1: 'v 1 2 nought' must have numbers only"),
         ("v\n" + QUAD + "f 1 2 3\n", "line 1: 'v' needs 3 numbers"),
-        (QUAD + "f 1 2 3\nsurf 0 1 0 1 1 2 3 4\n", "line 6: 'surf 0 1 0 1 1 2 3 4' is not supported; free-form"),
+        (QUAD + "f 1 2 3\nsurf 0 1 0 1 1 2 3 4\n", "line 6: 'surf 0 1 0 1 1 2 3 4' is not supported; export triangles"),
         (QUAD + "p 1 2\nl 3 4\n", "it has no faces, lines such as 'f 1 2 3'"),
         ("f 1 2 3\n", "line 1: 'f 1 2 3' has the vertex 1, but there are 0"),
         ((QUAD + "f 1 2 3").encode("utf-16"), "it is UTF-16 or binary; an OBJ file is text, save it as UTF-8"),

@@ -110,8 +110,6 @@ class Cursor:
                 values.append(token.text)
             elif token.kind in ("end", "open", "list"):
                 raise opening.error("this list has no end: a closing bracket ] is missing")
-            elif token.text.lower().lstrip("+-") in ("nan", "inf", "infinity"):
-                raise token.error("a number must be finite; this one is not")
             else:
                 where = f"the bracket of line {opening.line} may not be closed"
                 raise token.error(f"a list holds numbers or quoted strings; {where}")

@@ -15,14 +15,12 @@ from dmis.formats.pbrt.cursor import Cursor
 from dmis.formats.pbrt.dialect import DIALECTS, IRRELEVANT, V2, V4
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.reader import KEPT, MATRIX, OPTIONAL, PARAMETERS, WORD, Directive, Reader, inverse
-from dmis.formats.pbrt.tokens import MAX_TEXT, Source, Token, blame
+from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.formats.pbrt.transforms import TRANSFORMS, set_transform
 from dmis.formats.pbrt.world import WORLD
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.defaults import MAX_DEPTH
 
-MAX_INCLUDES = 32
-"""Largest depth of files that include each other."""
 MAX_FILES = 10_000
 """Most inclusions of files; a file that is included twice counts twice."""
 _PLACES = {"options": "before WorldBegin", "world": "between WorldBegin and WorldEnd"}
@@ -92,14 +90,11 @@ def _include(reader: Reader, name: Token) -> None:
     path = name.file(name.name)
     if path.resolve() in reader.including:
         raise name.error("a file must not include itself, because that would have no end")
-    if len(reader.including) >= MAX_INCLUDES:
-        raise name.error(f"files must not include each other to a depth of more than {MAX_INCLUDES}")
+    reader.files += 1
+    if reader.files > MAX_FILES:
+        raise name.error(f"a scene must not include more than {MAX_FILES} files")
     with blame(name):
-        source = name.source.include(path)
-    reader.files, reader.characters = reader.files + 1, reader.characters + len(source.text)
-    if reader.files > MAX_FILES or reader.characters > MAX_TEXT:
-        raise name.error(f"a scene must not include more than {MAX_FILES} files or {MAX_TEXT} characters in total")
-    carry_out(reader, source)
+        carry_out(reader, name.source.include(path))
 
 
 def _import(reader: Reader, name: Token) -> None:

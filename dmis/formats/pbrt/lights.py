@@ -50,22 +50,17 @@ def _strength(p: Parameters, name: str, total: str, per_unit: float) -> Rgb:
     return rgb((factor * (strength / per_unit) if strength > 0 else factor) * np.asarray(colour))
 
 
-def emission(p: Parameters, areas: Callable[[], Floats]) -> Rgb:
-    """Return the radiance of an ``AreaLightSource``; `areas` (N,) are those of its shapes, each a light in v4."""
+def emission(p: Parameters) -> Rgb:
+    """Return the radiance of an ``AreaLightSource``."""
     if p.dialect != "v2" and p.boolean("twosided", False):
         raise p.items["twosided"].token.error(
             "twosided must be false, because lights shine on one side here; repeat the light's Shape lines after "
             "ReverseOrientation, so that the copies shine on the other side"
         )
-    size = np.ones(1)
     if p.dialect == "v4":
         p.refuse("an image that emits is not supported", "filename")
-        size = areas() if p.number("power", -1) > 0 else size
-    if not np.allclose(size, size[0], rtol=1e-4):
-        raise p.items["power"].token.error(
-            "power is that of every triangle, so they must have one area, else their radiance differs; use L instead"
-        )
-    return _strength(p, "L", "power", np.pi * float(size[0]))
+        p.refuse("the power of a shape is not supported; give its radiance L", "power")
+    return _strength(p, "L", "power", np.pi)
 
 
 def _point(p: Parameters, to_world: Floats) -> Light:

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array
 from dmis.brdf import materials, models
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.distributions import TrowbridgeReitz
@@ -66,22 +65,6 @@ def _polynomial(roughness: Any) -> Any:
     return np.polyval([0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142], np.log(np.maximum(roughness, 1e-3)))
 
 
-class _PolynomialOf(Image):
-    """Image of pbrt-v3's alpha, made of an image of roughness."""
-
-    outside: ClassVar[float] = float(_polynomial(0.0))
-
-    def __call__(self, uv: Array) -> Array:
-        return _polynomial(super().__call__(uv))
-
-
-class _RootOf(Image):
-    """Image of pbrt-v4's alpha, made of an image of roughness."""
-
-    def __call__(self, uv: Array) -> Array:
-        return np.sqrt(super().__call__(uv))
-
-
 MIN_ROUGH_ALPHA = 1e-3
 """Smallest alpha of a rough material: pbrt-v3 raises smaller ones to it, v4 makes them smooth."""
 
@@ -105,21 +88,22 @@ def _alphas(p: Parameters, roughness: tuple[Any, Any]) -> tuple[Any, Any]:
 
 
 def _alpha(value: Any, remap: bool, v3: bool) -> Any:
-    """Return the alpha of a roughness, a number or an image, in v3 or v4; without `remap` roughness is alpha."""
-    texels = value.texels if isinstance(value, Image) else np.asarray(value, float)
-    if np.min(texels) < 0:
+    """Return the alpha of a roughness, a number or an image, in v3 or v4; without `remap` roughness is alpha.
+
+    Texels are remapped one by one, and lookups interpolate alpha, where pbrt remaps the interpolated roughness.
+    """
+    roughness = value.texels if isinstance(value, Image) else np.asarray(value, float)
+    if np.min(roughness) < 0:
         raise ValueError("the roughness of a material must not be negative, because it is a spread of slopes")
+    alpha = (_polynomial(roughness) if v3 else np.sqrt(roughness)) if remap else roughness
+    alpha = np.maximum(alpha, MIN_ROUGH_ALPHA) if v3 else alpha
     if not isinstance(value, Image):
-        alpha = float((_polynomial(value) if v3 else np.sqrt(value)) if remap else value)
-        return max(alpha, MIN_ROUGH_ALPHA) if v3 else alpha
-    if not v3 and np.min(texels) < (MIN_ROUGH_ALPHA**2 if remap else MIN_ROUGH_ALPHA):
+        return float(alpha)
+    if np.min(alpha) < MIN_ROUGH_ALPHA:
         raise ValueError(
             "an image of roughness must be rough everywhere; one that is smooth in places is not supported"
         )
-    kind = (_PolynomialOf if v3 else _RootOf) if remap else Image
-    return kind(
-        np.maximum(texels, np.float32(MIN_ROUGH_ALPHA)) if v3 else texels, value.scale, value.offset, value.wrap
-    )
+    return replace(value, texels=alpha.astype(np.float32))
 
 
 def _smooth(p: Parameters) -> bool:

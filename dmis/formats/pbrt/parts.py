@@ -53,19 +53,6 @@ def make_light_part(shape: Shape, material: Material, radiance: Rgb) -> tuple[Pa
     return Part(mesh, material, light), light
 
 
-def areas(shape: Shape) -> Floats:
-    """Return the areas in world space of pbrt-v4's lights: one for a quadric, else one for each triangle or patch."""
-    mesh = shape.mesh.transformed(shape.to_world)
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    triangle_areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    factor = similarity(shape.to_world)
-    if shape.kind in QUADRICS and shape.size is not None and factor is not None:
-        return np.array([np.pi * (shape.size[1] * factor) ** 2 * (4 if shape.kind == "sphere" else 1)])
-    if shape.kind == "bilinearmesh":
-        return triangle_areas[0::2] + triangle_areas[1::2]
-    return triangle_areas.sum(keepdims=True) if shape.kind in QUADRICS else triangle_areas
-
-
 def _bright(mesh: Mesh, shape: Shape) -> bool | np.ndarray:
     """Return the faces of a mesh in world space, as a mask, that must be turned so that their outside emits.
 

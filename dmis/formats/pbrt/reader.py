@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.notes import Notes
 from dmis.formats.pbrt.parameters import Parameters, Textures
-from dmis.formats.pbrt.parts import areas, make_light_part, merge
+from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.tokens import Source, Token, blame
@@ -83,7 +82,7 @@ class Reader:
         self.blocks: list[tuple[Token, State]] = []
         self.phase = "options"
         self.including: list[Path] = []
-        self.files, self.characters = 0, 0
+        self.files = 0
         self.integrator = "direct" if self.dialect.name == "v2" else "path", DEFAULT_DEPTH
         self.filter = self.dialect.filter
         self.systems: dict[str, Floats] = {}
@@ -171,7 +170,7 @@ class Reader:
         self.count(*placed)
         bright, lights = [], list(self.lights)
         for shape, (place, _, material, emits) in zip(placed, self.emitters, strict=False):
-            lamp, lights[place] = make_light_part(shape, material, emission(emits, partial(areas, shape)))
+            lamp, lights[place] = make_light_part(shape, material, emission(emits))
             bright.append(lamp)
         others = zip(placed[len(bright) :], (material for _, material in self.shapes), strict=True)
         parts = bright + merge(others)
@@ -200,12 +199,7 @@ class Reader:
                 Camera(np.eye(4), 90.0, size)
         width, height = self.resolution or size
         half, fov = p.number("halffov", 0), p.number("fov", 90)
-        ratio = width / height
-        x, y = max(ratio, 1), max(1 / ratio, 1)
-        for name, square in (("frameaspectratio", [ratio]), ("screenwindow", [-x, x, -y, y])):
-            if (table := p.table(name, "float", len(square))) is not None and not np.allclose(table, square, rtol=1e-6):
-                text = " ".join(f"{number:g}" for number in square)
-                raise p.items[name].error(f"must be that of square pixels, [{text}]; use fov instead")
+        p.refuse("pixels are square; remove the parameter, and use fov", "frameaspectratio", "screenwindow")
         self.notes.add_unread(film)
         self.notes.add_unread(p)
         with blame(p.directive):

@@ -63,9 +63,7 @@ def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: b
         parameter = parameters.items.get(alpha)
         if parameter is None or parameter.kind != "float" or parameters.number(alpha, 1) != 1:
             parameters.refuse("alpha is not supported: cut the holes into the mesh and remove the parameter", alpha)
-    parameters.refuse("displacement is not supported; remove the parameter", "displacement")
-    parameters.refuse("an image that emits is not supported; remove the parameter", "emissionfilename")
-    parameters.refuse("tangents are not supported; remove the parameter", "S")
+    parameters.refuse("this is not supported; remove the parameter", "displacement", "emissionfilename", "S")
     with blame(name):
         surface, size = _SHAPES[name.name](parameters)
         quadric = surface if isinstance(surface, Quadric) else None

@@ -18,8 +18,6 @@ import numpy as np
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import V2, Dialect
 
-MAX_TEXT = 2**30
-"""Most characters of all files of a scene together, and of each."""
 _TOKEN = re.compile(
     r"""(?: \s++ | \#[^\n]*+ )*+                                        # blanks and comments
     (?: (?P<list> \[ (?: [-+.0-9eE\s]++ | \#[^\n]*+ )*+ \] )            # of numbers alone
@@ -51,12 +49,12 @@ class Source:
     def read(cls, path: Path, outside: bool = False) -> Source:
         """Read `path`, the first file of a scene; files named in it must be below its folder unless `outside`."""
         root = None if outside else path.parent.resolve()
-        return cls(path, _text(path), (path.parent,), root)
+        return cls(path, path.read_text("utf-8", "replace"), (path.parent,), root)
 
     def include(self, path: Path) -> Source:
         """Read a file that this one names: names in it are relative to its own folder, else to the first file's."""
         folders = dict.fromkeys([path.parent, self.folders[-1]])
-        return replace(self, path=path, text=_text(path), folders=tuple(folders))
+        return replace(self, path=path, text=path.read_text("utf-8", "replace"), folders=tuple(folders))
 
 
 class Token(NamedTuple):
@@ -103,8 +101,6 @@ class Token(NamedTuple):
 
     def file(self, name: str) -> Path:
         """Return the path of the existing file `name`, relative to the folders of this token's file."""
-        if "\0" in name:
-            raise self.error("a file name must not hold a zero character")
         root = self.source.root
         for folder in self.source.folders:
             path = folder / name
@@ -152,13 +148,6 @@ def tokens_of(source: Source) -> Iterator[Token]:
             break
 
 
-def _text(path: Path) -> str:
-    """Read the text of a file of at most `MAX_TEXT` bytes."""
-    if path.stat().st_size > MAX_TEXT:
-        raise ValueError(f"a file must have at most {MAX_TEXT} bytes, because it is kept in memory; got {path}")
-    return path.read_text(encoding="utf-8", errors="replace")
-
-
 def is_number(token: Token) -> bool:
     """Return whether a token is a number without brackets."""
     return token.kind == "word" and _NUMBER.fullmatch(token.text) is not None
@@ -181,14 +170,8 @@ def numbers_of(token: Token) -> Floats:
         values = np.array(text.split(), np.float64)
     except ValueError:
         bad = next(word for word in text.split() if not _NUMBER.fullmatch(word))
-        raise _within(token, bad).error("a number is expected here") from None
+        raise token.error(f"a list must hold numbers; got {bad}") from None
     if not np.isfinite(values).all():
         bad = text.split()[int(np.argmin(np.isfinite(values)))]
-        raise _within(token, bad).error("a number must be finite; this one is too large")
+        raise token.error(f"a number must be finite; {bad} is too large")
     return values
-
-
-def _within(token: Token, word: str) -> Token:
-    """Return the token of a word in a list token."""
-    match = re.compile(rf"(?<![^\s\[]){re.escape(word)}(?![^\s\]])").search(token.source.text, token.start)
-    return Token("word", word, token.source, match.start() if match else token.start)

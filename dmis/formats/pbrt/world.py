@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import V2
 from dmis.formats.pbrt.lights import emission, make_light
@@ -57,7 +55,7 @@ def _light_source(reader: Reader, name: Token, p: Parameters) -> None:
 
 def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
     name.among("an area light", ("area", "diffuse"))
-    emitted = emission(p, lambda: np.ones(1))  # of unit area, to check the parameters here
+    emitted = emission(p)
     if min(emitted) < 0:
         raise name.error(f"the radiance of a light must not be negative; got {emitted}")
     reader.change(area_light=p)

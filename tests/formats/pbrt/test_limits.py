@@ -90,6 +90,7 @@ def test_included_files_have_no_more_rights(folders):
         read_pbrt(write(inside, 'Include "sub/b.pbrt"'))
 
 
+@pytest.mark.filterwarnings("default")
 def test_command_line(folders, capsys):
     inside, _ = folders
     path = write(inside, USES["mesh"].format("../beside/a"))
