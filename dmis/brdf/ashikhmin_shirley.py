@@ -21,17 +21,13 @@ class BlendBase(CosineLobe):
 
     diffuse: Any
     specular: Any
-    colours: ClassVar[tuple[str, ...]] = (
-        "diffuse",
-        "specular",
-    )
+    colours: ClassVar[tuple[str, ...]] = ("diffuse", "specular")
 
     def eval(self, directions: Directions) -> Array:
         through = (1 - fifth_power(1 - directions.cos_i / 2)) * (1 - fifth_power(1 - directions.cos_o / 2))
         return self.diffuse * (1 - self.specular) * (np.float32(28 / 23) * INV_PI * through)
 
     def albedo(self) -> Array:
-        """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
         return self.diffuse * (1 - self.specular)
 
 
@@ -51,7 +47,6 @@ class BlendCoat(HalfVectorLobe):
         )
 
     def albedo(self) -> Array:
-        """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
         return self.specular
 
 

@@ -66,7 +66,6 @@ class CoatedBase(CosineLobe):
     colours: ClassVar[tuple[str, ...]] = ("reflectance",)
 
     def eval(self, directions: Directions) -> Array:
-        """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``."""
         coat = self.eta, self.roughness, self.thickness
         again = self.reflectance * internal_reflectance(*coat)
         series = 1 / (1 - again) if self.bounces is None else (1 - again**self.bounces) / (1 - again)
@@ -74,7 +73,6 @@ class CoatedBase(CosineLobe):
         return self.reflectance * series * (through * np.float32(INV_PI / (self.eta * self.eta)))
 
     def albedo(self) -> Array:
-        """Return the nominal reflectance, see `dmis.brdf.lobe.Lobe.albedo`."""
         return self.reflectance
 
     def is_black(self) -> bool:

@@ -27,11 +27,9 @@ class CosineLobe(Lobe, Protocol):
     """A lobe that is sampled by the cosine."""
 
     def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
         return cosine_pdf(directions)
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``."""
         return cosine_sample(surface, u)
 
 

@@ -17,11 +17,17 @@ from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
 class Distribution(Protocol):
     """Half vectors of microfacets: D with ``int D cos_h = 1``; how they are sampled, and its solid-angle density."""
 
-    def density(self, directions: Directions) -> Array: ...
+    def density(self, directions: Directions) -> Array:
+        """Return D, ``(N,)``."""
+        raise NotImplementedError
 
-    def pdf_h(self, directions: Directions) -> Array: ...
+    def pdf_h(self, directions: Directions) -> Array:
+        """Return the solid-angle density of `sample_h`, ``(N,)``."""
+        raise NotImplementedError
 
-    def sample_h(self, surface: LocalFrame, u: Array) -> Array: ...
+    def sample_h(self, surface: LocalFrame, u: Array) -> Array:
+        """Sample half vectors ``(3, N)`` with uniform numbers `u` ``(2, N)``."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +54,7 @@ class Anisotropic(Parameters):
 
     u: Any
     v: Any
-    scalars: ClassVar[tuple[str, ...]] = (
-        "u",
-        "v",
-    )
+    scalars: ClassVar[tuple[str, ...]] = ("u", "v")
     anisotropic: ClassVar[bool] = True
 
     def density(self, directions: Directions) -> Array:
@@ -76,56 +79,23 @@ class Anisotropic(Parameters):
         return directions.power_h((self.u * x2 + self.v * y2) / np.maximum(x2 + y2, TINY))
 
 
-def half_vector_pdf(distribution: Distribution, directions: Directions) -> Array:
-    """Return the density of wi = reflect(wo, h): dh/dwi = 1/(4 wo.h)."""
-    return distribution.pdf_h(directions) / (4 * directions.cos_d) * directions.above
-
-
-def half_vector_sample(distribution: Distribution, surface: LocalFrame, u: Array) -> Array:
-    """Sample wi = reflect(wo, h), ``(3, N)``; some directions are below the horizon."""
-    return reflect(surface, distribution.sample_h(surface, u))
-
-
 class HalfVectorLobe(Lobe, Protocol):
     """A lobe that is sampled through the half vectors of its `distribution`."""
 
     distribution: Any
 
     def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
-        return half_vector_pdf(self.distribution, directions)
+        # wi = reflect(wo, h): dh/dwi = 1 / (4 wo.h)
+        return self.distribution.pdf_h(directions) / (4 * directions.cos_d) * directions.above
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``."""
-        return half_vector_sample(self.distribution, surface, u)
+        """Sample wo mirrored at half vectors, ``(3, N)``; some directions are below the horizon."""
+        return reflect(surface, self.distribution.sample_h(surface, u))
 
 
 def reflect(surface: LocalFrame, h: Array) -> Array:
     """Return wo mirrored at the half vectors `h`, ``(3, N)``."""
     return h * (2 * dot(surface.wo, h)) - surface.wo
-
-
-@dataclass(frozen=True, eq=False)
-class TrowbridgeReitz(Parameters):
-    """The distribution without masking, for other models of facets; half vectors are sampled with ``D cos_h``."""
-
-    roughness: Roughness
-
-    def density(self, directions: Directions) -> Array:
-        """Return D, ``(N,)``."""
-        ratio = (1 + directions.tan2_h) / (1 + self.roughness.q(directions))
-        return ratio * ratio * (INV_PI / self.roughness.area)
-
-    def pdf_h(self, directions: Directions) -> Array:
-        """Return the solid-angle density of `sample_h`, ``(N,)``."""
-        return self.density(directions) * directions.cos_h
-
-    def sample_h(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha; ``u0 = r^2 / (1 + r^2)``."""
-        r = np.sqrt(u[0] / np.maximum(1 - u[0], MIN_DIVISOR))
-        phi = TWO_PI * u[1]
-        s, t = self.roughness.axes(surface)
-        return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
 
 
 def stretched(roughness: Roughness, directions: Directions) -> tuple[Array, Array]:
@@ -171,10 +141,7 @@ class Elliptic(Parameters):
 
     alpha_u: Any
     alpha_v: Any
-    scalars: ClassVar[tuple[str, ...]] = (
-        "alpha_u",
-        "alpha_v",
-    )
+    scalars: ClassVar[tuple[str, ...]] = ("alpha_u", "alpha_v")
     anisotropic: ClassVar[bool] = True
 
     @property
@@ -206,23 +173,47 @@ Roughness = Isotropic | Elliptic
 
 
 @dataclass(frozen=True, eq=False)
-class Beckmann(Parameters):
-    """Gaussian slopes, ``D = exp(-q) / (pi alpha_u alpha_v cos_h^4)``; half vectors are sampled with ``D cos_h``."""
+class Slopes(Parameters):
+    """A distribution of slopes that `roughness` stretches; half vectors are sampled with ``D cos_h``."""
 
     roughness: Roughness
 
     def density(self, directions: Directions) -> Array:
         """Return D, ``(N,)``."""
-        secant2 = 1 + directions.tan2_h
-        return np.exp(-self.roughness.q(directions)) * (secant2 * secant2) * (INV_PI / self.roughness.area)
+        raise NotImplementedError
 
     def pdf_h(self, directions: Directions) -> Array:
         """Return the solid-angle density of `sample_h`, ``(N,)``."""
         return self.density(directions) * directions.cos_h
 
     def sample_h(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample half vectors ``(3, N)``: a normal deviate of slopes in polar coordinates, stretched by alpha."""
-        r = np.sqrt(-np.log(np.maximum(1 - u[0], TINY)))
-        phi = TWO_PI * u[1]
+        """Sample half vectors ``(3, N)``: slopes in polar coordinates, stretched by alpha."""
+        r, phi = self._radius(u[0]), TWO_PI * u[1]
         s, t = self.roughness.axes(surface)
         return normalise(s * (r * np.cos(phi)) + t * (r * np.sin(phi)) + surface.n)
+
+    def _radius(self, u: Array) -> Array:
+        """Return slopes over alpha whose distribution function is `u`, ``(N,)``."""
+        raise NotImplementedError
+
+
+class TrowbridgeReitz(Slopes):
+    """The distribution without masking: ``D = (1 + tan^2)^2 / (pi alpha_u alpha_v (1 + q)^2)``."""
+
+    def density(self, directions: Directions) -> Array:
+        ratio = (1 + directions.tan2_h) / (1 + self.roughness.q(directions))
+        return ratio * ratio * (INV_PI / self.roughness.area)
+
+    def _radius(self, u: Array) -> Array:
+        return np.sqrt(u / np.maximum(1 - u, MIN_DIVISOR))  # u = r^2 / (1 + r^2)
+
+
+class Beckmann(Slopes):
+    """Gaussian slopes, ``D = exp(-q) / (pi alpha_u alpha_v cos_h^4)``."""
+
+    def density(self, directions: Directions) -> Array:
+        secant2 = 1 + directions.tan2_h
+        return np.exp(-self.roughness.q(directions)) * (secant2 * secant2) * (INV_PI / self.roughness.area)
+
+    def _radius(self, u: Array) -> Array:
+        return np.sqrt(-np.log(np.maximum(1 - u, TINY)))  # u = 1 - exp(-r^2)

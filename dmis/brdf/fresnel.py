@@ -78,10 +78,7 @@ class Conductor(Parameters):
 
     eta: Any
     k: Any
-    colours: ClassVar[tuple[str, ...]] = (
-        "eta",
-        "k",
-    )
+    colours: ClassVar[tuple[str, ...]] = ("eta", "k")
     has_sides: ClassVar[bool] = False
 
     def check(self) -> None:

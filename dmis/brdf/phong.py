@@ -42,7 +42,6 @@ class Lafortune(Lobe):
         return self.reflectance * ((self.exponent + 2) / TWO_PI * lobe)
 
     def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
         return (self.exponent + 1) / TWO_PI * self._lobe(directions, False) * directions.above
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:

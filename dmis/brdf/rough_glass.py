@@ -42,11 +42,9 @@ class RoughReflection(Lobe):
         return facets * self.fresnel.on_side(directions.cos_d, directions.surface.outside)
 
     def pdf(self, directions: Directions) -> Array:
-        """Return the density of `sample`, ``(N,)``."""
         return GGX(self.reflectance, self.roughness).pdf(directions)
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``."""
         return GGX(self.reflectance, self.roughness).sample(surface, u)
 
     def has_sides(self) -> bool:
@@ -111,5 +109,4 @@ class RoughTransmission(Lobe):
         return eta, transmitted, np.abs(o) / np.sqrt(length2)
 
     def eta_scale(self) -> float:
-        """Return the index by whose square radiance is divided inside, see `dmis.brdf.lobe.Lobe.eta_scale`."""
         return self.eta

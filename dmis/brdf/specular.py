@@ -23,7 +23,6 @@ class SpecularReflection(DeltaLobe):
     factor: ClassVar[str | None] = "reflectance"
 
     def scatter(self, surface: LocalFrame) -> tuple[Array, Array]:
-        """Return directions ``(3, N)`` and factors (BRDF times cosine over probability) ``(3, N)`` or ``(3, 1)``."""
         wi = surface.n * (2 * surface.cos_o) - surface.wo
         if self.fresnel is None:
             return wi, self.reflectance
@@ -59,5 +58,4 @@ class SpecularTransmission(DeltaLobe):
         return wi, self.transmittance * (transmitted * ratio * ratio if self.scaled else transmitted)
 
     def eta_scale(self) -> float:
-        """Return the index by whose square radiance is divided inside, see `dmis.brdf.lobe.Lobe.eta_scale`."""
         return self.eta if self.scaled else 1.0

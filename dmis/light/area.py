@@ -75,11 +75,9 @@ class DiskLight(AreaLight):
         return flat_light_hit(wi, distance, cos, inside, np.pi * self.radius**2, radiance)
 
     def extent(self) -> float:
-        """Return the radius."""
         return float(self.radius)
 
     def mesh(self) -> Mesh:
-        """Return the visible surface."""
         normal = np.asarray(self.normal, float) / np.linalg.norm(self.normal)
         matrix = transforms.translate(self.centre)
         s, t = (axis[:, 0].astype(float) for axis in frame(normal[:, None]))
@@ -149,7 +147,6 @@ class QuadLight(AreaLight):
         return float(np.sqrt(np.linalg.norm(np.cross(self.edge_u, self.edge_v))))
 
     def mesh(self) -> Mesh:
-        """Return the visible surface."""
         return shapes.quad(self.corner, self.edge_u, self.edge_v)
 
 
@@ -202,11 +199,9 @@ class SphereLight(AreaLight):
         return self._light_sample(wi, to, distance2, one_minus_cos, inside, outside)
 
     def extent(self) -> float:
-        """Return the radius."""
         return float(self.radius)
 
     def mesh(self) -> Mesh:
-        """Return the visible surface."""
         return shapes.sphere(self.radius).transformed(transforms.translate(self.centre))
 
     def _cone(self, p: Array) -> tuple[Array, Array, Array, Array]:

@@ -52,7 +52,6 @@ class PointLight(DeltaLight):
         return point("position", self.position), rgb("intensity", self.intensity)
 
     def sample(self, p: Array, u: Array | None = None) -> LightSample:
-        """Return the direction of the light from the points `p` ``(3, N)``."""
         position, intensity = self._data
         to = position - p
         inverse2 = 1 / np.maximum(dot(to, to), TINY)
@@ -108,7 +107,6 @@ class SpotLight(DeltaLight):
         return point("position", self.position), axis, rgb("intensity", self.intensity), outer, inner
 
     def sample(self, p: Array, u: Array | None = None) -> LightSample:
-        """Return the direction of the light from the points `p` ``(3, N)``."""
         position, axis, intensity, outer, inner = self._data
         to = position - p
         inverse2 = 1 / np.maximum(dot(to, to), TINY)

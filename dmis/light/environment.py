@@ -210,12 +210,10 @@ class EnvironmentLight(InfiniteLight):
         return EnvironmentSample(self, wi, s, t, density / (TWO_PI_SQUARED * np.maximum(sin, MIN_SIN)))
 
     def brightness(self, length: float) -> float:
-        """Return the largest radiance."""
         texels = np.broadcast_to(np.asarray(self.texels).max(axis=(0, 1)).astype(float), 3)
         return float((texels * self.scale).max())
 
     def radiance(self, wi: Array) -> Array:
-        """Return the radiance ``(3, N)`` from unit directions `wi` ``(3, N)``."""
         s, t, _ = self._coordinates(wi)
         return self._lookup(s, t)
 

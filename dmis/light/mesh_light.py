@@ -151,7 +151,6 @@ class MeshLight(AreaLight):
         return float(np.linalg.norm(np.ptp(np.asarray(self.vertices, np.float64), axis=0)))
 
     def mesh(self) -> Mesh:
-        """Return the visible surface."""
         return self._mesh
 
     def doubts(self) -> Iterator[str]:
