@@ -21,14 +21,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from evenness import Evenness
 
+from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
-from dmis.experiment.oracle import Oracle
+from dmis.estimator.cost import camera_sample_cost
+from dmis.estimator.settings import Settings, make_settings, resolve_auto
+from dmis.experiment.oracle import Oracle, make_oracle, oracle_path, read_curves
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
-from dmis.variance.curves import HALF, share_variance
+from dmis.scene.scene import Scene
+from dmis.variance.curves import GRID_SHARES, HALF, share_variance
 
 RUNGS = {
     "B0": "balance heuristic, 1 + 1 shading samples",
@@ -59,6 +64,42 @@ samples go where edges are, and a larger exponent would be that of smooth pixels
 """
 INTERVAL = 1.96
 """Half the width of a 95 % confidence interval, in standard errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class HalvedOracle(Oracle):
+    """An oracle with what rungs take beside its curves.
+
+    Attributes
+    ----------
+    halves
+        Curves of two independent halves of the pilot, without their standard errors.
+    shading_samples
+        Shading samples S of a camera sample.
+    base_cost
+        Cost of a camera sample without its shading samples.
+    """
+
+    halves: tuple[PatchCurves, ...] = ()
+    shading_samples: int = 2
+    base_cost: float = 0.0
+
+
+def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, **options: Any) -> HalvedOracle:
+    """Return the oracle of a scene with its halves; arguments are those of `dmis.experiment.oracle.make_oracle`."""
+    oracle = make_oracle(scene, spp, settings=settings, **options)
+    rays, parts = read_curves(oracle_path(scene, spp, oracle.patch, settings, options.get("folder")))
+    pixels = patch_sum(np.ones(scene.camera.resolution[::-1]), oracle.patch)
+    zero = np.broadcast_to(0.0, parts["curve"].shape[1:])
+    halves = [
+        PatchCurves(square=zero, cross=zero, pixels=pixels, **{n: a[k] for n, a in parts.items()}) for k in (0, 1)
+    ]
+    resolved = resolve_auto(make_settings(settings), scene)
+    s = resolved.shading_samples
+    base_cost = float(camera_sample_cost(rays, GRID_SHARES, 2 * s, 0, resolved.techniques)[0])
+    return HalvedOracle(
+        oracle.variance, oracle.cost, oracle.patch, oracle.spp, oracle.shape, tuple(halves), s, base_cost
+    )
 
 
 @dataclass(frozen=True)
@@ -135,13 +176,11 @@ class _Choice:
     shading_samples: Array | float
 
 
-def make_ladder(oracle: Oracle, evenness: Evenness | None = None) -> Ladder | None:
+def make_ladder(oracle: HalvedOracle, evenness: Evenness | None = None) -> Ladder | None:
     """Return the ladder by the halves of an oracle, which takes a tenth of a second.
 
-    It is None if the oracle does not have its halves, or no variance.
+    It is None if the oracle has no variance.
     """
-    if oracle.halves is None:
-        return None
     variance = [oracle.mean(half.curve[HALF] + half.position) for half in oracle.halves]
     if not sum(variance) > 0:
         return None
@@ -165,7 +204,7 @@ def make_ladder(oracle: Oracle, evenness: Evenness | None = None) -> Ladder | No
 
 
 def _rung(
-    oracle: Oracle, name: str, first: Mapping[str, Array], second: Mapping[str, Array], base: float
+    oracle: HalvedOracle, name: str, first: Mapping[str, Array], second: Mapping[str, Array], base: float
 ) -> tuple[float, float]:
     """Return a rung and its standard error, by the errors times cost per patch of both ways round."""
     rung = oracle.mean(first[name] + second[name]) / 2 / base
@@ -177,7 +216,7 @@ def _rung(
 
 
 def _rungs(
-    oracle: Oracle, chosen_on: PatchCurves, evaluated_on: PatchCurves, evenness: Evenness | None, least: float
+    oracle: HalvedOracle, chosen_on: PatchCurves, evaluated_on: PatchCurves, evenness: Evenness | None, least: float
 ) -> dict[str, Array]:
     """Return error times cost of all rungs, per patch, chosen on one half of an oracle's samples, evaluated on another.
 
@@ -205,7 +244,7 @@ def _rungs(
     return rungs
 
 
-def _choices(oracle: Oracle, curves: PatchCurves) -> dict[str, _Choice]:
+def _choices(oracle: HalvedOracle, curves: PatchCurves) -> dict[str, _Choice]:
     """Return what is best on each rung with shading samples, by the curves of one half."""
     s = oracle.shading_samples
     # w = 0 and w = 1 only where they are as good for the image as their neighbours: patches seldom have rare samples
@@ -228,7 +267,7 @@ def _choices(oracle: Oracle, curves: PatchCurves) -> dict[str, _Choice]:
     }
 
 
-def _best_shading_samples(oracle: Oracle, curves: PatchCurves, allowed: np.ndarray) -> _Choice:
+def _best_shading_samples(oracle: HalvedOracle, curves: PatchCurves, allowed: np.ndarray) -> _Choice:
     """Return the `allowed` shares and any numbers S > 0 of shading samples of least V C, by the curves of one half."""
     # min over S of (P + A / S) (c0 + S c1) = (sqrt(P c0) + sqrt(A c1))^2  at  S = sqrt(A c0 / (P c1))
     position, shading = np.maximum(curves.position, 0), np.maximum(_shading_variance(oracle, curves), 0)
@@ -240,13 +279,13 @@ def _best_shading_samples(oracle: Oracle, curves: PatchCurves, allowed: np.ndarr
     return _Choice(best, np.where(rising > 0, shading_samples, high))
 
 
-def _at_least(oracle: Oracle, counts: Array, least: float) -> Array:
+def _at_least(oracle: HalvedOracle, counts: Array, least: float) -> Array:
     """Return numbers of camera samples that are not below `least` times their mean; 1 if all are 0."""
     mean = oracle.mean(counts)
     return np.maximum(counts, least * mean) if mean > 0 else np.ones_like(counts)
 
 
-def _variance(oracle: Oracle, curves: PatchCurves, choice: _Choice) -> Array:
+def _variance(oracle: HalvedOracle, curves: PatchCurves, choice: _Choice) -> Array:
     """Return the variance of a camera sample per patch; an unbiased estimate, which may be negative."""
     if np.ndim(choice.shading_samples):
         shading = _at_index(_shading_variance(oracle, curves), choice.best) / choice.shading_samples
@@ -263,20 +302,20 @@ def _with_shading_samples(curves: PatchCurves, factor: float, shading_samples: i
     return replace(curves, curve=curves.curve / factor + change[:, None, None] * np.asarray(curves.pattern))
 
 
-def _shading_variance(oracle: Oracle, curves: PatchCurves) -> Array:
+def _shading_variance(oracle: HalvedOracle, curves: PatchCurves) -> Array:
     """Return A(w), the variance of a shading sample with fixed shares, at the shares of the grid, ``(G, ...)``."""
     # curve = A / S + var(n / S) Var_y(D)
     rounding = share_variance(oracle.shading_samples)[:, None, None] * curves.pattern
     return np.asarray((curves.curve - rounding) * oracle.shading_samples)
 
 
-def _costs(oracle: Oracle, shading_samples: float) -> Array:
+def _costs(oracle: HalvedOracle, shading_samples: float) -> Array:
     """Return the cost of a camera sample with other numbers of shading samples, at the shares of the grid, ``(G,)``."""
     # C = c0 + S c1
     return oracle.base_cost + (oracle.cost - oracle.base_cost) * (shading_samples / oracle.shading_samples)
 
 
-def _cost(oracle: Oracle, choice: _Choice) -> Array:
+def _cost(oracle: HalvedOracle, choice: _Choice) -> Array:
     """Return the cost of a camera sample per patch."""
     varying = (oracle.cost - oracle.base_cost)[choice.best] / oracle.shading_samples
     return oracle.base_cost + varying * choice.shading_samples

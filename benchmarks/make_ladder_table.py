@@ -15,10 +15,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
 from common import ROOT, TABLES, machine, options, replace_table, show
 from evenness import EVEN_SEEDS, EVEN_SPP, measure_evenness
-from ladder import RUNGS, make_ladder
+from ladder import RUNGS, halved_oracle, make_ladder
 
 import dmis
-from dmis.experiment.oracle import make_oracle
 
 PAGE = ROOT / "docs" / "measurements.md"
 
@@ -35,7 +34,7 @@ PLAIN = dmis.Settings(compensation=0)
 ladders = {}
 for name, shrink in TABLES.items():
     scene = opts.scene(name, shrink * opts.pick(4, 1))
-    oracle = make_oracle(scene, SPP, settings=PLAIN, parallel=opts.threads, progress=show(f"{name}: oracle"))
+    oracle = halved_oracle(scene, SPP, settings=PLAIN, parallel=opts.threads, progress=show(f"{name}: oracle"))
     progress = show(f"{name}: Sobol points")
     evenness = measure_evenness(scene, oracle, settings=PLAIN, parallel=opts.threads, progress=progress)
     ladder = make_ladder(oracle, evenness)

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 from evenness import measure_evenness
-from ladder import RUNGS, Ladder, make_ladder
+from ladder import RUNGS, Ladder, halved_oracle, make_ladder
 
 import dmis
 from dmis import plot
 from dmis.cli.arguments import resolution
-from dmis.experiment.oracle import make_oracle
 
 MIN_BAR = 1e-4
 """Least end of a bar; rungs may be smaller, and estimates of them below 0."""
@@ -48,7 +47,7 @@ if __name__ == "__main__":
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     given = parser.parse_args()
     scene, settings = dmis.load_scene(given.scene, given.resolution), dmis.Settings(compensation=given.compensation)
-    oracle = make_oracle(scene, given.spp, settings=settings, parallel=given.threads)
+    oracle = halved_oracle(scene, given.spp, settings=settings, parallel=given.threads)
     ladder = make_ladder(oracle, measure_evenness(scene, oracle, settings=settings, parallel=given.threads))
     if ladder is None:
         raise SystemExit(f"a ladder needs noise; every sample of scene {scene.name!r} is the same")

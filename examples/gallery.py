@@ -9,7 +9,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,7 +22,8 @@ from dmis.base.atomic_files import check_writable
 from dmis.base.vectors import Array
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.experiment.reference import Reference, make_reference
-from dmis.experiment.runs import Budget
+from dmis.experiment.runs import Budget, Run
+from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
 from dmis.pipeline.result import Result
 from dmis.scene.scene import Scene
@@ -229,3 +231,25 @@ class Errors(dict[Budget, Array]):
     def ratio(self, budget: Budget, baseline: Budget) -> tuple[float, float]:
         """Return the MSE over that of the baseline, and half of its 95 % interval; one seed of a large image does."""
         return ratio_over_blocks(self[budget], self[baseline])
+
+
+def on_cpu(runs: Sequence[Run]) -> list[Run]:
+    """Return `runs` with CPU seconds in place of wall seconds, divided between the stages in the same proportions.
+
+    Wall time depends on the other load of a machine; on one thread of an idle machine both are the same.
+    """
+    stages = "pilot_seconds", "fit_seconds", "render_seconds"
+    shares = (run.cpu_seconds / run.seconds for run in runs)
+    return [replace(run, **{s: share * getattr(run, s) for s in stages}) for run, share in zip(runs, shares)]
+
+
+def spp_in_time(seconds: float, runs: Sequence[Run]) -> int:
+    """Return the camera samples per pixel with which the rule of `runs` would take `seconds`, rounded to the nearest.
+
+    Pilot and fit take the same time as in `runs`; the final samples take time in proportion to their number, which is
+    at least one. The result is an estimate: render with it, and compare the times.
+    """
+    pilot = make_rule(runs[0].rule).pilot_samples(runs[0].spp)
+    overhead = float(np.median([run.overhead for run in runs]))
+    seconds_per_sample = float(np.median([(run.seconds - run.overhead) / (run.spp - pilot) for run in runs]))
+    return pilot + max(1, round((seconds - overhead) / seconds_per_sample))

@@ -9,7 +9,8 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.text import Text
 
-from examples.gallery import options, print_canvas
+from dmis.experiment.runs import Run
+from examples.gallery import on_cpu, options, print_canvas, spp_in_time
 
 
 @pytest.fixture(autouse=True)
@@ -57,3 +58,20 @@ def test_letters_of_printed_figures_are_readable(monkeypatch: pytest.MonkeyPatch
     assert min(text.get_fontsize() for text in texts) * 6.3 / 7 >= 7
     assert {"1e-6", "label", "title"} <= {text.get_text() for text in texts}
     assert not any("^" in text.get_text() for text in texts)
+
+
+@pytest.mark.parametrize(
+    "rule, spp, seconds, overhead, given, expected",
+    [("balance", 100, 10, 0, 5, 50), ("balance", 100, 10, 0, 0.001, 1)]
+    + [("thesis", 128, 13.2, 1, 13.2, 128), ("thesis", 128, 13.2, 1, 1, 7), ("thesis", 128, 13.2, 1, 25.4, 250)],
+)
+def test_spp_in_time(rule, spp, seconds, overhead, given, expected):
+    """Final samples in proportion to the time less that of pilot and fit, and at least one."""
+    run = Run(rule, spp, 0, 0, overhead, 0.0, seconds - overhead, 1.0, 0.1, 1.0)
+    assert spp_in_time(given, [run]) == expected
+
+
+def test_time_of_the_processor():
+    """`on_cpu` replaces a doubled wall time by CPU seconds and keeps the shares of the stages."""
+    (one,) = on_cpu([Run("thesis", 128, 0, 0, 1.2, 0.0, 12.0, 1.0, 0.1, 1.0, cpu_seconds=6.6)])
+    assert one.seconds == pytest.approx(6.6) and one.overhead == pytest.approx(0.6)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from evenness import Evenness, measure_evenness
-from ladder import RUNGS, Ladder, make_ladder
+from ladder import RUNGS, HalvedOracle, Ladder, halved_oracle, make_ladder
 from scipy.optimize import minimize_scalar
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.experiment.oracle import Oracle, make_oracle
 from dmis.fit.curve_minimum import PatchCurves
 from dmis.variance.curves import GRID, HALF, share_variance
 
@@ -23,15 +22,15 @@ def planted(position: Array, shading: Array, pattern: Array | float = 0.0) -> Pa
     return PatchCurves(curve, zero, zero, position, np.full(position.shape, 16.0), pattern=pattern)
 
 
-def oracle_of(first: PatchCurves, second: PatchCurves | None = None, unit: float = 1.0) -> Oracle:
+def oracle_of(first: PatchCurves, second: PatchCurves | None = None, unit: float = 1.0) -> HalvedOracle:
     """Return an oracle with these halves; costs are in units of `unit`."""
     second = second or first
     cost = (BASE_COST + S * COST_PER_SAMPLE) * unit
     variance = (first.variance + second.variance) / 2
-    return Oracle(variance, cost, 4, 64, None, (first, second), S, BASE_COST * unit)
+    return HalvedOracle(variance, cost, 4, 64, None, (first, second), S, BASE_COST * unit)
 
 
-def ladder_of(oracle: Oracle, evenness: Evenness | None = None) -> Ladder:
+def ladder_of(oracle: HalvedOracle, evenness: Evenness | None = None) -> Ladder:
     """Return the ladder of an oracle that has one."""
     ladder = make_ladder(oracle, evenness)
     assert ladder is not None
@@ -103,7 +102,7 @@ def test_noise_does_not_flatter() -> None:
         return planted(1 + 0.3 * rng.standard_normal(shape[1:]), 2 + 0.6 * rng.standard_normal(shape))
 
     oracle = oracle_of(noisy(), noisy())
-    flat = Oracle(
+    flat = HalvedOracle(
         oracle.variance, np.full(len(GRID), 2.0), 4, 64, None, oracle.halves, S, 1.0
     )  # with costs of its own the cheapest share would save something
     ladder = ladder_of(flat)
@@ -175,8 +174,7 @@ def test_a_rung_that_is_noise_is_shown_as_a_limit() -> None:
 
 def test_ladder_of_a_scene(box: dmis.Scene, tmp_path, monkeypatch) -> None:
     """Rungs of rendered curves are in order; their evenness is rendered once, and Sobol points are more even."""
-    oracle = make_oracle(box, 512, folder=tmp_path)
-    assert oracle.halves is not None
+    oracle = halved_oracle(box, 512, folder=tmp_path)
     curve, position = (
         np.mean([getattr(half, name) for half in oracle.halves], axis=0) for name in ("curve", "position")
     )

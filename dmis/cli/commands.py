@@ -64,26 +64,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None) -> str:
     """Return what an interrupted command has saved, and the command that resumes it."""
-    again, command, folder = "Run the same command to resume", options.command, cache_folder()
+    again, command = "Run the same command to resume.", options.command
     if command == "compare" and (options.output / "results.csv").exists():
-        return f"; finished renders are kept in {options.output}. {again}."
+        return f"; finished renders are kept in {options.output}. {again}"
     if command == "compare" and options.reference is not None:
         return "; nothing is kept, because no render was finished"
-    if command == "compare":
-        return f"; no render was finished. Finished tiles of the reference are kept in {folder}. {again}."
-    if command == "oracle":
-        return f"; finished tiles are kept in {folder}. {again}."
+    if command in ("compare", "oracle"):
+        return f"; finished tiles are kept in {cache_folder()}. {again}"
     if command != "render":
         return ""
     words = ["python", "-m", "dmis", *(sys.argv[1:] if arguments is None else arguments)]
-    if options.checkpoint is None:
-        words += ["--checkpoint", str(Path(options.output).with_suffix(".checkpoint"))]
-        kept = "nothing is kept. With --checkpoint finished tiles are kept, and the same command resumes"
-    elif Path(options.checkpoint).exists():
-        kept = f"finished tiles are kept in {options.checkpoint}. {again}"
-    else:
-        return ""
-    return f"; {kept}:\n  {shlex.join(words)}"
+    if options.checkpoint is not None:
+        return f"; finished tiles are kept in {options.checkpoint}. {again}\n  {shlex.join(words)}"
+    words += ["--checkpoint", str(Path(options.output).with_suffix(".checkpoint"))]
+    return f"; nothing is kept. With --checkpoint finished tiles are kept:\n  {shlex.join(words)}"
 
 
 def _compare(options: argparse.Namespace) -> int:

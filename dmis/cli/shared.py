@@ -17,13 +17,8 @@ from dmis.scene.scene import Scene
 
 def load(options: argparse.Namespace) -> Scene:
     """Return the scene that the options name."""
-    return load_scene(
-        options.scene,
-        resolution=options.resolution,
-        dialect=options.dialect,
-        outside=options.allow_outside,
-        up=options.up,
-    )
+    names = {"resolution": "resolution", "dialect": "dialect", "outside": "allow_outside", "up": "up"}
+    return load_scene(options.scene, **{name: getattr(options, option) for name, option in names.items()})
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:

@@ -156,9 +156,8 @@ def _check_arguments(
     for rule in rules:
         if not isinstance(rule, str):
             raise ValueError(
-                f"a rule of compare must be text, because rows of results.csv are found by it; got {rule_text(rule)}. "
-                f'Write a text such as "thesis:patch=8", or name a class of your own: '
-                f'dmis.register_rule("mine", MyRule), then "mine:patch=8"'
+                f"a rule of compare must be text, by which results.csv finds its rows; got {rule_text(rule)}. Name a "
+                f'class of your own by dmis.register_rule("mine", MyRule), and write "mine:patch=8"'
             )
     width, height = scene.camera.resolution
     if not isinstance(reference, Reference) or reference.first.shape[:2] != (height, width):

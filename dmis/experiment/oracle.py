@@ -25,7 +25,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, remove_halves, render_halves
-from dmis.fit.curve_minimum import PatchCurves, cost_weighted
+from dmis.fit.curve_minimum import cost_weighted
 from dmis.fit.round import Fit, Pilot
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
@@ -60,12 +60,6 @@ class Oracle:
         Samples per pixel of the pilot.
     shape
         ``(H, W)`` of the image: patches at its border may be smaller, and count for less; None: all are whole.
-    halves
-        Curves of two independent halves of the pilot, without their standard errors; None: not kept.
-    shading_samples
-        Shading samples S of a camera sample.
-    base_cost
-        Cost of a camera sample without its shading samples.
     """
 
     variance: Array
@@ -73,9 +67,6 @@ class Oracle:
     patch: int
     spp: int
     shape: tuple[int, int] | None = None
-    halves: tuple[PatchCurves, PatchCurves] | None = None
-    shading_samples: int = 2
-    base_cost: float = 0.0
 
     @cached_property
     def pixel_share(self) -> Array:
@@ -207,7 +198,7 @@ def make_oracle(
     if spp < 8 or spp % 4:
         raise ValueError(f"spp of an oracle must be a multiple of 4 of at least 8, for two halves of pairs; got {spp}")
     settings = make_settings(settings, **options)
-    path = _path(scene, spp, patch, settings, folder)
+    path = oracle_path(scene, spp, patch, settings, folder)
     if not scene.plan.mixable:
         raise ValueError(
             f"an oracle needs a light that two techniques can reach; scene {scene.name!r} has nothing to mix, and the "
@@ -225,27 +216,28 @@ def make_oracle(
         with replacing(path) as partial, open(partial, "wb") as archive:
             np.savez(archive, allow_pickle=False, rays=np.array(json.dumps(rays)), **maps)
         remove_halves(path)
-    return _read_oracle(path, spp, patch, scene.camera.resolution[::-1], resolve_auto(settings, scene))
-
-
-def _read_oracle(path: Path, spp: int, patch: int, shape: tuple[int, int], settings: Settings) -> Oracle:
-    """Return the oracle in a file of the cache; a ValueError if it is damaged."""
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
-            rays = json.loads(str(arrays["rays"]))
-            parts = {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
-    except Exception as error:  # a damaged archive may raise anything
-        raise ValueError(f"oracle {path} is damaged ({error}); remove it, and it is rendered again") from error
-    s = settings.shading_samples
-    zero, pixels = np.broadcast_to(0.0, parts["curve"].shape[1:]), patch_sum(np.ones(shape), patch)
-    halves = [
-        PatchCurves(square=zero, cross=zero, pixels=pixels, **{name: a[k] for name, a in parts.items()})
-        for k in range(2)
-    ]
+    counted, parts = read_curves(path)
     # V(w) = curve + Var_y(I)
     variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)
-    costs = [camera_sample_cost(rays, GRID_SHARES, 2 * s, n, settings.techniques) for n in (s, 0)]
-    return Oracle(variance, costs[0], patch, spp, shape, (halves[0], halves[1]), s, float(costs[1][0]))
+    settings = resolve_auto(settings, scene)
+    s = settings.shading_samples
+    cost = camera_sample_cost(counted, GRID_SHARES, 2 * s, s, settings.techniques)
+    return Oracle(variance, cost, patch, spp, scene.camera.resolution[::-1])
+
+
+def read_curves(path: Path) -> tuple[dict[str, int], dict[str, Array]]:
+    """Return the rays and the parts of the curves of both halves ``(2, ...)`` in a file of the cache.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    """
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return json.loads(str(arrays["rays"])), {name: arrays[name].astype(np.float64) for name in _CURVE_PARTS}
+    except Exception as error:  # a damaged archive may raise anything
+        raise ValueError(f"oracle {path} is damaged ({error}); remove it, and it is rendered again") from error
 
 
 @dataclass(frozen=True)
@@ -267,7 +259,7 @@ def cached_oracle(
 ) -> Oracle | None:
     """Return the cached oracle of `scene` with most samples (a power of two up to 16384), or None."""
     for spp in (2**k for k in range(14, 5, -1)):
-        if _path(scene, spp, patch, settings, folder).exists():
+        if oracle_path(scene, spp, patch, settings, folder).exists():
             return make_oracle(scene, spp, patch, settings=settings, folder=folder)
     return None
 
@@ -284,7 +276,9 @@ def settings_key(settings: Settings) -> dict[str, Any]:
     return {name: value for name, value in asdict(settings).items() if name not in ("sampler", "reuse_pilot", "preset")}
 
 
-def _path(scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None) -> Path:
-    """Return the path of an oracle in the cache."""
+def oracle_path(
+    scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None
+) -> Path:
+    """Return the path of an oracle in the cache; arguments are those of `make_oracle`."""
     key = [__version__, LAYOUT, fingerprint(scene), spp, patch, settings_key(curve_settings(scene, settings))]
     return cache_path(scene, "oracle", key, folder).with_suffix(".npz")

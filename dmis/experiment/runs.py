@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -190,16 +190,6 @@ def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any)
     )  # fmt: skip
 
 
-def on_cpu(runs: Sequence[Run]) -> list[Run]:
-    """Return `runs` with CPU seconds in place of wall seconds, divided between the stages in the same proportions.
-
-    Wall time depends on the other load of a machine; on one thread of an idle machine both are the same.
-    """
-    stages = "pilot_seconds", "fit_seconds", "render_seconds"
-    shares = (run.cpu_seconds / run.seconds for run in runs)
-    return [replace(run, **{s: share * getattr(run, s) for s in stages}) for run, share in zip(runs, shares)]
-
-
 def median_seconds(runs: Sequence[Run]) -> float:
     """Return the median of the seconds of `runs`."""
     return float(np.median([run.seconds for run in runs]))
@@ -215,15 +205,3 @@ def fallbacks(budgets: Iterable[Budget]) -> list[str]:
         if rule != PINNED and (reason := make_rule(rule).fallback(n)):
             spp.setdefault((rule, reason), []).append(n)
     return [f"{rule} at {', '.join(map(str, n))} spp: {reason}." for (rule, reason), n in spp.items()]
-
-
-def spp_in_time(seconds: float, runs: Sequence[Run]) -> int:
-    """Return the camera samples per pixel with which the rule of `runs` would take `seconds`, rounded to the nearest.
-
-    Pilot and fit take the same time as in `runs`; the final samples take time in proportion to their number, which is
-    at least one. The result is an estimate: render with it, and compare the times.
-    """
-    pilot = make_rule(runs[0].rule).pilot_samples(runs[0].spp)
-    overhead = float(np.median([run.overhead for run in runs]))
-    seconds_per_sample = float(np.median([(run.seconds - run.overhead) / (run.spp - pilot) for run in runs]))
-    return pilot + max(1, round((seconds - overhead) / seconds_per_sample))

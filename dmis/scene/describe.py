@@ -19,14 +19,11 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         triangles = int((plan.face_group == k).sum())
         left -= triangles
         names = ", ".join(sorted({material.name for material in group.materials}))
-        lobes = (
-            " + ".join(type(lobe).__name__ for lobe in (*group.reflection, *group.transmission, *group.delta))
-            or "no lobes"
-        )
+        lobes = " + ".join(type(lobe).__name__ for lobe in (*group.reflection, *group.transmission, *group.delta))
         needs = ", ".join(name for name, needed in _needs((group,)) if needed) or "nothing else"
         lines.append(
-            f"  group {k}: {len(group.materials)} x {names}: {lobes}; {triangles:,} triangles; needs {needs}; "
-            f"{_sampling(plan, group)}"
+            f"  group {k}: {len(group.materials)} x {names}: {lobes or 'no lobes'}; {triangles:,} triangles; "
+            f"needs {needs}; {_sampling(plan, group)}"
         )
     if left:
         lines.append(f"  {left:,} triangles neither reflect nor emit: they only occlude")
@@ -42,9 +39,7 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
     if not plan.has_light:
         lines.append("  no light emits: images are black")
     elif not plan.mixable:
-        lines.append(
-            "  nothing to mix: no light can be reached by two techniques, so rules learn no shares, without a pilot"
-        )
+        lines.append("  nothing to mix: no light can be reached by two techniques, so rules learn no shares")
     if unread:
         lines.append(f"  not read from the file: {', '.join(unread)}")
     lines.append(f"  left out: {'; '.join(_left_out(plan, unread)) or 'nothing'}")

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dmis.base.vectors import Array
+from dmis.brdf.materials import Material
 from dmis.geometry.refinement import diagonals
 from dmis.intersect import RayCaster
 from dmis.light.coincident import find_overlaps, lamp_triangles
@@ -40,13 +41,11 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
     ] + [f"a {type(light).__name__} without a part" for light in plan.unseen]
     for k, (part, light) in enumerate(zip(parts, lights, strict=True)):
         if light is not None and light is not part.light:
-            yield f"{names[k]} is a copy of {names[[p.light for p in parts].index(light)]} and left out"
+            yield f"{names[k]} is a copy of {names[lights.index(light)]} and left out"
     for sampled in plan.sampled:
         yield from sampled.doubts()
-    triangles, _, owner = lamp_triangles(plan.parts)
-    meshes = [mesh for light in plan.unseen if (mesh := light.mesh()) is not None]
-    triangles = np.concatenate([triangles, *(mesh.vertices[mesh.faces] for mesh in meshes)])
-    owner = np.append(owner, np.repeat(np.arange(len(meshes)) + len(parts), [mesh.triangles for mesh in meshes]))
+    unseen = [Part(mesh, Material(()), light) for light in plan.unseen if (mesh := light.mesh()) is not None]  # type: ignore[arg-type]
+    triangles, _, owner = lamp_triangles([*plan.parts, *unseen])
     number, prim = find_overlaps(caster, triangles, reach)
     met = np.searchsorted(np.cumsum([part.mesh.triangles for part in parts]), prim, side="right")
     pairs, first = np.unique(np.stack([owner[number], met]), axis=1, return_index=True)
@@ -62,10 +61,7 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
             )
     if near:
         more = f" (and {len(near) - 1} more such pairs)" if len(near) > 1 else ""
-        yield (
-            f"{near[0]}{more}: rays begin above the light, which gives no light there, and may be hidden; move it "
-            f"farther away"
-        )
+        yield f"{near[0]}{more}: rays begin above the light, which gives no light there; move it farther away"
 
 
 def camera_doubts(camera: Camera, caster: RayCaster, reach: float) -> Iterator[str]:

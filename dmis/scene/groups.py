@@ -147,18 +147,8 @@ def batch_key(part: Part) -> Any:
     texture_key = id(material) if any(has_texture(lobe) for lobe in material.lobes) else None
     smooth = part.mesh.normals is not None and bool(material.lobes)
     tangent = part.tangent if any(_anisotropic(lobe) for lobe in material.lobes) else None
-    return (
-        tuple(_batch_signature(lobe) for lobe in material.lobes),
-        texture_key,
-        smooth,
-        _emission_key(part.light),
-        tangent,
-    )
-
-
-def _emission_key(light: AreaLight | None) -> bool | int:
-    """Return what two parts must share to emit from one table: True; of a textured light, its id."""
-    return id(light) if light is not None and light.textured else light is not None
+    emission_key = id(part.light) if part.light is not None and part.light.textured else part.light is not None
+    return tuple(_batch_signature(lobe) for lobe in material.lobes), texture_key, smooth, emission_key, tangent
 
 
 def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Group:

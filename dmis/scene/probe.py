@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.validate import check_shape
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
@@ -50,26 +51,18 @@ def surface(
 
 def check_lobe_form(lobe: Lobe) -> None:
     """Raise a ValueError if a method of a lobe returns values of the wrong shape for four points, or for one."""
+    name, colours = type(lobe).__name__, ("(3, N)", "(3, 1)", "(1, N)", "(1, 1)")
     for n in (4, 1):
         points = surface(Material((lobe,)), (0.6, 0, 0.8), n)
         with np.errstate(all="ignore"):  # shapes count here, values do not
             if lobe.delta:
                 wi, factor = points.delta[0].scatter(points)
-                _check_shape(lobe, "scatter(surface), directions", wi, [(3, n)])
-                _check_shape(lobe, "scatter(surface), factors", factor, [(3, n), (3, 1), (1, n), (1, 1)])
+                check_shape(f"{name}.scatter(surface), directions", wi, n, "(3, N)")
+                check_shape(f"{name}.scatter(surface), factors", factor, n, *colours)
                 continue
             points = points.beyond() if lobe.transmissive else points
-            u = np.array([[0.1, 0.4, 0.6, 0.9], [0.7, 0.2, 0.8, 0.3]], np.float32)[:, :n]
-            _check_shape(lobe, "sample(surface, u)", wi := points.sample(u), [(3, n)])
+            wi = points.sample(np.array([[0.1, 0.4, 0.6, 0.9], [0.7, 0.2, 0.8, 0.3]], np.float32)[:, :n])
+            check_shape(f"{name}.sample(surface, u)", wi, n, "(3, N)")
             directions = Directions(points, wi)
-            _check_shape(lobe, "pdf(directions)", points.pdf(directions), [(n,)])
-            _check_shape(lobe, "eval(directions)", points.eval(directions), [(3, n), (3, 1), (1, n), (1, 1)])
-
-
-def _check_shape(lobe: Lobe, call: str, values: Any, allowed: list[tuple[int, ...]]) -> None:
-    """Raise a ValueError unless values have one of the shapes, the first of which ends with the number of points."""
-    if np.shape(values) not in allowed:
-        raise ValueError(
-            f"{type(lobe).__name__}.{call} must be of shape {' or '.join(map(str, dict.fromkeys(allowed)))}; got shape "
-            f"{np.shape(values)} for N = {allowed[0][-1]}"
-        )
+            check_shape(f"{name}.pdf(directions)", points.pdf(directions), n, "(N,)")
+            check_shape(f"{name}.eval(directions)", points.eval(directions), n, *colours)

@@ -152,7 +152,7 @@ class ShadingPoints:
 
     def _lobe(self, k: int) -> Lobe:
         """Return one of the reflection lobes, without gathering the parameters of the others."""
-        if self._parent is None or "glossy" in self.__dict__:
+        if self._parent is None or "reflection" in self.__dict__:
             return self.reflection[k]
         lobe: Lobe = _gather(self._parent.reflection[k], self._index)
         return lobe

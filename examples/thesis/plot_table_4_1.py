@@ -18,8 +18,15 @@ The balance heuristic takes one light and one BRDF sample per camera sample.
 import numpy as np
 
 import dmis
-from dmis.experiment.runs import median_seconds, on_cpu, spp_in_time
-from examples.gallery import SCENES, Errors, options, print_canvas
+from dmis.experiment.runs import median_seconds
+from examples.gallery import (
+    SCENES,
+    Errors,
+    on_cpu,
+    options,
+    print_canvas,
+    spp_in_time,
+)
 
 opts, given = options(
     "plot_table_4_1",

@@ -393,7 +393,7 @@ def test_interrupt_of_compare_says_what_is_kept(scene, tmp_path, monkeypatch, ca
         raise KeyboardInterrupt
 
     for place, more, text in (
-        ("make_reference", [], f"no render was finished. Finished tiles of the reference are kept in {tmp_path}/cache"),
+        ("make_reference", [], f"finished tiles are kept in {tmp_path}/cache. Run"),
         ("load_reference", ["--reference", str(tmp_path / "r.npy")], "nothing is kept, because no render was finished"),
         ("summary", ["--reference", str(tmp_path / "r.npy")], f"finished renders are kept in {tmp_path}/out. Run"),
     ):

@@ -16,21 +16,11 @@ from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.experiment import alarm
 from dmis.experiment.convergence import Gain, gains
+from dmis.experiment.report import tables
 from dmis.experiment.report.comparer import HELP, asset, comparer, filled, viewer_data
 from dmis.experiment.report.maps import share_maps
 from dmis.experiment.report.plots import error_svg
-from dmis.experiment.report.tables import (
-    RUNS_NOTE,
-    best_gain,
-    costs_table,
-    count_text,
-    efficiency_table,
-    escaped,
-    overview_table,
-    ratio_text,
-    runs_table,
-    slopes_table,
-)
+from dmis.experiment.report.tables import escaped
 from dmis.experiment.runs import PINNED, fallbacks
 from dmis.experiment.table import Comparison
 
@@ -53,7 +43,7 @@ def write_report(
         "title": escaped(title),
         "links": links,
         "version": __version__,
-        "overview": overview_table(comparisons) if len(comparisons) > 1 else "",
+        "overview": tables.overview_table(comparisons) if len(comparisons) > 1 else "",
         "sections": "\n".join(sections),
         "style": asset("comparer.css") + asset("report.css"),
         "help": HELP,
@@ -71,23 +61,23 @@ def _section(number: int, c: Comparison) -> str:
     rows = gains(c.runs)
     elements = [
         f'<section id="s{number}"><h2>{escaped(c.scene)}</h2>',
-        f'<p class="facts">{width}×{height} pixels · {count_text(c.seeds, "seed")} · {escaped(c.about["parallel"])} · '
-        f"{escaped(c.reference.text())}</p>",
+        f'<p class="facts">{width}×{height} pixels · {tables.count_text(c.seeds, "seed")} · '
+        f"{escaped(c.about['parallel'])} · {escaped(c.reference.text())}</p>",
         *_alarms(c, rows),
         *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),
         _verdict(rows),
         f'<div class="plots">{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
-        slopes_table(c),
+        tables.slopes_table(c),
         "<h3>Efficiency</h3>",
-        efficiency_table(c, rows),
+        tables.efficiency_table(c, rows),
         "<h3>Costs</h3>",
-        costs_table(rows),
+        tables.costs_table(rows),
         "<h3>Images and errors</h3>",
         f'<div class="viewer" data-scene="{number}" tabindex="0"></div>',
         "<h3>Share maps, variance and regret</h3>",
         share_maps(c),
-        f"<details><summary>All runs, as in results.csv</summary>{runs_table(c)}",
-        f'<p class="note">{RUNS_NOTE}</p></details>',
+        f"<details><summary>All runs, as in results.csv</summary>{tables.runs_table(c)}",
+        f'<p class="note">{tables.RUNS_NOTE}</p></details>',
         "</section>",
     ]
     return "\n".join(elements)
@@ -107,7 +97,7 @@ def _verdict(rows: Sequence[Gain]) -> str:
     at = f"At {base.spp} samples per pixel"
     if not base.mse > 0:
         return f"<p>{at} the balance heuristic has no error above that of the reference: rules cannot be compared.</p>"
-    best = best_gain(last)
+    best = tables.best_gain(last)
     if best is None:
         why = ""
         if np.isnan(base.interval):
@@ -122,7 +112,7 @@ def _verdict(rows: Sequence[Gain]) -> str:
     return (
         f"<p>{at} <b>{escaped(best.rule)}</b> is more efficient than the balance heuristic: its error × CPU time is "
         f"{value:.2f} times as large (95 % interval {low:.2f} to {high:.2f}{corrected}){among}, and "
-        f"{ratio_text(best.error_time_over_pinned.value)} times that of the pinned baseline.</p>"
+        f"{tables.ratio_text(best.error_time_over_pinned.value)} times that of the pinned baseline.</p>"
     )
 
 
