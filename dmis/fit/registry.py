@@ -39,7 +39,7 @@ RULES: dict[str, Callable[..., Rule]] = {
 ``resampled:W`` (`dmis.estimator.resampling` in the place of light sampling), ``thesis``; ``second-moment`` and its
 relatives in the literature, see `dmis.fit.second_moment`; ``simplex:light+brdf+resampled``, weights of several
 techniques, see `dmis.variance.simplex_curves`, and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``,
-the best of them all, which learns shares and numbers of samples per pixel in two rounds, and ``counts``, the same with
+the default, which learns shares and numbers of samples per pixel in two rounds, and ``counts``, the same with
 equal shares (`dmis.fit.rounds`).
 """
 _SHIPPED = frozenset(RULES)

@@ -47,10 +47,10 @@ class Round:
         Number in its pixel's sequence of the first camera sample, as `spp`: 0, or where an earlier round ended.
     before
         Film of that earlier round, whose samples are joined where `begin` is not 0; None: there is none.
-    weight
+    image_weight
         Weight of the round's mean in the image, in camera samples that are fixed beforehand; 0: it is not in the image.
     stage
-        Stage that `dmis.pipeline.progress.Progress` shows: ``pilot`` or ``final``.
+        Stage that `dmis.pipeline.progress.Progress` shows: ``pilot``, ``final``, or a name of the rule's own.
     needs_features
         Whether the film brings feature buffers, see `dmis.scene.feature_buffers`.
     maps
@@ -64,7 +64,7 @@ class Round:
     patterns: PatternMap | None = None
     begin: Array | int = 0
     before: Film | None = None
-    weight: int = 0
+    image_weight: int = 0
     stage: str = "pilot"
     needs_features: bool = False
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -101,7 +101,7 @@ def _of_area(values: Array | int, area: tuple[slice, slice]) -> Array | int:
 
 @dataclass(frozen=True, eq=False)
 class Pilot:
-    """The samples of a pilot pass at one weight.
+    """The film of a round: moments, rays and statistics of its samples.
 
     Attributes
     ----------
@@ -192,15 +192,15 @@ class Budget:
     ) -> Round:
         """Return a pilot round of `spp` camera samples at one weight.
 
-        With a `statistic` a camera sample has as many times the shading samples as there are techniques, see
-        `pilot_settings`, and there are as many times fewer. Whether the pilot is part of the image is a setting; its
-        weight there is its number of camera samples.
+        With a `statistic` and K techniques each camera sample has K S shading samples (`pilot_settings`), and there are
+        ``spp // K`` of them. Whether the pilot is part of the image is a setting; its weight there is its number of
+        camera samples.
         """
         if statistic is not None:
             spp //= len(self.settings.techniques)
         settings = pilot_settings(self.settings, statistic is not None)
         in_image = spp if self.settings.reuse_pilot else 0
-        return Round(spp, shares_of(weight), settings, statistic, weight=in_image, needs_features=needs_features)
+        return Round(spp, shares_of(weight), settings, statistic, image_weight=in_image, needs_features=needs_features)
 
     def final(self, fit: Fit, spent: int = 0) -> Round:
         """Return the final pass of a fit, in whole numbers of samples, behind `spent` camera samples of pilots.
@@ -211,9 +211,11 @@ class Budget:
         Raises
         ------
         ValueError
-            If the fit is not right, see `check_fit`.
+            If the fit is not right, see `check_fit`, or no sample is left.
         """
         check_fit(fit, self.shape, len(self.settings.techniques))
+        if not 0 <= spent < self.spp:
+            raise ValueError(f"spent must be from 0 to {self.spp - 1}, so that a final pass is left; got {spent}")
         shares, spp = fit.shares, self.spp - spent
         share_range = combiner_by_name(self.settings.combiner).share_range
         if share_range != (0, 1):
@@ -221,7 +223,7 @@ class Budget:
         samples: Array | int = spp
         if fit.samples is not None:
             samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))
-        return Round(samples, shares, self.settings, weight=spp, stage="final", maps=fit.maps)
+        return Round(samples, shares, self.settings, image_weight=spp, stage="final", maps=fit.maps)
 
     def generator(self, number: int) -> np.random.Generator:
         """Return a random generator for decisions behind `number` rounds, which no tile draws from."""

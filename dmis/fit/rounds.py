@@ -219,7 +219,7 @@ class Rounds(Rule):
             patterns=PatternMap(sizes, pattern, sizes[FIRST]),
             begin=begin,
             before=first.moments,
-            weight=budget.spp,
+            image_weight=budget.spp,
             stage="final",
             maps={"pattern": np.stack(patches), "variance": variance, "trust": trust},
         )

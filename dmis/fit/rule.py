@@ -21,7 +21,8 @@ from dmis.fit.round import Budget, Fit, Pilot, Round
 class Rule:
     """Base class of weight rules: defaults for everything but `fit`.
 
-    A class of one's own derives from it. The names below are class attributes, fields or properties.
+    A class of one's own derives from it. The names below are class attributes, fields or properties. A rule that needs
+    more than pilot, fit and final pass overrides `rounds` in place of `fit`.
 
     Attributes
     ----------
@@ -69,7 +70,13 @@ class Rule:
         least_spp = 0
 
     def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
-        """Yield the rounds to render, one after the other, and be sent the film of each: pilot, fit, final pass."""
+        """Yield the rounds to render, one after the other, and be sent the film of each: pilot, fit, final pass.
+
+        Rounds come from ``budget.pilot(...)`` and ``budget.final(...)``, or are changed copies of these
+        (`dataclasses.replace`). What decides the samples of a pixel in the image must come from samples that are not in
+        it, or from other pixels, or the image is biased. A later round of a sequence such as Sobol's goes on with
+        `Round.begin`; from 0 on it would repeat the points.
+        """
         pilot = {}
         for weight, spp in sorted(self.pilot.items()):
             pilot[weight] = yield budget.pilot(weight, spp, self.statistic, self.needs_features)
@@ -78,12 +85,12 @@ class Rule:
         yield budget.final(fit, spent=sum(self.pilot.values()))
 
     def pilot_samples(self, spp: int) -> int:
-        """Return the camera samples per pixel that the pilot takes of a budget."""
+        """Return the camera samples per pixel that the rounds before the final pass take of a budget."""
         return 0 if spp < self.least_spp else sum(self.pilot.values())
 
     def fallback(self, spp: int) -> str:
         """Return why a budget is rendered with equal shares, for people to read; empty if it is not."""
-        small = f"fewer than {self.least_spp} samples per pixel, rendered as balance"
+        small = f"fewer than {self.least_spp} samples per pixel, rendered with w = 1/2"
         return small if spp < self.least_spp else ""
 
     def __repr__(self) -> str:
@@ -95,12 +102,23 @@ class Rule:
         raise NotImplementedError(f"class {type(self).__name__} needs a method fit(self, pilot) that returns a Fit")
 
 
-def next_round(rounds: Generator[Round, Pilot, None], film: Pilot) -> Round | None:
-    """Send a rule the film of a round; returns the next round that it asks for, None if there is none."""
+def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
+    """Send a rule the film of its last round, None before the first; returns its next one, None if there is none.
+
+    Raises
+    ------
+    ValueError
+        If the rule's `Rule.rounds` is no generator, or yields something else than a `Round`.
+    """
+    if not isinstance(rounds, Generator):
+        raise ValueError(f"rounds of a rule must be a generator, which yields Rounds; got {type(rounds).__name__}")
     try:
-        return rounds.send(film)
+        requested = rounds.send(film)  # type: ignore[arg-type]
     except StopIteration:
         return None
+    if not isinstance(requested, Round):
+        raise ValueError(f"a rule must yield Rounds, such as budget.final(fit); got {type(requested).__name__}")
+    return requested
 
 
 def rule_text(rule: Any) -> str:

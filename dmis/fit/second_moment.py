@@ -40,9 +40,9 @@ class SecondMoment(PooledRule):
     Parameters
     ----------
     objective
-        Name of the objective. All others than ``second-moment`` have no variance, and so not the option `guard`.
+        Name of the objective. All others than ``second-moment`` have no variance, and leave `guard` unused.
     spp
-        Samples of the pilot, at w = 1/2: an even number of at least 4, see `dmis.pipeline.job.pilot_settings`.
+        Samples of the pilot, at w = 1/2: an even number of at least 4, see `dmis.fit.round.pilot_settings`.
     gamma
         Order of the divergence (tsallis); 1 is Kullback-Leibler, 2 the second moment.
     combiner

@@ -50,7 +50,7 @@ class Observers:
     collector
         Sums from which a combiner corrects the pixels; None: it does not.
     shading_samples
-        S of each camera sample.
+        S of each camera sample by the settings of the round, which `Round.patterns` replace.
     colour
         Colour of each pixel, by which rays are counted for the statistic, ``(P,)``; None: they are not.
     """

@@ -1,9 +1,8 @@
-"""Rendering with a rule: it asks for rounds, such as pilot and final pass, and is sent their films; then the image.
+"""Render a scene with a rule: it yields rounds, such as pilot and final pass, and is sent the film of each.
 
-`dmis.pipeline.job` checks the arguments, `dmis.pipeline.passes` renders the rounds. The budget `spp` includes the
-pilot. Pilot and final image are both unbiased. Where the pilot is part of the image they are averaged with weights
-fixed beforehand, their camera samples: so the result is unbiased although the shares were learned. (Weighting by
-estimated variance would not be.)
+`dmis.pipeline.job` checks the arguments, `dmis.pipeline.passes` renders the rounds, and the image is the average of
+those that are part of it, with weights that are fixed beforehand: unbiased, although the shares were learned. (With
+weights by estimated variance it would not be.) The budget `spp` includes the pilot.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from contextlib import nullcontext
 from typing import Any
 
 from dmis.estimator.settings import Settings, make_settings
-from dmis.fit.round import Round
 from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.film import average_films
@@ -63,7 +61,7 @@ def render(
     Raises
     ------
     ValueError
-        If an argument is out of range, settings and rule disagree, a rule's weights are none, a pixel is infinite or
+        If an argument is out of range, settings and rule disagree, a rule's shares are invalid, a pixel is infinite or
         NaN, or the checkpoint is damaged or of a different image.
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
@@ -81,20 +79,20 @@ def render_job(
 ) -> Result:
     """Render the rounds that the rule of a job asks for, and send it the film of each.
 
-    Parameters and errors are those of `render`; `observer` gets the tiles of each round, in row order, before they are
-    rendered.
+    Parameters and errors are those of `render`; `observer` gets the tiles of each round before they are rendered.
     """
     image, bar = [], reporting(progress) if progress else nullcontext()
     with bar as report, Passes(job, parallel, report, checkpoint, observer) as passes:
         began, rounds = time.perf_counter(), job.rule.rounds(job.budget)
-        requested: Round | None = next(rounds, None)
+        requested = next_round(rounds, None)
         while requested is not None:
             film, last = passes.render(requested), requested  # samples
-            if requested.weight:
-                image.append((film.moments, requested.weight))
+            if requested.image_weight:
+                image.append((film.moments, requested.image_weight))
             requested = next_round(rounds, film)  # variance, fit, filter
             del film  # its statistics are large
         total = time.perf_counter() - began
     if not image:
-        raise ValueError(f"rule {job.rule_text} must ask for a Round with a weight, its part of the image; got none")
-    return make_result(job, last, average_films(image[::-1], job.gain), passes, total)
+        raise ValueError(f"rule {job.rule_text} must yield a Round with an image_weight; got none")
+    image.reverse()  # the final film first, whose arrays the average overwrites
+    return make_result(job, last, average_films(image, job.gain), passes, total)

@@ -165,7 +165,7 @@ def make_result(
         samples, light, brdf = final.technique_samples()
         weight, shading_samples = light / (light + brdf), (light + brdf) / samples
     else:
-        samples = job.spp - final.weight + np.asarray(final.spp, np.float32)
+        samples = job.spp - final.image_weight + np.asarray(final.spp, np.float32)
         weight, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
     described = job.without_tables()
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
@@ -202,8 +202,8 @@ def average(results: Sequence[Result]) -> tuple[Array, Array]:
     ValueError
         If there are fewer than two results.
     """
-    if len(results) < 2:
-        raise ValueError(f"results must be at least two, because a variance needs two renders; got {len(results)}")
+    if not isinstance(results, Sequence) or len(results) < 2 or not all(isinstance(r, Result) for r in results):
+        raise ValueError(f"results must be two renders or more, because a variance needs two; got {results!r}")
     images = np.array([result.image for result in results], np.float64)
     return images.mean(axis=0), images.var(axis=0, ddof=1) / len(results)
 

@@ -115,13 +115,13 @@ def test_a_fallback_is_printed(scene, tmp_path, capsys):
     assert (
         main(["render", scene, "--rule", "auto", "--spp", "8", "-o", f"{tmp_path}/a.exr", "--stats", str(stats)]) == 0
     )
-    assert "\n  auto at 8 spp: fewer than 16 samples per pixel, rendered as balance\n" in capsys.readouterr().out
+    assert "\n  auto at 8 spp: fewer than 16 samples per pixel, rendered with w = 1/2\n" in capsys.readouterr().out
     assert json.loads(stats.read_text())["provenance"]["fallback"].startswith("fewer than 16")
     np.save(tmp_path / "r.npy", dmis.render(dmis.load_scene(scene, (16, 12)), "balance", 64).image)
     options = ["--rules", "auto,thesis", "--spp", "4,8", "--seeds", "1", "--reference", str(tmp_path / "r.npy"), *size]
     assert main(["compare", scene, *options, "-o", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr()
-    assert "auto at 4, 8 spp: fewer than 16 samples per pixel, rendered as balance." in printed.out
+    assert "auto at 4, 8 spp: fewer than 16 samples per pixel, rendered with w = 1/2." in printed.out
     assert "thesis is left out at 4 samples per pixel, because its pilot takes 6: use --spp 7 or more" in printed.err
     if (tmp_path / "out" / "report.html").exists():
         assert "auto at 4, 8 spp: fewer than 16" in (tmp_path / "out" / "report.html").read_text("utf-8")

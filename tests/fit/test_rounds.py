@@ -210,10 +210,10 @@ def test_rounds_of_a_budget(sampler: str, exponent: float) -> None:
     budget = Budget(64, (12, 12), dmis.Settings(sampler=sampler, reuse_pilot=False), seed=3)
     generator = rule.rounds(budget)
     first = next(generator)
-    assert (first.spp, first.weight, first.settings.sampler) == (8, 0, sampler)
+    assert (first.spp, first.image_weight, first.settings.sampler) == (8, 0, sampler)
     film = random_pilot((12, 12))
     second = generator.send(film)
-    assert (second.weight, second.before, second.settings) == (64, film.moments, budget.settings)
+    assert (second.image_weight, second.before, second.settings) == (64, film.moments, budget.settings)
     same, other = (replace(rule, exponent=a).second_round(film, budget) for a in (exponent, 2.4 - exponent))
     np.testing.assert_array_equal(second.spp, same.spp)
     assert (second.spp != other.spp).any()
@@ -232,7 +232,7 @@ def test_small_budgets_have_equal_numbers(box: dmis.Scene, rule: str, least: int
     """Below twice the first round there is none, and the provenance has the reason."""
     assert not make_rule(rule).fallback(max(least, 1))
     for spp in others:
-        reason = f"fewer than {least} samples per pixel, rendered as balance"
+        reason = f"fewer than {least} samples per pixel, rendered with w = 1/2"
         assert (make_rule(rule).fallback(spp), make_rule(rule).pilot_samples(spp)) == (reason, 0)
         result = dmis.render(box, rule, spp, sampler="sobol", compensation=0.0)
         assert (result.samples == spp).all() and (result.weight == 0.5).all()

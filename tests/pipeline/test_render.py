@@ -198,14 +198,14 @@ class InTwo(dmis.Rule):
     """A rule that asks for its samples in two rounds, of which the second goes on where the first ended."""
 
     w: float
-    weight: int = 1
+    part: int = 1
 
     def rounds(self, budget):
         whole = budget.final(Fit(self.w))
         n = budget.spp // 4
-        film = yield replace(whole, spp=n, weight=n * self.weight)
+        film = yield replace(whole, spp=n, image_weight=n * self.part)
         assert film.moments.n == n and film.rays["camera"] > 0
-        yield replace(whole, spp=budget.spp - n, begin=n, weight=(budget.spp - n) * self.weight)
+        yield replace(whole, spp=budget.spp - n, begin=n, image_weight=(budget.spp - n) * self.part)
 
 
 @pytest.mark.parametrize("w", [0.5, 0.3])
@@ -217,9 +217,28 @@ def test_rounds_that_go_on_are_one_render(box, w):
     assert two.rays == one.rays and (two.samples == 16).all()
 
 
-def test_a_rule_must_ask_for_a_part_of_the_image(box):
-    with pytest.raises(ValueError, match="must ask for a Round with a weight"):
-        dmis.render(box, InTwo(0.5, weight=0), 16)
+class Yields(dmis.Rule):
+    """A rule whose rounds are given."""
+
+    def __init__(self, rounds):
+        self.given = rounds
+
+    def rounds(self, budget):
+        return self.given(budget)
+
+
+@pytest.mark.parametrize(
+    ("rounds", "message"),
+    [
+        (lambda budget: (replace(budget.final(Fit(0.5)), image_weight=0) for _ in range(2)), "with an image_weight"),
+        (lambda budget: [budget.final(Fit(0.5))], "must be a generator, which yields Rounds; got list"),
+        (lambda budget: (Fit(0.5) for _ in range(1)), "must yield Rounds, such as .*; got Fit"),
+        (lambda budget: (budget.final(Fit(0.5), spent=16) for _ in range(1)), "spent must be from 0 to 15"),
+    ],
+)
+def test_rounds_of_a_rule_are_checked(box, rounds, message):
+    with pytest.raises(ValueError, match=message):
+        dmis.render(box, Yields(rounds), 16)
 
 
 @pytest.mark.parametrize("rule", RULES)

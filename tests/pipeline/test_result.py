@@ -61,7 +61,7 @@ def test_average_has_the_unbiased_variance() -> None:
     dim = np.mean(means, axis=0) < 1  # not the lamp's edge
     predicted = np.mean(variances, axis=0)[dim].mean()
     assert predicted == pytest.approx(np.var(means, axis=0, ddof=1)[dim].mean(), rel=0.2)
-    with pytest.raises(ValueError, match="results must be at least two"):
+    with pytest.raises(ValueError, match="results must be two renders or more"):
         dmis.average([])
 
 

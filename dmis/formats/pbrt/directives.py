@@ -57,7 +57,7 @@ def carry_out(reader: Reader, source: Source) -> None:
 
 
 def _argument(reader: Reader, cursor: Cursor, kind: int | str) -> Any:
-    """Read an argument of the current directive, of a kind of `dmis.formats.pbrt.reader.Directive`."""
+    """Read an argument of the current directive, of a kind of `Directive`."""
     token = reader.token
     if isinstance(kind, int):
         return cursor.numbers(token, kind)
