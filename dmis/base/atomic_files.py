@@ -20,8 +20,14 @@ def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
     OSError
         If it cannot: the directory does not exist or is write-protected, the disk is full, the name is too long, or the
         path is that of a directory.
+    ValueError
+        If the path is not UTF-8.
     """
     path = Path(path)
+    try:
+        str(path.resolve()).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(f"cannot write {os.fsencode(path)!r}: its path must be UTF-8") from error
     folder = path.resolve().parent
     if not folder.is_dir():
         raise FileNotFoundError(f"cannot write {path}: its directory does not exist; create it first")
@@ -37,9 +43,7 @@ def check_writable(path: str | os.PathLike[str], size: int = 0) -> None:
     _check_folder_writable(folder, f"cannot write {path}")
     free = shutil.disk_usage(folder).free
     if free < size:
-        raise OSError(
-            f"cannot write {path}: it may need {size / 1e6:.1f} MB, and {folder} has {free / 1e6:.1f} MB left"
-        )
+        raise OSError(f"cannot write {path}: it may need {_mb(size)}, and {folder} has {_mb(free)} left")
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
@@ -78,6 +82,10 @@ def check_package(module: str, purpose: str, install: str) -> None:
         importlib.import_module(module)
     except ImportError as error:
         raise ValueError(f"{purpose} needs {module}, which cannot be imported ({error}): {install}") from error
+
+
+def _mb(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"
 
 
 def partial_path(path: str | os.PathLike[str]) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
@@ -79,11 +80,17 @@ def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
     skipped: dict[str, str] = {}
     for name, cls in variables.items():
         if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
+            if missing := _required(cls):
+                example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
+                has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
+                skipped[name] = (
+                    f"{', '.join(missing)} {has} no default. Give {it} one, or add an object to the file: {example}"
+                )
+                continue
             try:
                 add(name, cls())
             except Exception as error:
-                example = f"my_{name.lower()} = {name}(...)"
-                skipped[name] = f"{raised(error)}. Give all fields a default, or add an object to the file: {example}"
+                skipped[name] = raised(error)
     subjects += [Subject(name, "rule", name) for name in rules]
     for technique in TECHNIQUES.values():
         add(technique.name, technique)
@@ -102,3 +109,10 @@ def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 def _kind(cls: type) -> str:
     """Return the kind of the objects of a class; empty if they are none that is checked."""
     return next((kind for kind, base in _KINDS.items() if base in cls.__mro__), "")
+
+
+def _required(cls: type) -> list[str]:
+    """Return the arguments of a class that have no default."""
+    rest = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    parameters = inspect.signature(cls).parameters.items()
+    return [name for name, p in parameters if p.default is p.empty and p.kind not in rest]

@@ -61,7 +61,7 @@ def test_images_are_replaced_whole(box, tmp_path, name):
 
 
 def test_long_names_are_written_and_impossible_ones_refused_first(box, tmp_path):
-    """As long as the disk allows; one byte more is refused before anything is made."""
+    """As long as the disk allows; one byte more, and bytes that are not UTF-8, are refused before anything is made."""
     result = dmis.render(box, "balance", 2)
     for end in (".exr", ".png"):
         longest = tmp_path / ("x" * (255 - len(end)) + end)
@@ -69,6 +69,8 @@ def test_long_names_are_written_and_impossible_ones_refused_first(box, tmp_path)
         dmis.write_image(longest, result)
         with pytest.raises(OSError, match="too long"):
             check_image(tmp_path / f"x{longest.name}")
+        with pytest.raises(ValueError, match=r"cannot write b'.*a\\xff\.\w+': its path must be UTF-8"):
+            check_image(tmp_path / os.fsdecode(b"a\xff" + end.encode()))
     assert len(os.listdir(tmp_path)) == 2
 
 

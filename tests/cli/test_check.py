@@ -137,10 +137,9 @@ def test_what_is_recognised(
         "technique hidden",
     ]  # fmt: skip
     assert error.splitlines() == [
-        "dmis: Tinted is not checked: TypeError: Tinted.__init__() missing 2 required positional arguments: 'tint' and "
-        "'gloss'. Give all fields a default, or add an object to the file: my_tinted = Tinted(...)",
-        "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 34). Give all fields a "
-        "default, or add an object to the file: my_broken = Broken(...)",
+        "dmis: Tinted is not checked: tint, gloss have no default. Give them one, or add an object to the file: "
+        "my_tinted = Tinted(tint=..., gloss=...)",
+        "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 34)",
     ]
 
 
@@ -151,8 +150,8 @@ def test_what_is_recognised(
         (
             DUST.replace("tint: Any = 0.5", "tint: Any"),
             [],
-            r"Dust is not checked: .*'tint'\. Give all fields a default, or add an object to the file: my_dust = "
-            r"Dust\(\.\.\.\)\ndmis: error: nothing in my_lobe\.py can be checked as it stands; "
+            r"Dust is not checked: tint has no default\. Give it one, or add an object to the file: my_dust = "
+            r"Dust\(tint=\.\.\.\)\ndmis: error: nothing in my_lobe\.py can be checked as it stands; "
             r"the lines above say how",
         ),
         ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),

@@ -93,7 +93,7 @@ V3 = Dialect(
 V4 = Dialect(
     "v4",
     types=_NUMERIC | _LATER | {"blackbody": 1},
-    directives=frozenset({*V3.directives, "ColorSpace", "Import", "Option"}),
+    directives=frozenset({*V3.directives, "Attribute", "ColorSpace", "Import", "Option"}),
     film=("rgb", "gbuffer", "spectral"),
     required={
         "Film": {"iso": 100.0, "sensor": "cie1931", "whitebalance": 0.0, "maxcomponentvalue": None},

@@ -23,6 +23,9 @@ from dmis.scene.defaults import MAX_DEPTH
 
 MAX_FILES = 10_000
 """Most inclusions of files; a file that is included twice counts twice."""
+_ADDED = {"Shape": "shape", "LightSource": "light", "AreaLightSource": "light"}
+_ADDED |= {"Material": "material", "Texture": "texture"}
+"""Kinds of objects to which Attribute lines add parameters, by directive."""
 _PLACES = {"options": "before WorldBegin", "world": "between WorldBegin and WorldEnd"}
 
 
@@ -70,6 +73,7 @@ def _argument(reader: Reader, cursor: Cursor, kind: int | str) -> Any:
     if kind not in (PARAMETERS, KEPT):
         return cursor.string(token, kind)
     p = cursor.parameters(token)
+    p.items = {**reader.state.added.get(_ADDED.get(token.text, ""), {}), **p.items}
     p.textures = reader.state.textures
     return p
 
@@ -177,9 +181,18 @@ def _option(reader: Reader, p: Parameters) -> None:
         item.token.find("option", item.name, dict.fromkeys([*p.read_names, *IRRELEVANT["Option"]]))
 
 
+def _make_named_medium(reader: Reader, name: Token, p: Parameters) -> None:
+    empty = p.string("type", "") == "homogeneous" and all(
+        (coefficient := p.get(key, "color", "rgb", "spectrum")) is not None and not any(coefficient.colour())
+        for key in ("sigma_a", "sigma_s")
+    )
+    reader.vacuums = reader.vacuums | {name.name} if empty else reader.vacuums - {name.name}
+    _unused(reader)
+
+
 def _medium_interface(reader: Reader, *names: Token | None) -> None:
     for name in names:
-        if name is not None and name.text != '""':
+        if name is not None and name.text != '""' and name.name not in reader.vacuums:
             raise name.error("a medium changes the image, and media are not supported; remove it to render a vacuum")
     _unused(reader)
 
@@ -219,7 +232,7 @@ _DIRECTIVES: dict[str, Directive] = {
     "Volume": ("world", _volume, ()),
     "Option": ("options", _option, (PARAMETERS,)),
     "ColorSpace": ("any", _only("the colour space", "srgb"), ("a name",)),
-    "MakeNamedMedium": ("any", _unused, ("a name", KEPT)),
+    "MakeNamedMedium": ("any", _make_named_medium, ("a name", KEPT)),
     "MediumInterface": ("any", _medium_interface, ("the name of a medium", OPTIONAL)),
     "Camera": ("options", _camera, ("a kind of camera", KEPT)),
     "Film": ("options", _film, ("a kind of film", KEPT)),

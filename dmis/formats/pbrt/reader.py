@@ -17,7 +17,7 @@ from dmis.brdf.materials import Material
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.notes import Notes
-from dmis.formats.pbrt.parameters import Parameters, Textures
+from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
@@ -56,6 +56,8 @@ class State:
         Kinds and parameters of named materials that Shape lines may override (v3).
     area_light
         Parameters of the AreaLightSource line; None if shapes do not emit.
+    added
+        Parameters that Attribute lines add, by the kind of object: shape, light, material, medium or texture.
     """
 
     to_world: Floats
@@ -66,6 +68,7 @@ class State:
     textures: Textures = field(default_factory=dict)
     recipes: Mapping[str, tuple[Token, Parameters]] = field(default_factory=dict)
     area_light: Parameters | None = None
+    added: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
 
 
 class Reader:
@@ -85,6 +88,7 @@ class Reader:
         self.files = 0
         self.integrator = "direct" if self.dialect.name == "v2" else "path", DEFAULT_DEPTH
         self.filter = self.dialect.filter
+        self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing
         self.to_camera = np.eye(4)

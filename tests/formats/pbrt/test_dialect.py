@@ -110,7 +110,7 @@ WORDS = {
         'PixelFilter "box" "float xradius" .5 "float yradius" .5 Option "bool disablepixeljitter" false',
         "STRENGTH": '"rgb I" [2 2 2] "float scale" 2', "AREA": "diffuse",
         "EMITS": '"float scale" [2] "bool twosided" false',
-        "DISK": 'Shape "disk" "float radius" 1',
+        "DISK": 'Attribute "shape" "float radius" 1 Shape "disk"',
         "PRODUCT": '"texture tex" "a" "float scale" .5', "POINT": "point3", "COLOR": "rgb", "TYPE": "spectrum",
         "UV": "point2", "MATTE": "diffuse", "KD": "reflectance", "LEVELS": "levels", "WorldEnd": "",
     },
@@ -543,6 +543,13 @@ def test_one_triangle_needs_no_indices_in_v4(read):
         read("v3", add=add)
 
 
+def test_attribute_adds_parameters_to_its_block(read):
+    world = 'AttributeBegin Attribute "shape" "float radius" 2 Shape "disk" AttributeEnd Shape "disk"'
+    mesh = read("v4", world, add="").parts[0].mesh
+    radius = np.linalg.norm(mesh.vertices, axis=1).round(9)
+    assert set(radius) == {0, 1, 2}
+
+
 def test_import_leaves_the_state_alone(read, tmp_path):
     (tmp_path / "a.pbrt").write_text(f"Translate 0 0 7\n{TRIANGLE}")
     z = read("v4", 'Import "a.pbrt"').parts[0].mesh.vertices[:, 2]
@@ -559,9 +566,10 @@ def test_names_outlive_blocks_in_v4(read):
         read("v3", world.format("matte"))
 
 
-def test_media_that_are_unused(read):
+def test_media_that_are_empty_or_unused(read):
     world = """MakeNamedMedium "fog" "string type" "homogeneous" "rgb sigma_s" [1 1 1]
-    MediumInterface ""\n"""
+    MakeNamedMedium "nothing" "string type" "homogeneous" "rgb sigma_s" [0 0 0] "rgb sigma_a" [0 0 0]
+    MediumInterface "" "nothing"\n"""
     for dialect in HEAD:
         with pytest.warns(PbrtWarning, match="MakeNamedMedium"):
             read(dialect, world)
@@ -615,6 +623,7 @@ BAD_WORLDS = [
     ("v3", 'TRIANGLE "texture alpha" "x"', "alpha is not supported"),
     ("v4", 'Shape "plymesh" "string filename" "a.obj"', "a plymesh must be a .ply file"),
     ("v4", 'Texture "a" "float" "constant" Texture "a" "float" "constant"', "there is a texture of this"),
+    ("v4", 'Attribute "camera" "float fov" 1', "an Attribute must be shape, light"),
     ("v3", 'Shape "bilinearmesh"', "a shape must be trianglemesh, plymesh, loopsubdiv, sphere"),
 ]
 
