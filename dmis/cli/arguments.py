@@ -20,7 +20,6 @@ from dmis.scene import camera
 Options = Mapping[str, Mapping[str, Any]]
 """Arguments of ``add_argument`` by option, its names separated by spaces; options of a ``group`` exclude each other."""
 REMOVED_OPTIONS = {
-    "--as-in-file": "give the numbers of the file as options: --spp, --sampler, --shading-samples, --lights",
     "--exercise": "run python docs/exercises/checks N FILE.py in a checkout, which checks the solution of an exercise",
     "--ladder": "run benchmarks/print_ladder.py SCENE of a checkout, which prints and plots the ladder of bounds",
     "--replicates": "render with several --seed, and average the images (dmis.average in Python)",
@@ -118,6 +117,9 @@ SCENE = {
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
     "--up": _option("axis of a mesh file that is up (default: z; GLB: y)", choices=("y", "z")),
 }
+AS_IN_FILE = {
+    "--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say"),
+}
 WORKERS, SEED = _whole(MAX_WORKERS), _whole(2**63, 0)
 THREADS = {"--threads": _option("number of threads (default: one per processor)", WORKERS, group="executor")}
 QUIET = {"--quiet": _flag("print warnings and errors only", "output")}
@@ -133,10 +135,11 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **SCENE,
         OUTPUT: _option("image with its layers; or OUT.png, a preview alone", required=True, metavar="OUT.exr"),
         "--png": _option("also write a preview image", metavar="OUT.png"),
-        "--spp": _option("camera samples per pixel, pilot included (default 128)", int, 128),
+        "--spp": _option("camera samples per pixel, pilot included (default 128)", int),
         "--rule": _option(RULES_HELP),
         "--seed": _option("seed of the random numbers (default 0)", SEED, 0),
         **settings_options(),
+        **AS_IN_FILE,
         **THREADS,
         "--workers": _option("number of processes, in place of threads", WORKERS, metavar="N", group="executor"),
         "--cluster": _option("Dask scheduler, such as tcp://10.0.0.1:8786", metavar="ADDRESS", group="executor"),
@@ -149,10 +152,11 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **SCENE,
         OUTPUT: _option("output directory; an existing comparison in it is resumed", **FOLDER),
         "--rules": _option("rules separated by commas, or all (default %(default)s)", str, "balance,thesis,auto"),
-        "--spp": _option("camera samples per pixel, by budget (default 128)", _sample_counts, [128], metavar="N,N,..."),
+        "--spp": _option("camera samples per pixel of each budget (default 128)", _sample_counts, metavar="N,N,..."),
         "--seeds": _option("number of seeds, from --seed on (default 5)", _whole(10_000), 5, metavar="K"),
         "--seed": _option("first seed (default 0)", SEED, 0),
         **settings_options(),
+        **AS_IN_FILE,
         "--reference": _option(".exr or .npy file (default: rendered once, then cached)", Path, metavar="REF"),
         "--reference-spp": _option("camera samples per pixel of each half of a reference (default 1024)", int, 1024),
         "--oracle-spp": _option("also render the oracle, with N samples per pixel (default: a cached one)", int,

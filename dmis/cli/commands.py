@@ -23,7 +23,7 @@ from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import REMOVED_OPTIONS, make_parser
 from dmis.cli.check import check
 from dmis.cli.rendering import render
-from dmis.cli.shared import describe, given_settings, load, progress_bar
+from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
 from dmis.estimator.settings import make_settings
 from dmis.experiment.compare import check_output, compare, parse_rules, summary
 from dmis.experiment.oracle import make_oracle
@@ -83,10 +83,11 @@ def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None)
 def _compare(options: argparse.Namespace) -> int:
     """Run ``compare`` and return its exit code."""
     rules = parse_rules(options.rules)
-    settings = given_settings(options)
-    make_settings(**settings)  # a bad one ends the command before the scene is read
+    make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
     check_output(options.output)  # before the reference is rendered
-    scene, spp = load(options), options.spp
+    scene = load(options)
+    spp = options.spp or [spp_of(options, scene)]
+    settings = settings_of(options, scene)
     expected = {name: settings[name] for name in ("integrator", "max_depth") if name in settings}  # of the image
     curves = {name: value for name, value in settings.items() if name != "sampler"}
     if options.verbose:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from dmis.base import malloc
 from dmis.base.atomic_files import check_writable, replacing
-from dmis.cli.shared import describe, given_settings, load, progress_bar
+from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
 from dmis.estimator.settings import make_settings
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
@@ -30,13 +30,14 @@ BYTES_OF_PIXEL, BYTES_OF_DESCRIPTION = 32, 2**16
 
 def render(options: argparse.Namespace) -> int:
     """Run ``render`` and return its exit code."""
-    settings = make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
+    make_settings(**given_settings(options))  # a bad one ends the command before the scene is read
     files = _check_files(options)
     scene = load(options)
     for path in files:
         check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
     with _executor(options) as parallel, progress_bar(options.quiet) as progress:
-        job = resolve(scene, options.rule, options.spp, options.seed, settings)
+        spp = spp_of(options, scene) if options.spp is None else options.spp
+        job = resolve(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
         result = render_job(job, parallel, progress, options.checkpoint)
     write_image(options.output, result)
     if options.png:
@@ -100,8 +101,10 @@ def _executor(options: argparse.Namespace) -> Iterator[Parallel]:
 def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
     """Return what was rendered and how fast, why by another rule, and the number of fireflies."""
     rule, seconds = result.provenance["rule"], result.seconds["total"]
+    taken = f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
+    about = f"{rule}, {job.spp} spp{taken if options.as_in_file else ''}"
     rate = result.rays.get("camera", 0) / seconds / 1e6
-    text = f"{options.output}: {rule}, {job.spp} spp, {seconds:.2f} s, {rate:.2f} Msamples/s{fireflies(result)}"
+    text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{fireflies(result)}"
     if reason := result.provenance.get("fallback"):
         text += f"\n  {rule} at {job.spp} spp: {reason}"
     return text

@@ -14,6 +14,9 @@ from dmis.formats.load_scene import load_scene
 from dmis.pipeline.progress import Progress, reporting
 from dmis.scene.scene import Scene
 
+DEFAULT_SPP = 128
+"""Camera samples per pixel where neither an option nor the scene's file says."""
+
 
 def load(options: argparse.Namespace) -> Scene:
     """Return the scene that the options name."""
@@ -24,6 +27,17 @@ def load(options: argparse.Namespace) -> Scene:
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the fields of `Settings` that were given as options, by name."""
     return {field.name: getattr(options, field.name) for field in fields(Settings) if hasattr(options, field.name)}
+
+
+def settings_of(options: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """Return fields of `Settings` by name: those given, and with --as-in-file the scene file's."""
+    given = given_settings(options)
+    return vars(Settings.as_in_file(scene, **given)) if options.as_in_file else given
+
+
+def spp_of(options: argparse.Namespace, scene: Scene) -> int:
+    """Return the camera samples per pixel where no option says."""
+    return (scene.suggested.spp if options.as_in_file else None) or DEFAULT_SPP
 
 
 def describe(scene: Scene) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -14,7 +15,7 @@ from dmis.estimator.technique import technique_by_name
 from dmis.light.environment import check_compensation
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
-from dmis.scene.scene import Scene
+from dmis.scene.scene import Scene, SceneWarning
 
 MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
@@ -172,6 +173,33 @@ class Settings:
     def one_light(self) -> bool:
         """Whether one light is picked at each point; `integrator` must not be ``auto`` any more."""
         return self.lights == "one" or (self.lights == "pbrt" and self.integrator == "path")
+
+    @classmethod
+    def as_in_file(cls, scene: Scene, **options: Any) -> Settings:
+        """Return the settings that the file of `scene` suggests, see `dmis.scene.suggestions.Suggestions`.
+
+        `options` are settings that replace what the file says. Direct lighting takes as many shading samples as the
+        light with the most has light and BRDF samples in pbrt, at most `MAX_SHADING_SAMPLES`; paths take one of each,
+        of one light.
+
+        Warns
+        -----
+        SceneWarning
+            If the file asks for what dmis does not have.
+        """
+        suggested = scene.suggested
+        direct = resolve_auto(make_settings(**options), scene).integrator == "direct"
+        samples = (suggested.shading_samples if direct else None) or 2
+        most = MAX_SHADING_SAMPLES
+        unmet = [*suggested.unmet, *([f"{samples} shading samples (at most {most})"] if samples > most else [])]
+        if unmet:
+            text = f"scene {scene.name}: the file asks for what dmis does not have: {', '.join(unmet)}"
+            warnings.warn(SceneWarning(text), stacklevel=2)
+        values = {"shading_samples": min(samples, most), "sampler": suggested.sampler or "auto"}
+        values["lights"] = (suggested.lights or "all") if direct else "one"
+        if preset := options.get("preset"):  # what it pins stays as it is
+            values = {name: value for name, value in values.items() if name in PRESETS[preset].choices}
+        return make_settings(**{**values, **options})
 
     @property
     def deepest(self) -> float:

@@ -109,12 +109,11 @@ V4 = Dialect(
     ends=False,
 )
 DIALECTS = {dialect.name: dialect for dialect in (V2, V3, V4)}
-SAMPLE_COUNTS = frozenset({"nsamples", "samples", "pixelsamples", "xsamples", "ysamples", "maxsamples"})
-"""Numbers of samples, which nearly every file has and no warning names: options of a render say them."""
 IRRELEVANT = {
     "Camera": frozenset({"shutteropen", "shutterclose", "focaldistance", "hither", "yon"}),
     "Film": frozenset({"filename", "diagonal", "display", "savefp16", "premultiplyalpha", "writefrequency"}),
-    **dict.fromkeys(("LightSource", "AreaLightSource", "Sampler"), SAMPLE_COUNTS),
+    "LightSource": frozenset({"nsamples", "samples"}),
+    "AreaLightSource": frozenset({"nsamples", "samples"}),
     "Shape": frozenset({"discarddegenerateUVs", "levels", "nlevels"}),
     "Option": frozenset({"seed", "quiet", "pixelstats", "wavefront", "rendercoordsys", "disablewavelengthjitter"}),
     **dict.fromkeys(

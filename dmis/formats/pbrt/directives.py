@@ -157,13 +157,13 @@ def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
     name.among("the integrator", paths if dialect is V4 else ("directlighting", *paths))
     depth = p.integer("maxdepth", 5)
     if name.name == "directlighting":
-        p.string("strategy", "all", ("all", "one"))
+        reader.samples.strategy = p.string("strategy", "all", ("all", "one"))
         depth = max(depth, 1)  # none is left out at depth 0 either
     else:
         # In pbrt-v2 the light at vertices 0 to maxdepth is gathered before the loop is left (integrators/path.cpp), in
         # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
         # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike).
-        depth += dialect.beyond
+        reader.samples.strategy, depth = "one", depth + dialect.beyond
     if not 1 <= depth <= MAX_DEPTH:
         raise p.items["maxdepth"].token.error(
             f"maxdepth must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen; here it is {depth}"
@@ -172,7 +172,7 @@ def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _sampler(reader: Reader, name: Token, p: Parameters) -> None:
-    """Accept any sampler and its parameters, of which the image depends on none."""
+    reader.samples.read_sampler(name.name, p)
 
 
 def _option(reader: Reader, p: Parameters) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 from dmis.base.validate import did_you_mean
-from dmis.formats.pbrt.dialect import IRRELEVANT, SAMPLE_COUNTS
+from dmis.formats.pbrt.dialect import IRRELEVANT
 from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters
 from dmis.formats.pbrt.tokens import Source, Token
 from dmis.scene.scene import SceneWarning
@@ -46,7 +46,7 @@ class Notes:
         """Note the parameters that were not read."""
         for name, item in p.items.items():
             directive = item.directive.text
-            if name in p.read_names or (name in SAMPLE_COUNTS and name in IRRELEVANT.get(directive, ())):
+            if name in p.read_names:
                 continue
             what = f"parameter {name!r} of {directive}"
             if directive in ("Sampler", "Renderer") or name in IRRELEVANT.get(directive, ()):

@@ -43,7 +43,7 @@ lead out of the latter unless the caller allows it.
 
 The modules, by the way of a line: text (`tokens`, `cursor`, `dialect`), values (`parameters`, `spectra`), directives as
 tables (`directives`, `transforms`, `world`), what they make (`textures`, `materials`, `materials_v2`, `lights`,
-`shapes`, `quadrics`, `parts`), and the scene with its warnings (`reader`, `notes`).
+`shapes`, `quadrics`, `parts`, `suggestions`), and the scene with its warnings (`reader`, `notes`).
 """
 
 from __future__ import annotations

@@ -21,12 +21,12 @@ from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
+from dmis.formats.pbrt.suggestions import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.light.light import Light
 from dmis.scene.camera import Camera
 from dmis.scene.defaults import DEFAULT_DEPTH
 from dmis.scene.scene import Scene
-from dmis.scene.suggestions import Suggestions
 
 MAX_SCENE_TRIANGLES = 2**25
 """Most triangles of a scene: some 8 GB."""
@@ -87,6 +87,7 @@ class Reader:
         self.including: list[Path] = []
         self.files = 0
         self.integrator = "direct" if self.dialect.name == "v2" else "path", DEFAULT_DEPTH
+        self.samples = SampleRequests(self.dialect.name)
         self.filter = self.dialect.filter
         self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
@@ -179,6 +180,7 @@ class Reader:
         others = zip(placed[len(bright) :], (material for _, material in self.shapes), strict=True)
         parts = bright + merge(others)
         finished = tuple(light for light in lights if light is not None)
+        suggested = self.samples.suggestions(self.integrator, lights)
         if quadrics is not None and quadrics["pixels"] > VISIBLE_ERROR:
             self.notes.warnings.append(
                 f"{self.source.path}: spheres, cylinders and disks ({quadrics['shapes']:,}) are off by up to "
@@ -186,9 +188,8 @@ class Reader:
                 f"fewer of them, farther from the camera, a field of view from 1 to 170 degrees, or a lower resolution"
             )
         with blame(self.token):
-            name, suggested = self.source.path.stem, Suggestions(*self.integrator)
             source = {} if quadrics is None else {"quadrics": quadrics}
-            return Scene(camera, tuple(parts), finished, name, suggested, source=source)
+            return Scene(camera, tuple(parts), finished, self.source.path.stem, suggested, source=source)
 
     def _camera(self) -> Camera:
         film, p = self.film, self.camera

@@ -57,6 +57,7 @@ def _named_material(reader: Reader, name: Token) -> None:
 
 def _light_source(reader: Reader, name: Token, p: Parameters) -> None:
     reader.lights.append(make_light(name, p, reader.state.to_world))
+    reader.samples.light_samples.append(reader.samples.of_light(p))
 
 
 def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
@@ -64,6 +65,7 @@ def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
     emitted = emission(p)
     if min(emitted) < 0:
         raise name.error(f"the radiance of a light must not be negative; got {emitted}")
+    reader.samples.of_light(p)  # notes the parameter as read
     reader.change(area_light=p)
 
 
@@ -79,6 +81,7 @@ def _shape(reader: Reader, name: Token, p: Parameters) -> None:
     reader.count(shape)
     reader.emitters.append((len(reader.lights), shape, material, state.area_light))
     reader.lights.append(None)
+    reader.samples.light_samples.append(reader.samples.of_light(state.area_light))
 
 
 def _object_begin(reader: Reader, name: Token) -> None:
