@@ -23,6 +23,8 @@ from dmis.scene.defaults import MAX_DEPTH
 
 MAX_FILES = 10_000
 """Most inclusions of files; a file that is included twice counts twice."""
+MAX_INCLUDES = 32
+"""Largest depth of files that include each other."""
 _ADDED = {"Shape": "shape", "LightSource": "light", "AreaLightSource": "light"}
 _ADDED |= {"Material": "material", "Texture": "texture"}
 """Kinds of objects to which Attribute lines add parameters, by directive."""
@@ -95,8 +97,8 @@ def _include(reader: Reader, name: Token) -> None:
     if path.resolve() in reader.including:
         raise name.error("a file must not include itself, because that would have no end")
     reader.files += 1
-    if reader.files > MAX_FILES:
-        raise name.error(f"a scene must not include more than {MAX_FILES} files")
+    if reader.files > MAX_FILES or len(reader.including) >= MAX_INCLUDES:
+        raise name.error(f"a scene must not include more than {MAX_FILES} files, {MAX_INCLUDES} deep")
     with blame(name):
         carry_out(reader, name.source.include(path))
 

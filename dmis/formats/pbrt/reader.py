@@ -204,7 +204,12 @@ class Reader:
                 Camera(np.eye(4), 90.0, size)
         width, height = self.resolution or size
         half, fov = p.number("halffov", 0), p.number("fov", 90)
-        p.refuse("pixels are square; remove the parameter, and use fov", "frameaspectratio", "screenwindow")
+        ratio = width / height
+        x, y = max(ratio, 1), max(1 / ratio, 1)
+        for name, square in (("frameaspectratio", [ratio]), ("screenwindow", [-x, x, -y, y])):
+            if (table := p.table(name, "float", len(square))) is not None and not np.allclose(table, square, rtol=1e-6):
+                text = " ".join(f"{number:g}" for number in square)
+                raise p.items[name].error(f"must be that of square pixels, [{text}]; use fov instead")
         self.notes.add_unread(film)
         self.notes.add_unread(p)
         with blame(p.directive):
