@@ -28,6 +28,7 @@ sys.path.insert(0, str(ROOT / "examples"))
 mi.set_variant("llvm_ad_rgb")
 
 import mitsuba_scene
+from block_error import block_error
 from common import SCENES, replace_table, show
 
 import dmis
@@ -39,7 +40,6 @@ from dmis.brdf.materials import (
     mirror,
 )
 from dmis.brdf.models import ggx
-from dmis.experiment.metrics import block_error
 
 PAGE = ROOT / "docs" / "tables.md"
 GOLD = ExactConductor((0.143124, 0.3749396, 1.442507), (3.983175, 2.385725, 1.603214))

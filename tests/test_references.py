@@ -4,9 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
+from block_error import block_error
 
 import dmis
-from dmis.experiment.metrics import block_error
 from dmis.fit.registry import RULES
 
 pytestmark = pytest.mark.slow

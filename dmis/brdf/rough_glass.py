@@ -27,25 +27,14 @@ from dmis.brdf.microfacet import GGX, visible_half_vectors
 
 
 @dataclass(frozen=True, eq=False)
-class RoughReflection(Lobe):
+class RoughReflection(GGX):
     """Reflection by the facets: `dmis.brdf.microfacet.GGX` with Fresnel's reflectance of the side that wo is on."""
 
-    reflectance: Any
-    roughness: Roughness
     fresnel: Dielectric
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
-    factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:
-        """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
         facets = GGX(self.reflectance, self.roughness).eval(directions)
         return facets * self.fresnel.on_side(directions.cos_d, directions.surface.outside)
-
-    def pdf(self, directions: Directions) -> Array:
-        return GGX(self.reflectance, self.roughness).pdf(directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return GGX(self.reflectance, self.roughness).sample(surface, u)
 
     def has_sides(self) -> bool:
         """Return whether the reflectance of the two sides differs."""

@@ -49,15 +49,10 @@ def mean_z(image: Array, reference: Reference, spp: int) -> float:
     return float(z[np.argmax(np.abs(z))])
 
 
-def raises_alarm(run: Any) -> bool:
-    """Return whether the means of a `dmis.experiment.runs.Run` differ by more than `ALARM_LIMIT`; False for NaN."""
-    return abs(run.mean_z) > ALARM_LIMIT
-
-
 def summary(runs: Iterable[Any]) -> str:
     """Return one line with the number of `runs` that raise an alarm, the worst and its causes; empty if none does."""
     runs = list(runs)
-    alarms = [run for run in runs if raises_alarm(run)]
+    alarms = [run for run in runs if abs(run.mean_z) > ALARM_LIMIT]
     if not alarms:
         return ""
     worst = max(alarms, key=lambda run: abs(run.mean_z))

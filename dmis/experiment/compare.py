@@ -15,7 +15,7 @@ from dmis.base.validate import whole
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
-from dmis.experiment.oracle import Oracle, cached_oracle
+from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference
 from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure, seed_list
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
@@ -114,7 +114,7 @@ def compare(
     folder
         Output directory; an existing comparison in it is resumed.
     oracle
-        Oracle of the maps of regret. Default: that of the cache, if it has one.
+        Oracle of the maps of regret; None: there are no such maps.
     progress, options
         See `dmis.experiment.runs.measure`; the reference has the same integrator and depth.
 
@@ -140,7 +140,6 @@ def compare(
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]
     runs = {(rule, n): [rows[rule, n, seed] for seed in seeds] for rule, n in in_order}
-    oracle = oracle or cached_oracle(scene, settings=settings)
     comparison = Comparison(results.about, runs, results.layers(runs), reference, oracle)
     _draw(comparison, folder)
     return comparison

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.patches import patch_mean, patch_sum
+from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
 from dmis.experiment.reference import Reference
 from dmis.pipeline.result import Result
@@ -183,18 +183,6 @@ def relmse(
     first, second = _halves(first, second)
     reference = (np.asarray(first, np.float64) + second) / 2
     return float((_product(image, first, second) / (reference * reference + epsilon)).mean())
-
-
-def block_error(image: Array, reference: Array, size: int = 8) -> float:
-    """Return the relative L2 difference of the means over blocks, ``sqrt(sum (A - R)^2 / sum R^2)``.
-
-    Ragged borders are left out.
-    """
-    size = min(size, *image.shape[:2])
-    height, width = (n // size * size for n in image.shape[:2])
-    whole = (np.moveaxis(np.asarray(x, np.float64)[:height, :width], 2, 0) for x in (image, reference))
-    a, r = (patch_mean(x, size) for x in whole)
-    return float(np.sqrt(((a - r) ** 2).sum() / (r * r).sum()))
 
 
 def _halves(first: Array | Reference, second: Array | None) -> tuple[Array, Array]:

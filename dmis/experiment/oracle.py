@@ -250,20 +250,6 @@ class _CurveMaps(SecondMoment):
         return Fit(0.5, {name: means[name] for name in _CURVE_PARTS})
 
 
-def cached_oracle(
-    scene: Scene,
-    patch: int = 4,
-    *,
-    settings: Settings | None = None,
-    folder: str | os.PathLike[str] | None = None,
-) -> Oracle | None:
-    """Return the cached oracle of `scene` with most samples (a power of two up to 16384), or None."""
-    for spp in (2**k for k in range(14, 5, -1)):
-        if oracle_path(scene, spp, patch, settings, folder).exists():
-            return make_oracle(scene, spp, patch, settings=settings, folder=folder)
-    return None
-
-
 def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
     """Return the settings of an oracle's renders: sky compensation as with rules that learn, if the scene has a sky."""
     settings = settings or Settings()

@@ -131,7 +131,7 @@ def measure(
                 run = _timed_run(scene, rule, spp, seed, reference, keep, **options)
                 if record:
                     record(run)
-            if rule not in alarmed and alarm.raises_alarm(run):
+            if rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
                 alarmed.add(rule)
                 warnings.warn(alarm.ReferenceWarning(alarm.summary([run])), stacklevel=2)
             runs[rule, spp].append(run)

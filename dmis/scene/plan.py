@@ -48,13 +48,7 @@ class Plan:
         need no shadow rays towards them.
     """
 
-    def __init__(
-        self,
-        camera: Camera,
-        parts: tuple[Part, ...],
-        lights: tuple[Light, ...],
-        epsilon: float,
-    ) -> None:
+    def __init__(self, camera: Camera, parts: tuple[Part, ...], lights: tuple[Light, ...], epsilon: float) -> None:
         self.removed_lights = len(lights)
         lights = tuple(light for light in lights if light.has_power())
         self.removed_lights -= len(lights)

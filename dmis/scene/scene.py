@@ -287,15 +287,7 @@ class Scene:
             for kind in ("reflection", "transmission", "delta")
         }
         points = ShadingPoints(
-            p=p,
-            ng=ng,
-            n=n,
-            wo=wo,
-            cos_o=cos_o,
-            outside=facing > 0,
-            dpdu=dpdu,
-            epsilon=self.epsilon,
-            **lobes,
+            p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=self.epsilon, **lobes
         )
         return points, group.emission_at(p, row, points.outside)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import scipy.stats
+from block_error import block_error
 
 import dmis
 from dmis.experiment.metrics import (
-    block_error,
     holm_levels,
     log_ratio,
     mean_over_blocks,

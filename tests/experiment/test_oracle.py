@@ -7,7 +7,7 @@ import dmis
 from dmis.base.patches import patch_spread
 from dmis.base.vectors import Array
 from dmis.experiment.metrics import ratio
-from dmis.experiment.oracle import Oracle, cached_oracle, make_oracle
+from dmis.experiment.oracle import Oracle, make_oracle
 from dmis.variance.curves import GRID, HALF
 
 BEST = GRID[[0, 3, 6, 9, 12, 4]].reshape(2, 3)
@@ -49,17 +49,6 @@ def test_saving_regret_harm(oracle: Oracle) -> None:
     assert oracle.harm(best) == (0, 0) and oracle.harm(half) == (0, 0)
     assert oracle.saving(wrong) < 0 and oracle.harm(wrong)[0] == 1
     assert oracle.regret(wrong)[1, 2] == 0  # black
-
-
-def test_cached(box: dmis.Scene, tmp_path) -> None:
-    """`cached_oracle` is None before the first oracle is rendered, then that of most samples."""
-    assert cached_oracle(box, folder=tmp_path) is None
-    for spp in (64, 128):
-        make_oracle(box, spp, folder=tmp_path)
-        found = cached_oracle(box, folder=tmp_path)
-        assert found is not None and found.spp == spp
-    for sampler in ("independent", "sobol"):  # whose pilot is independent in any case
-        assert cached_oracle(box, settings=dmis.Settings(sampler=sampler), folder=tmp_path) is not None
 
 
 def test_rendered_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:

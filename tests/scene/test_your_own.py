@@ -256,7 +256,7 @@ def test_scene_names_the_method_of_a_light_that_returns_the_wrong_form(light: An
 def test_a_scene_without_light_warns_and_says_so(lights: tuple[dmis.PointLight, ...]) -> None:
     scene = box_scene(lights=lights)
     assert "no light emits: images are black" in scene.describe()
-    with pytest.warns(SceneWarning, match=rf"none of its {len(lights)} lights emits.*Add a light"):
+    with pytest.warns(SceneWarning, match=rf"none of its {len(lights)} lights emits.*Add one"):
         assert not dmis.render(scene, "balance", 2).image.any()
     with warnings.catch_warnings():
         warnings.simplefilter("error")

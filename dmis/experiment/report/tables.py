@@ -53,7 +53,7 @@ def slopes_table(c: Comparison) -> str:
 
 def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
     """Return the table of errors and their ratios of all rules and budgets."""
-    alarmed = {budget for budget, by_seed in c.runs.items() if any(map(alarm.raises_alarm, by_seed))}
+    alarmed = {budget for budget, runs in c.runs.items() if any(abs(run.mean_z) > alarm.ALARM_LIMIT for run in runs)}
     head = [
         "spp", "rule", "MSE", "MSE / balance", "MSE·CPU s / balance", "seconds at equal error", "error in equal time",
         "MSE / pinned", "MSE·CPU s / pinned",

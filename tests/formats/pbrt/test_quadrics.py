@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from block_error import block_error
 
 import dmis
 from dmis.cli.commands import main
-from dmis.experiment.metrics import block_error
 from dmis.formats.pbrt import reader
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.quadrics import TARGET_ERROR, TRIANGLE_BUDGET, VISIBLE_ERROR
