@@ -108,10 +108,9 @@ def _half_edges(faces: npt.NDArray[np.int64], count: int) -> _HalfEdges:
     ordered = forth[order]
     twice = ordered[1:][ordered[1:] == ordered[:-1]]
     if len(twice):
-        many = np.count_nonzero((forth == twice[0]) | (back == twice[0]))
+        edge = divmod(int(twice[0]), count)
         raise ValueError(
-            f"faces must meet at most two at an edge and run through it in opposite directions, else there is no side; "
-            f"got {many} faces at edge {divmod(int(twice[0]), count)}" + (" in one direction" if many == 2 else "")
+            f"faces must meet at most two at an edge, and run through it in opposite directions; not so at edge {edge}"
         )
     place = np.searchsorted(ordered, back).clip(max=len(order) - 1)
     net = _HalfEdges.of(faces, np.where(ordered[place] == back, order[place], -1), count)

@@ -128,20 +128,16 @@ def _fault(parameter: Parameter, kind: str) -> str | None:
     values, widths = parameter.values, parameter.token.source.dialect.types
     count, width = len(values), widths.get(kind, 1)
     strings = isinstance(values, tuple)
-    if strings and kind in widths:
-        return f"of type {kind} needs numbers; got strings"
-    if not strings and kind in _WORDS and count:
-        return f"of type {kind} needs strings in quotes; got numbers"
+    if strings == (kind in widths) and kind != "spectrum" and (strings or count):
+        return f"of type {kind} needs {'numbers; got strings' if strings else 'strings in quotes; got numbers'}"
     if not count and kind not in widths.keys() - set(SPECTRUM_TYPES):
         return "needs a value; got an empty list"
     if kind == "bool" and values not in (("true",), ("false",)):
         return f'of type bool must be "true" or "false"; got {values}'
     if (kind == "texture" or (kind == "spectrum" and strings)) and count != 1:
         return f"must name one {kind}; got {count}"
-    if kind == "integer":
-        numbers = parameter.numbers
-        wrong = (numbers != np.rint(numbers)) | (np.abs(numbers) >= 2**31)
-        return f"needs whole numbers below 2**31; got {numbers[wrong][0]:g}" if wrong.any() else None
+    if kind == "integer" and ((parameter.numbers % 1 != 0) | (np.abs(parameter.numbers) >= 2**31)).any():
+        return "needs whole numbers below 2**31"
     if kind == "spectrum" and not strings and count % 2:
         return f"needs pairs of wavelength and value; got {count} numbers"
     if count % width:

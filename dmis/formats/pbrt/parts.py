@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
-from itertools import groupby
 
 import numpy as np
 
@@ -124,33 +123,20 @@ def _parallelogram(mesh: Mesh) -> Floats | None:
 
 def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
     """Return the parts of shapes that do not emit: one for each material and kind of mesh, in order."""
-    by_material: dict[int, list[tuple[Shape, Material]]] = {}
+    by_material: dict[int, tuple[Material, dict[tuple[bool, bool], list[Mesh]]]] = {}
     for shape, material in shapes:
-        by_material.setdefault(id(material), []).append((shape, material))
-    parts = []
-    for members in by_material.values():
-        material = members[0][1]
-        kinds: dict[tuple[bool, bool], list[Mesh]] = {}
-        for _, run in groupby((shape for shape, _ in members), key=_join_key):
-            mesh = _join(list(run), material)
-            kinds.setdefault((mesh.normals is None, mesh.uv is None), []).append(mesh)
-        parts += [Part(concatenate(meshes), material) for meshes in kinds.values()]
-    return parts
+        mesh = _placed(shape, material)
+        _, kinds = by_material.setdefault(id(material), (material, {}))
+        kinds.setdefault((mesh.normals is None, mesh.uv is None), []).append(mesh)
+    return [
+        Part(concatenate(meshes), material) for material, kinds in by_material.values() for meshes in kinds.values()
+    ]
 
 
-def _join_key(shape: Shape) -> tuple[object, ...]:
-    """Return a key that is equal for shapes whose meshes can be joined before they are moved to the world."""
-    mesh = shape.mesh
-    sides = shape.reverse, shape.mirrored, shape.kind in QUADRICS
-    return id(shape.to_world), mesh.normals is None, mesh.uv is None, *sides
-
-
-def _join(shapes: list[Shape], material: Material) -> Mesh:
-    """Join shapes with an equal `_join_key` into one mesh in world space, wound as their material needs it."""
-    shape = shapes[0]
+def _placed(shape: Shape, material: Material) -> Mesh:
+    """Return the mesh of a shape in world space, wound as its material needs it."""
     with blame(shape.token):
-        mesh = shape.mesh if len(shapes) == 1 else concatenate([s.mesh for s in shapes])
-        mesh = mesh.transformed(shape.to_world)
+        mesh = shape.mesh.transformed(shape.to_world)
     if not _has_sides(material):
         return mesh
     dialect = shape.token.dialect

@@ -56,10 +56,7 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
     invert = v4 and p.boolean("invert", False)
     if invert or (v4 and kind == "color"):
         texels = np.maximum(1 - texels if invert else texels, 0)
-    if gamma != 1:
-        if (texels < 0).any():
-            raise p.items["gamma"].error("needs texels that are not negative; the image has some")
-        texels = texels**gamma
+    texels = texels if gamma == 1 else np.maximum(texels, 0) ** gamma
     with blame(name):
         return Image(texels.astype(np.float32), size, offset, wrap)  # type: ignore[arg-type]
 
