@@ -97,8 +97,7 @@ def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple
     try:
         data = path.read_bytes()
         if suffix == ".obj":
-            obj = wavefront.read_obj(data)
-            mesh, unread = obj.mesh, {"material": len(obj.materials), "colour": int(obj.coloured)}
+            mesh, unread = wavefront.read_obj(data)
         else:
             mesh, unread = _load(data, suffix), _unread(suffix, data)
     except Exception as error:  # trimesh's readers let errors of any type through

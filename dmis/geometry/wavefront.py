@@ -8,7 +8,6 @@ or read other files; all others, such as ``o`` and ``s``, do not change the tria
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,28 +24,17 @@ _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
 """Statements that are refused, because they make surfaces or read other files."""
 
 
-@dataclass(frozen=True, eq=False)
-class Obj:
-    """Contents of an OBJ file.
+def read_obj(data: bytes) -> tuple[Mesh, dict[str, int]]:
+    """Read the bytes of an OBJ file.
 
-    Attributes
-    ----------
-    mesh
+    Returns
+    -------
+    Mesh
         Its triangles; a polygon is a fan about its first corner. If some faces have normals, the others have their
         geometric normal; if some have texture coordinates, those of the others are 0.
-    materials
-        Names after ``usemtl``, each once.
-    coloured
-        Whether vertices have colours.
-    """
-
-    mesh: Mesh
-    materials: tuple[str, ...]
-    coloured: bool
-
-
-def read_obj(data: bytes) -> Obj:
-    """Read the bytes of an OBJ file.
+    dict
+        The number of names after ``usemtl``, each once, as ``material``, and whether vertices have colours, as
+        ``colour``.
 
     Raises
     ------
@@ -60,9 +48,8 @@ def read_obj(data: bytes) -> Obj:
     positions, coloured = _numbers(lines, heads, "v", 3, 3)
     tables = positions, _numbers(lines, heads, "vt", 1, 2)[0], _numbers(lines, heads, "vn", 3, 3)[0]
     corners, sides = _corners(lines, heads)
-    names = (lines[k].split(None, 1)[1:] for k in np.flatnonzero(heads == "usemtl"))
-    materials = tuple(dict.fromkeys(" ".join(name[0].split()) for name in names if name))
-    return Obj(_mesh(tables, corners[_fans(sides)]), materials, coloured)
+    names = {" ".join(lines[k].split()[1:]) for k in np.flatnonzero(heads == "usemtl")} - {""}
+    return _mesh(tables, corners[_fans(sides)]), {"material": len(names), "colour": int(coloured)}
 
 
 def _lines(data: bytes) -> list[str]:

@@ -23,7 +23,7 @@ from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image, scale
 from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
-from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
+from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures, rgb
 from dmis.formats.pbrt.spectra import SPECTRA
 from dmis.formats.pbrt.tokens import Token, blame
 
@@ -186,11 +186,9 @@ def _rough_metal(p: Parameters, eta: Any, k: Any, default_roughness: float, name
 
 
 def _fresnel(eta: Any, k: Any) -> ExactConductor:
-    eta, k = np.asarray(eta, float), np.asarray(k, float)
-    if (eta <= 0).any() or (k < 0).any():
-        raise ValueError(f"a metal needs eta above 0 and k at least 0; got {eta.tolist()} and {k.tolist()}")
-    (er, eg, eb), (kr, kg, kb) = eta.tolist(), k.tolist()
-    return ExactConductor((er, eg, eb), (kr, kg, kb))
+    if np.min(eta) <= 0 or np.min(k) < 0:
+        raise ValueError(f"a metal needs eta above 0 and k at least 0; got {rgb(eta)} and {rgb(k)}")
+    return ExactConductor(rgb(eta), rgb(k))
 
 
 def _coated(p: Parameters) -> Material:
@@ -205,8 +203,7 @@ def _coated(p: Parameters) -> Material:
     default_roughness = p.constant("roughness", 0)
     u, v = (p.constant(name, default_roughness) for name in ("uroughness", "vroughness"))
     if u != v:
-        name = next(name for name in ("uroughness", "vroughness") if name in p.items)
-        raise p.items[name].error("must be the same along both tangents of a coat, because what passes it is tabulated")
+        raise p.directive.error("roughness must be the same along both tangents of a coat, which is tabulated")
     alpha, _ = _alphas(p, (u, v))
     return models.coated_diffuse(
         p.albedo("reflectance", 0.5),

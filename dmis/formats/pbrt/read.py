@@ -134,8 +134,6 @@ def _checked(
     """Return the path and the resolution; raise an error if there is no such file, resolution or dialect."""
     path = Path(path)
     if not path.is_file():
-        if path.exists():
-            raise FileNotFoundError(f"{path} is no scene file but a folder, a pipe or a device; name a file")
         others = (file.name for file in path.parent.glob("*.pbrt"))
         raise FileNotFoundError(f"there is no scene file {path}{did_you_mean(path.name, others)}")
     if dialect is not None and dialect not in DIALECTS:

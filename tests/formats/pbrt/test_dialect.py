@@ -599,7 +599,7 @@ BAD_OPTIONS = [
 ]
 BAD_WORLDS = [
     ("v4", 'Material "coateddiffuse" "rgb albedo" [0 .1 0]', "'albedo' must be black, because"),
-    ("v4", 'Material "coateddiffuse" "float vroughness" .1', "'vroughness' must be the same along"),
+    ("v4", 'Material "coateddiffuse" "float vroughness" .1', "roughness must be the same along"),
     ("v4", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
     ("v4", 'Material "coateddiffuse" "float eta" .9', "eta must be from 1"),
     ("v4", 'MakeNamedMaterial "a" "string type" "coateddiffuse" Material "mix" "string materials" ["a" "a"]', "mixed"),
