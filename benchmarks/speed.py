@@ -83,13 +83,14 @@ def target_table(targets: list[Target]) -> list[str]:
 
 
 def time_by_part(name: str, rule: str, resolution: tuple[int, int], spp: int, limit: float = 10.0) -> dict[str, float]:
-    """Return the shares of `TIME_PARTS` and of shading in the time of the tiles of a render; they add up to 1.
+    """Return the shares of `TIME_PARTS` and of shading in the time of the tiles of a render, which add up to 1.
 
-    Tiles of all passes are rendered once more in a random order under Python's profiler, for about `limit` seconds.
+    With those of pilot and fit in its seconds. Tiles of all passes are rendered once more in a random order under
+    Python's profiler, for about `limit` seconds.
     """
     tiles: list[Tile] = []
     job = resolve(dmis.load_scene(name, resolution=resolution), rule, spp, 0, dmis.Settings())
-    render_job(job, 1, observer=tiles.extend)
+    stages = render_job(job, 1, observer=tiles.extend).seconds
     profile = cProfile.Profile(time.thread_time)
     end = time.perf_counter() + limit
     for k in np.random.default_rng(0).permutation(len(tiles)):
@@ -106,7 +107,8 @@ def time_by_part(name: str, rule: str, resolution: tuple[int, int], spp: int, li
                 seconds[part] += inclusive
     total = seconds["shading"]
     seconds["shading"] -= sum(seconds[part] for part in TIME_PARTS)
-    return {part: time_of_part / total for part, time_of_part in seconds.items()}
+    shares = {part: time_of_part / total for part, time_of_part in seconds.items()}
+    return shares | {stage: stages[stage] / stages["total"] for stage in ("pilot", "fit")}
 
 
 def peak_memory(source: str, rule: str, resolution: tuple[int, int], spp: int, parallel: int = 2) -> int:
@@ -153,8 +155,8 @@ def learning(names: list[str]) -> Iterator[Target]:
     """Statistics, filter and fit at 128 samples per pixel."""
     for name in names:
         case = "second-moment", (228, 171), 128
-        (speed,) = bench([name], [case[0]], *case[1:], repeats=1)
-        share = speed.fit + time_by_part(name, *case)["statistics"]
+        parts = time_by_part(name, *case)
+        share = parts["fit"] + parts["statistics"]
         yield Target(f"statistics and fit at 128 spp, {name}", 100 * share, 3, " %")
 
 
@@ -209,8 +211,8 @@ def main() -> int:
         "|---" * (len(TIME_PARTS) + 5) + "|",
         *(
             f"| {s.scene} | {s.rule} | "
-            + " | ".join(f"{share:.0%}" for share in (*parts[s.scene, s.rule].values(), s.pilot))
-            + f" | {s.fit:.1%} |"
+            + " | ".join(f"{share:.0%}" for share in parts[s.scene, s.rule].values())
+            + " |"
             for s in speeds
         ),
     ]

@@ -61,7 +61,7 @@ class Scene:
     name
         For titles and file names.
     suggested
-        What the scene's file asks for: integrator, sampler, numbers of samples.
+        What the scene's file asks for: integrator and depth.
     source
         How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are not read,
         such as "3 materials"; of a pbrt file ``dialect`` and ``dialect_from``, ``file`` (its

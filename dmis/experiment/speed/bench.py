@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from dmis.estimator.settings import make_settings
 from dmis.experiment.speed.embree_floor import embree_seconds
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
-from dmis.pipeline.job import Job, resolve
+from dmis.pipeline.job import resolve
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import Tile
@@ -34,11 +34,9 @@ class Speed:
     samples
         Number of camera samples of one render.
     rays
-        Number of rays of one render, by kind.
+        Number of rays of the first render, by kind.
     seconds, floor
         Wall seconds of each render, and of its Embree calls alone.
-    pilot, fit
-        Shares of pilot and fit in the time of a render, medians.
     """
 
     scene: str
@@ -48,8 +46,6 @@ class Speed:
     rays: dict[str, int]
     seconds: list[float]
     floor: list[float]
-    pilot: float
-    fit: float
 
     @property
     def ratios(self) -> list[float]:
@@ -104,32 +100,16 @@ def bench(
             raise ValueError(f"spp must be more than the pilot's {pilot} camera samples of rule {rule}; got {spp}")
     scenes = [load_scene(source, resolution=resolution) for source in sources]
     cases = [(scene, rule) for scene in scenes for rule in rules]
-    times: list[list[Mapping[str, float]]] = [[] for _ in cases]
-    speeds = []
+    speeds: dict[int, Speed] = {}
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
             tiles: list[Tile] = []
             job = resolve(scene, rule, spp, seed + k, make_settings(**options))
             result = render_job(job, parallel, observer=tiles.extend)
-            times[n].append({**result.seconds, "floor": embree_seconds(job.scene, tiles, parallel)})
-            if k == repeats - 1:
-                speeds.append(_speed(job, dict(result.rays), parallel, times[n]))
+            samples = math.prod(scene.camera.resolution) * job.spp
+            begun = Speed(scene.name, job.rule_text, parallel, samples, dict(result.rays), [], [])
+            speeds.setdefault(n, begun).seconds.append(result.seconds["total"])
+            speeds[n].floor.append(embree_seconds(job.scene, tiles, parallel))
             if progress:
                 progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
-    return speeds
-
-
-def _speed(job: Job, rays: dict[str, int], threads: int, times: Sequence[Mapping[str, float]]) -> Speed:
-    """Return the times of the renders of one case."""
-    pilot, fit = (statistics.median(of[stage] / of["total"] for of in times) for stage in ("pilot", "fit"))
-    return Speed(
-        scene=job.scene.name,
-        rule=job.rule_text,
-        threads=threads,
-        samples=math.prod(job.scene.camera.resolution) * job.spp,
-        rays=rays,
-        seconds=[of["total"] for of in times],
-        floor=[of["floor"] for of in times],
-        pilot=pilot,
-        fit=fit,
-    )
+    return list(speeds.values())
