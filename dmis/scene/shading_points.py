@@ -85,19 +85,10 @@ class ShadingPoints:
         `transmission`.
         """
         n = -self.n
-        return ShadingPoints(
-            p=self.p - self.ng * (2 * self.epsilon),
-            ng=n if self.ng is self.n else -self.ng,
-            n=n,
-            wo=self.wo,
-            cos_o=-self.cos_o,
-            outside=self.outside,
-            dpdu=self.dpdu,
-            epsilon=self.epsilon,
-            reflection=self.transmission,
-            transmission=(),
-            delta=(),
-        )
+        turned = {"p": self.p - self.ng * (2 * self.epsilon), "ng": n if self.ng is self.n else -self.ng, "n": n}
+        same = {name: getattr(self, name) for name in ("wo", "outside", "dpdu", "epsilon")}
+        lobes = {"reflection": self.transmission, "transmission": (), "delta": ()}
+        return ShadingPoints(**turned, **same, **lobes, cos_o=-self.cos_o)
 
     @cached_property
     def tangents(self) -> tuple[Array, Array]:
