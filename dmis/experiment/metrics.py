@@ -35,7 +35,9 @@ def mean_over_blocks(values: Array) -> tuple[float, float]:
     height, width = values.shape
     mean = np.mean(values, dtype=np.float64)
     sums = patch_sum(values - mean, max(1, min(ERROR_BLOCK, int(np.sqrt(height * width / 64)))))
-    return float(mean), _error_of_sum(sums) / values.size
+    n = sums.size
+    error = np.sqrt((sums**2).sum() * n / (n - 1)) if n > 1 else np.nan
+    return float(mean), float(error / values.size)
 
 
 def ratio_over_blocks(values: Array, baseline: Array) -> tuple[float, float]:
@@ -48,12 +50,6 @@ def ratio_over_blocks(values: Array, baseline: Array) -> tuple[float, float]:
     quotient = np.mean(values, dtype=np.float64) / np.mean(baseline, dtype=np.float64)
     _, error = mean_over_blocks(values - quotient * baseline)
     return float(quotient), float(1.96 * error / abs(np.mean(baseline, dtype=np.float64)))
-
-
-def _error_of_sum(deviations: Array) -> float:
-    """Return the standard error of a sum from the independent `deviations` of its terms; `nan` for a single one."""
-    n = deviations.size
-    return float(np.sqrt((deviations**2).sum() * n / (n - 1))) if n > 1 else float("nan")
 
 
 def mse(image: Array | Result, first: Array | Reference, second: Array | None = None) -> float:

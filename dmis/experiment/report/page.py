@@ -102,6 +102,8 @@ def _verdict(rows: Sequence[Gain]) -> str:
         why = ""
         if np.isnan(base.interval):
             why = " One seed shows no scatter of times, so that there is no interval: measure more seeds."
+        elif any(np.isnan(g.error_time.high) for g in last if g is not base):
+            why = " Rules without an interval have errors below that of the reference, or no CPU seconds."
         return f"<p>{at} no rule has a 95 % interval of error × CPU time below that of the balance heuristic.{why}</p>"
     value, low, high = best.error_time
     winners, rules = sum(g.wins for g in last), len(last) - 1
