@@ -122,12 +122,25 @@ def _load(data: bytes, suffix: str) -> Mesh:
         _check_glb(data)
     if suffix == ".ply":
         header, end, rest = data.partition(b"end_header")
+        _check_ply(header.decode("latin-1"), rest)
         header = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t")  # names that trimesh does not know
         data, bare = header + end + rest, {"skip_materials": True}  # a material is an image
     with np.errstate(all="ignore"):  # what is not finite is refused by Mesh
         # process=True would merge and reorder vertices
         loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **bare)
         return from_trimesh(loaded)
+
+
+def _check_ply(header: str, body: bytes) -> None:
+    """Raise a ValueError for an ASCII PLY file whose lists hold fractions, of which trimesh takes the whole part."""
+    rows, begin = [row.split() for row in body.splitlines() if row.strip()], 0
+    elements = re.findall(r"element \w+ (\d+)\s+(property list)?", header if "format ascii" in header else "")
+    for count, lists in elements:
+        for row in rows[begin : begin + int(count)] if lists else []:
+            if b"." in b" ".join(row[: 1 + int(float(row[0]))]):
+                text = b" ".join(row[:9]).decode("latin-1")
+                raise ValueError(f"the lists of a PLY file must hold whole numbers, indices of corners; got {text!r}")
+        begin += int(count)
 
 
 def _unread(suffix: str, data: bytes) -> dict[str, int]:

@@ -15,6 +15,7 @@ from dmis.brdf.texture import Image
 from dmis.cli.commands import main
 from dmis.formats.load_scene import SKY, light_part, load_scene
 from dmis.geometry.mesh import Mesh, flat_normals
+from dmis.geometry.mesh_files import load_mesh
 from dmis.geometry.shapes import quad
 from dmis.image import write_exr
 from dmis.light.area import DiskLight, QuadLight, SphereLight
@@ -344,3 +345,16 @@ def test_a_pbrt_texture_without_coordinates_warns(tmp_path):
         load_scene(path, dialect="v2")
     path.write_text(f'WorldBegin {world} {shape} "float uv" [0 0 1 0 0 1] WorldEnd')
     load_scene(path, dialect="v2")
+
+
+@pytest.mark.parametrize("row", ["3 0 1.5 2", "3.5 0 1 2"])
+def test_lists_of_fractions_in_ply_are_refused(tmp_path, row):
+    """Of which trimesh would take the whole part; whole numbers are read."""
+    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {n}" for n in "xyz"), "element face 1"]
+    body = ["property list uchar int vertex_indices", "end_header", "0 0 0.5", "1 0 0.5", "0 1 0.5"]
+    path = tmp_path / "a.ply"
+    path.write_text("\n".join([*head, *body, row, ""]))
+    with pytest.raises(ValueError, match=f"the lists of a PLY file must hold whole numbers, .*; got '{row}'"):
+        load_mesh(path)
+    path.write_text("\n".join([*head, *body, "3 0 1 2", ""]))
+    assert load_mesh(path).triangles == 1
