@@ -43,7 +43,7 @@ RUNGS = {
     "B2''": "w and numbers per patch, one S for the image",
     "B3": "w, numbers and S per patch",
     "B6": "numbers per patch, perfect shading samples (A = 0)",
-    "B7": "the same with evenly spread camera samples",
+    "B7": "the same with low-discrepancy camera samples",
 }
 """Names of the rungs and what may be chosen on each; B4 (control variates) and B5 (product sampling) are left out."""
 SHADING_SAMPLES = (1, 2, 4, 8, 16)
@@ -59,7 +59,7 @@ with the most luck. Without noise the rungs of these numbers differ by a factor 
 S_LIMITS = 1 / 4, 16.0
 """Least and largest S of a patch on rung B3, against division by an estimate of P or A that is 0."""
 EDGE_EXPONENT = 1.5
-"""Exponent a of the error n^-a of evenly spread points in a pixel with an edge, which rung B7 does not exceed: its
+"""Exponent a of the error n^-a of low-discrepancy points in a pixel with an edge, which rung B7 does not exceed: its
 samples go where edges are, and a larger exponent would be that of smooth pixels.
 """
 INTERVAL = 1.96

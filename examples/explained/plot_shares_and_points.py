@@ -19,7 +19,7 @@ from dmis import plot
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from examples.gallery import options
 
-opts, _ = options("plot_shares_and_evenness", __doc__)
+opts, _ = options("plot_shares_and_points", __doc__)
 LIGHT_SAMPLES = (2, 4, 6, 7, 8, 9, 10, 12, 14)
 """Of 16 shading samples."""
 SEEDS = range(opts.pick(1, 2))
