@@ -125,7 +125,7 @@ class Options:
         rectangle, labels included, is left, top, right and bottom as fractions of the picture.
         """
         caption = " ".join(caption.split())
-        figure.draw_without_rendering()  # places the axes
+        lay_out(figure)
         box = (panel or figure.axes[0]).get_tightbbox().transformed(figure.transFigure.inverted())
         sides = np.clip((box.x0, 1 - box.y1, box.x1, 1 - box.y0), 0, 1)
         rectangle = " ".join(f"{side:.4f}" for side in sides)
@@ -138,6 +138,7 @@ class Options:
         """Write the figure as PDF, and as PNG as `save` does; title and caption are in the metadata of both."""
         plot.plain_exponents(figure)  # a raised exponent has 0.7 times the size of its label
         metadata = {"Title": title, "Subject": " ".join(caption.split())}
+        lay_out(figure)
         figure.savefig(self.output.with_suffix(".pdf"), dpi=dpi, metadata=metadata)
         self.save(figure, title, caption, panel, dpi)
 
@@ -149,6 +150,13 @@ class Options:
             display(Image(filename=str(self.output)))  # type: ignore[no-untyped-call]
         else:
             print(self.output)
+
+
+def lay_out(figure: Any) -> None:
+    """Place the axes of a figure, once for all files that it is written to: that takes as long as drawing it."""
+    if figure.get_layout_engine() is not None:
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
 
 
 def in_notebook() -> bool:
