@@ -38,10 +38,10 @@ opts, given = options(
 # The pilot takes six samples; a budget of eight leaves the final pass with next to nothing to do.
 columns, cells = [], {way: [] for way in WAYS}
 for name, shrink in TABLES.items():
-    scene = opts.scene(name, shrink * opts.pick(4, 1))
+    scene = opts.scene(name, shrink * opts.pick(8, 1))
     width, height = scene.camera.resolution
     columns.append(f"{scene.name} {width}×{height}")
-    oracle = make_oracle(scene, opts.pick(64, 1024), parallel=opts.threads, progress=show("oracle"))
+    oracle = make_oracle(scene, opts.pick(16, 1024), parallel=opts.threads, progress=show("oracle"))
     for way, text in WAYS.items():
         rule = f"second-moment:cost=no,{text}"
         maps = [dmis.render(scene, rule, 8, seed=seed, parallel=opts.threads).weight for seed in range(given.seeds)]

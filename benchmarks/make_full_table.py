@@ -35,7 +35,7 @@ lines = [
     "|---|---|" + "---|---|" * len(RULES),
 ]
 for name in SCENES:
-    scene = opts.scene(name, opts.pick(16, 8, 1))
+    scene = opts.scene(name, opts.pick(32, 8, 1))
     reference = opts.reference(scene, opts.pick(16, 128, 128))
     budgets = [(rule, opts.spp) for rule in (BASE, *RULES)]
     errors = Errors(reference)

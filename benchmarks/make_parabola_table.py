@@ -45,7 +45,7 @@ lines = [
 for name in SCENES:
     scene = opts.scene(name, opts.pick(32, 8))
     more = {"preset": "thesis", "parallel": opts.threads}
-    oracle = make_oracle(scene, opts.pick(64, 512), progress=show(f"{name}: oracle"), **more)
+    oracle = make_oracle(scene, opts.pick(16, 512), progress=show(f"{name}: oracle"), **more)
     height, width = oracle.shape
     area = patch_sum(np.ones((height, width)), oracle.patch)
     half = (area * oracle.variance[HALF]).sum()

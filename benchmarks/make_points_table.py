@@ -115,7 +115,7 @@ measured: dict[tuple[str, str, int], list[Run]] = {}
 sizes, titles = {}, {}
 for name in names:
     if name in TABLES:
-        scene = opts.scene(name, TABLES[name] * opts.pick(6, 1))
+        scene = opts.scene(name, TABLES[name] * opts.pick(12, 1))
     else:
         width, height = dmis.load_scene(name).camera.resolution
         shrink = HELD_OUT.get(name, 2) * opts.pick(8, 1)
@@ -129,7 +129,7 @@ for name in names:
     wanted = {(rule, spp, seed) for rule in RULES for spp in BUDGETS for seed in range(seeds[spp])}
     reference = None
     if wanted - {(run.rule, run.spp, run.seed) for run in done}:
-        reference = dmis.make_reference(scene, opts.pick(64, 1024), progress=show(name))
+        reference = dmis.make_reference(scene, opts.pick(16, 1024), progress=show(name))
     for spp in BUDGETS:
         runs = measure(
             scene,

@@ -56,9 +56,9 @@ SCENES = {
 }  # fmt: skip
 """By name. The original TT is not available: the killeroo under an environment map, ``env.pbrt``, stands in for it."""
 
-SHRINK = {"quick": 16, "default": 5, "full": 1}
+SHRINK = {"quick": 32, "default": 5, "full": 1}
 """The thesis's size is divided by this."""
-REFERENCE_SPP = {"quick": 64, "default": 256, "full": 128}
+REFERENCE_SPP = {"quick": 32, "default": 256, "full": 128}
 """Camera samples per pixel of each half of a reference."""
 
 

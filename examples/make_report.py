@@ -39,9 +39,9 @@ page = given.page or opts.output.parent / "report.html"
 begun = time.perf_counter()
 comparisons, limits = [], []
 for name in given.scenes:
-    scene = opts.scene(name, TABLES[name] * opts.pick(4, 1))
-    reference = opts.reference(scene, opts.pick(64, 512))
-    oracle = dmis.make_oracle(scene, opts.pick(64, 256), parallel=opts.threads, progress=show(f"oracle of {name}"))
+    scene = opts.scene(name, TABLES[name] * opts.pick(8, 1))
+    reference = opts.reference(scene, opts.pick(16, 512))
+    oracle = dmis.make_oracle(scene, opts.pick(16, 256), parallel=opts.threads, progress=show(f"oracle of {name}"))
     comparison = dmis.compare(
         scene,
         RULES,

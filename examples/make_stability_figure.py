@@ -16,9 +16,9 @@ from stiff import KD, LIFT, ROUGHNESS, SIZES, ULP, both, chosen, rounding_errors
 from dmis import plot
 
 opts, _ = options(__file__, __doc__)
-every = opts.pick(9, 1)
+every = opts.pick(36, 1)
 cases = chosen(every)
-single, double = (found["family"] for found in both(opts.pick(16, 128), every))
+single, double = (found["family"] for found in both(opts.pick(4, 128), every))
 errors = rounding_errors(single, double)
 
 # %%

@@ -28,7 +28,7 @@ from dmis.variance.curves import GRID, HALF
 from dmis.variance.moments import Moments
 
 QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
-RESOLUTION = (120, 90) if QUICK else (480, 360)
+RESOLUTION = (60, 45) if QUICK else (480, 360)
 PATCH = 4 if QUICK else 8
 rng = np.random.default_rng(1)
 
@@ -170,9 +170,9 @@ print(f"best shares: {oracle.limit():.2f}")
 # On the diffuse killeroo light sampling is nearly always better, and BRDF sampling has
 # spikes. Here are the errors at equal samples over that of ``balance``, from five
 # seeds.
-side = (40, 30) if QUICK else (160, 120)
+side = (20, 15) if QUICK else (160, 120)
 scene = dmis.load_scene("killeroo-diffuse", resolution=side)
-reference = dmis.make_reference(scene, 128)
+reference = dmis.make_reference(scene, 32 if QUICK else 128)
 rules = "balance", "thesis:patch=8", "second-moment"
 budgets = [(rule, 32) for rule in rules]
 runs = dmis.measure(scene, budgets, range(5), reference, sampler="independent")

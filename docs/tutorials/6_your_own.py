@@ -34,7 +34,7 @@ from dmis.experiment.compare import summary
 from dmis.samplers.warp import INV_PI, square_to_sphere
 
 QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
-RESOLUTION = (80, 60) if QUICK else (320, 240)
+RESOLUTION = (40, 30) if QUICK else (320, 240)
 folder = Path(tempfile.mkdtemp())
 
 # %%
@@ -183,9 +183,10 @@ plot.weight_bar(figure, shown, axes[1])
 # And in `compare`, which writes a table, a plot of error against time, an image of each
 # rule, and a report with everything (``report.html``). All rules have independent
 # points here, so that the shares alone decide.
-small = make_scene(velvet, name="velvet-ring-small", resolution=(80, 60))
+size = (40, 30) if QUICK else (80, 60)
+small = make_scene(velvet, name="velvet-ring-small", resolution=size)
 seeds, output = range(2 if QUICK else 5), folder / "comparison"
-reference = dmis.make_reference(small, 64 if QUICK else 256)
+reference = dmis.make_reference(small, 16 if QUICK else 256)
 rules, spp = ["balance", "quieter", "second-moment"], [16, 64]
 comparison = dmis.compare(
     small, rules, spp, seeds, reference, output, sampler="independent"

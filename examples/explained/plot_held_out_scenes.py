@@ -12,7 +12,8 @@ from dmis import plot
 from examples.gallery import options
 
 opts, _ = options("plot_held_out_scenes", __doc__)
-SPP, SHRINK = opts.pick(8, 64), opts.pick(16, 2, 1)
+SPP, SHRINK = opts.pick(4, 64), opts.pick(32, 2, 1)
+SIZES = {"veach-mis": (480, 360), "ten-lights": (400, 300)}
 TITLES = {
     "fixed:0": "BRDF samples",
     "fixed:1": "light samples",
@@ -23,10 +24,9 @@ RULES = (*TITLES, "auto")
 # %%
 # The variance of one camera sample is the variance of the image times the number of
 # camera samples.
-figure, axes = plot.canvas(len(dmis.HELD_OUT), 4, 19, 7)
+figure, axes = plot.canvas(len(SIZES), 4, 19, 7)
 rows = [f"| scene | {' | '.join(RULES)} |", "|---" * (1 + len(RULES)) + "|"]
-for line, name in zip(axes, dmis.HELD_OUT, strict=True):
-    width, height = dmis.load_scene(name).camera.resolution
+for line, (name, (width, height)) in zip(axes, SIZES.items(), strict=True):
     scene = dmis.load_scene(name, resolution=(width // SHRINK, height // SHRINK))
     results = {
         rule: dmis.render(

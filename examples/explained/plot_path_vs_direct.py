@@ -16,7 +16,7 @@ from dmis import plot
 from examples.gallery import SCENES, options
 
 opts, _ = options("plot_path_vs_direct", __doc__)
-DEPTHS = opts.pick((1, 6, 10), (1, 2, 3, 4, 6, 10))
+DEPTHS = opts.pick((1, 6), (1, 2, 3, 4, 6, 10))
 DEEP = 6
 
 # %%

@@ -70,7 +70,7 @@ images = {
 # %%
 # **The error**, the mean of (x - r₁)(x - r₂) with two independent halves r₁, r₂ of a
 # reference, over that of the balance heuristic with w = 1/2 and all 128 samples.
-reference = opts.reference(scene, opts.pick(64, 128))
+reference = opts.reference(scene, opts.pick(32, 128))
 balance = dmis.render(scene, "balance", opts.spp, seed=4, preset="thesis").image
 errors = squared_error(balance, reference.first, reference.second)
 ratios = {

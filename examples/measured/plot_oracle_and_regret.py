@@ -31,7 +31,7 @@ for line, (name, about) in zip(axes, SCENES.items(), strict=True):
         "parallel": opts.threads,
         "compensation": 0,
     }  # of the sky, which shares are learned for
-    oracle = dmis.make_oracle(scene, opts.pick(64, 512), progress=opts.progress, **same)
+    oracle = dmis.make_oracle(scene, opts.pick(16, 512), progress=opts.progress, **same)
     result = dmis.render(scene, "auto", opts.pick(8, 32), seed=1, parallel=opts.threads)
     plot.picture(line[0], result.image, about.title)
     height, width = oracle.variance.shape[1:]

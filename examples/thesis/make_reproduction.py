@@ -355,7 +355,7 @@ for name in given.scenes:
     settings: dict[tuple, list[tuple]] = {}
     for integrator in ("direct", "path") if name in BY_PATHS else ("direct",):
         shrink = SHRINK.get((name, integrator), 2)
-        scene, size = scene_of(name, opts.pick(16, shrink, 1))
+        scene, size = scene_of(name, opts.pick(32, shrink, 1))
         reference = reference_of(name, scene, integrator, opts.pick(16, 128))
         for setup in setups(name, integrator):
             tried = {
@@ -394,10 +394,10 @@ for name in given.scenes:
         continue
     setting, measure = nearest(name, settings)
     shrink = SHRINK.get((name, setting[1]), 2)
-    _, size = scene_of(name, opts.pick(16, shrink, 1))
+    _, size = scene_of(name, opts.pick(32, shrink, 1))
     verdicts.append(verdict(name, size, setting, measure, given.seeds))
     if given.large:
-        scene, size = scene_of(name, opts.pick(8, 1))
+        scene, size = scene_of(name, opts.pick(16, 1))
         setup, integrator, patch = setting
         if not given.finished:
             compare(

@@ -47,7 +47,7 @@ def measure_patch(crop: dmis.Scene, opts: Options, spp: int, seeds: int) -> Patc
     # Step 1, the curve: fixed weights, again and again. The mean squared error is the
     # mean over seeds, pixels and channels of (x - r₁)(x - r₂), where r₁ and r₂ are two
     # independent halves of a reference, whose own noise cancels.
-    reference = opts.reference(crop, opts.pick(1024, 8192))
+    reference = opts.reference(crop, opts.pick(256, 8192))
     budgets = [(f"fixed:{w:g}", spp) for w in WEIGHTS]
     runs = dmis.measure(crop, budgets, range(seeds), reference, preset="thesis")
     mse = np.array([[run.mse for run in runs[budget]] for budget in budgets])

@@ -22,8 +22,8 @@ SEEDS = range(3)
 # %%
 # The error of every patch, against a reference, averaged over seeds: MSE = mean of (x -
 # r₁)(x - r₂), with two independent halves r₁, r₂ of a reference.
-scene = opts.scene("killeroo-gold", opts.pick(16, 2, 1))
-reference = opts.reference(scene, opts.pick(64, 128))
+scene = opts.scene("killeroo-gold", opts.pick(32, 2, 1))
+reference = opts.reference(scene, opts.pick(32, 128))
 images = [
     dmis.render(
         scene, "balance", opts.spp, seed=seed, progress=opts.progress, preset="thesis"

@@ -20,8 +20,8 @@ opts, _ = options("plot_fig_2_1_variance", __doc__)
 # %%
 # Render the same scene with few and with many samples: one light and one BRDF sample
 # each, balance heuristic.
-scene = opts.scene("teapot-area-light", opts.pick(16, 2, 1))
-reference = opts.reference(scene, opts.pick(64, 128))
+scene = opts.scene("teapot-area-light", opts.pick(32, 2, 1))
+reference = opts.reference(scene, opts.pick(32, 128))
 few, many = opts.pick((2, 16), (8, 128))
 images = {
     n: (

@@ -31,7 +31,7 @@ STRATEGIES = {
 # sampling draws a share w of them, BRDF sampling the share 1 - w. The balance heuristic
 # combines both: a direction with the contribution f counts f / (w p_l + (1 - w) p_b),
 # with the densities p_l and p_b of the two techniques.
-scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in NAMES}
+scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in NAMES}
 pilots = {
     (name, w): dmis.render(scene, f"fixed:{w}", 2, seed=k, preset="thesis")
     for name, scene in scenes.items()

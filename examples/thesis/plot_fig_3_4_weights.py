@@ -26,7 +26,7 @@ STRATEGIES = np.array([0, 0.5, 1])
 # **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
 # = 0, 1/2, 1: an image of BRDF sampling, of the balance heuristic, and of light
 # sampling. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
-scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in SCENES}
+scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in SCENES}
 pilots = {
     name: [
         dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")

@@ -31,7 +31,7 @@ CROPS = {  # rows and columns, in shares of the image
 # %%
 # **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
 # = 0, 1/2, 1. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
-scenes = {name: opts.scene(name, opts.pick(16, 2, 1)) for name in CROPS}
+scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in CROPS}
 pilots = {
     name: [
         dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
@@ -87,7 +87,7 @@ balance = {
 # against two halves of a reference.
 ratios = {}
 for name, scene in scenes.items():
-    reference = opts.reference(scene, opts.pick(64, 128))
+    reference = opts.reference(scene, opts.pick(32, 128))
     errors = squared_error(balance[name].image, reference.first, reference.second)
     for title in ("without the filter", "with the filter"):
         ours = squared_error(

@@ -25,7 +25,7 @@ INTEGRATOR = {"killeroo-gold": "path"}
 # for reflections of the light, so KILLEROO GOLD is rendered by paths.
 results = {}
 for name, about in SCENES.items():
-    scene = opts.scene(name, opts.pick(16, min(about.size) / 800, 1))
+    scene = opts.scene(name, opts.pick(32, min(about.size) / 800, 1))
     more = {"integrator": INTEGRATOR.get(name, "direct"), "sampler": "lowdiscrepancy"}
     results[about.title] = dmis.render(
         scene,

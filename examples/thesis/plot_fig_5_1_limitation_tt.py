@@ -31,7 +31,7 @@ STRATEGIES = np.array([0, 0.5, 1])
 # %%
 # **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
 # = 0, 1/2, 1. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
-scene = opts.scene("tt", opts.pick(16, 2, 1))
+scene = opts.scene("tt", opts.pick(32, 2, 1))
 pilots = [
     dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
     for k, w in enumerate(STRATEGIES, 1)
@@ -68,7 +68,7 @@ final = dmis.render(
 # **The baseline**: w = 1/2 everywhere, n_l = n_b = 1, with all 128 camera samples. Six
 # renders with different random numbers tell what chance alone does. The squared error
 # of a pixel is (x - r₁)(x - r₂), with two independent halves r₁, r₂ of a reference.
-reference = opts.reference(scene, opts.pick(64, 128))
+reference = opts.reference(scene, opts.pick(32, 128))
 ours = squared_error(final, reference.first, reference.second)
 balance = [
     squared_error(
