@@ -1,7 +1,6 @@
 """The pipeline: pilot, fit, final pass; the same image however the work is divided; work that is not lost."""
 
 import json
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,14 +32,6 @@ def test_image_does_not_depend_on_threads(box, rule):
     one, three = (dmis.render(box, rule, 10, seed=2, parallel=n) for n in (1, 3))
     assert same(one, three)
     assert one.rays == three.rays
-
-
-@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol"])
-def test_image_does_not_depend_on_the_executor(box, sampler):
-    """Threads and processes give the same bits, with every sampler."""
-    options = {"rule": "thesis:patch=4", "spp": 10, "sampler": sampler}
-    with ProcessPoolExecutor(2) as processes, ThreadPoolExecutor(2) as threads:
-        assert same(dmis.render(box, parallel=processes, **options), dmis.render(box, parallel=threads, **options))
 
 
 def test_seed_changes_the_image(box):
@@ -263,7 +254,6 @@ def balanced(box):
 @pytest.mark.parametrize(
     "rule",
     [
-        "thesis:patch=4",
         "thesis:patch=1,filter=none",
         "thesis:patch=8,reuse=yes",
         "thesis:patch=4,spp=4,channels=rgb",
@@ -453,7 +443,7 @@ class _Own(dmis.Rule):
         (None, "must be a dmis.Fit; got NoneType"),
     ],
 )
-def test_what_is_no_weight_is_refused(box, fit, message):
+def test_bad_weights_are_refused(box, fit, message):
     """It would not stop the image, but spoil it."""
     with pytest.raises(ValueError, match=message):
         dmis.render(box, _Own(fit), 8)
@@ -470,7 +460,7 @@ def test_what_is_no_weight_is_refused(box, fit, message):
         (_Own(Fit(0.5), None, {"sampling": "sobol"}), "must be fields of dmis.Settings; got 'sampling'"),
     ],
 )
-def test_rules_that_ask_for_what_there_is_not(box, rule, message):
+def test_rules_with_unavailable_features(box, rule, message):
     """Before anything is rendered."""
     with pytest.raises(ValueError, match=message):
         dmis.render(box, rule, 8)
