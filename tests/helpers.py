@@ -10,6 +10,7 @@ import linecache
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -19,7 +20,7 @@ import scipy.stats
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
-from dmis.formats.load_scene import load_scene
+from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
 
@@ -41,9 +42,17 @@ def fresh_python(code: str) -> str:
 
 
 @cache
-def shipped(name: str) -> Scene:
-    """Return a scene that comes with dmis at its own resolution, loaded once: subdivided meshes take a second."""
-    return load_scene(name)
+def shipped(name: str, resolution: tuple[int, int] | None = None) -> Scene:
+    """Return a scene that comes with dmis, loaded once; None: at its own resolution."""
+    return load_scene(name, resolution)
+
+
+def shared_scene(source: Any, resolution: tuple[int, int] | None = None, **options: Any) -> Scene:
+    """Return what `dmis.load_scene` does; the triangles of a scene that comes with dmis are made once, for 64x64."""
+    if source not in SHIPPED or options:
+        return load_scene(source, resolution, **options)
+    scene = shipped(source, resolution and (64, 64))
+    return scene.seen_by(replace(scene.camera, resolution=resolution)) if resolution else scene
 
 
 def grid_uniforms(side: int, dtype: type = np.float64, low: float = 0.03, high: float = 0.97) -> Array:

@@ -35,9 +35,9 @@ CLOSE, SHARE, FAR = 1e-5, 0.98, 5.0
 """Relative difference that `SHARE` of the blocks of each image keep, and standard errors that all of them keep."""
 
 
-def configurations() -> Iterator[tuple[str, str, dict[str, Any]]]:
+def configurations(scenes: tuple[str, ...] = SCENES) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Yield scene, rule and options of each image."""
-    for scene in SCENES:
+    for scene in scenes:
         for rule in RULES:
             for sampler in SAMPLERS:
                 for integrator in INTEGRATORS:
@@ -53,11 +53,11 @@ def blocks(result: dmis.Result) -> np.ndarray:
     return np.stack([mean, error]).astype(np.float32)
 
 
-def render_all() -> dict[str, np.ndarray]:
-    """Return the blocks of every configuration by name."""
-    scenes = {name: dmis.load_scene(name, resolution=RESOLUTION) for name in SCENES}
+def render_all(names: tuple[str, ...] = SCENES, step: int = 1) -> dict[str, np.ndarray]:
+    """Return the blocks of every configuration of some scenes by name, or of one configuration in `step`."""
+    scenes = {name: dmis.load_scene(name, resolution=RESOLUTION) for name in names}
     images = {}
-    for scene, rule, options in configurations():
+    for scene, rule, options in list(configurations(names))[::step]:
         result = dmis.render(scenes[scene], rule, SPP, seed=SEED, preset="thesis", **options)
         images[f"{scene} {rule} {options['sampler']} {options['integrator']}"] = blocks(result)
     return images

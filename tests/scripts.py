@@ -6,34 +6,19 @@ import logging
 import runpy
 import sys
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.registry import RULES
-from dmis.formats.load_scene import SHIPPED, load_scene
 from dmis.samplers.streams import SAMPLERS
 from examples import gallery
 
 ROOT = Path(__file__).resolve().parent.parent
-
-
-@cache
-def _scene(name: str, resolution: tuple[int, int] | None) -> dmis.Scene:
-    return load_scene(name, resolution)
-
-
-def shared_scene(source: Any, resolution: tuple[int, int] | None = None, **options: Any) -> dmis.Scene:
-    """Return what `dmis.load_scene` does; the triangles of a scene that comes with dmis are made once, for 64x64."""
-    if source not in SHIPPED or options:
-        return load_scene(source, resolution, **options)
-    scene = _scene(source, resolution and (64, 64))
-    return scene.seen_by(replace(scene.camera, resolution=resolution)) if resolution else scene
 
 
 def run_alone(run: Callable[[], Any], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import Z_LIMIT, run_cell
+from helpers import Z_LIMIT, run_cell, shared_scene
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -21,19 +21,23 @@ TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("[0-9]_*.py"))
 CODE = {page: re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S) for page in PAGES}
 
 
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize("page", [page for page, blocks in CODE.items() if blocks], ids=lambda page: page.name)
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """Every Python block of a page, one after the other, in an empty folder."""
+    import dmis
     from dmis.estimator.technique import TECHNIQUES
     from dmis.fit.registry import RULES
     from dmis.samplers.streams import SAMPLERS
 
+    monkeypatch.setattr(dmis, "load_scene", shared_scene)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     tables = {id(table): (table, dict(table)) for table in (RULES, TECHNIQUES, SAMPLERS)}
     namespace: dict = {"__name__": "page"}
     try:
         for k, code in enumerate(CODE[page]):
+            code = code.replace("(200, 200)", "(40, 40)").replace("spp=128", "spp=32")  # of README.md
             run_cell(code, f"<{page.name}, block {k}>", namespace)
     finally:
         for table, known in tables.values():
@@ -51,7 +55,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
     """Small, in an empty folder, without a word on standard error; without a screen it leaves its pictures as files.
 
-    Its text is run as a notebook's: there are no files beside it, and no ``__file__``. The first one runs in a process
+    Its text is run as a notebook's: there are no files beside it, and no ``__file__``. The second one runs in a process
     of its own, as for a reader, the others in this one, see `scripts`.
     """
     pytest.importorskip("matplotlib")
@@ -62,11 +66,12 @@ def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
     text = tutorial.read_text("utf-8")
     for name, value in (("DMIS_CACHE", str(cache)), ("DMIS_QUICK", "1"), ("MPLBACKEND", "agg")):
         monkeypatch.setenv(name, value)
-    if tutorial == TUTORIALS[0]:
+    if tutorial == TUTORIALS[1]:
         monkeypatch.setenv("PYTHONPATH", str(ROOT))
         subprocess.run([sys.executable, "-"], input=text, text=True, timeout=1200, check=True)
     else:
-        run_alone(lambda: run_cell(text, f"<{tutorial.name}>", {"__name__": "__main__"}), tmp_path, monkeypatch)
+        variables = VARIABLES[tutorial.stem] = {"__name__": "__main__"}
+        run_alone(lambda: run_cell(text, f"<{tutorial.name}>", variables), tmp_path, monkeypatch)
     printed = capfd.readouterr()
     assert printed.err == "" and not [record for record in caplog.records if record.levelno >= logging.WARNING]
     pictures = sorted((tmp_path / "figures" / "tutorials").iterdir())
@@ -77,8 +82,14 @@ def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
             assert min(image.size) > 200
 
 
+VARIABLES: dict[str, dict] = {}
+"""Variables of the tutorials that have been run in this process."""
+
+
 def run(stem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """The variables of a tutorial, which is run at its small size in an empty folder."""
+    """The variables of a tutorial, which is run at its small size in an empty folder, if it has not been run before."""
+    if stem in VARIABLES:
+        return SimpleNamespace(**VARIABLES[stem])
     pytest.importorskip("matplotlib").use("agg")
     monkeypatch.setenv("DMIS_QUICK", "1")
     monkeypatch.chdir(tmp_path)

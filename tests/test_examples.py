@@ -97,12 +97,12 @@ def test_figure_of_the_original_scenes(script, cache, tmp_path, pbrt_scenes):
 def test_contact_sheet(run, tmp_path):
     """One line per script; a page that shows what there is."""
     script = ROOT / "examples" / "make_figures.py"
-    lines = run(script, "-o", tmp_path / "any.png", "--only", "fig_2_1", "1d_simplex").splitlines()
+    lines = run(script, "-o", tmp_path / "any.png", "--only", "fig_2_1", "1d_mixture").splitlines()
     assert len(lines) == 2 + 1 and "plot_fig_2_1_variance" in lines[0]
     page = (tmp_path / "index.html").read_text("utf-8")
-    assert page.count("<figure ") == 2 and 'src="plot_1d_simplex.png"' in page
+    assert page.count("<figure ") == 2 and 'src="plot_1d_mixture.png"' in page
     headings = [page.index(f"<h2>{heading}</h2>") for heading in ("The thesis, figure by figure", "Explained")]
-    assert headings[0] < page.index("thesis/plot_fig_2_1") < headings[1] < page.index("explained/plot_1d_simplex")
+    assert headings[0] < page.index("thesis/plot_fig_2_1") < headings[1] < page.index("explained/plot_1d_mixture")
     assert "<h2>Measured</h2>" not in page
     assert "MSE" in (tmp_path / "plot_fig_2_1_variance.txt").read_text("utf-8")
 

@@ -93,11 +93,6 @@ class Mine(dmis.Rule):
         h, w = brdf.shape
         SHARE
 """
-PATCHES = """
-        means = [v.reshape(h // 4, 4, w // 4, 4).mean(axis=(1, 3)) for v in (brdf, light)]
-        brdf, light = (np.kron(gaussian(gaussian(v)), np.ones((4, 4))) for v in means)
-        return dmis.Fit(weight=((brdf + 1e-9) / (brdf + light + 2e-9)).clip(0.1, 0.95))
-"""
 SECOND = """
 import numpy as np
 def second_moment(x, d, w):
@@ -126,7 +121,6 @@ RIGHT = {
     "both techniques as one": (11, BOTH),
     "second moment": (17, SECOND + "y.sum(axis=1) / len(x)"),
     "velvet by tangents": (20, velvet(*SMOOTH)),
-    "patches": (21, RULE.replace("SHARE", PATCHES)),
 }
 WRONG = {
     "normals as they are": (1, "def mirror(wo, n): return n", "wi and wo have the same angle to n"),

@@ -37,7 +37,7 @@ def test_missing_entries_are_filled_from_their_neighbours() -> None:
     np.testing.assert_allclose(gaussian(values), 0.7, rtol=1e-12)
 
 
-def test_missing_entries_spoil_nothing() -> None:
+def test_missing_entries() -> None:
     """Entries out of reach of an absent one are as without it, and its neighbours are means of what is there."""
     values = np.random.default_rng(1).random((12, 12))
     holed = values.copy()

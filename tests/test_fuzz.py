@@ -192,7 +192,7 @@ def test_instances_are_counted(monkeypatch):
         ((2, 2), "must hold an image of three channels"),
     ],
 )
-def test_references_that_say_too_much(tmp_path, shape, message):
+def test_headers_of_references_are_checked(tmp_path, shape, message):
     """The header of a NumPy file may ask for any amount of memory, or be no Python at all."""
     file = io.BytesIO()
     np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": shape})

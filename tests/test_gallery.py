@@ -7,10 +7,8 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from matplotlib.text import Text
-
 from dmis.experiment.runs import Run
-from examples.gallery import on_cpu, options, print_canvas, spp_in_time
+from examples.gallery import on_cpu, options, spp_in_time
 
 
 @pytest.fixture(autouse=True)
@@ -43,21 +41,6 @@ def test_kernel_has_no_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["/lib/ipykernel_launcher.py", "-f", "/run/kernel-1.json"])
     opts, given = options("plot_any", None, seeds={"type": int, "default": 3})
     assert (opts.size, given.seeds) == ("default", 3)
-
-
-def test_letters_of_printed_figures_are_readable(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A figure of 7 inches has 7 points or more in a column of 6.3 inches, raised exponents included."""
-    monkeypatch.setattr("sys.argv", ["plot_any.py"])
-    opts, _ = options("plot_any", "Title")
-    figure, axes = print_canvas(1, 1, 3)
-    axes[0, 0].loglog([1e-6, 1], [1e-6, 1], label="label")
-    axes[0, 0].legend()
-    axes[0, 0].set(title="title", xlabel="abscissa", ylabel="ordinate")
-    opts.save_for_print(figure, "Title", "Caption.")
-    texts = [text for text in figure.findobj(Text) if text.get_text()]
-    assert min(text.get_fontsize() for text in texts) * 6.3 / 7 >= 7
-    assert {"1e-6", "label", "title"} <= {text.get_text() for text in texts}
-    assert not any("^" in text.get_text() for text in texts)
 
 
 @pytest.mark.parametrize(

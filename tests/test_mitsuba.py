@@ -211,7 +211,7 @@ def test_turns_are_resumed_and_compared(tmp_path, monkeypatch):
     assert abs(turns.common("one", reference)) < 0.05 and abs(turns.common("biased", reference) - 0.5) < 0.05
 
 
-def test_what_has_no_counterpart_is_refused():
+def test_features_without_counterpart_are_refused():
     """A lobe that Mitsuba has not got, and a light without a surface."""
     with pytest.raises(ValueError, match="a lobe must have a counterpart"):
         mitsuba_lobes.Lobes(matte(0.5, sigma=20))

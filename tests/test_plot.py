@@ -89,10 +89,9 @@ def draw():
     assert "<svg" in error_svg(comparison, "seconds")
     map_png(np.eye(3), "magma", 0, 1)
 """
-    fresh_python(
-        f"{draw}\ndraw()\nassert 'matplotlib.pyplot' not in sys.modules\nassert matplotlib.get_backend() == 'svg'"
-    )
     fresh_python(f"""{draw}
+draw()
+assert "matplotlib.pyplot" not in sys.modules and matplotlib.get_backend() == "svg"
 import matplotlib.pyplot as plt
 mine = plt.figure()
 before = dict(matplotlib.rcParams)

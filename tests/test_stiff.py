@@ -54,7 +54,7 @@ def test_a_sample_of_the_map(case: stiff.Case) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("rule", ["balance", "pbrt", "second-moment", "auto"])
 @pytest.mark.parametrize("case", FAMILY, ids=lambda case: case.name)
-def test_the_whole_map(case: stiff.Case, rule: str) -> None:
+def test_every_case_of_the_map(case: stiff.Case, rule: str) -> None:
     """All cases; where float32 loses everything, what comes out is at least finite."""
     found = stiff.measure(case, rule, 128, seed=2)
     assert np.isfinite(found.mean) and not found.refused

@@ -43,7 +43,7 @@ def test_links_and_pipes_are_followed(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png"])
-def test_images_are_replaced_whole(box, tmp_path, name):
+def test_images_are_replaced_atomically(box, tmp_path, name):
     """An image that cannot be written to the end leaves the one before."""
     result = dmis.render(box, "balance", 2)
     path = tmp_path / name

@@ -41,7 +41,7 @@ def test_memory_is_kept_where_the_environment_says_otherwise(monkeypatch: pytest
 
 
 @GLIBC
-def test_what_was_kept_can_be_given_back() -> None:
+def test_kept_memory_can_be_released() -> None:
     """After `release`, a round begins with new pages."""
     kept = page_faults("keep(); rounds(1); print(rounds(1))")
     assert kept < 0.1 * page_faults("keep(); rounds(1); release(); print(rounds(1))")

@@ -21,19 +21,19 @@ def test_large_numbers_stay_exact() -> None:
 
 
 @pytest.mark.parametrize("value", [None, "8", [8], True, np.bool_(True), np.nan, np.inf, 8.5, np.float32(8.5), 1j])
-def test_what_is_no_whole_number(value: Any) -> None:
+def test_bad_whole_numbers(value: Any) -> None:
     with pytest.raises(ValueError, match="n must be a whole number of at least 1; got "):
         whole("n", value, 1)
 
 
 @pytest.mark.parametrize("value", [None, "8", [8], True, np.nan, np.inf, -0.5, np.float32(2.5)])
-def test_what_is_no_number_in_range(value: Any) -> None:
+def test_numbers_out_of_range(value: Any) -> None:
     with pytest.raises(ValueError, match="x must be a number from 0 to 2, of something; got "):
         number("x", value, 0, 2, "of something")
 
 
 @pytest.mark.parametrize("value", [None, 8, (), (8,), (8, 8, 8)])
-def test_what_is_no_pair(value: Any) -> None:
+def test_bad_pairs(value: Any) -> None:
     with pytest.raises(ValueError, match="p must be two numbers; got "):
         pair("p", value, whole)
 

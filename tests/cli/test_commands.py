@@ -302,7 +302,7 @@ def test_checkpoint_is_removed_after_the_image_is_written(scene, tmp_path, monke
         ("--checkpoint", "/proc/a", "cannot write (into )?/proc"),
     ],
 )
-def test_what_cannot_be_written_is_refused_first(scene, tmp_path, monkeypatch, capsys, option, name, message):
+def test_unwritable_output_is_refused_first(scene, tmp_path, monkeypatch, capsys, option, name, message):
     """A full disk, a missing folder and a missing permission are refused before the first ray, for every file."""
     monkeypatch.setattr("dmis.pipeline.executor.Workers.render", lambda *_: pytest.fail("it has begun"))
     (tmp_path / "folder.png" / "mine").mkdir(parents=True)
@@ -327,7 +327,7 @@ def test_what_cannot_be_written_is_refused_first(scene, tmp_path, monkeypatch, c
         ("bench SCENE --rules balance,thesis --spp 6", "", "pilot's 6 camera samples of rule thesis"),
     ],
 )
-def test_what_writing_needs_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments, missing, message):
+def test_output_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments, missing, message):
     """A missing package, a wrong format and a wrong folder give exit code 2 before the first ray, and no file."""
     (tmp_path / "taken" / "report.html").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)

@@ -11,7 +11,7 @@ from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.experiment.oracle import _path
+from dmis.experiment.oracle import oracle_path
 from dmis.fit.fixed import Fixed
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint
@@ -118,7 +118,7 @@ def test_a_scene_without_a_sky_has_its_own_lights(box: dmis.Scene) -> None:
         ("balance", {"preset": "thesis"}, 0.0),
     ],
 )
-def test_who_decides(rule: str, settings: dict[str, Any], expected: float) -> None:
+def test_precedence_of_settings(rule: str, settings: dict[str, Any], expected: float) -> None:
     """Rule options and settings come before the default, which learned rules have; the preset pins 0."""
     result = dmis.render(sky_scene(), rule, 16, integrator="direct", **settings)
     assert result.provenance["settings"]["compensation"] == expected
@@ -189,11 +189,11 @@ def test_oracles_differ_under_a_sky_only(box: dmis.Scene, tmp_path: Any) -> None
 
     def paths(scene: dmis.Scene) -> list[str]:
         shares = (None, 0.0, LEARNED_COMPENSATION)
-        return [_path(scene, 64, 4, dmis.Settings(compensation=share), tmp_path).name for share in shares]
+        return [oracle_path(scene, 64, 4, dmis.Settings(compensation=share), tmp_path).name for share in shares]
 
     learned, off, same = paths(sky_scene())
     assert learned == same != off
-    assert len(set(paths(box))) == 1 and _path(box, 64, 4, None, tmp_path).name in paths(box)
+    assert len(set(paths(box))) == 1 and oracle_path(box, 64, 4, None, tmp_path).name in paths(box)
 
 
 def test_a_sky_in_other_units_is_compensated() -> None:

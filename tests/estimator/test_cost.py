@@ -2,20 +2,10 @@
 
 import numpy as np
 
-from dmis.estimator.cost import CAMERA, RAY, SHADING, camera_sample_cost
+from dmis.estimator.cost import camera_sample_cost
 
 W = np.array([0, 0.3, 1])
 SHARES = np.stack([W, 1 - W])
-
-
-def test_only_rays_of_techniques_depend_on_the_weight() -> None:
-    """100 camera samples with two shading samples of each technique: 150 of 200 light samples trace a ray, 20 of 200
-    BRDF samples; one ray each to a light of a single direction, at every weight.
-    """
-    rays = {"camera": 100, "shadow": 150, "brdf": 20, "delta": 100}
-    light, brdf = SHADING + 0.75 * RAY, SHADING + 0.1 * RAY
-    expected = CAMERA + SHADING + RAY + 2 * (W * light + (1 - W) * brdf)
-    np.testing.assert_allclose(camera_sample_cost(rays, SHARES), expected)
 
 
 def test_points_cost() -> None:

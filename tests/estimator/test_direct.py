@@ -85,6 +85,8 @@ SCENES = {
         matte(0.5), (LAMP,), (Part(quad((-1, -1, 0.8), (2, 0, 0), (0, 0.6, 0)), glass()),)
     ),
 }
+EVERY_WAY = "quad on glossy", "sky on substrate", "three lights"
+"""Scenes that are rendered in every way, the others with the shares of the balance heuristic."""
 WAYS = {
     "w=0": {"w": 0.0},
     "w=1/4": {"w": 0.25},
@@ -124,8 +126,9 @@ def balanced(name: str) -> list[Array]:
     return images(name, range(1000, 1030))
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name, way", [(name, way) for name in SCENES for way in WAYS if name in EVERY_WAY or way.startswith("w=")]
+)
 def test_all_ways_agree(name: str, way: str) -> None:
     """Every mixture, heuristic, allocation, sampler and technique has the same mean, by a z-test."""
     assert abs(images_z_score(images(name, range(8), **WAYS[way]), balanced(name))) < Z_LIMIT

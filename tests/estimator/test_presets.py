@@ -60,7 +60,7 @@ def test_preset_has_a_rule(box: dmis.Scene) -> None:
     assert result.provenance["rule"] == "thesis" and result.provenance["settings"]["lights"] == "pbrt"
 
 
-def test_a_changed_default_is_not_asked_for(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_defaults_are_no_request(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """The value of the preset is no wish of the caller, whatever the default is: a rule may state another."""
     monkeypatch.setattr(dmis.Settings.__init__, "__defaults__", (2, ("light", "brdf"), "power", *DEFAULTS[3:]))
     assert dmis.Settings().combiner == "power"
@@ -115,8 +115,15 @@ def stored() -> dict[str, np.ndarray]:
         return dict(arrays)
 
 
-def test_images_are_the_pinned_ones(stored: dict[str, np.ndarray]) -> None:
-    assert list(pin_preset.differences(stored, pin_preset.render_all())) == []
+@pytest.mark.parametrize(
+    ("scenes", "step"),
+    [(("teapot-area-light", "tt", "ten-lights"), 3), pytest.param(pin_preset.SCENES, 1, marks=pytest.mark.slow)],
+)
+def test_images_are_the_pinned_ones(stored: dict[str, np.ndarray], scenes: tuple[str, ...], step: int) -> None:
+    """A part of the configurations that has each rule, sampler and integrator; the slow test renders all."""
+    images = pin_preset.render_all(scenes, step)
+    assert len(stored) == len(list(pin_preset.configurations())) == 60
+    assert list(pin_preset.differences({name: stored[name] for name in images}, images)) == []
 
 
 def test_changed_images_are_found(stored: dict[str, np.ndarray]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL, Z_LIMIT, pixel_shares, tile_of
+from helpers import LEVEL, Z_LIMIT, pixel_shares, shared_scene, tile_of
 
 import dmis
 from dmis.base.vectors import Array
@@ -58,7 +58,7 @@ def raster(scene: dmis.Scene) -> tuple[Array, Array]:
 @cache
 def make_scene(name: str) -> dmis.Scene:
     """A shipped scene at a small size, or the one with four lights."""
-    return four_lights() if name == "four lights" else dmis.load_scene(name, resolution=(24, 18))
+    return four_lights() if name == "four lights" else shared_scene(name, (24, 18))
 
 
 LONG = "ten-lights"

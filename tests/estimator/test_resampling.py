@@ -49,7 +49,7 @@ def test_it_follows_the_product(roughness: float) -> None:
     assert one_of_many.var() < light.var() / 4
 
 
-def test_what_needs_densities_is_refused() -> None:
+def test_rules_without_densities_are_refused() -> None:
     """Their stand-in would make wrong curves and wrong controls; the default rule goes back to balance."""
     settings = Settings(techniques=("resampled", "brdf"))
     scene = box_scene(plastic(0.3, 0.3, 0.1), (LAMP,), resolution=(8, 8))

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.experiment import alarm
@@ -55,7 +56,7 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("without_plots")
-def test_a_noisy_reference_is_said(tmp_path, monkeypatch):
+def test_warning_of_a_noisy_reference(tmp_path, monkeypatch):
     """A line of the table and a paragraph of the page, if its own error is more than 5 % of the smallest one."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
     scene = box_scene()
@@ -122,7 +123,7 @@ def test_rare_bright_samples_that_an_image_misses():
 @pytest.mark.parametrize("name", ["teapot-area-light", "tt"])
 def test_no_alarm_in_correct_comparisons(name, tmp_path):
     """Fixed weights, and a rule that learns; `measure` would warn, which is an error here."""
-    scene = dmis.load_scene(name, resolution=(24, 18))
+    scene = shared_scene(name, (24, 18))
     reference = dmis.make_reference(scene, 128, folder=tmp_path)
     z = []
     for sampler in "independent", "sobol":

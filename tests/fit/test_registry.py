@@ -19,8 +19,8 @@ from dmis.fit.registry import RULES
 from dmis.light.area import SphereLight
 from dmis.testing.scenes import box_scene
 
-RADII = (1e-3, 0.1, 10.0)
-ROUGHNESS = (1e-4, 0.02, 1.0)
+STIFF = ((1e-3, 1e-4), (1e-3, 1.0), (0.1, 0.02), (10.0, 1e-4), (10.0, 1.0))
+"""Radius of the light and roughness: the four extremes, and a scene between them."""
 SIDE, SEEDS, SPP = 36, 2, 32
 """Pixels on a side, renders and samples per pixel: a render has a fixed cost, so few large images are cheapest."""
 STARVING = ("thesis", "inverse-variance")
@@ -55,8 +55,7 @@ def truth(radius: float, roughness: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("rule", EVERY)
-@pytest.mark.parametrize("radius", RADII)
-@pytest.mark.parametrize("roughness", ROUGHNESS)
+@pytest.mark.parametrize("radius, roughness", STIFF)
 def test_the_mean_stays(radius: float, roughness: float, rule: str) -> None:
     """A z-test of the mean over the image, against the balance heuristic with many samples.
 

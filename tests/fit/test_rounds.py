@@ -269,8 +269,8 @@ def blocks(rule: str, spp: int, seeds: range) -> Array:
 
 @cache
 def converged() -> Array:
-    """Return blocks of a few images of many samples."""
-    return blocks("balance", 4096, range(10**6, 10**6 + 8))
+    """Return blocks of a few images of many samples, whose error is below 1 / N."""
+    return blocks("balance", 1024, range(10**6, 10**6 + 8))
 
 
 def z_of(rule: str, spp: int, seeds: int) -> Array:

@@ -88,7 +88,7 @@ def test_only_fit_must_be_given(box: dmis.Scene) -> None:
         ("thesis:strategies=5", "rule thesis has no option strategies any more: .* spp= sets"),
     ],
 )
-def test_what_is_no_rule_is_told_what_is(rule: Any, message: str) -> None:
+def test_non_rules_are_refused(rule: Any, message: str) -> None:
     """Errors say what is missing, what was meant, or what to use in place of what was removed."""
     with pytest.raises(ValueError, match=message):
         make_rule(rule)

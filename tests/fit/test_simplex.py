@@ -304,7 +304,7 @@ def test_bad_texts(text: str, message: str) -> None:
         make_rule(text)
 
 
-def test_what_needs_two_techniques() -> None:
+def test_rules_of_two_techniques() -> None:
     """Combiners that fit or freeze, and rules of one weight."""
     three = ("light", "brdf", "uniform")
     for combiner in ("optimal", "frozen"):

@@ -43,7 +43,7 @@ def test_pbrt_file(pbrt_file):
         assert (scene.name, scene.camera.resolution) == ("scene", (40, 30))
 
 
-def test_unknown_names_are_told_the_known_ones(monkeypatch, pbrt_file):
+def test_error_lists_known_names(monkeypatch, pbrt_file):
     monkeypatch.setattr("dmis.formats.load_scene._FOLDER", pbrt_file.parent)
     monkeypatch.setattr("dmis.formats.load_scene.SHIPPED", ("scene",))
     assert load_scene("scene").parts

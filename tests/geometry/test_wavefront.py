@@ -1,7 +1,6 @@
 """The reader of OBJ files: indices, polygons, forms of lines, and what cannot be read."""
 
 import re
-import time
 
 import numpy as np
 import pytest
@@ -104,20 +103,6 @@ def test_texture_coordinates_of_one_number(tmp_path):
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
 def test_names_and_comments_in_either_encoding(tmp_path, text, encoding):
     assert load(tmp_path, f"{text}{QUAD}{text}f 1 2 3 4\n".encode(encoding)).triangles == 2
-
-
-def test_a_polygon_of_many_continued_lines_takes_linear_work(tmp_path):
-    """Eight times the lines take about eight times the work, not 64 times, as by joining each to those before it."""
-    work = []
-    for corners in (8_000, 64_000):
-        (tmp_path / "a.obj").write_text(QUAD + "f " + " \\\n".join(f"{1 + k % 4:010}" for k in range(corners)))
-        times = []
-        for _ in range(3):
-            begin = time.process_time()
-            assert load_mesh(tmp_path / "a.obj").triangles == corners - 2
-            times.append(time.process_time() - begin)
-        work.append(min(times))
-    assert work[1] < 24 * work[0]
 
 
 @pytest.mark.parametrize(

@@ -139,12 +139,12 @@ def test_processes_end_with_the_one_that_started_them(tmp_path):
     assert os.listdir(tmp_path) == ["script.py"]
 
 
-def test_a_script_without_main_guard_is_told_so(tmp_path):
+def test_error_names_missing_main_guard(tmp_path):
     """The error names the line that the script lacks; no file is left."""
     script = tmp_path / "script.py"
     script.write_text(
         "import dmis\n"
-        "scene = dmis.load_scene('teapot-area-light', resolution=(16, 16))\n"
+        "scene = dmis.load_scene('cornell', resolution=(16, 16))\n"
         "dmis.render(scene, 'balance', 2, parallel=dmis.Processes(2))\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(dmis.__file__).parent.parent), "TMPDIR": str(tmp_path)}
@@ -162,7 +162,7 @@ def tell(*_):
     print(*(child.pid for child in multiprocessing.active_children()), flush=True)
 
 if __name__ == "__main__":
-    scene = dmis.load_scene("teapot-area-light", (400, 400))
+    scene = dmis.load_scene("cornell", (400, 400))
     dmis.render(scene, "balance", 256, parallel=dmis.Processes(2), progress=tell)
 """
 
@@ -295,6 +295,6 @@ def test_no_cluster(monkeypatch, capsys, tmp_path):
     arguments = ["render", "teapot-area-light", "-o", str(tmp_path / "a.exr"), "--cluster"]
     assert main([*arguments, "tcp://127.0.0.1:9"]) == 2
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
-    with distributed.LocalCluster(n_workers=0, dashboard_address=":0") as empty:
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as empty:
         assert main([*arguments, empty.scheduler_address]) == 2
     assert "has no workers" in capsys.readouterr().err

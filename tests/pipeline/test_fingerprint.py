@@ -97,7 +97,7 @@ def test_an_attribute_that_is_set_later_changes_the_key(tmp_path):
     assert key(kind) != first
 
 
-def test_what_the_class_does_not_use_is_no_part_of_the_key(tmp_path):
+def test_unused_parameters_are_not_in_the_key(tmp_path):
     """A file of another name and folder, comments, and other definitions."""
     other = "\n# moved\nOTHER = 2\n\ndef unused(x):\n    return shape(x)\n" + LOBE.replace("pass", "pass  # all")
     (tmp_path / "sub").mkdir()
@@ -241,7 +241,7 @@ def test_a_scene_without_fingerprint_is_rendered(tmp_path):
     assert not (tmp_path / "c").exists()
 
 
-def test_a_render_hashes_nothing_that_nobody_reads(box, monkeypatch):
+def test_render_hashes_only_stored_values(box, monkeypatch):
     """The scene is hashed when the provenance is read, once; a pickled result has it."""
     calls = []
     monkeypatch.setattr("dmis.pipeline.job.fingerprint", lambda scene: calls.append(scene) or fingerprint(scene))

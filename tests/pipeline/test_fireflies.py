@@ -30,7 +30,7 @@ def test_planted_fireflies_are_found(n):
     assert sorted(zip(*(a.tolist() for a in np.nonzero(found)), strict=True)) == sorted(places)
 
 
-def test_what_is_no_firefly():
+def test_values_that_are_no_fireflies():
     """A lamp in one pixel, an edge of it, dark corners, black, unknown variance, an image of one pixel."""
     rng = np.random.default_rng(1)
     n = 64

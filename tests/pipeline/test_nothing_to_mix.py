@@ -80,7 +80,7 @@ class Own(dmis.Rule):
         return Fit(0.25)
 
 
-def test_own_rules_keep_their_pilot_unless_they_say(delta_scene: dmis.Scene) -> None:
+def test_own_rules_keep_their_pilot_by_default(delta_scene: dmis.Scene) -> None:
     """The default is to render the pilot; ``shares_only = True`` leaves it out."""
     result = dmis.render(delta_scene, Own(), 8)
     assert (result.weight == 0.25).all() and result.provenance["pilot_rays"]["camera"] > 0
@@ -101,7 +101,7 @@ def test_one_light_with_two_techniques_is_enough(delta_scene: dmis.Scene) -> Non
         assert ("nothing to mix" in scene.describe()) != learned
 
 
-def test_an_oracle_has_nothing_to_say(delta_scene: dmis.Scene, tmp_path) -> None:
+def test_oracle_of_scenes_without_choice(delta_scene: dmis.Scene, tmp_path) -> None:
     """All shares have the same variance."""
     with pytest.raises(ValueError, match="has nothing to mix, and the same variance at every share"):
         dmis.make_oracle(delta_scene, 8, folder=tmp_path)

@@ -313,7 +313,7 @@ def test_rules_do_not_see_the_difference(rule: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_what_is_seen_is_never_left_out(seed: int) -> None:
+def test_visible_triangles_are_never_left_out(seed: int) -> None:
     """Triangles anywhere, large and tiny, far from the origin and beside the camera: no ray that hits is left out."""
     rng = np.random.default_rng(seed)
     centres = rng.normal(size=(40, 1, 3)) * 3

@@ -89,13 +89,13 @@ def test_parts_keep_their_lights() -> None:
     np.testing.assert_array_equal(scene.lights[1].radiance, np.array((5.0, 4.0, 3.0)) / 8)
 
 
-def test_too_far_to_be_there() -> None:
+def test_scene_too_far_from_the_origin() -> None:
     """What even float64 cannot hold is refused."""
     with pytest.raises(ValueError, match="further from the origin than 1e9 times its size"):
         dmis.render(zoo(offset=1e12), "balance", 2)
 
 
-def test_a_light_that_is_there_twice() -> None:
+def test_duplicate_light() -> None:
     """It shines twice, in the units of the scene as in others."""
     sky = dmis.EnvironmentLight(np.full((2, 2, 3), 1e30, np.float32))
     one, two = (dmis.render(box_scene(lights=(sky,) * n, resolution=(2, 2)), "balance", 64).image for n in (1, 2))
@@ -162,10 +162,9 @@ def sunlit(distance: float, surface: bool = True, ground: float = 6.0, name: str
     return Scene(camera, parts + ((dmis.light_part(sun),) if surface else ()), (sun,), name)
 
 
-@pytest.mark.parametrize("distance", [1e3, 1e5, 1e6])
-def test_a_far_sun_leaves_shadows_where_they_are(distance: float) -> None:
+def test_a_far_sun_leaves_shadows_where_they_are() -> None:
     """Rays begin above a surface by what is right for the scene that they leave, however far a lamp is."""
-    near, far = sunlit(100.0), sunlit(distance)
+    near, far = sunlit(100.0), sunlit(1e6)
     assert far.epsilon == near.epsilon and far.in_float32[0] is far
     expected, found = (dmis.render(scene, "balance", 64, seed=k).image for k, scene in enumerate((near, far)))
     assert np.sqrt(((found - expected) ** 2).mean() / (expected**2).mean()) < 0.03

@@ -159,7 +159,7 @@ def test_image_in_a_field_of_any_name() -> None:
     np.testing.assert_array_equal(own.image, shipped.image)
 
 
-def test_rescaled_is_asked_for_where_it_is_needed() -> None:
+def test_rescaled_where_needed() -> None:
     """A light that cannot be rescaled will do in ordinary units, and not a million away from the origin."""
     lamp = Panel(2.0)
     ordinary = box_scene(lights=(lamp,), extra=(light_part(lamp),))
@@ -171,7 +171,7 @@ def test_rescaled_is_asked_for_where_it_is_needed() -> None:
         dmis.render(far, "balance", 2)
 
 
-def test_material_refuses_what_is_no_lobe() -> None:
+def test_material_refuses_non_lobes() -> None:
     with pytest.raises(ValueError, match=r"lobes must derive from dmis\.brdf\.lobe\.Lobe .* class int\(Lobe\)"):
         dmis.Material((7,))  # type: ignore[arg-type]
 

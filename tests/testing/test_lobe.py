@@ -154,6 +154,6 @@ def test_right_lobes_pass(lobe: Lobe) -> None:
     require(check_lobe(lobe))
 
 
-def test_what_is_no_lobe_is_refused() -> None:
+def test_non_lobes_are_refused() -> None:
     with pytest.raises(ValueError, match=r"lobes must derive from dmis\.brdf\.lobe\.Lobe"):
         check_lobe(3)  # type: ignore[arg-type]

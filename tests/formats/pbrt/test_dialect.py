@@ -157,7 +157,7 @@ def test_same_scene_in_other_words(tmp_path, dialect):
 
 
 @pytest.mark.parametrize("dialect", ["v3", "v4"])
-def test_dialect_is_told_by_its_words(read, dialect):
+def test_dialect_follows_supported_words(read, dialect):
     assert read(dialect).camera.resolution == (1280, 720)
 
 
@@ -261,7 +261,7 @@ def test_a_dialect_that_the_words_contradict(tmp_path, capsys):
         assert "as asked" not in capsys.readouterr().err
 
 
-def test_included_files_tell_the_dialect(tmp_path):
+def test_dialect_follows_included_files(tmp_path):
     """Also by way of files that include each other, and of files that are missing, which are errors later."""
     (tmp_path / "a.pbrt").write_text('Include "b.pbrt" Include "c.pbrt" WorldBegin Shape "disk" WorldEnd')
     (tmp_path / "b.pbrt").write_text('Film "image"')

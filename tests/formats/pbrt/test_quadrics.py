@@ -45,15 +45,10 @@ def pixels_between(camera, p, q):
 # transform, from the sphere of radius 1 about the origin
 SPHERES = {
     "before": "Translate 0 3 1.2",
-    "large": "Translate 0 -1 1.2",
     "small": "Translate 0 3 1.2 Scale .05 .05 .05",
     "in the corner": "Translate 1.6 1 2.6 Scale .4 .4 .4",
-    "near": "Translate 0 -3 1.5 Scale .9 .9 .9",
     "around": "Scale 5 5 5",
-    "ground": "Translate 0 0 -1e3 Scale 1e3 1e3 1e3",
-    "pole": "Translate 0 0 -1e6 Scale 1e6 1e6 1e6",
-    "equator": "Translate 0 0 -1e6 Scale 1e6 1e6 1e6 Rotate 90 1 0 0",
-    "oblique": "Translate 0 0 -1e6 Scale 1e6 1e6 1e6 Rotate 37 1 .3 0",
+    "ground": "Translate 0 0 -1e6 Scale 1e6 1e6 1e6 Rotate 37 1 .3 0",
     "egg": "Translate 0 1 1.2 Rotate 30 1 2 3 Scale .4 1 .7",
     "mirrored": "Translate 0 1 1.2 Scale 1 -1 1",
 }
@@ -132,12 +127,12 @@ def test_images_are_those_of_finer_spheres(tmp_path):
         f"{spheres}"
         'Shape "trianglemesh" "point P" [-9 -9 0 9 -9 0 9 9 0 -9 9 0] "integer indices" [0 1 2 0 2 3]'
     )
-    scene = load(tmp_path, world, resolution=(160, 120))
+    scene = load(tmp_path, world, resolution=(80, 60))
     exact = []
     for part in scene.parts:
         low, high = part.mesh.bounds
         if part.mesh.triangles > 2:  # of the lamp as it was: a finer one hides its own rim from light samples
-            ball = shapes.sphere(float((high - low)[2] / 2), segments=512 if part.light is None else 256)
+            ball = shapes.sphere(float((high - low)[2] / 2), segments=256)
             part = replace(part, mesh=ball.transformed(transforms.translate((low + high) / 2)))
         exact.append(part)
     images = [dmis.render(s, "balance", 64, seed=3).image for s in (scene, replace(scene, parts=tuple(exact)))]
@@ -166,12 +161,13 @@ def test_many_spheres_share_the_triangles(tmp_path):
 
 
 @pytest.mark.parametrize("fov", ["1e-9", "179.9999999"])
-def test_extreme_fields_of_view_take_no_more_triangles(tmp_path, fov):
+def test_extreme_fields_of_view_take_no_more_triangles(tmp_path, monkeypatch, fov):
     """They took 33 million triangles, or endless time; now a warning names the error and the field of view."""
+    monkeypatch.setattr("dmis.formats.pbrt.quadrics.TRIANGLE_BUDGET", 20_000)
     path = tmp_path / "scene.pbrt"
     path.write_text(HEAD.replace('fov" 40', f'fov" {fov}') + 'Translate 0 0 1 Shape "sphere" WorldEnd')
     with pytest.warns(PbrtWarning, match="off by up to .* pixels, .* a field of view from 1 to 170 degrees"):
-        assert read_pbrt(path).parts[0].mesh.triangles <= TRIANGLE_BUDGET
+        assert read_pbrt(path).parts[0].mesh.triangles <= 20_000
 
 
 def test_too_many_quadrics_are_coarser_with_a_warning(tmp_path, monkeypatch, capsys):
