@@ -91,9 +91,7 @@ def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, *
     rays, parts = read_curves(oracle_path(scene, spp, oracle.patch, settings, options.get("folder")))
     pixels = patch_sum(np.ones(scene.camera.resolution[::-1]), oracle.patch)
     zero = np.broadcast_to(0.0, parts["curve"].shape[1:])
-    halves = [
-        PatchCurves(square=zero, cross=zero, pixels=pixels, **{n: a[k] for n, a in parts.items()}) for k in (0, 1)
-    ]
+    halves = [PatchCurves(gain_square=zero, pixels=pixels, **{n: a[k] for n, a in parts.items()}) for k in (0, 1)]
     resolved = resolve_auto(make_settings(settings), scene)
     s = resolved.shading_samples
     base_cost = float(camera_sample_cost(rays, GRID_SHARES, 2 * s, 0, resolved.techniques)[0])

@@ -68,10 +68,7 @@ def pilot_of_curves(curve: Array, noise: float = 0.0, size: int = 32) -> dict[fl
     """A pilot whose pixels have the curves given per patch of 4 pixels ``(G, rows, columns)``, with a spread."""
     rows = columns = size // 4
     curve = np.broadcast_to(curve, (len(GRID), rows, columns)).astype(float)
-    square = curve**2 + noise**2
-    square[HALF] = curve[HALF] ** 2
-    cross = curve * curve[HALF]
-    sums = {"curve": curve, "square": square, "cross": cross}
+    sums = {"curve": curve, "gain_square": (curve - curve[HALF]) ** 2 + noise**2}
     sums |= {"pattern": np.zeros(curve.shape), "position": np.zeros((rows, columns))}
     moments = Moments(6, np.ones((size, size, 3)), np.ones((size, size, 3)))
     return {0.5: Pilot(moments, {"camera": 100}, {name: a * 16 for name, a in sums.items()})}

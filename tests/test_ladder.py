@@ -19,7 +19,7 @@ def planted(position: Array, shading: Array, pattern: Array | float = 0.0) -> Pa
     """Return the curves of patches ``(r, c)`` with known P, A(w) ``(G, r, c)`` and Var_y(D)."""
     zero, pattern = np.zeros_like(shading), np.broadcast_to(pattern, shading.shape)
     curve = shading / S + share_variance(S)[:, None, None] * pattern
-    return PatchCurves(curve, zero, zero, position, np.full(position.shape, 16.0), pattern=pattern)
+    return PatchCurves(curve, zero, position, np.full(position.shape, 16.0), pattern=pattern)
 
 
 def oracle_of(first: PatchCurves, second: PatchCurves | None = None, unit: float = 1.0) -> HalvedOracle:

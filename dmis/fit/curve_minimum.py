@@ -19,8 +19,8 @@ class PatchCurves:
     ----------
     curve
         Part of the variance of a camera sample that depends on w, at the G shares of the grid, ``(G, ...)``.
-    square, cross
-        Means over pixels of its square and of its product with itself at the baseline point, for standard errors.
+    gain_square
+        Means over pixels of the square of its difference from the baseline point, for standard errors.
     position
         Var_y(I), the part of the variance that does not depend on w.
     pixels
@@ -32,8 +32,7 @@ class PatchCurves:
     """
 
     curve: Array
-    square: Array
-    cross: Array
+    gain_square: Array
     position: Array
     pixels: Array
     baseline: int = HALF
@@ -53,9 +52,8 @@ class PatchCurves:
 
     def gain_error(self) -> Array:
         """Return the standard error of ``curve - curve(1/2)``, ``(G, ...)``."""
-        second = self.square - 2 * self.cross + self.square[self.baseline]
         mean = self.curve - self.curve[self.baseline]
-        return np.sqrt(np.maximum(second - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
+        return np.sqrt(np.maximum(self.gain_square - mean * mean, 0) / np.maximum(self.pixels - 1, 1))
 
 
 def cost_weighted(variance: Array, cost: Array, price: float) -> Array:

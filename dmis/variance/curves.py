@@ -130,8 +130,8 @@ class Curves:
     def sums(self) -> dict[str, Array]:
         """Return the sums per pixel that `dmis.fit.curve_minimum.PatchCurves` averages over patches.
 
-        ``curve`` ``(G, P)``, its square and its product with itself at w = 1/2, Var_y(D) as ``pattern`` ``(G, P)``,
-        and Var_y(I) as ``position`` ``(P,)``.
+        ``curve`` ``(G, P)``, its squared gain over w = 1/2, see `with_gain_square`, Var_y(D) as ``pattern``
+        ``(G, P)``, and Var_y(I) as ``position`` ``(P,)``.
         """
         n = max(self._n, 1)
         pattern, sample_variance = self._pattern / n, self._total / n
@@ -139,7 +139,7 @@ class Curves:
         curve = self._curve / n + self._rounding_variance()[:, None] * pattern
         # Var_y(I) = the pilot's variance less its curve: V(1/2) of balance with 2 S shading samples in place of S
         position = sample_variance - self._pilot / n / 2
-        return with_squares(curve, self._second / n, self._half) | {"pattern": pattern, "position": position}
+        return with_gain_square(curve, self._second / n, self._half) | {"pattern": pattern, "position": position}
 
     def _rounding_variance(self) -> Array:
         """Return var(n / S) at each share, ``(G,)``."""
@@ -159,16 +159,16 @@ def summed_variance(radiance: Array, count: int) -> Array:
     return np.asarray(count * radiance.mean(axis=0).reshape(count, -1).var(axis=0, ddof=1))
 
 
-def with_squares(curve: Array, second: Array, baseline: int) -> dict[str, Array]:
-    """Return a `curve` ``(G, P)``, its ``square``, and its product ``cross`` with itself at the `baseline` point.
+def with_gain_square(curve: Array, second: Array, baseline: int) -> dict[str, Array]:
+    """Return a `curve` ``(G, P)``, and the square of its difference from the `baseline` point as ``gain_square``.
 
     Where all samples are alike, a curve is rounding error, which must not be taken for a gain: squares have that of the
-    `second` moment ``(G, P)``, too.
+    `second` moment ``(G, P)`` at both points, too.
     """
-    rounding = CURVE_ROUNDING * second
-    square, cross = curve * curve + rounding * rounding, curve * curve[baseline]
-    cross[baseline] = square[baseline]
-    return {"curve": curve, "square": square, "cross": cross}
+    rounding_2 = np.square(CURVE_ROUNDING * second)
+    gain_square = np.square(curve - curve[baseline]) + rounding_2 + rounding_2[baseline]
+    gain_square[baseline] = 0
+    return {"curve": curve, "gain_square": gain_square}
 
 
 def samples_by_light(records: Sequence[Record], shading_samples: int, n: int) -> Iterator[tuple[Array, Array]]:

@@ -41,7 +41,7 @@ from dmis.variance.curves import (
     select_pixels,
     summed_variance,
     variance_over_y,
-    with_squares,
+    with_gain_square,
 )
 
 GRID_STEPS = 6
@@ -145,14 +145,14 @@ class SimplexCurves:
     def sums(self) -> dict[str, Array]:
         """Return the sums per pixel that are averaged over patches.
 
-        ``curve`` ``(G, P)``, its ``square``, its product ``cross`` with itself at `baseline_point`, and Var_y(I) as
+        ``curve`` ``(G, P)``, the square of its difference from `baseline_point` as ``gain_square``, and Var_y(I) as
         ``position`` ``(P,)``.
         """
         n, techniques = max(self._n, 1), len(self._exact)
         equal, at = baseline_point((True,) * techniques), baseline_point(self._exact)
         # Var_y(I) = the pilot's variance less its curve: that of equal shares with K S shading samples in place of S
         position = (self._total - self._curve[equal] / techniques) / n
-        return with_squares((self._curve + self._pattern) / n, self._second / n, at) | {"position": position}
+        return with_gain_square((self._curve + self._pattern) / n, self._second / n, at) | {"position": position}
 
 
 def samples_by_light(records: Sequence[Record], s: int, techniques: int, n: int) -> Iterator[tuple[Array, Array]]:

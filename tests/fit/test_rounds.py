@@ -38,7 +38,7 @@ def pilot(
     own = root if own is None else own
     patches = tuple(-(-n // PATCH) for n in root.shape[:2])
     curve = np.broadcast_to(curve[:, None, None] if curve.ndim == 1 else curve, (4, len(SHARES), *patches))
-    sums = {"curve": curve, "square": curve**2, "cross": curve * curve[:, HALF : HALF + 1]}
+    sums = {"curve": curve, "gain_square": (curve - curve[:, HALF : HALF + 1]) ** 2}
     sums["position"] = np.broadcast_to(position, (4, *patches))
     sums = {name: 4.0 * a for name, a in sums.items()}  # a quarter of the 16 pixels of a patch has each colour
     sums["halves"] = patch_sum(by_colour((own**2).mean(axis=2)), PATCH)
@@ -133,8 +133,7 @@ def test_guard_holds_uncertain_gains() -> None:
     curve = FLAT.copy()
     curve[-2] = 0.5
     first = pilot(curve)
-    noisy = {**first.sums, "square": first.sums["square"] + 4 * 100.0}
-    noisy["square"][:, HALF] = first.sums["square"][:, HALF]
+    noisy = {**first.sums, "gain_square": first.sums["gain_square"] + 4 * 100.0}
     for sums, share in ((first.sums, SHARES[-2]), (noisy, 0.5)):
         second = second_round(replace(first, sums=sums), replace(PLAIN, guard=1.5))
         np.testing.assert_allclose(second.shares[0], share)

@@ -162,7 +162,7 @@ def test_two_techniques_are_those_of_curves() -> None:
         at = np.abs(shares[0] - w).argmin()
         if np.isclose(shares[0, at], w):
             common += 1
-            for name in ("curve", "square", "cross"):
+            for name in ("curve", "gain_square"):
                 unit = scale if name == "curve" else scale**2
                 np.testing.assert_allclose(sums[name][at] / unit, other[name][g] / unit, rtol=2e-3, atol=1e-3)
     assert common == 5
@@ -265,7 +265,7 @@ def test_the_price_is_that_of_the_minimum() -> None:
     cost = 1 + shares[2]
     for alone, taken in ((0.25, True), (0.55, False)):
         curve = np.broadcast_to((1 - (1 - alone) * shares[2])[:, None, None], (shares.shape[1], 2, 3))
-        curves = PatchCurves(curve, curve**2, curve * curve[at], np.zeros((2, 3)), np.full((2, 3), 1e9), at)
+        curves = PatchCurves(curve, (curve - curve[at]) ** 2, np.zeros((2, 3)), np.full((2, 3), 1e9), at)
         may = np.ones(shares.shape[1], bool)
         found = best_points(curves, cost, 1.5, may, np.full((2, 3), 16.0))
         assert (shares[2][found] == taken).all()
