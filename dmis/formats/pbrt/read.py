@@ -133,6 +133,8 @@ def _checked(
 ) -> tuple[Path, tuple[int, int] | None]:
     """Return the path and the resolution; raise an error if there is no such file, resolution or dialect."""
     path = Path(path)
+    if path.exists() and not path.is_file():
+        raise FileNotFoundError(f"{path} is no scene file but a folder, a pipe or a device")
     if not path.is_file():
         others = (file.name for file in path.parent.glob("*.pbrt"))
         raise FileNotFoundError(f"there is no scene file {path}{did_you_mean(path.name, others)}")

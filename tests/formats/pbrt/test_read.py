@@ -862,7 +862,7 @@ def test_no_file(tmp_path):
         read_pbrt(tmp_path / "none.pbrt")
     os.mkfifo(tmp_path / "pipe.pbrt")
     for path in (tmp_path, tmp_path / "pipe.pbrt"):
-        with pytest.raises(FileNotFoundError, match="there is no scene file"):
+        with pytest.raises(FileNotFoundError, match="is no scene file but a folder, a pipe or a device"):
             read_pbrt(path)
 
 
