@@ -6,16 +6,17 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from dmis.base.vectors import Array
 from dmis.brdf.materials import Material
-from dmis.geometry.bodies import bodies
+from dmis.geometry.refinement import diagonals
 from dmis.intersect import RayCaster
 from dmis.light.coincident import find_overlaps, lamp_triangles
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.plan import Plan
 
-MAX_OFFSET = 0.01
-"""Largest ray offset in sizes of a body that passes without a warning."""
+MAX_OFFSET = 1e-3
+"""Largest ray offset beside a small body, in sizes of the body, that passes without a warning."""
 
 
 def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: float) -> Iterator[str]:
@@ -73,16 +74,25 @@ def camera_doubts(camera: Camera, caster: RayCaster, reach: float) -> Iterator[s
         yield f"the camera is on a surface, and {hidden.mean():.0%} of it sees nothing else; move it farther away"
 
 
-def offset_doubts(parts: Sequence[Part], epsilon: float) -> Iterator[str]:
-    """Yield a message about the smallest body that reflects, if the ray offset `epsilon` is too large for it.
+def offset_doubts(parts: Sequence[Part], small: Array, triangle_epsilon: Array | None) -> Iterator[str]:
+    """Yield a message about the one of the bodies `small` ``(B, 2, 3)`` beside which rays begin farthest off.
 
-    Too large is above `MAX_OFFSET` times the diagonal of its bounds, as beside a ground 10,000 times its size.
+    That is the largest of the ray offsets `triangle_epsilon` ``(T,)``, in sizes of the body, if above `MAX_OFFSET`.
     """
-    reflecting = [(k, part.mesh) for k, part in enumerate(parts) if part.material.lobes]
-    sizes = [(float(np.linalg.norm(high - low)), k) for k, mesh in reflecting for low, high in bodies(mesh)]
-    size, k = min(((size, k) for size, k in sizes if size > 0), default=(np.inf, 0))
-    if epsilon > MAX_OFFSET * size:
+    if triangle_epsilon is None:
+        return
+    sizes = diagonals(small)
+    far = np.flatnonzero(triangle_epsilon > MAX_OFFSET * sizes.min())
+    corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts])[far]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    near = ((low <= most + size) & (high >= least - size) for (least, most), size in zip(small, sizes, strict=True))
+    offsets = np.array([triangle_epsilon[far[mask.all(axis=1)]].max(initial=0) for mask in near]) / sizes
+    k = int(np.argmax(offsets))
+    if offsets[k] > MAX_OFFSET:
+        bounds = [part.mesh.bounds for part in parts]
+        inside = [(low <= small[k, 0]).all() and (high >= small[k, 1]).all() for low, high in bounds]
         yield (
-            f"rays begin {epsilon / size:.2g} times the size of a body off its surface (part {k}), in float32: shadows "
-            f"and gaps below that are lost. Make the scene smaller, such as its ground, or leave out what is far away"
+            f"rays begin {offsets[k]:.2g} times the size of a body off the surfaces around it (part "
+            f"{inside.index(True)}): shadows and gaps below that are lost. Make the triangles there smaller, or "
+            f"leave out what is far away"
         )

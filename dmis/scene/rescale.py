@@ -33,13 +33,15 @@ LIGHT_EXTENTS = 1e-12, 1e12
 """Range of extents of lights, in diagonals of the scene."""
 
 
-def units(low: Array, high: Array, lights: Sequence[Light]) -> tuple[Array, float, float]:
+def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tuple[Array, float, float]:
     """Return the origin ``(3,)``, the unit of length and that of radiance in which float32 holds a scene.
 
     Parameters
     ----------
     low, high
         Bounds of the scene, ``(3,)`` each.
+    small
+        Bounds of its bodies that are small beside it, ``(B, 2, 3)``; the origin is amid these if they are far off.
     lights
         Its lights.
 
@@ -64,6 +66,10 @@ def units(low: Array, high: Array, lights: Sequence[Light]) -> tuple[Array, floa
                 f"{size:g}. A smaller one is a PointLight, a larger one an EnvironmentLight"
             )
     origin = (low + high) / 2 if reach > MAX_REACH * size else np.zeros(3)
+    if len(small):
+        least, most = small[:, 0].min(axis=0), small[:, 1].max(axis=0)
+        if np.abs([least, most]).max() > MAX_REACH * np.linalg.norm(most - least):
+            origin = (least + most) / 2
     length = _unit(size, KEPT_DIAGONALS)
     return origin, length, _unit(max((light.brightness(length) for light in lights), default=0.0), KEPT_RADIANCES)
 

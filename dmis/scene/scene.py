@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from dmis.base.selection import Index, Selection, columns, take
 from dmis.base.vectors import TINY, Array, dot
+from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import two_sided
 from dmis.light.light import Light, check_light_form
@@ -143,7 +144,7 @@ class Scene:
 
     def seen_by(self, camera: Camera) -> Scene:
         """Return the scene seen by a camera with the same pinhole; plan, tables and Embree are those of this scene."""
-        shared = "plan", "tables", "intersector", "epsilon"
+        shared = "plan", "tables", "intersector", "epsilon", "triangle_epsilon"
         return self.changed(camera=camera, **{name: getattr(self, name) for name in shared})
 
     def changed(self, **values: Any) -> Scene:
@@ -165,11 +166,41 @@ class Scene:
         return np.float32(RAY_OFFSET * _extent(*self.bounds))
 
     @cached_property
+    def bodies(self) -> Array:
+        """Bounds ``(B, 2, 3)`` of the bodies of all parts, see `dmis.geometry.refinement`."""
+        return np.concatenate([bodies(part.mesh) for part in self.parts])
+
+    @property
+    def small_bodies(self) -> Array:
+        """Bounds ``(B, 2, 3)`` of the bodies that are small beside the scene, see `dmis.geometry.refinement`."""
+        low, high = self.bounds
+        return small_beside(float(np.linalg.norm(high - low)), self.bodies)
+
+    @cached_property
+    def triangle_epsilon(self) -> Array | None:
+        """Ray offset of each triangle, ``(T,)``, for scenes with `small_bodies`, which `epsilon` would begin rays far
+        above; None for others.
+
+        It is `RAY_OFFSET` of the triangle's size or largest coordinate, which set the rounding of a point on it, and of
+        the height above it at which Embree sees a ray begin (both less than 2e-7 of that); or of the smallest body.
+        """
+        small = self.small_bodies
+        if not len(small):
+            return None
+        corners = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in self.parts])
+        size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        extent = np.maximum(np.maximum(size, np.abs(corners).max(axis=(1, 2))), diagonals(small).min())
+        return np.clip((RAY_OFFSET * extent).astype(np.float32), TINY, self.epsilon)
+
+    @cached_property
     def _other_units(self) -> tuple[Scene, float] | None:
-        origin, length, gain = units(*self.bounds, self.lights)
+        origin, length, gain = units(*self.bounds, self.small_bodies, self.lights)
         scene = self
         if origin.any() or length != 1 or gain != 1:
             scene = self.changed(**rescale(self.camera, self.parts, self.lights, (origin, length, gain)))
+        parts = tuple(replace(part, mesh=refine_near_bodies(part.mesh, scene.bodies)) for part in scene.parts)
+        if any(new.mesh is not old.mesh for new, old in zip(parts, scene.parts, strict=True)):
+            scene = scene.changed(parts=parts)
         # not the scene itself: it would refer to itself, and its memory would not be freed at once
         return None if scene is self else (scene, gain)
 
@@ -184,7 +215,11 @@ class Scene:
     @cached_property
     def plan(self) -> Plan:
         """Groups and lights that a render computes with, see `dmis.scene.plan.Plan`."""
-        return Plan(self.camera, self.parts, self.lights, float(self.epsilon))
+        return Plan(self.camera, self.parts, self.lights, self._least_epsilon)
+
+    @property
+    def _least_epsilon(self) -> float:
+        return float(self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.min())
 
     def describe(self) -> str:
         """Return in words what ``python -m dmis info`` prints: the plan, what the file suggests, how it was read."""
@@ -210,9 +245,9 @@ class Scene:
     @cached_property
     def _doubts(self) -> tuple[str, ...]:
         return (
-            *lamp_doubts(self.parts, self.plan, self.intersector, 2 * float(self.epsilon)),
-            *offset_doubts(self.parts, float(self.epsilon)),
-            *camera_doubts(self.camera, self.intersector, float(self.epsilon)),
+            *lamp_doubts(self.parts, self.plan, self.intersector, 2 * self._least_epsilon),
+            *offset_doubts(self.parts, self.small_bodies, self.triangle_epsilon),
+            *camera_doubts(self.camera, self.intersector, self._least_epsilon),
         )
 
     def prepare(self) -> None:
@@ -230,7 +265,7 @@ class Scene:
         """
         for text in self._doubts:
             warnings.warn(SceneWarning(f"scene {self.name}: {text}"), stacklevel=3)
-        _ = self.plan, self.intersector, self.epsilon, self.tables.corners, self.covered_pixels
+        _ = self.plan, self.intersector, self.epsilon, self.triangle_epsilon, self.tables.corners, self.covered_pixels
         for group in self.plan.groups:
             if group.smooth:
                 _ = self.tables.normals
@@ -271,7 +306,8 @@ class Scene:
         facing = dot(ng, wo)
         side = np.copysign(np.float32(1), facing)
         ng = ng * side
-        p += ng * self.epsilon
+        epsilon = self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.take(prim)
+        p += ng * epsilon
         n, cos_o = self._shading_normals(prim, u, v, wo) if group.smooth else (ng, np.abs(facing))
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
         uv = dpdu = None
@@ -287,7 +323,7 @@ class Scene:
             for kind in ("reflection", "transmission", "delta")
         }
         points = ShadingPoints(
-            p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=self.epsilon, **lobes
+            p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=epsilon, **lobes
         )
         return points, group.emission_at(p, row, points.outside)
 

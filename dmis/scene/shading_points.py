@@ -39,7 +39,7 @@ class ShadingPoints:
     dpdu
         ``(3, N)`` or ``(3, 1)``; read by anisotropic lobes only, None where there are none.
     epsilon
-        By how much p is pushed off, see `dmis.scene.scene.Scene.epsilon`.
+        By how much p is pushed off, ``(N,)`` or one number, see `dmis.scene.scene.Scene.epsilon`.
     """
 
     p: Array
@@ -49,7 +49,7 @@ class ShadingPoints:
     cos_o: Array
     outside: Array
     dpdu: Array | None
-    epsilon: np.float32
+    epsilon: Array | np.float32
     reflection: tuple[Lobe, ...]
     transmission: tuple[Lobe, ...]
     delta: tuple[DeltaLobe, ...]

@@ -168,3 +168,14 @@ def test_a_far_sun_leaves_shadows_where_they_are() -> None:
     assert far.epsilon == near.epsilon and far.in_float32[0] is far
     expected, found = (dmis.render(scene, "balance", 64, seed=k).image for k, scene in enumerate((near, far)))
     assert np.sqrt(((found - expected) ** 2).mean() / (expected**2).mean()) < 0.03
+
+
+def test_small_things_on_a_large_ground() -> None:
+    """Each part has an offset of its own where they differ a lot: light inside of a small box stays there."""
+    scene = sunlit(100.0, ground=2e3)
+    offset = scene.triangle_epsilon
+    assert offset is not None and offset[0] == scene.epsilon > 1e-3 and offset[2] < 1e-6
+    assert sunlit(100.0).triangle_epsilon is None
+    images = [dmis.render(s, "balance", 64, seed=k).image for k, s in enumerate((scene, sunlit(100.0)))]
+    top = slice(14, 17), slice(14, 18)
+    np.testing.assert_allclose(images[0][top].mean(), images[1][top].mean(), rtol=0.02)
