@@ -164,15 +164,18 @@ def _summaries(numbers: dict[str, int]) -> tuple[str, ...]:
 def _check_glb(data: bytes) -> None:
     """Raise a ValueError for a GLB file of another version, a compressed one, or one that is cut off.
 
-    trimesh would fill with zeros what it cannot decode.
+    trimesh would fill with zeros what it cannot decode, and an array of more elements than the file has bytes.
     """
     magic, length = struct.unpack("<8sI", data[:12].ljust(12, b"\0"))
     if magic != b"glTF\2\0\0\0":
         raise ValueError("it must be binary glTF of version 2; convert it")
     if len(data) < length:
         raise ValueError(f"it is cut off: it must have {length} bytes; it has {len(data)}")
-    if missing := set(_COMPRESSIONS) & set(_glb_json(data).get("extensionsRequired", [])):
+    gltf = _glb_json(data)
+    if missing := set(_COMPRESSIONS) & set(gltf.get("extensionsRequired", [])):
         raise ValueError(f"its triangles are compressed ({missing.pop()}), which is not read; export it uncompressed")
+    if wrong := [array["count"] for array in gltf.get("accessors", []) if not 0 <= array["count"] <= len(data)]:
+        raise ValueError(f"it must not have an array of more elements than its {len(data)} bytes; got {wrong[0]}")
 
 
 _COMPRESSIONS = "KHR_draco_mesh_compression", "EXT_meshopt_compression"

@@ -14,6 +14,7 @@ import pytest
 import dmis
 from dmis.base import plugins
 from dmis.cli.commands import main
+from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.registry import RULES
 from dmis.image import read_exr
 
@@ -38,10 +39,12 @@ def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Leave the tables, modules and search path as they were."""
     monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
-    rules = dict(RULES)
+    rules, techniques = dict(RULES), dict(TECHNIQUES)
     yield
     RULES.clear()
     RULES.update(rules)
+    TECHNIQUES.clear()
+    TECHNIQUES.update(techniques)
     for name in [name for name in sys.modules if name.startswith("my_")]:
         del sys.modules[name]
 
