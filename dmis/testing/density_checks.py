@@ -61,7 +61,8 @@ def check_mass(views: Sequence[DensityView], level: float) -> str:
         if not view.mass_agrees(limit) and not (view := view.finer()).mass_agrees(limit):
             raise Fault(
                 f"{view.pdf_name} is not the density of sample: it integrates to {view.mass:.4f}, and {view.share:.4f} "
-                f"of the directions of sample are accepted ({view.place})"
+                f"of the directions of sample are accepted ({view.place})",
+                view.figure,
             )
     return f"integrals {', '.join(f'{view.mass:.3f}' for view in views)}"
 
@@ -72,7 +73,8 @@ def check_chi_square(views: Sequence[DensityView], level: float) -> str:
         if view.p <= level and (view := view.finer()).p <= level:
             raise Fault(
                 f"sample does not follow {view.pdf_name}: p = {view.p:.1g}; {view.pdf_name} integrates to "
-                f"{view.mass:.3f} ({view.place})"
+                f"{view.mass:.3f} ({view.place})",
+                view.figure,
             )
     return f"p = {', '.join(f'{view.p:.2g}' for view in views)}"
 
@@ -86,7 +88,7 @@ def check_integral(views: Sequence[DensityView], level: float, name: str) -> str
         ratio = np.divide(value, pdf, out=np.zeros_like(value), where=view.accepted & (pdf > 0))
         mean, limit = ratio.mean(axis=1), z_limit(level)
         if _difference(mean, view.integral, limit) and (text := _difference(mean, view.finer().integral, limit)):
-            raise Fault(f"{text.format(pdf=view.pdf_name, name=name)} ({view.place})")
+            raise Fault(f"{text.format(pdf=view.pdf_name, name=name)} ({view.place})", view.figure)
     return f"integrals {', '.join(f'{view.integral.value.max():.3f}' for view in views)}"
 
 

@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +28,14 @@ class Outcome:
         Whether it holds.
     message
         The measured numbers; of a failure also the function at fault.
+    figure
+        Makes a picture of a failure, with matplotlib; None: there is none.
     """
 
     name: str
     passed: bool
     message: str
+    figure: Callable[[], Any] | None = None
 
 
 def require(outcomes: Iterable[Outcome]) -> None:
@@ -63,7 +67,7 @@ def run_checks(name: str, checks: Iterable[tuple[str, Callable[[], str]]]) -> li
             with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
                 outcomes.append(Outcome(full, True, check()))
         except Fault as fault:
-            outcomes.append(Outcome(full, False, str(fault)))
+            outcomes.append(Outcome(full, False, str(fault), fault.figure))
         except Exception as error:
             outcomes.append(Outcome(full, False, raised(error)))
         if not outcomes[0].passed:
@@ -72,7 +76,11 @@ def run_checks(name: str, checks: Iterable[tuple[str, Callable[[], str]]]) -> li
 
 
 class Fault(Exception):
-    """A check that fails: the message of its outcome."""
+    """A check that fails: the message of its outcome, and its picture."""
+
+    def __init__(self, message: str, figure: Callable[[], Any] | None = None) -> None:
+        super().__init__(message)
+        self.figure = figure
 
 
 def attempt(name: str, check: Callable[[], list[Outcome]]) -> list[Outcome]:
