@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 24_000, "tests": 23_500}
+LINES = {"dmis": 23_450, "tests": 22_800}
 """Lines of Python files."""
 WORDS = 38_000
 """Words of the pages, tables included."""
