@@ -12,7 +12,7 @@ from dmis.base.validate import did_you_mean, whole
 from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import technique_by_name
-from dmis.light.environment import check_compensation
+from dmis.light.light_sample import check_compensation
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 from dmis.scene.scene import Scene, SceneWarning

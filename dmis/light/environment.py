@@ -14,7 +14,7 @@ from dmis.base.selection import Selection, take
 from dmis.base.vectors import Array
 from dmis.brdf.texture import Image
 from dmis.light.light import InfiniteLight
-from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, rgb
+from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, check_compensation, rgb
 from dmis.samplers.warp import INV_PI, TWO_PI, atan2
 
 INV_TWO_PI = INV_PI / 2
@@ -25,15 +25,6 @@ MIN_SIN = np.float32(1e-9)
 """Smallest sin(theta) that a density is divided by."""
 MIN_EXCESS = 1e-5
 """Least share of a sky's power above its mean for which samples are compensated; below, it is rounding of float32."""
-
-
-def check_compensation(share: Any) -> float | None:
-    """Return a compensation, see `EnvironmentLight`, as a float or None; a ValueError unless it is in [0, 1)."""
-    if share is None:
-        return None
-    if isinstance(share, bool) or not isinstance(share, int | float | np.number) or not 0 <= share < 1:
-        raise ValueError(f"compensation must be in [0, 1), so that light samples reach all of the sky; got {share!r}")
-    return float(share)
 
 
 class EnvironmentSample(LightSample):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -86,3 +87,12 @@ def point(name: str, value: Rgb) -> Array:
 def direction(name: str, value: Rgb) -> Array:
     """Return a unit vector along `value` as ``(3, 1)`` float32; refuse zero or not finite, and call it `name`."""
     return validate.direction(name, value).astype(np.float32)[:, None]
+
+
+def check_compensation(share: Any) -> float | None:
+    """Return the compensation of a sky as a float or None; raise a ValueError unless it is in [0, 1)."""
+    if share is None:
+        return None
+    if isinstance(share, bool) or not isinstance(share, int | float | np.number) or not 0 <= share < 1:
+        raise ValueError(f"compensation must be in [0, 1), so that light samples reach all of the sky; got {share!r}")
+    return float(share)
