@@ -1,7 +1,7 @@
-"""Vectors as structure of arrays: a batch of N vectors is one ``(3, N)`` array; names of array types.
+"""Batches as structure of arrays: N vectors are one ``(3, N)`` array; selections from batches; names of array types.
 
 Rows are contiguous, so each operation runs over whole cache lines, several times faster than on ``(N, 3)`` arrays.
-Inputs of shape ``(3, 1)`` broadcast. Selections from batches are in `dmis.base.selection`.
+Inputs of shape ``(3, 1)`` broadcast. Selections are indices or slices, composed without copies where possible.
 """
 
 from __future__ import annotations
@@ -15,8 +15,14 @@ Array = npt.NDArray[Any]
 """Array of any type; those of rays are float32."""
 Floats = npt.NDArray[np.float64]
 """Array of float64, as statistics and meshes are."""
+Index = npt.NDArray[Any]
+"""Whole numbers that index the last axis of a batch."""
+Selection = Index | slice
+"""A selection from the last axis of a batch: whole numbers, or a slice from start to stop."""
 TINY = np.float32(1e-30)
 """Smallest divisor and radicand: it keeps rays finite, because one NaN makes Embree walk its whole tree."""
+ROWS_PER_BLOCK = 4096
+"""Rows of a table that `columns` transposes at a time: they stay in the cache."""
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -50,3 +56,48 @@ def frame(n: Array) -> tuple[Array, Array]:
     t[1] = sign + y * y * a
     t[2] = -y
     return s, t
+
+
+def take(a: Array, index: Selection | None) -> Array:
+    """Return the entries `index` of the last axis; constants (last axis 1 or none) and ``index=None`` pass through.
+
+    Slices are views: nothing is copied. An empty selection from an axis of length 1 is empty, because such an axis may
+    be a constant or a batch of one. Indices are not range-checked, which saves a quarter of the time.
+    """
+    if index is None or a.ndim == 0:
+        return a
+    if a.shape[-1] == 1:
+        return a if size(index, 1) else a[..., :0]
+    return a[..., index] if isinstance(index, slice) else a.take(index, axis=-1, mode="wrap")
+
+
+def columns(table: Array, index: Index) -> Array:
+    """Return the rows `index` ``(N,)`` of a table ``(T, C)`` as columns ``(C, N)``, transposed block by block."""
+    transposed = np.empty((table.shape[1], len(index)), table.dtype)
+    for begin in range(0, len(index), ROWS_PER_BLOCK):
+        block = slice(begin, begin + ROWS_PER_BLOCK)
+        transposed[:, block] = table.take(index[block], axis=0).T
+    return transposed
+
+
+def indices(condition: np.ndarray) -> Index | None:
+    """Return the indices at which `condition` holds; None if it holds everywhere, so that nothing must be gathered."""
+    index = np.flatnonzero(condition)
+    return None if len(index) == len(condition) else index
+
+
+def compose(outer: Selection | None, inner: Selection | None) -> Selection | None:
+    """Return the selection `inner` from the selection `outer`, where None means everything."""
+    if outer is None or inner is None:
+        return inner if outer is None else outer
+    if isinstance(outer, slice):
+        start = outer.start
+        return slice(start + inner.start, start + inner.stop) if isinstance(inner, slice) else inner + start
+    return take(outer, inner)
+
+
+def size(index: Selection | None, everything: int) -> int:
+    """Return the number of entries that `index` selects from `everything` entries."""
+    if index is None:
+        return everything
+    return index.stop - index.start if isinstance(index, slice) else len(index)

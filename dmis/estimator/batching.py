@@ -12,8 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dmis.base.selection import Index, Selection, compose, indices, size, take
-from dmis.base.vectors import Array, dot
+from dmis.base.vectors import Array, Index, Selection, compose, dot, indices, size, take
 from dmis.estimator.allocation import Counts
 from dmis.estimator.batch import Batch
 from dmis.estimator.cost import ray_kind_of_colour

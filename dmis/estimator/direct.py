@@ -17,8 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.selection import Selection, compose, indices, size, take
-from dmis.base.vectors import dot
+from dmis.base.vectors import Selection, compose, dot, indices, size, take
 from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded

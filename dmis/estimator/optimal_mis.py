@@ -13,8 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dmis.base.selection import take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, take
 from dmis.estimator.records import Record
 
 MIN_SAMPLES_TO_FIT = 8

@@ -19,8 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dmis.base.selection import Selection, compose, indices, take
-from dmis.base.vectors import Array, dot
+from dmis.base.vectors import Array, Selection, compose, dot, indices, take
 from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import relative_ior
 from dmis.samplers.keys import CONTINUE

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from dmis.base.selection import Selection
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.selection import take
-from dmis.base.vectors import Array, dot
+from dmis.base.vectors import Array, dot, take
 from dmis.brdf.cosines import Directions
 from dmis.light.light import SampledLight
 from dmis.light.light_sample import LightSample

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmis.base.selection import Selection, compose, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection, compose, take
 from dmis.estimator.batch import Batch
 from dmis.estimator.records import Record
 from dmis.light.light_sample import LightSample

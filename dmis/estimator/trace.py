@@ -11,8 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dmis.base.selection import Selection, compose, indices, size, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection, compose, indices, size, take
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, count_rays, point_chunks, take_optional
 from dmis.estimator.cost import UNTRACED

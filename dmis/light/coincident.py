@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.selection import Index
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Index
 from dmis.intersect import Hits, RayCaster
 
 CORNER_ROUNDING = 2.0**-40

@@ -10,8 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from dmis.base.color import LUMINANCE
-from dmis.base.selection import Selection, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection, take
 from dmis.brdf.texture import Image
 from dmis.light.light import InfiniteLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, check_compensation, rgb

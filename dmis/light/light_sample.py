@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base import validate
-from dmis.base.selection import Selection, take
-from dmis.base.vectors import TINY, Array, dot
+from dmis.base.vectors import TINY, Array, Selection, dot, take
 
 Rgb = tuple[float, float, float]
 INFINITE_DISTANCE = np.float32(1e30)

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.selection import Index
-from dmis.base.vectors import Floats
+from dmis.base.vectors import Floats, Index
 from dmis.geometry.mesh import Ints
 
 

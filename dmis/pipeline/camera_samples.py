@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.selection import compose
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, compose
 from dmis.estimator.allocation import Counts, allocate
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings

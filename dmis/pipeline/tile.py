@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmis.base.patches import PATCH
-from dmis.base.selection import indices, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, indices, take
 from dmis.estimator.batch import Batch
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance

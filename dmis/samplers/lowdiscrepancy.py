@@ -27,8 +27,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dmis.base.selection import Selection, size, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.keys import CONTINUE
 from dmis.samplers.pixel_block import PixelBlock
 

@@ -38,8 +38,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from dmis.base.selection import Selection, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection, take
 from dmis.samplers.keys import CONTINUE, MORE, ROUNDING
 from dmis.samplers.pixel_block import PixelBlock
 

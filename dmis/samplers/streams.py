@@ -21,8 +21,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from dmis.base.selection import Selection, size, take
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Selection, size, take
 from dmis.samplers.lowdiscrepancy import LowDiscrepancy
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import Sobol

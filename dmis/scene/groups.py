@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.selection import Index
 from dmis.base.validate import direction
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, Index
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.materials import Material
 from dmis.brdf.parameters import Parameters

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.selection import Index, Selection, columns, take
-from dmis.base.vectors import TINY, Array, dot
+from dmis.base.vectors import TINY, Array, Index, Selection, columns, dot, take
 from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import two_sided

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.selection import Selection, compose, take
-from dmis.base.vectors import Array, dot, frame, normalise
+from dmis.base.vectors import Array, Selection, compose, dot, frame, normalise, take
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import DeltaLobe, Lobe
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from dmis.base.selection import ROWS_PER_BLOCK, Selection, columns, compose, size, take
-from dmis.base.vectors import dot, frame, normalise
+from dmis.base.vectors import ROWS_PER_BLOCK, Selection, columns, compose, dot, frame, normalise, size, take
 from dmis.testing.sphere import polar
 
 
