@@ -6,7 +6,7 @@ import numpy as np
 from helpers import Z_LIMIT
 
 from dmis.base.vectors import Array
-from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.records import Record
 from dmis.fit.round import Pilot
 from dmis.variance.curves import GRID, HALF, Curves

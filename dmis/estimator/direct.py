@@ -21,7 +21,7 @@ from dmis.base.vectors import Selection, compose, dot, indices, size, take
 from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded
-from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.samples import Samples, Vertices, record_samples
 from dmis.estimator.technique import technique_by_name
 from dmis.light.light import DeltaLight

@@ -1,23 +1,30 @@
-"""Heuristics of multiple importance sampling: the weight of a sample, given the densities of all techniques.
+"""MIS weights: heuristics, which weigh a sample by the densities of all techniques, and combiners by name.
 
 A heuristic takes the effective densities ``a_j = w_j p_j`` and returns ``W / a_k``, where W is the MIS weight of a
 sample of technique k: the factor that multiplies ``f`` in its estimate. With the balance heuristic it is
 ``1 / sum a_j``, the reciprocal of the mixture density. Source: Veach and Guibas 1995; Veach 1997, chapter 9.
+
+A combiner makes one estimate of the shading samples of all techniques. It gives each sample its weight
+(`Combiner.weight`); that is all of it for heuristics and for frozen weights. One that needs all samples of a pixel
+observes their records and corrects the pixel afterwards (`Combiner.collector`). What a combiner needs of the settings
+is in its attributes, so that no other module depends on its name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import reduce
+from dataclasses import dataclass
+from functools import cache, reduce
+from typing import Protocol
 
 import numpy as np
 
 from dmis.base.vectors import TINY, Array
+from dmis.estimator.optimal_mis import Optimal
+from dmis.estimator.records import Record
 
 Heuristic = Callable[[Sequence[Array], int], Array]
 """``(a, k) -> W / a[k]``; k breaks ties, so that the weights of all techniques sum to 1."""
-
-
 LARGEST_EXPONENT = 1e8
 """Exponent above which two float32 densities that differ have the weights 1 and 0 to float32's precision."""
 
@@ -73,3 +80,150 @@ def cutoff(alpha: float) -> Heuristic:
 
 def _total(a: Iterable[Array]) -> Array:
     return reduce(np.add, a)
+
+
+class Collector(Protocol):
+    """Sums over the shading samples of a tile, from which the means of its pixels are corrected."""
+
+    def add(self, records: Sequence[Record], pixel: Array, first: Array, shading_samples: int) -> None:
+        """Add one block, see `dmis.estimator.optimal_mis.Optimal.add`."""
+        ...
+
+    def correction(self) -> Array:
+        """Return what is added to the mean of each pixel, ``(3, P)``."""
+        ...
+
+
+@dataclass(frozen=True)
+class Combiner:
+    """A combiner of MIS samples; with the defaults, a heuristic at the shares that samples were taken with.
+
+    Attributes
+    ----------
+    name
+        Its name in options and tables.
+    heuristic
+        Weights the samples; variance curves are those of this heuristic.
+    exponent
+        Of the densities in the heuristic's weights, 1 for balance; None if it is no power of them.
+    has_curves
+        Whether those variance curves are its own.
+    two_techniques
+        Whether it needs two techniques.
+    exact_densities
+        Whether it needs techniques whose densities are known.
+    fits_pixels
+        Whether it fits all samples of each light in a pixel, which therefore have one share.
+    share_range
+        Least and largest share of the first technique.
+    """
+
+    name: str
+    heuristic: Heuristic = balance
+    exponent: float | None = 1.0
+    has_curves: bool = True
+    two_techniques: bool = False
+    exact_densities: bool = False
+    fits_pixels: bool = False
+    share_range: tuple[float, float] = (0.0, 1.0)
+
+    def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
+        """Return ``W / (w_k p_k)`` of samples of technique k, the factor of f in their estimate, ``(N,)``.
+
+        Parameters
+        ----------
+        shares
+            w_j of all techniques, ``(K, N)`` or ``(K, 1)``.
+        pdf
+            p_j of all techniques, K arrays ``(N,)``.
+        """
+        return self.heuristic([w * p for w, p in zip(shares, pdf, strict=True)], k)
+
+    def collector(self, shares: Array, samples: Array) -> Collector | None:
+        """Return sums that correct pixels, see `dmis.estimator.optimal_mis.Optimal`; None: weights are all there is."""
+        return None
+
+
+@dataclass(frozen=True)
+class Frozen(Combiner):
+    """Weights of equal counts, whatever the shares: ``W = p_k / (p_l + p_b)``.
+
+    A sample's estimate is ``W f / (w_k p_k)``, which is balance at the densities ``w_k p_l`` and ``w_k p_b``. With n
+    samples in fixed shares its variance is ``(s_l^2 / w + s_b^2 / (1 - w)) / n``, s being standard deviations of
+    ``W f / p_k``: least, ``(s_l + s_b)^2 / n``, at Neyman's allocation ``w = s_l / (s_l + s_b)``, and there never more
+    than at equal counts. Sources: Sbert, Havran and Szirmay-Kalos 2016, whose estimator this is with the rule
+    ``neyman``; Neyman 1934. Needs no statistics, costs nothing. Known failures: where a share is 0 a part of f is
+    missing, a bias (hence `share_range`); rules that learn w for balance, such as ``second-moment``, minimise another
+    variance.
+    """
+
+    name: str = "frozen"
+    has_curves: bool = False
+    two_techniques: bool = True
+    share_range: tuple[float, float] = (0.05, 0.95)
+
+    def weight(self, shares: Array | Sequence[Array], pdf: Sequence[Array], k: int) -> Array:
+        """See `Combiner.weight`; the share of technique k stands for all, so that it cancels in W."""
+        return super().weight([shares[k]] * len(shares), pdf, k)
+
+
+@dataclass(frozen=True)
+class OptimalMIS(Combiner):
+    """Balance, and a correction of each pixel by the optimal weights, see `dmis.estimator.optimal_mis`."""
+
+    name: str = "optimal"
+    has_curves: bool = False
+    two_techniques: bool = True
+    exact_densities: bool = True
+    fits_pixels: bool = True
+
+    def collector(self, shares: Array, samples: Array) -> Collector:
+        """Return the sums of the direct form."""
+        return Optimal(shares, samples)
+
+
+SPECIAL = {combiner.name: combiner for combiner in (Frozen(), OptimalMIS())}
+"""Combiners that are more than a heuristic, by name."""
+_REMOVED = {
+    "controlled": "balance",
+    "optimal-progressive": "optimal",
+}
+"""Combiners of earlier versions, and what to use in their place."""
+
+
+@cache
+def combiner_by_name(name: str) -> Combiner:
+    """Return a combiner: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (threshold 0.1),
+    ``cutoff-0.5``, or one of `SPECIAL`.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name, or its number is out of range.
+    """
+    if name in SPECIAL:
+        return SPECIAL[name]
+    if name in _REMOVED:
+        raise ValueError(f"combiner {name} was removed. Use {_REMOVED[name]}")
+    if name == "balance":
+        return Combiner(name)
+    if name == "maximum":
+        return Combiner(name, maximum, exponent=None)
+    kind, dash, text = name.partition("-")
+    try:
+        number = float(text) if dash else None
+    except ValueError:
+        number = np.nan
+    if kind == "power" and number == number:
+        beta = 2.0 if number is None else number
+        return Combiner(name, power(beta), exponent=beta)
+    if kind == "cutoff" and number == number:
+        return Combiner(name, cutoff(0.1 if number is None else number), exponent=None)
+    if "+" in name:
+        raise ValueError(
+            f"combiner must be one heuristic, because the pilot no longer chooses between several; got {name!r}. Use "
+            f"balance or power"
+        )
+    raise ValueError(
+        f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or optimal; got {name!r}"
+    )

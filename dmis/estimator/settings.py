@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from dmis.base.validate import did_you_mean, whole
-from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import technique_by_name
 from dmis.light.light_sample import check_compensation
@@ -46,7 +46,7 @@ class Settings:
     techniques
         The techniques that share them, two or more; of two, w is the share of the first.
     combiner
-        Heuristic that weights them, see `dmis.estimator.combiner.combiner_by_name`.
+        Heuristic that weights them, see `dmis.estimator.mis.combiner_by_name`.
     allocation
         ``systematic`` or ``random``, see `dmis.estimator.allocation`.
     lights

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.mis import combiner_by_name
 from dmis.fit.round import Fit, Pilot, Weight
 from dmis.fit.rule import Rule, final_settings
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.combiner import combiner_by_name
+from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import PatternMap
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings

@@ -42,8 +42,8 @@ import numpy as np
 from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.combiner import combiner_by_name
 from dmis.estimator.cost import camera_sample_cost, rays_of_colours
+from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES, PatternMap
 from dmis.estimator.records import Statistic
 from dmis.filter import gaussian

@@ -39,8 +39,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dmis.base.vectors import TINY, Array
-from dmis.estimator.combiner import Combiner, combiner_by_name
-from dmis.estimator.mis import balance
+from dmis.estimator.mis import Combiner, balance, combiner_by_name
 from dmis.estimator.records import Record
 
 GRID = np.array([0, 0.03, 0.08, 0.16, 0.27, 0.38, 0.5, 0.62, 0.73, 0.84, 0.92, 0.97, 1], np.float32)

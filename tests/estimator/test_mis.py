@@ -9,8 +9,7 @@ from helpers import LEVEL, Z_LIMIT, pixel_shares, z_score
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import Counts, allocate, rounding_covariance, shares_of
-from dmis.estimator.combiner import combiner_by_name
-from dmis.estimator.mis import balance, cutoff, maximum, power
+from dmis.estimator.mis import balance, combiner_by_name, cutoff, maximum, power
 from dmis.fit.registry import make_rule
 from dmis.testing.statistics import chi2_p
 
