@@ -1,20 +1,19 @@
 """A scene's fingerprint: the key of caches and checkpoints.
 
 Fields and arrays enter by content. What is shipped enters by name, and `MEANING` stands for its code. A class or
-function of one's own enters by its source, with the definitions of its file that it uses by name. What it imports from
-other files, and what a notebook defines in other cells, does not enter.
+function of one's own enters by the text of the file, or of the cell of a notebook, that defines it. What is imported
+from other files, and what a notebook defines in other cells, does not enter.
 """
 
 from __future__ import annotations
 
-import ast
 import functools
 import hashlib
 import inspect
 import linecache
+import re
 import sys
 from collections.abc import Mapping, Set
-from copy import copy
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType
@@ -33,7 +32,7 @@ references of all scenes are then rendered anew.
 """
 _ABOUT = ("name", "source", "suggested")
 """Fields of a scene that no expected image depends on, but for a suggested integrator and depth."""
-_PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
+_PLAIN: tuple[Any, ...] = (type(None), bool, int, float, complex, str, bytes, type(...))
 
 
 def fingerprint(scene: Scene, expected_image: bool = False) -> str:
@@ -52,14 +51,12 @@ def fingerprint(scene: Scene, expected_image: bool = False) -> str:
     ValueError
         If a field of a class that is not shipped holds something that has no fingerprint, see `digest`.
     """
-    lights = [copy(light) for light in scene.lights] if expected_image else scene.lights
-    for light in lights if expected_image else ():
-        if hasattr(light, "compensation"):
-            vars(light)["compensation"] = 0.0
     number = {id(light): k for k, light in enumerate(scene.lights)}
+    noise = ("compensation",) if expected_image else ()
     content = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name not in _ABOUT}
-    content["lights"] = lights
-    content["camera"] = {**_fields(scene.camera), "to_world": np.asarray(scene.camera.to_world, np.float64)}
+    content["lights"] = [
+        (type(light), {name: v for name, v in _fields(light).items() if name not in noise}) for light in scene.lights
+    ]
     content["parts"] = [
         {**_fields(part), "light": None if part.light is None else number[id(part.light)]} for part in scene.parts
     ]
@@ -85,7 +82,7 @@ def digest(value: Any, name: str = "value") -> str:
         If there is something else in it, or it contains itself; the message has the path of fields that leads there.
     """
     try:
-        return _hash(value, name).hex()[:16]
+        return hashlib.sha256(_text(value, name).encode()).hexdigest()[:16]
     except RecursionError:
         raise ValueError(f"{name} must not contain itself, because it is walked to the end") from None
 
@@ -94,33 +91,32 @@ def digest(value: Any, name: str = "value") -> str:
 def package_hash() -> str:
     """Return a hash of the Python files of dmis, by their content and their paths in the package."""
     root = Path(__file__).parents[1]
-    files = {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*.py")}
-    return digest(files)
+    return digest({path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*.py")})
 
 
-def _hash(value: Any, path: str) -> bytes:
-    """Return the hash of anything; `path` leads to it, for messages."""
-    if isinstance(value, _PLAIN):
-        return _leaf(value)
+def _text(value: Any, path: str) -> str:
+    """Return the content of anything as text, which differs if the content does; `path` leads to it, for messages."""
+    plain = next((kind for kind in _PLAIN if isinstance(value, kind)), None)
+    if plain is not None:
+        return plain.__repr__(value)  # that of a NumPy number depends on the version of NumPy
     if isinstance(value, np.ndarray | np.generic):
-        return _array_hash(np.asarray(value), path)
+        return _array_text(np.asarray(value), path)
     if isinstance(value, tuple | list | range):
-        return _node("sequence", *(_hash(v, f"{path}[{k}]") for k, v in enumerate(value)))
+        return f"[{','.join(_text(v, f'{path}[{k}]') for k, v in enumerate(value))}]"
     if isinstance(value, Mapping):
-        items = (_node("item", _hash(k, path), _hash(v, f"{path}[{k!r}]")) for k, v in value.items())
-        return _node("mapping", *sorted(items))
+        items = (f"{_text(k, path)}:{_text(v, f'{path}[{k!r}]')}" for k, v in value.items())
+        return f"{{{','.join(sorted(items))}}}"
     if isinstance(value, Set):
-        return _node("set", *sorted(_hash(v, path) for v in value))
+        return f"set[{','.join(sorted(_text(v, path) for v in value))}]"
     if isinstance(value, BuiltinFunctionType | np.ufunc):
-        return _node("builtin", _leaf(value.__name__))
+        return value.__name__
     if isinstance(value := inspect.unwrap(value), type | FunctionType):
-        return _definition_hash(value, path)
+        return _definition_text(value, path)
     kind = type(value)
     own = kind.__module__.partition(".")[0] not in sys.stdlib_module_names
     if is_dataclass(value) or (hasattr(value, "__dict__") and own):
-        content = {name: _hash(v, f"{path}.{name}") for name, v in sorted(_fields(value).items())}
-        named = (_node("field", _leaf(name), content[name]) for name in content)
-        return _node("object", _definition_hash(kind, path), *named)
+        attributes = (f"{name}={_text(v, f'{path}.{name}')}" for name, v in sorted(_fields(value).items()))
+        return f"{_definition_text(kind, path)}({','.join(attributes)})"
     raise ValueError(
         f"{path} must be made of numbers, texts, arrays, tuples, dictionaries, functions and dataclasses of these, "
         f"because references and checkpoints are kept by its content; got {kind.__name__}. Store the data that it "
@@ -128,27 +124,27 @@ def _hash(value: Any, path: str) -> bytes:
     )
 
 
-def _array_hash(array: np.ndarray, path: str) -> bytes:
+def _array_text(array: np.ndarray, path: str) -> str:
     if array.dtype.kind not in "biufc":
-        return _node("array", _leaf(str(array.shape)), _hash(array.tolist(), path))
-    ordered = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1)
-    data = hashlib.sha256(ordered.view(np.uint8).data).digest()
-    return _node("array", _leaf(f"{array.dtype.kind}{array.dtype.itemsize}{array.shape}"), data)
+        return f"array{array.shape}{_text(array.tolist(), path)}"
+    data = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).data
+    return f"array{array.dtype.kind}{array.dtype.itemsize}{array.shape}{hashlib.sha256(data).hexdigest()}"
 
 
-def _definition_hash(value: Any, path: str) -> bytes:
-    """Return the hash of a class or function: its name if it is shipped, else its source and that of its bases."""
-    if value.__module__.partition(".")[0] == "dmis" or _of_python(value):
-        return _node("shipped", _leaf(value.__name__))
-    bases = [_definition_hash(base, path) for base in getattr(value, "__bases__", ())]
+def _definition_text(value: Any, path: str) -> str:
+    """Return a class or function as text: its name if it is shipped, else its source and that of its bases."""
+    package, module = value.__module__.partition(".")[0], sys.modules.get(value.__module__)
+    of_python = package in sys.stdlib_module_names and getattr(module, value.__name__, None) is value
+    if package == "dmis" or of_python:  # executed text says that it is of Python's `builtins`
+        return value.__name__
+    bases = getattr(value, "__bases__", ())
     constants = {k: v for k, v in vars(value).items() if isinstance(v, (*_PLAIN, np.ndarray)) and k[:2] != "__"}
-    text = _leaf(value.__qualname__), _leaf(_source(value))
-    return _node("source", *text, _hash(constants, path), *bases)
+    return _text([value.__qualname__, _source_hash(value), constants, *bases], path)
 
 
 @functools.cache
-def _source(value: Any) -> str:
-    """Return the statement that defines a class or function, and those of its file that it uses, as text.
+def _source_hash(value: Any) -> str:
+    """Return a hash of the file, or of the cell of a notebook, that defines a class or function.
 
     It is read once: if the file is edited afterwards, the code that runs is still the former one.
 
@@ -161,48 +157,13 @@ def _source(value: Any) -> str:
     module = getattr(sys.modules.get(value.__module__), "__file__", None)
     for file in (*(f.__code__.co_filename for f in functions), module or ""):
         linecache.checkcache(file)
-        try:
-            statements = ast.parse("".join(linecache.getlines(file))).body
-        except (SyntaxError, ValueError):  # no Python file
-            continue
-        names, used = {value.__qualname__}, set[ast.stmt]()
-        while more := {statement for statement in statements if names & _defined_names(statement)} - used:
-            used |= more
-            names |= {node.id for statement in more for node in ast.walk(statement) if isinstance(node, ast.Name)}
-        if used:
-            return "\n".join(ast.unparse(statement) for statement in statements if statement in used)
+        text = "".join(linecache.getlines(file))
+        if re.search(rf"^\s*(class|def) {re.escape(value.__qualname__)}\b", text, re.MULTILINE):
+            return hashlib.sha256(text.encode()).hexdigest()
     raise ValueError(
         f"{value.__qualname__} must be defined by class or def at the top level of a file, or of a cell of a notebook, "
         f"because references and checkpoints are kept by its source. Move it there; what it needs goes into its fields"
     )
-
-
-def _defined_names(statement: ast.stmt) -> set[str | None]:
-    """Return the names that a top-level statement defines."""
-    nodes = [statement] if isinstance(statement, ast.ClassDef | ast.FunctionDef) else list(ast.walk(statement))
-    stored = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
-    return stored | {getattr(node, "asname", None) or getattr(node, "name", None) for node in nodes} - {None}
-
-
-def _of_python(value: Any) -> bool:
-    """Return whether a class or function comes with Python, and enters by its name."""
-    known = value.__module__.partition(".")[0] in sys.stdlib_module_names
-    return known and getattr(sys.modules.get(value.__module__), value.__name__, None) is value  # executed text says so
-
-
-def _leaf(value: object) -> bytes:
-    """Return the hash of a plain value, with its type."""
-    kind = next(kind for kind in _PLAIN if isinstance(value, kind))
-    if isinstance(value, float):
-        data = float.hex(value).encode()
-    else:
-        data = value if isinstance(value, bytes) else str(value).encode(errors="surrogatepass")
-    return hashlib.sha256(kind.__name__.encode() + b":" + data).digest()
-
-
-def _node(kind: str, *parts: bytes) -> bytes:
-    """Return the hash of hashes, 32 bytes each."""
-    return hashlib.sha256(kind.encode() + b"(" + b"".join(parts)).digest()
 
 
 def _fields(value: Any) -> dict[str, Any]:
