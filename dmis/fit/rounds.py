@@ -214,7 +214,7 @@ class Rounds(Rule):
         sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
         return Round(
             samples,
-            shares_of(SHARES[SHARE_OF][pattern]),
+            shares_of(0.5),
             budget.settings,
             patterns=PatternMap(sizes, pattern, sizes[FIRST]),
             begin=begin,
