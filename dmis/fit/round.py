@@ -46,7 +46,8 @@ class Round:
     begin
         Number in its pixel's sequence of the first camera sample, as `spp`: 0, or where an earlier round ended.
     before
-        Film of that earlier round, whose samples are joined where `begin` is not 0; None: there is none.
+        Film of that earlier round, which the samples are joined to where `begin` is not 0, in its place; None: there
+        is none.
     image_weight
         Weight of the round's mean in the image, in camera samples that are fixed beforehand; 0: it is not in the image.
     stage

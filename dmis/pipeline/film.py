@@ -10,8 +10,9 @@ import numpy as np
 
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
+from dmis.fit.round import Round
 from dmis.pipeline.tile import Rendered, Tile
-from dmis.variance.moments import Film
+from dmis.variance.moments import Film, join
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,8 @@ class PassFilm:
 
     Attributes
     ----------
+    round
+        The round of the pass; if it goes on from the film of an earlier one, `mean` and `root` are the arrays of that.
     mean, root
         As in `dmis.variance.moments.Film`, ``(H, W, 3)`` float32.
     done
@@ -61,6 +64,7 @@ class PassFilm:
         Sums of the pass's statistic over patches of `PATCH` pixels, ``(..., ceil(H / PATCH), ceil(W / PATCH))``.
     """
 
+    round: Round
     mean: np.ndarray
     root: np.ndarray
     done: np.ndarray
@@ -68,16 +72,22 @@ class PassFilm:
     sums: dict[str, np.ndarray]
 
     @classmethod
-    def empty(cls, resolution: tuple[int, int], tiles: int) -> PassFilm:
+    def empty(cls, resolution: tuple[int, int], tiles: int, round_: Round) -> PassFilm:
         """Return a film of `resolution` (width, height) into which none of its `tiles` is merged."""
-        width, height = resolution
-        mean, root = (np.zeros((height, width, 3), np.float32) for _ in range(2))
-        return cls(mean, root, np.zeros(tiles, bool), Counter(), {})
+        shape, before = (resolution[1], resolution[0], 3), round_.before
+        mean, root = (before.mean, before.root) if before else np.zeros((2, *shape), np.float32)
+        return cls(round_, mean, root, np.zeros(tiles, bool), Counter(), {})
 
     def merge_tile(self, tile: FilmTile) -> None:
-        """Write the pixels and sums of a tile to their places, and count its rays."""
+        """Write the pixels and sums of a tile to their places, joined to those before, and count its rays."""
         area = slice(*tile.rows), slice(*tile.columns)
-        self.mean[area], self.root[area] = tile.mean, tile.root
+        mean, root = tile.mean, tile.root
+        if self.round.before is not None:
+            numbers = (np.broadcast_to(n, self.mean.shape[:2])[area] for n in (self.round.begin, self.round.spp))
+            n_first, n_more = (n[..., None] for n in numbers)
+            film = join(Film(n_first, self.mean[area], self.root[area]), Film(n_more, mean, root))
+            mean, root = film.mean, film.root
+        self.mean[area], self.root[area] = mean, root
         corner = tile.rows[0] // PATCH, tile.columns[0] // PATCH
         for name, values in tile.sums.items():
             if name not in self.sums:
@@ -108,7 +118,7 @@ def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Ar
         for part, n in parts:
             share = n / total
             mean += part.mean[row] * share
-            n_each = np.broadcast_to(np.asarray(part.n, np.float64), (*shape[:2], 1))[row]
+            n_each = np.broadcast_to(part.n, (*shape[:2], 1))[row].astype(np.float64)
             freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
             variance += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
         mean *= gain

@@ -10,8 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from types import TracebackType
 
-import numpy as np
-
 from dmis.base.malloc import LARGE_IMAGE, release
 from dmis.base.vectors import Array
 from dmis.fit.round import Pilot, Round
@@ -22,7 +20,7 @@ from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles
 from dmis.scene.feature_buffers import render_feature_buffers
-from dmis.variance.moments import Film, join
+from dmis.variance.moments import Film
 
 Observer = Callable[[Sequence[Tile]], None]
 """Called with the tiles of a pass before they are rendered."""
@@ -95,7 +93,7 @@ class Passes:
         tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
         if self._observer:
             self._observer(tuple(tiles))
-        film = PassFilm.empty(resolution, len(tiles))
+        film = PassFilm.empty(resolution, len(tiles), round_)
         for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
             film.merge_tile(film_tile)
         self._rounds += 1
@@ -105,10 +103,8 @@ class Passes:
         rays = film.rays_of_all_pixels()
         self.rays.update(rays)
         self.pilot_rays.update(rays if round_.stage == "pilot" else {})
-        settings, spp = round_.settings, round_.spp
-        moments = Film(spp if isinstance(spp, int) else spp[..., None], film.mean, film.root)
-        if round_.before is not None:
-            moments = join(round_.before, moments, np.broadcast_to(round_.begin, film.mean.shape[:2]))
+        settings, n = round_.settings, round_.spp + (0 if round_.before is None else round_.begin)
+        moments = Film(n if isinstance(n, int) else n[..., None], film.mean, film.root)
         s, techniques, features = settings.shading_samples, tuple(settings.techniques), self._features(round_)
         self.seconds[round_.stage] += time.perf_counter() - began
         return Pilot(moments, dict(film.rays), film.sums, s, features, techniques, self._job.spp)

@@ -200,19 +200,13 @@ class Film:
         return Moments(self.n, self.mean, self.m2).variance()
 
 
-def join(first: Film, more: Film, taken: np.ndarray) -> Film:
-    """Return the moments of both, with the `first` only where `taken` ``(H, W)`` is not 0; overwrites `more`.
+def join(first: Film, more: Film) -> Film:
+    """Return the moments of both; a pixel may have no samples in one of them.
 
     The variance of the mean is as if the two were independent, which is too large for points that go on.
     """
-    image_mean, image_root = more.mean, more.root
-    n_more = np.broadcast_to(more.n, (*taken.shape, 1)).astype(np.float64)
-    n_first = np.where(taken[..., None] > 0, np.broadcast_to(first.n, n_more.shape), 0).astype(np.float64)
-    n = n_first + n_more
-    for row in range(len(image_mean)):  # some rows at a time, because images are large
-        parts = ((first, n_first[row]), (more, n_more[row]))
-        mean = sum(film.mean[row] * k for film, k in parts) / n[row]
-        # the variance of the mean of k samples is root^2 / (k - 1) / k
-        v = sum(np.square(film.root[row], dtype=np.float64) * k / np.maximum(k - 1, 1) for film, k in parts)
-        image_mean[row], image_root[row] = mean, np.sqrt(v / n[row] * (n[row] - 1))
-    return Film(n, image_mean, image_root)
+    n = first.n + more.n
+    mean = (first.mean * first.n + more.mean * more.n) / n
+    # the variance of the mean of k samples is root^2 / (k - 1) / k
+    v = sum(np.square(film.root, dtype=np.float64) * film.n / np.maximum(film.n - 1, 1) for film in (first, more))
+    return Film(n, mean, np.sqrt(v / n * (n - 1)))

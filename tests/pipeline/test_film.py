@@ -35,7 +35,7 @@ def rendered():
 def test_tiles_are_merged_to_their_places_in_any_order(rendered):
     """Pixels, patches, rays and marks are those of the tiles, whatever the order in which these arrive."""
     for order in permutations(rendered):
-        film = PassFilm.empty(RESOLUTION, 3)
+        film = PassFilm.empty(RESOLUTION, 3, order[0][0].round)
         assert not film.done.any()
         for tile, result in order:
             film.merge_tile(FilmTile.of(tile, result))
