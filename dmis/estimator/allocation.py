@@ -1,30 +1,35 @@
-"""Division of shading samples between techniques: systematic rounding, or at random for teaching.
+"""Camera samples of a tile, and the division of their shading samples between techniques.
 
 A camera sample carries S shading samples. A share ``w`` of a pixel's ``n = S spp`` shading samples goes to the first
 technique (light sampling), ``1 - w`` to the second (BRDF sampling). K techniques have shares ``w_1 .. w_K`` of sum 1,
 a point of the simplex. Everywhere below a rule's fit they are an array ``(K, ...)``, see `shares_of`.
 
-The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes
-to the first technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one
-sample of each technique per camera sample. Of more than two techniques, those behind the first divide what it leaves
-in the same way, each with an offset of its own.
+The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes to the first
+technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one sample of each
+technique per camera sample. Of more than two techniques, those behind the first divide what it leaves in the same way,
+each with an offset of its own. For teaching, each shading sample may pick its technique at random instead.
 
 Estimates are divided by the nominal shares, not by the realised counts: every slot belongs to the first
 technique with probability w over the offset, whatever its neighbours do, so the estimate is unbiased even where a
 technique's count happens to be 0.
+
+The camera samples of a tile are cut into batches that stay in the cache (`sample_batches`), and each batch is ordered
+by its counts (`SampleAllocation`).
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, compose
+from dmis.estimator.records import Record
+from dmis.estimator.settings import Settings
+from dmis.samplers.streams import RoundingSampler, Sampler
 
 Allocation = Literal["systematic", "random"]
 
@@ -106,10 +111,7 @@ def allocate(
         if all(n.is_integer() for n in whole):
             return Counts(tuple(int(n) for n in whole))
     if rng is not None:
-        u = rng.random((shading_samples, len(pixel)), dtype=np.float32)
-        bounds = (_of_samples(bound, pixel) for bound in itertools.accumulate(shares[:-1]))
-        below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
-        return Counts(tuple(np.diff(below, axis=0, prepend=np.int8(0))))
+        return _random_counts(shares, shading_samples, pixel, rng)
     per_technique: list[np.ndarray] = []
     samples_before: list[np.ndarray] = []
     slot, left = number * shading_samples, np.asarray(shading_samples)
@@ -133,28 +135,148 @@ def _of_samples(of_pixels: Array, pixel: np.ndarray) -> Array:
     return of_pixels if of_pixels.size == 1 else of_pixels.take(pixel)
 
 
-def rounding_covariance(shares: Sequence[float], shading_samples: int) -> Array:
-    """Return the covariance of ``n_k / S``, the realised shares of a camera sample's S shading samples, ``(K, K)``.
+def _random_counts(shares: Array, shading_samples: int, pixel: np.ndarray, rng: np.random.Generator) -> Counts:
+    """Return the counts of N camera samples each of whose shading samples picks its technique at random."""
+    u = rng.random((shading_samples, len(pixel)), dtype=np.float32)
+    bounds = (_of_samples(bound, pixel) for bound in itertools.accumulate(shares[:-1]))
+    below = [(u < bound).sum(axis=0, dtype=np.int8) for bound in bounds]
+    return Counts(tuple(np.diff(below, axis=0, prepend=np.int8(0))))
 
-    They differ from the `shares` by the systematic rounding of `allocate`.
+
+# Camera samples of a tile --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SampleBlock:
+    """Camera samples `first` to ``first + count`` of each of some `pixels` of a tile."""
+
+    pixels: np.ndarray
+    first: int
+    count: int
+
+    def camera_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pixel of each camera sample and its number within the pixel, sample-major."""
+        numbers = np.arange(self.first, self.first + self.count)
+        return np.tile(self.pixels, self.count), np.repeat(numbers, len(self.pixels))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSamples:
+    """N camera samples of one batch and the allocation of their shading samples.
+
+    Attributes
+    ----------
+    pixel, number
+        Pixel of each camera sample in the tile, and its number in the sequence of the pixel, ``(N,)``.
+    counts
+        Shading samples of each technique, descending for the first technique, as `dmis.estimator.batch.Batch` needs.
+    order
+        Positions of the camera samples in the blocks, ``(N,)``; None: the order of the blocks.
     """
-    targets = np.asarray(shares, np.float64)
-    covariance = np.zeros((len(targets), len(targets)))
-    for probability, counts in _roundings(tuple(targets), shading_samples):
-        off = np.array(counts) / shading_samples - targets
-        covariance += probability * np.outer(off, off)
-    return covariance
+
+    pixel: np.ndarray
+    number: np.ndarray
+    counts: Counts
+    order: np.ndarray | None
+
+    def restore_order(self, values: Array, records: Sequence[Record] | None) -> tuple[Array, Sequence[Record]]:
+        """Return `values` ``(3, N)`` of the camera samples, and `records` of them, in the order of the blocks."""
+        records = records or []
+        if self.order is None:
+            return values, records
+        restored = np.empty_like(values)
+        for restored_channel, channel in zip(restored, values, strict=True):
+            restored_channel[self.order] = channel
+        return restored, [replace(record, sample=compose(self.order, record.sample)) for record in records]
 
 
-def _roundings(shares: tuple[float, ...], n: int) -> Iterator[tuple[float, tuple[int, ...]]]:
-    """Yield all ways to round n times the shares, with their probabilities."""
-    if len(shares) == 1:
-        yield 1.0, (n,)
-        return
-    rest = sum(shares)
-    exact = n * shares[0] / rest if rest > 0 else 0.0
-    low = math.floor(exact + 1e-9)
-    for count, probability in ((low, 1 - exact + low), (low + 1, exact - low)):
-        if probability > 1e-9:
-            for other, counts in _roundings(shares[1:], n - count):
-                yield probability * other, (count, *counts)
+class SampleAllocation:
+    """Divides the shading samples of a tile's camera samples between techniques, see `dmis.estimator.allocation`.
+
+    Parameters
+    ----------
+    shares
+        Of K techniques, ``(K, P)``, or ``(K, 1)`` if those of all pixels are the same.
+    begin
+        Number of the first camera sample of each pixel in its sequence, ``(P,)`` or one number.
+    pixels
+        P, number of pixels of the tile.
+    rng
+        Source of the offsets, and of techniques that are picked at random.
+    sampler
+        Sampler of the tile; a `RoundingSampler` makes the offsets.
+    """
+
+    def __init__(
+        self,
+        shares: Array,
+        begin: Array | int,
+        pixels: int,
+        settings: Settings,
+        rng: np.random.Generator,
+        sampler: Sampler,
+    ) -> None:
+        self._shares, self._begin, self._sampler, self._settings = shares, begin, sampler, settings
+        self._offset, self._keeps_order = rng.random((len(shares) - 1, pixels)), np.ones(1, bool)
+        if isinstance(sampler, RoundingSampler):
+            # numbers of the pixels, and not of the tile
+            self._offset = sampler.rounding_offsets(len(self._offset)).astype(float)
+            counts = settings.shading_samples * shares.astype(float)
+            self._keeps_order = (np.abs(counts - np.rint(counts)) < 1e-5).all(axis=0)
+        self._rng = rng if settings.allocation == "random" else None
+
+    def camera_samples(self, blocks: Sequence[SampleBlock]) -> CameraSamples:
+        """Return the camera samples of `blocks` in the order of their counts for the first technique, descending."""
+        pixel, number = (
+            np.concatenate(arrays) for arrays in zip(*(block.camera_samples() for block in blocks), strict=True)
+        )
+        number = number + (self._begin if isinstance(self._begin, int) else self._begin.take(pixel))
+        counts = allocate(
+            self._shares,
+            self._settings.shading_samples,
+            pixel,
+            self._sequence_numbers(pixel, number),
+            self._offset,
+            self._rng,
+            self._settings.sampler != "independent",
+        )
+        if isinstance(counts.first, int):
+            return CameraSamples(pixel, number, counts, None)
+        order = descending_order(counts.first)
+        return CameraSamples(pixel.take(order), number.take(order), counts.take(order), order)
+
+    def _sequence_numbers(self, pixel: np.ndarray, number: np.ndarray) -> np.ndarray:
+        """Return the numbers of camera samples in the order in which their shading samples are divided, ``(N,)``.
+
+        In the order of the points, regular counts would alias with the digits of the place in the pixel: at w = 1/2 and
+        S = 1 all light samples would be in one half of it. Pixels whose counts need no rounding keep the order.
+        """
+        if self._keeps_order.all():
+            return number
+        assert isinstance(self._sampler, RoundingSampler)
+        return np.where(self._keeps_order.take(pixel, mode="clip"), number, self._sampler.rounding_order(number))
+
+
+def descending_order(counts: np.ndarray) -> np.ndarray:
+    """Return the stable order that sorts whole numbers `counts` ``(N,)`` of a small range from the largest down."""
+    return np.concatenate([np.flatnonzero(counts == n) for n in range(counts.max(), counts.min() - 1, -1)])
+
+
+def sample_batches(spp: np.ndarray | int, pixels: np.ndarray, size: int) -> Iterator[list[SampleBlock]]:
+    """Yield all camera samples of `pixels` ``(A,)`` in batches of nearly equal size, about `size`, as blocks.
+
+    Each block has the same samples of all its pixels. With one number `spp` there is one block in a batch; otherwise,
+    where `spp` is ``(A,)``, pixels drop out where their samples end, and blocks end there.
+    """
+    stops = [0, *np.unique(spp).tolist()]
+    active = [pixels[np.broadcast_to(spp, len(pixels)) >= stop] for stop in stops[1:]]
+    begins = np.cumsum([0, *(np.diff(stops) * [len(a) for a in active])])
+    edges = np.linspace(0, begins[-1], max(1, round(begins[-1] / size)) + 1)
+    cuts = [
+        np.rint(np.clip((edges - begin) / len(of), 0, stop - start)).astype(int) + start
+        for begin, of, (start, stop) in zip(begins[:-1], active, itertools.pairwise(stops), strict=True)
+    ]
+    for k in range(len(edges) - 1):
+        blocks = [SampleBlock(of, cut[k], cut[k + 1] - cut[k]) for of, cut in zip(active, cuts, strict=True)]
+        if blocks := [block for block in blocks if block.count]:
+            yield blocks

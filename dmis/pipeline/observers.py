@@ -9,10 +9,10 @@ import numpy as np
 
 from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import CameraSamples, SampleBlock
 from dmis.estimator.mis import Collector, combiner_by_name
 from dmis.estimator.records import Record, Statistic
 from dmis.fit.round import Round
-from dmis.pipeline.camera_samples import CameraSamples, SampleBlock
 from dmis.samplers.streams import is_sequence
 from dmis.variance.moments import Moments, PixelMoments, SubBlocks
 

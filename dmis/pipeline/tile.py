@@ -10,12 +10,12 @@ import numpy as np
 
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array, indices, take
+from dmis.estimator.allocation import SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import RayCaster, TimedCaster
-from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
 from dmis.pipeline.observers import make_observers
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import Sampler, make_sampler, stream

@@ -10,7 +10,7 @@ the value ``Y_k = f F_k / p_w``, ``p_w = sum_j w_j p_j``. F_k is 1, except for t
 
 a shading sample has the variance ``M2 - sum_k w_k m_k^2`` at a point y, if the numbers of samples are fixed: the
 variance within each technique, which is ``M2 - I^2 - w (1 - w) D^2`` for two. A camera sample takes the mean of S of
-them, n_k of technique k, where n_k is rounded up or down (`dmis.estimator.allocation.rounding_covariance`), so that
+them, n_k of technique k, where n_k is rounded up or down (`rounding_covariance`), so that
 
     V(w) = Var_y(I) + E_y[M2 - sum_k w_k m_k^2] / S + sum_kl cov(n_k, n_l) / S^2 Cov_y(m_k, m_l).
 
@@ -25,13 +25,13 @@ approximate density, need not be, so the rule takes the least value on a grid.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
 
 from dmis.base.vectors import TINY, Array
-from dmis.estimator import allocation
 from dmis.estimator.records import Record
 from dmis.variance.curves import (
     CURVE_BATCH,
@@ -106,7 +106,7 @@ class SimplexCurves:
         self._exact, self._s = exact, shading_samples // len(exact)
         self._shares, _ = grid(len(exact))
         # cov(n_k, n_l) / S^2 of each point, as a sum of v v^T
-        self._rounding = [_projections(allocation.rounding_covariance(shares, self._s)) for shares in self._shares.T]
+        self._rounding = [_projections(rounding_covariance(shares, self._s)) for shares in self._shares.T]
         self._n = 0
         self._curve, self._pattern, self._second = np.zeros((3, self._shares.shape[1], pixels), np.float64)
         self._total = np.zeros(pixels, np.float64)
@@ -227,3 +227,30 @@ def _projections(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance)
     positive = values > 1e-9
     return (vectors[:, positive] * np.sqrt(values[positive])).T.astype(np.float32)
+
+
+def rounding_covariance(shares: Sequence[float], shading_samples: int) -> Array:
+    """Return the covariance of ``n_k / S``, the realised shares of a camera sample's S shading samples, ``(K, K)``.
+
+    They differ from the `shares` by the systematic rounding of `dmis.estimator.allocation.allocate`.
+    """
+    targets = np.asarray(shares, np.float64)
+    covariance = np.zeros((len(targets), len(targets)))
+    for probability, counts in _roundings(tuple(targets), shading_samples):
+        off = np.array(counts) / shading_samples - targets
+        covariance += probability * np.outer(off, off)
+    return covariance
+
+
+def _roundings(shares: tuple[float, ...], n: int) -> Iterator[tuple[float, tuple[int, ...]]]:
+    """Yield all ways to round n times the shares, with their probabilities."""
+    if len(shares) == 1:
+        yield 1.0, (n,)
+        return
+    rest = sum(shares)
+    exact = n * shares[0] / rest if rest > 0 else 0.0
+    low = math.floor(exact + 1e-9)
+    for count, probability in ((low, 1 - exact + low), (low + 1, exact - low)):
+        if probability > 1e-9:
+            for other, counts in _roundings(shares[1:], n - count):
+                yield probability * other, (count, *counts)

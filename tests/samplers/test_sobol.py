@@ -9,11 +9,11 @@ from helpers import LEVEL, Z_LIMIT, pixel_shares
 
 from dmis.base.vectors import Array
 from dmis.brdf.materials import matte
+from dmis.estimator.allocation import SampleAllocation, sample_batches
 from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.light.area import DiskLight
 from dmis.pipeline import tile as tiles
-from dmis.pipeline.camera_samples import SampleAllocation, sample_batches
 from dmis.samplers.keys import CONTINUE, MORE, ROUNDING
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.sobol import DIGITS, Sobol, order_of
