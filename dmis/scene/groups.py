@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from dmis.base.validate import direction
-from dmis.base.vectors import Array, Index
+from dmis.base.vectors import Array
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.materials import Material
 from dmis.brdf.parameters import Parameters
@@ -80,41 +81,10 @@ class Group:
     tangent: Array | None = None
     textured_light: AreaLight | None = None
 
-    @property
+    @cached_property
     def reflects(self) -> bool:
         """Whether there is any lobe, and not just emission."""
         return bool(self.reflection or self.transmission or self.delta)
-
-    def emission_at(self, p: Array, row: Index | None, outside: Array) -> Array | None:
-        """Return the radiance ``(3, N)`` emitted from points `p` ``(3, N)`` towards the viewer; None if nothing emits.
-
-        Parameters
-        ----------
-        row
-            Rows of the points' materials in the tables, ``(N,)``; None: there is one material.
-        outside
-            Whether the viewer is on the bright side, ``(N,)`` bool.
-        """
-        if self.emission is None:
-            return None
-        if self.textured_light is not None:
-            return self.textured_light.emission(p) * outside
-        return (self.emission if row is None else self.emission.take(row, axis=1)) * outside
-
-    def bind(self, lobe: Any, row: Index | None, uv: Array | None) -> Any:
-        """Return `lobe` with the parameters of each point: rows of the tables, or texture values at `uv` ``(2, N)``."""
-        if len(self.materials) == 1 and not self.textured:
-            return lobe
-        changes: dict[str, Any] = {}
-        for name, value in parameters(lobe):
-            if isinstance(value, Image):
-                assert uv is not None
-                changes[name] = value(uv) if name in lobe.colours else value(uv)[0]
-            elif isinstance(value, Parameters):
-                changes[name] = self.bind(value, row, uv)
-            elif row is not None:
-                changes[name] = value.take(row, axis=-1)
-        return replace(lobe, **changes)
 
 
 def _batch_signature(lobe: Any) -> tuple[Any, ...]:

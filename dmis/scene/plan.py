@@ -11,6 +11,7 @@ constant.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -109,17 +110,17 @@ class Plan:
         lights = (light.compensated(compensation) if light.infinite else light for light in self.sampled)  # type: ignore[attr-defined]
         return tuple(lights)
 
-    @property
+    @cached_property
     def has_light(self) -> bool:
         """Whether there is any light: without, all images are black."""
         return bool(self.sampled or self.deltas)
 
-    @property
+    @cached_property
     def has_visible_light(self) -> bool:
         """Whether there is a light that rays can meet."""
         return bool(self.environment) or any(group.emission is not None for group in self.groups)
 
-    @property
+    @cached_property
     def mixable(self) -> bool:
         """Whether there is anything to mix: a light that two techniques can reach from some surface."""
         return any(self.mixes(group, light) for group in self.groups for light in self.sampled)

@@ -12,7 +12,7 @@ from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
 from dmis.geometry.mesh import Mesh
 from dmis.scene.groups import Part, batch_key, make_group
-from dmis.scene.shading_points import ShadingPoints
+from dmis.scene.shading_points import ShadingPoints, bind
 
 _TRIANGLE = Mesh(np.eye(3), np.array([[0, 1, 2]]))
 
@@ -43,9 +43,9 @@ def surface(
         outside=np.full(count, outside),
         dpdu=dpdu,
         epsilon=np.float32(0),
-        reflection=tuple(group.bind(lobe, None, uv) for lobe in group.reflection),
-        transmission=tuple(group.bind(lobe, None, uv) for lobe in group.transmission),
-        delta=tuple(group.bind(lobe, None, uv) for lobe in group.delta),
+        reflection=tuple(bind(lobe, None, uv) for lobe in group.reflection),
+        transmission=tuple(bind(lobe, None, uv) for lobe in group.transmission),
+        delta=tuple(bind(lobe, None, uv) for lobe in group.delta),
     )
 
 

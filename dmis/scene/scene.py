@@ -28,7 +28,7 @@ from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
 from dmis.scene.rescale import rescale, units
-from dmis.scene.shading_points import ShadingPoints
+from dmis.scene.shading_points import ShadingPoints, bind
 from dmis.scene.suggestions import Suggestions
 from dmis.scene.triangle_tables import Tables
 
@@ -317,14 +317,20 @@ class Scene:
             dpdu = group.tangent
         elif group.anisotropic:
             dpdu = columns(self.tables.dpdu, prim)
-        lobes = {
-            kind: tuple(group.bind(lobe, row, uv) for lobe in getattr(group, kind))
-            for kind in ("reflection", "transmission", "delta")
-        }
+        lobes = {kind: getattr(group, kind) for kind in ("reflection", "transmission", "delta")}
+        if row is not None or uv is not None:  # parameters differ from point to point
+            lobes = {kind: tuple(bind(lobe, row, uv) for lobe in unbound) for kind, unbound in lobes.items()}
         points = ShadingPoints(
             p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=epsilon, **lobes
         )
-        return points, group.emission_at(p, row, points.outside)
+        emission = group.emission
+        if emission is not None:
+            if group.textured_light is not None:
+                emission = group.textured_light.emission(p)
+            elif row is not None:
+                emission = emission.take(row, axis=1)
+            emission = emission * points.outside  # lights shine on one side
+        return points, emission
 
     def _shading_normals(self, prim: Index, u: Array, v: Array, wo: Array) -> tuple[Array, Array]:
         """Return interpolated unit normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""

@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array, Selection, compose, dot, frame, normalise, take
+from dmis.base.vectors import Array, Index, Selection, compose, dot, frame, normalise, take
 from dmis.brdf.cosines import Directions
 from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.parameters import Parameters
+from dmis.brdf.texture import Image
+from dmis.scene.simplify import parameters
 
 
 class ShadingPoints:
@@ -161,6 +164,28 @@ def _gather(value: Any, index: Selection | None) -> Any:
         if (new := _gather(old, index)) is not old:
             changes[name] = new
     return replace(value, **changes) if changes else value
+
+
+def bind(lobe: Any, row: Index | None, uv: Array | None) -> Any:
+    """Return a group's `lobe` with the parameters of N points.
+
+    Parameters
+    ----------
+    row
+        Rows of the points' materials in the parameter tables, ``(N,)``; None: there is one material.
+    uv
+        Where images are looked up, ``(2, N)``; None: there are none.
+    """
+    changes: dict[str, Any] = {}
+    for name, value in parameters(lobe):
+        if isinstance(value, Image):
+            assert uv is not None
+            changes[name] = value(uv) if name in lobe.colours else value(uv)[0]
+        elif isinstance(value, Parameters):
+            changes[name] = bind(value, row, uv)
+        elif row is not None:
+            changes[name] = value.take(row, axis=-1)
+    return replace(lobe, **changes)
 
 
 @cache
