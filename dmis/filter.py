@@ -30,8 +30,6 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2, weight: Array |
     weight
         Weight of each entry in the averages, ``(H, W)``, not negative; None: all have the same.
     """
-    from scipy.ndimage import gaussian_filter  # imported where used: it takes a third of a second
-
     if not (sigma > 0 and np.isfinite(sigma)):
         raise ValueError(f"sigma must be positive; got {sigma}")
     if radius < 0:
@@ -40,13 +38,27 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2, weight: Array |
     count = np.isfinite(values).astype(np.float64)
     if weight is not None:
         count *= weight
-    options = {"sigma": sigma, "radius": radius, "mode": "nearest"}
     # sum_q g(p - q) c_q x_q / sum_q g(p - q) c_q
-    total = gaussian_filter(np.where(count > 0, values, 0) * count, **options)
+    total = _smooth(np.where(count > 0, values, 0) * count, sigma, radius)
     if (count == 1).all():
         return total
-    norm = gaussian_filter(count, **options)
+    norm = _smooth(count, sigma, radius)
     return np.where(norm > 1e-12, total / np.maximum(norm, 1e-12), values)
+
+
+def _smooth(values: Array, sigma: float, radius: int, axes: tuple[int, ...] = (0, 1)) -> Array:
+    """Return a map ``(H, W)`` convolved with a Gaussian of sum 1 along `axes`; beyond edges entries are repeated."""
+    taps = np.exp(-0.5 / sigma**2 * np.arange(-radius, radius + 1) ** 2.0)
+    taps /= taps.sum()
+    for axis in axes:
+        n = values.shape[axis]
+        near = np.pad(values, [(radius * (k == axis),) * 2 for k in (0, 1)], mode="edge").swapaxes(0, axis)
+        # sum_k g_k x_k, those at the same distance together
+        total = near[radius : radius + n] * taps[radius]
+        for k in range(radius):
+            total += (near[k : k + n] + near[2 * radius - k :][:n]) * taps[k]
+        values = total.swapaxes(0, axis)
+    return values
 
 
 def effective(shape: tuple[int, int], sigma: float = 1.0, radius: int = 2) -> Array:
@@ -55,9 +67,7 @@ def effective(shape: tuple[int, int], sigma: float = 1.0, radius: int = 2) -> Ar
     It is one over the sum of the squared weights. At the edge it is smaller, because the outermost entry has the weight
     of all entries beyond.
     """
-    from scipy.ndimage import gaussian_filter1d
-
-    weights = (gaussian_filter1d(np.eye(n), sigma, axis=0, mode="nearest", radius=radius) for n in shape)
+    weights = (_smooth(np.eye(n), sigma, radius, (0,)) for n in shape)
     rows, columns = (1 / (w * w).sum(axis=1) for w in weights)
     return rows[:, None] * columns
 

@@ -66,8 +66,6 @@ class SecondMoment(PooledRule):
                 f"twice the shading samples; got {self.spp}"
             )
         positive("gamma", self.gamma)
-        if self.filter == "gaussian":
-            import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
     @property
     def pilot(self) -> Mapping[float, int]:

@@ -97,8 +97,6 @@ class Thesis(Rule):
                 raise ValueError(f"{name} must be {' or '.join(allowed)}; got {value!r}")
         check_taps(self.size)
         positive("sigma", self.sigma)
-        if self.filter == "gaussian":
-            import scipy.ndimage  # noqa: F401  what the filter needs: a fit should not take the time of an import
 
     @property
     def pilot(self) -> Mapping[float, int]:
