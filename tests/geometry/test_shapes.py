@@ -1,6 +1,7 @@
 """Meshes: subdivision against what is known of its limit, tessellations against exact normals, files, faults."""
 
 import importlib.util
+import io
 import json
 import pickle
 import re
@@ -575,6 +576,19 @@ def test_compressed_glb_is_refused(tmp_path):
     )
     with pytest.raises(ValueError, match=r"compressed \(KHR_draco_mesh_compression\), .*; export it uncompressed"):
         load_mesh(path)
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+def test_plain_ply_files_are_read_as_trimesh_reads_them(smooth):
+    """Files that are cut off, have other numbers or another polygon are left to trimesh."""
+    thing = trimesh.Trimesh(*OCTAHEDRON, vertex_normals=OCTAHEDRON[0] if smooth else None, process=False)
+    data = thing.export(file_type="ply", vertex_normal=smooth)
+    expected = from_trimesh(trimesh.load(io.BytesIO(data), "ply", process=False))
+    mesh = mesh_files._load_plain_ply(data)
+    for name in ("vertices", "faces", "normals"):
+        np.testing.assert_array_equal(getattr(mesh, name), getattr(expected, name))
+    for other in (data[:-1], data.replace(b"little", b"big"), data[:-13] + b"\4" + data[-12:]):
+        assert mesh_files._load_plain_ply(other) is None
 
 
 @pytest.mark.parametrize("names", [("u", "v"), ("s", "t"), ("texture_u", "texture_v"), ("texture_s", "texture_t")])
