@@ -126,7 +126,7 @@ def _time_and_rays(result: Result) -> list[str]:
     """Return lines with the seconds of each stage, the rays of each kind and the mean share of light samples."""
     stages = ", ".join(f"{name} {result.seconds[name]:.2f}" for name in ("pilot", "fit", "render"))
     rays = ", ".join(f"{kind} {n:,}" for kind, n in result.rays.items())
-    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.weight.mean():.0%}"]
+    return [f"  seconds: {stages}", f"  rays: {rays}", f"  light samples: {result.light_share.mean():.0%}"]
 
 
 def _stats(options: argparse.Namespace, result: Result) -> dict[str, object]:

@@ -27,6 +27,8 @@ class Batch:
     counts
         How many shading samples of each camera sample go to each technique; falling for the first, so that those with
         the same number are a slice at the first surface, and nothing needs to be gathered.
+    tilt
+        Shares of the balance heuristic, as `shares`; None: those of the samples.
     rng
         For choices that are not two-dimensional draws.
     rays
@@ -44,6 +46,7 @@ class Batch:
     rng: np.random.Generator
     shares: Array
     counts: Counts
+    tilt: Array | None = None
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
     colour: np.ndarray | None = None

@@ -58,9 +58,11 @@ def shading_samples(
     counts = batch.counts
     per_technique = [count if isinstance(count, int) else take(count, camera_sample) for count in counts.per_technique]
     per_technique.append(settings.shading_samples - sum(per_technique))
-    shares = take(batch.shares, camera_sample)
+    shares, tilt = take(batch.shares, camera_sample), take_optional(batch.tilt, camera_sample)
     n = size(index, vertices.radiance.shape[1])
     for k, (name, count) in enumerate(zip(settings.techniques, per_technique, strict=True)):
+        if tilt is not None and not tilt[k].any():  # W_k = 0
+            continue
         sampling = technique_by_name(name)
         ordered = not vertices.path and (k == 0 or len(per_technique) == 2)  # as camera samples are
         for merged in merged_samples(batch, count, n, ordered):
@@ -74,7 +76,8 @@ def shading_samples(
             vertex = compose(index, points)
             surface = vertices.surface.take(vertex)
             light_sample = sampling.sample(surface, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
-            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(shares, points))
+            tilt_of_samples = take_optional(tilt, points)
+            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(shares, points), tilt_of_samples)
 
 
 def merged_samples(

@@ -20,7 +20,7 @@ import numpy as np
 from dmis.base.vectors import Selection, compose, dot, indices, size, take
 from dmis.brdf.cosines import Directions
 from dmis.estimator.batch import Batch
-from dmis.estimator.batching import accumulate, facing_light, shading_samples, unoccluded
+from dmis.estimator.batching import accumulate, facing_light, shading_samples, take_optional, unoccluded
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.samples import Samples, Vertices, record_samples
 from dmis.estimator.technique import technique_by_name
@@ -58,6 +58,7 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     if lit is not None and len(lit) == 0:
         return
     surface, wi, shares = samples.surface.take(lit), take(light_sample.wi, lit), take(samples.shares, lit)
+    tilt = take_optional(samples.tilt, lit)
     directions = Directions(surface, wi)
 
     # p_l, p_b: the density of every technique in the sampled direction, whichever picked it
@@ -66,7 +67,10 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     accepted = pdf[k] > 0  # others count as samples of value 0
 
     # 1 / p_w,  p_w = w p_l + (1 - w) p_b   (Veach 1997, Eq. 9.8);  of other heuristics  W / (w_k p_k)
-    over_p_w = combiner_by_name(settings.combiner).weight(shares, pdf, k)
+    over_p_w = combiner_by_name(settings.combiner).weight(shares if tilt is None else tilt, pdf, k)
+    if tilt is not None:
+        # W / (w_k p_k) = (t_k / w_k) / (t_l p_l + t_b p_b),  W of a heuristic with the shares t   (Eq. 8a)
+        over_p_w *= tilt[k] / shares[k]
 
     # f_r |n.wi| / p_w / S: what f / p_w would be with L = V = 1
     weighted_cosine = over_p_w * directions.cos_i

@@ -59,6 +59,8 @@ class Samples:
         Directions, and what they see of the light.
     shares
         Shares w_k of the techniques, as in `dmis.estimator.batch.Batch.shares`.
+    tilt
+        Shares of the heuristic, as in `dmis.estimator.batch.Batch.tilt`.
     """
 
     technique_index: int
@@ -68,6 +70,7 @@ class Samples:
     surface: ShadingPoints
     light_sample: LightSample
     shares: Array
+    tilt: Array | None
 
 
 def record_samples(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dmis.estimator.mis import combiner_by_name
-from dmis.fit.round import Fit, Pilot, Weight
+from dmis.fit.round import Fit, Pilot, Weight, check_weigh
 from dmis.fit.rule import Rule, final_settings
 
 
@@ -17,7 +17,8 @@ from dmis.fit.rule import Rule, final_settings
 class Fixed(Rule):
     """Use one weight everywhere, without a pilot. w = 1/2 with the balance heuristic is the classic estimator.
 
-    For more than two `techniques` w is the shares of all of them.
+    For more than two `techniques` w is the shares of all of them. With ``weigh="heuristic"`` w is the share that the
+    heuristic uses, and all techniques take the same number of samples (docs/theory.md, Eq. 8a).
     """
 
     w: Weight = 0.5
@@ -26,8 +27,10 @@ class Fixed(Rule):
     allocation: str = "systematic"
     sampler: str = ""
     compensation: float | None = None
+    weigh: str = "samples"
 
     def __post_init__(self) -> None:
+        check_weigh(self.weigh, self.combiner)
         if isinstance(self.w, tuple):
             if len(self.w) != len(self.techniques):
                 raise ValueError(f"w must have a share for each of {', '.join(self.techniques)}; got {self.w}")

@@ -26,6 +26,8 @@ class Given(Rule):
     samples
         Camera samples of each pixel in proportion, ``(H, W)``, of any positive scale; the mean over the image is the
         `spp` of `render`. None: the same everywhere.
+    weigh
+        What `weight` is, see `dmis.fit.round.WEIGH`.
 
     Raises
     ------
@@ -36,6 +38,7 @@ class Given(Rule):
 
     weight: Array | float = 0.5
     samples: Array | None = None
+    weigh: str = "samples"
 
     def __post_init__(self) -> None:
         weight = np.array(self.weight, np.float64)
@@ -57,7 +60,8 @@ class Given(Rule):
         return Fit(self.weight, samples=self.samples)
 
     def __repr__(self) -> str:
-        return f"Given(weight={_short(self.weight)}, samples={_short(self.samples)})"
+        weigh = "" if self.weigh == "samples" else f", weigh={self.weigh!r}"
+        return f"Given(weight={_short(self.weight)}, samples={_short(self.samples)}{weigh})"
 
 
 def _short(value: Array | float | None) -> str:

@@ -22,6 +22,10 @@ from dmis.samplers.streams import stream
 from dmis.variance.moments import Film
 
 _ROUNDING = 1e-6
+WEIGH = ("samples", "heuristic")
+"""What the weights of a rule are: shares of the samples, which the heuristic uses, too; or the heuristic's alone, while
+all techniques take the same number of samples.
+"""
 Weight = float | tuple[float, ...]
 """Share of the first of two techniques, or shares of all of them."""
 
@@ -43,6 +47,8 @@ class Round:
         Makes the statistic that gathers the shading samples; None: there is none.
     patterns
         Whole numbers of samples of each technique per pixel, in place of `shares`; None: `shares` divide the samples.
+    tilt
+        Shares that the balance heuristic uses, in a form of `shares`; None: those that divide the samples.
     begin
         Number in its pixel's sequence of the first camera sample, as `spp`: 0, or where an earlier round ended.
     before
@@ -63,6 +69,7 @@ class Round:
     settings: Settings
     statistic: Callable[[int, int], Statistic] | None = None
     patterns: PatternMap | None = None
+    tilt: Array | None = None
     begin: Array | int = 0
     before: Film | None = None
     image_weight: int = 0
@@ -70,16 +77,18 @@ class Round:
     needs_features: bool = False
     maps: Mapping[str, np.ndarray] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.tilt is not None:
+            check_weigh("heuristic", self.settings.combiner)
+
     def of_area(self, area: tuple[slice, slice]) -> Round:
         """Return the round of the pixels of an area of the image, ``(P,)`` in row order; without `before`, `maps`."""
-        shares = self.shares[:, None] if self.shares.ndim == 1 else self.shares[:, *area].reshape(len(self.shares), -1)
-        if (shares == shares[:, :1]).all():
-            shares = shares[:, :1].copy()
         return replace(
             self,
             spp=_of_area(self.spp, area),
             begin=_of_area(self.begin, area),
-            shares=shares,
+            shares=_shares_of_area(self.shares, area),
+            tilt=None if self.tilt is None else _shares_of_area(self.tilt, area),
             patterns=None if self.patterns is None else self.patterns.of_area(area),
             before=None,
             maps={},
@@ -93,6 +102,12 @@ class Round:
         assert self.patterns is not None
         light, brdf = self.patterns.shading_samples(np.asarray(self.spp), np.asarray(self.begin))
         return np.add(self.spp, self.begin), light, brdf
+
+
+def _shares_of_area(shares: Array, area: tuple[slice, slice]) -> Array:
+    """Return the shares of the pixels of an area, ``(K, P)`` in row order, or ``(K, 1)`` if all have the same."""
+    shares = shares[:, None] if shares.ndim == 1 else shares[:, *area].reshape(len(shares), -1)
+    return shares[:, :1].copy() if (shares == shares[:, :1]).all() else shares
 
 
 def _of_area(values: Array | int, area: tuple[slice, slice]) -> Array | int:
@@ -177,12 +192,15 @@ class Budget:
         Estimator settings of the final pass.
     seed
         Seed of the render.
+    weigh
+        What weights are, one of `WEIGH`.
     """
 
     spp: int
     shape: tuple[int, int]
     settings: Settings
     seed: int = 0
+    weigh: str = "samples"
 
     def pilot(
         self,
@@ -201,7 +219,10 @@ class Budget:
             spp //= len(self.settings.techniques)
         settings = pilot_settings(self.settings, statistic is not None)
         in_image = spp if self.settings.reuse_pilot else 0
-        return Round(spp, shares_of(weight), settings, statistic, image_weight=in_image, needs_features=needs_features)
+        round_ = Round(
+            spp, shares_of(weight), settings, statistic, image_weight=in_image, needs_features=needs_features
+        )
+        return self._tilted(round_)
 
     def final(self, fit: Fit, spent: int = 0) -> Round:
         """Return the final pass of a fit, in whole numbers of samples, behind `spent` camera samples of pilots.
@@ -224,7 +245,14 @@ class Budget:
         samples: Array | int = spp
         if fit.samples is not None:
             samples = whole_samples(np.asarray(fit.samples), spp, self.generator(0))
-        return Round(samples, shares, self.settings, image_weight=spp, stage="final", maps=fit.maps)
+        return self._tilted(Round(samples, shares, self.settings, image_weight=spp, stage="final", maps=fit.maps))
+
+    def _tilted(self, round_: Round) -> Round:
+        """Return a round with equal shares, and its own as the tilt, if that is what weights are."""
+        if self.weigh == "samples":
+            return round_
+        k = len(round_.shares)
+        return replace(round_, shares=np.full(k, 1 / k, np.float32), tilt=round_.shares)
 
     def generator(self, number: int) -> np.random.Generator:
         """Return a random generator for decisions behind `number` rounds, which no tile draws from."""
@@ -274,6 +302,14 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
         )
     if fit.samples is not None:
         check_samples("a rule's samples", np.asarray(fit.samples), shape)
+
+
+def check_weigh(weigh: str, combiner: str) -> None:
+    """Raise a ValueError unless weights can be what `weigh` says, with this combiner."""
+    if weigh not in WEIGH:
+        raise ValueError(f"weigh must be {' or '.join(WEIGH)}; got {weigh!r}")
+    if weigh == "heuristic" and combiner != "balance":
+        raise ValueError(f"weigh=heuristic needs combiner balance, whose shares it changes; got combiner {combiner}")
 
 
 def check_shares(name: str, weight: Array) -> None:

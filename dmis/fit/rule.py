@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from dmis.base.validate import number, whole
 from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings, make_settings
-from dmis.fit.round import Budget, Fit, Pilot, Round
+from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
 
 
 class Rule:
@@ -44,6 +44,8 @@ class Rule:
     least_spp
         Camera samples per pixel from which on the rule learns; smaller budgets are rendered with equal shares.
         Default: 0.
+    weigh
+        What weights are, see `dmis.fit.round.WEIGH`. Default: shares of the samples.
     """
 
     if TYPE_CHECKING:  # read-only, so that rules may have a field or a property of the name
@@ -62,12 +64,15 @@ class Rule:
         def shares_only(self) -> bool: ...
         @property
         def least_spp(self) -> int: ...
+        @property
+        def weigh(self) -> str: ...
 
     else:
         pilot = settings = MappingProxyType({})
         statistic = None
         needs_features = multi_technique = shares_only = False
         least_spp = 0
+        weigh = "samples"
 
     def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
         """Yield the rounds to render, one after the other, and be sent the film of each: pilot, fit, final pass.
@@ -170,7 +175,9 @@ def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
         whole(f"samples of the pilot of rule {text} at {w!r}", n, 1)
         for share in w if isinstance(w, tuple) else (w,):
             number(f"shares of the pilot of rule {text}", share, 0, 1)
-    return replace(settings, **rule.settings)
+    merged = replace(settings, **rule.settings)
+    check_weigh(rule.weigh, merged.combiner)
+    return merged
 
 
 def _advice(rule: Rule, text: str, name: str, value: Any) -> str:

@@ -23,7 +23,7 @@ from dmis.base.validate import positive, whole
 from dmis.base.vectors import Array
 from dmis.filter import check_taps, gaussian
 from dmis.fit.patch_size import SIZES, choose_patch
-from dmis.fit.round import Fit, Pilot
+from dmis.fit.round import Fit, Pilot, check_weigh
 from dmis.fit.rule import Rule, final_settings
 
 STATUS = {0: "minimum", 1: "clipped", 2: "not convex", 3: "no signal"}
@@ -55,6 +55,9 @@ class Thesis(Rule):
         Whether the pilot's samples are part of the image.
     combiner, sampler
         Of the final samples; an empty sampler is that of the settings.
+    weigh
+        What w is: the share of light ``samples``, or the share that the ``heuristic`` uses, with as many light as BRDF
+        samples at every vertex (docs/theory.md, Eq. 8a).
 
     Notes
     -----
@@ -81,6 +84,7 @@ class Thesis(Rule):
     reuse: bool = False
     combiner: str = "balance"
     sampler: str = ""
+    weigh: str = "samples"
     shares_only = True
 
     def __post_init__(self) -> None:
@@ -95,6 +99,7 @@ class Thesis(Rule):
         ):
             if value not in allowed:
                 raise ValueError(f"{name} must be {' or '.join(allowed)}; got {value!r}")
+        check_weigh(self.weigh, self.combiner)
         check_taps(self.size)
         positive("sigma", self.sigma)
 

@@ -65,7 +65,9 @@ class Result:
         parts of a sequence (`dmis.variance.moments.SubBlocks`), too large by a factor of about 1.4.
     weight
         ``(H, W)`` float32: share of light samples in the final pass, or whichever technique is the first. Of the rules
-        ``auto`` and ``counts``, share among all samples of the image.
+        ``auto`` and ``counts``, share among all samples of the image. With ``weigh=heuristic``, the heuristic's share.
+    light_share
+        ``(H, W)`` float32: share of light samples; `weight`, unless that is the heuristic's.
     samples
         ``(H, W)`` float32: camera samples spent, pilot included, whether or not it is part of the image; a pilot's
         with twice the shading samples count for two. Of the rules ``auto`` and ``counts``, those of the image.
@@ -89,6 +91,7 @@ class Result:
     deviation: Array
     deviation_of: str
     weight: Array
+    light_share: Array
     samples: Array
     shading_samples: Array
     seconds: Mapping[str, float]
@@ -126,12 +129,12 @@ class Result:
     @property
     def light_samples(self) -> Array:
         """``(H, W)`` float32: light samples of each pixel, or those of whichever technique is the first."""
-        return self.samples * self.shading_samples * self.weight
+        return self.samples * self.shading_samples * self.light_share
 
     @property
     def brdf_samples(self) -> Array:
         """``(H, W)`` float32: BRDF samples of each pixel, or those of all techniques but the first."""
-        return self.samples * self.shading_samples * (1 - self.weight)
+        return self.samples * self.shading_samples * (1 - self.light_share)
 
     @property
     def fireflies(self) -> np.ndarray:
@@ -163,10 +166,10 @@ def make_result(
     shape, settings = image[0].shape[:2], final.settings
     if final.patterns is not None:
         samples, light, brdf = final.technique_samples()
-        weight, shading_samples = light / (light + brdf), (light + brdf) / samples
+        share, shading_samples = light / (light + brdf), (light + brdf) / samples
     else:
         samples = job.spp - final.image_weight + np.asarray(final.spp, np.float32)
-        weight, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
+        share, shading_samples = final.shares[0], np.full(shape, settings.shading_samples)
     described = job.without_tables()
     deviation_of = "sub-blocks" if is_sequence(settings.sampler) else "samples"
     of_image = {"combiner": settings.combiner, "rays": rays, "pilot_rays": dict(passes.pilot_rays)}
@@ -175,7 +178,8 @@ def make_result(
         image=image[0],
         deviation=image[1],
         deviation_of=deviation_of,
-        weight=np.full(shape, weight, np.float32),
+        weight=np.full(shape, share if final.tilt is None else final.tilt[0], np.float32),
+        light_share=np.full(shape, share, np.float32),
         samples=np.full(shape, samples, np.float32),
         shading_samples=np.asarray(shading_samples, np.float32),
         seconds={**seconds, "embree": passes.embree_seconds},

@@ -12,6 +12,7 @@ from dmis.base.patches import PATCH
 from dmis.base.vectors import Array, indices, take
 from dmis.estimator.allocation import SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
+from dmis.estimator.batching import take_optional
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
@@ -190,7 +191,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
             samples = allocation.camera_samples(blocks)
             sampler.start(samples.pixel, samples.number)
             shares_of_samples, records = take(shares, samples.pixel), observers.new_records()
-            batch = Batch(scene, timed, settings, sampler, rng, shares_of_samples, samples.counts, rays, records)
+            tilt = take_optional(tile.round.tilt, samples.pixel)
+            batch = Batch(scene, timed, settings, sampler, rng, shares_of_samples, samples.counts, tilt, rays, records)
             batch.colour = observers.colours(samples.pixel)
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))

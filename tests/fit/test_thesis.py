@@ -255,7 +255,10 @@ def test_rules_by_text(text: str, expected: Rule) -> None:
         ("fixed:x", "option w of rule fixed must be of type float; got 'x'"),
         ("fixed:1.5", r"w must be in \[0, 1\]"),
         ("fixed:nan", r"w must be in \[0, 1\]"),
-        ("fixed:patch=3", "rule fixed has the options w, combiner, allocation, sampler, compensation; got 'patch'"),
+        (
+            "fixed:patch=3",
+            "rule fixed has the options w, combiner, allocation, sampler, compensation, weigh; got 'patch'",
+        ),
         ("balance:w=0.3", "rule balance has the options .*; got 'w'"),
         ("fixed:techniques=a", "got 'techniques'"),
         ("thesis:patch=0", "patch must be 1 to 65535 pixels"),

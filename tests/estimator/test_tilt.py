@@ -1,0 +1,153 @@
+"""The tilt of the heuristic: closed forms of mean and variance, agreement with the balance heuristic, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT, shared_scene
+
+import dmis
+from dmis.brdf.materials import matte
+from dmis.estimator.allocation import shares_of
+from dmis.fit.round import Budget, Round
+from dmis.light.area import DiskLight
+from dmis.testing.scenes import box_scene
+
+SCENES = {
+    "teapot-area-light": (40, 40),
+    "killeroo-diffuse": (40, 30),
+    "killeroo-gold": (40, 30),
+    "tt": (40, 22),
+    "veach-mis": (40, 30),
+    "ten-lights": (40, 30),
+}
+QUICK = (("killeroo-gold", "direct"), ("tt", "path"))
+"""Scenes and integrators whose agreement is tested in every run."""
+WEIGHTS = (0.0, 0.1, 0.5, 0.9, 1.0)
+ALBEDO, RADIANCE, HEIGHT, RADIUS = 0.5, 4.0, 1.0, 2.0
+
+
+def disk() -> dmis.Scene:
+    """A matte plane under a parallel disk; all pixels see one point, below the disk's centre."""
+    light = DiskLight((0, 0, HEIGHT), (0, 0, -1), RADIUS, (RADIANCE,) * 3)
+    return box_scene(matte(ALBEDO), (light,), resolution=(16, 16), fov=0.01)
+
+
+def disk_moments(w: float) -> tuple[float, float]:
+    """Mean and variance of one light and one BRDF sample at the point below the disk, by (8a) and (8b)."""
+    step = np.arctan(RADIUS / HEIGHT) / 20_000
+    theta = (np.arange(20_000) + 0.5) * step
+    solid_angle, cos = 2 * np.pi * np.sin(theta) * step, np.cos(theta)
+    p_l, p_b = HEIGHT**2 / (np.pi * RADIUS**2 * cos**3), cos / np.pi
+    f_over_p_w = ALBEDO / np.pi * RADIANCE * cos / (w * p_l + (1 - w) * p_b)
+    light, brdf = ((t * p * f_over_p_w * solid_angle).sum() for t, p in ((w, p_l), (1 - w, p_b)))
+    second = ((w**2 * p_l + (1 - w) ** 2 * p_b) * f_over_p_w**2 * solid_angle).sum()
+    return light + brdf, second - light**2 - brdf**2
+
+
+@pytest.mark.parametrize("w", WEIGHTS)
+@pytest.mark.parametrize("pairs", [1, 3])
+def test_mean_and_variance_below_a_disk(w: float, pairs: int) -> None:
+    """A render has the mean and the variance of the closed forms; of several pairs, their mean."""
+    rule, spp = f"fixed:{w},weigh=heuristic", 256
+    result = dmis.render(disk(), rule, spp, seed=1, sampler="independent", shading_samples=2 * pairs)
+    mean, variance = disk_moments(w)
+    assert mean == pytest.approx(ALBEDO * RADIANCE * RADIUS**2 / (RADIUS**2 + HEIGHT**2))
+    assert abs(result.image.mean(dtype=float) - mean) < Z_LIMIT * np.sqrt(variance / pairs / spp / 256)
+    assert result.variance.mean() * spp == pytest.approx(variance / pairs, rel=0.03)
+
+
+@pytest.mark.parametrize("integrator", ["direct", "path"])
+def test_one_half_is_the_balance_heuristic(integrator: str) -> None:
+    """With w = 1/2 every bit is that of one light and one BRDF sample with the balance heuristic."""
+    scene = shared_scene("killeroo-gold", (40, 30))
+    options = {"seed": 2, "sampler": "independent", "integrator": integrator}
+    tilted, balance = (dmis.render(scene, rule, 8, **options) for rule in ("fixed:0.5,weigh=heuristic", "balance"))
+    np.testing.assert_array_equal(tilted.image, balance.image)
+    assert tilted.rays == balance.rays
+
+
+def test_what_counts_nothing_is_not_traced() -> None:
+    """At w = 0 and 1 the other technique traces no ray; w is in the result, and so are the numbers of samples."""
+    scene = shared_scene("killeroo-gold", (40, 30))
+    half = dmis.render(scene, "balance", 4, integrator="direct").rays
+    for w, kind, other in ((0, "brdf", "shadow"), (1, "shadow", "brdf")):
+        result = dmis.render(scene, f"fixed:{w},weigh=heuristic", 4, integrator="direct")
+        assert other not in result.rays and result.rays[kind] == half[kind]
+        assert (result.weight == w).all()
+        assert (result.light_samples == 4).all() and (result.brdf_samples == 4).all()
+    weight = np.zeros((30, 40))
+    weight[:, 20:] = 1
+    rays = dmis.render(scene, dmis.Given(weight, weigh="heuristic"), 4, integrator="direct").rays
+    assert 0 < rays["shadow"] < half["shadow"] and 0 < rays["brdf"] < half["brdf"]
+
+
+def test_pilots_and_final_pass_are_tilted() -> None:
+    """All rounds of `thesis` have equal shares, and its weights as their tilt."""
+    scene, rounds = shared_scene("tt", (40, 22)), []
+    rule = dmis.make_rule("thesis:weigh=heuristic")
+    budget = Budget(16, (22, 40), dmis.Settings(), weigh=rule.weigh)
+    for weight in rule.pilot:
+        rounds.append(budget.pilot(weight, 2))
+    assert [tuple(round_.tilt) for round_ in rounds] == [(0, 1), (0.5, 0.5), (1, 0)]
+    assert all((round_.shares == 0.5).all() for round_ in rounds)
+    result = dmis.render(scene, rule, 16, seed=1)
+    assert np.ptp(result.weight) > 0.1 and (result.light_samples == 16).all()
+
+
+def test_rounds_of_an_area_keep_their_tilt() -> None:
+    """A map is cut out; where all pixels have the same tilt, one column stands for them."""
+    tilt = shares_of(np.linspace(0, 1, 48).reshape(6, 8).round(1))
+    round_ = Round(4, shares_of(0.5), dmis.Settings(), tilt=tilt)
+    area = round_.of_area((slice(0, 2), slice(2, 6)))
+    np.testing.assert_array_equal(area.tilt, tilt[:, :2, 2:6].reshape(2, -1))
+    assert area.shares.shape == (2, 1)
+    assert replace(round_, tilt=np.ones((2, 6, 8), np.float32)).of_area((slice(0, 2), slice(0, 3))).tilt.shape == (2, 1)
+
+
+def test_images_do_not_depend_on_the_executor(tmp_path) -> None:
+    """Threads, processes and a resumed checkpoint give the same bits; a checkpoint of another rule is refused."""
+    scene, rule, options = shared_scene("tt", (80, 44)), "thesis:weigh=heuristic", {"seed": 3, "sampler": "sobol"}
+    image = dmis.render(scene, rule, 16, parallel=1, **options).image
+    np.testing.assert_array_equal(dmis.render(scene, rule, 16, parallel=2, **options).image, image)
+    np.testing.assert_array_equal(dmis.render(scene, rule, 16, parallel=dmis.Processes(2), **options).image, image)
+    for _ in range(2):
+        np.testing.assert_array_equal(dmis.render(scene, rule, 16, checkpoint=tmp_path / "a", **options).image, image)
+    with pytest.raises(ValueError, match="different image"):
+        dmis.render(scene, "thesis", 16, checkpoint=tmp_path / "a", **options)
+
+
+def test_refusals() -> None:
+    """Words that are none, and combiners other than balance, are refused before the first ray."""
+    with pytest.raises(ValueError, match="weigh must be samples or heuristic; got 'heuristics'"):
+        dmis.make_rule("thesis:weigh=heuristics")
+    message = "weigh=heuristic needs combiner balance, whose shares it changes; got combiner power"
+    for rule in ("fixed:0.5,combiner=power,weigh=heuristic", "thesis:weigh=heuristic,combiner=power"):
+        with pytest.raises(ValueError, match=message):
+            dmis.make_rule(rule)
+    with pytest.raises(ValueError, match=message):
+        dmis.render(disk(), dmis.Given(0.5, weigh="heuristic"), 4, combiner="power")
+    with pytest.raises(ValueError, match=message):
+        Round(4, shares_of(0.5), dmis.Settings(combiner="power"), tilt=shares_of(0.2))
+
+
+@pytest.mark.parametrize(
+    "name, integrator",
+    [
+        pytest.param(name, way, marks=() if (name, way) in QUICK else pytest.mark.slow)
+        for name in SCENES
+        for way in ("direct", "path")
+    ],
+)
+def test_every_tilt_agrees_with_balance(name: str, integrator: str) -> None:
+    """The image's mean is that of the balance heuristic at every w; w = 0 has more samples, for its rare hits."""
+    options = {"integrator": integrator, "max_depth": 3, "sampler": "independent"}
+    z = {}
+    rules = {"balance": 128} | {f"fixed:{w},weigh=heuristic": 128 if w else 1024 for w in WEIGHTS}
+    for seed, (rule, spp) in enumerate(rules.items()):
+        result = dmis.render(shared_scene(name, SCENES[name]), rule, spp, seed=seed, **options)
+        # channels vary together
+        z[rule] = result.image.mean(dtype=float), result.variance.mean(axis=2).sum() / result.weight.size**2
+    mean, variance = z.pop("balance")
+    scores = {rule: (value - mean) / np.sqrt(error + variance) for rule, (value, error) in z.items()}
+    assert max(map(abs, scores.values())) < Z_LIMIT, scores
