@@ -39,7 +39,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum
+from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum, row_blocks
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost, rays_of_colours
@@ -194,7 +194,8 @@ class Rounds(Rule):
         """
         n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
         # variance of each pixel's mean of n samples
-        variance = (first.moments.m2.mean(axis=2) / (n * max(n - 1, 1))).astype(np.float32)
+        m2 = sum(np.square(root, dtype=np.float64) for root in np.moveaxis(first.moments.root, 2, 0))
+        variance = (m2 / 3 / (n * max(n - 1, 1))).astype(np.float32)
         pattern, begin, samples = np.empty(shape, np.uint8), np.empty(shape, np.int32), np.empty(shape, np.int32)
         chance = budget.generator(1).random(shape)
         trust, patches = np.ones(len(COLOURS)), []
@@ -234,7 +235,11 @@ class Rounds(Rule):
         v = self._variance(variance, curves, n, at)
         trust = self._trust(first, variance, curves, n, colour)
         v **= trust
-        of_patches = self._best_patterns(curves, cost, self._spent(v, cost, first.budget, n))
+        spent = self._spent(v, cost, first.budget, n)
+        allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
+        # some rows at a time, because there are many patterns
+        blocks = [self._best_patterns(curves.rows(rows), cost, spent[rows], allowed) for rows in row_blocks(len(spent))]
+        of_patches = [np.concatenate(maps) for maps in zip(*blocks, strict=True)]
         pattern, anew, ratio = (patch_spread(a, PATCH, shape)[at] for a in of_patches)
         density = self._density(v[at] * ratio, cost[pattern])
         return Decision(pattern, anew, density, cost, trust, of_patches[0])
@@ -252,14 +257,18 @@ class Rounds(Rule):
 
     def _variance(self, variance: Array, curves: PatchCurves, n: int, *colours: tuple[slice, slice]) -> Array:
         """Return V n^-a of the first round around each pixel, from pixels of other `colours`, ``(H, W)``."""
-        others = np.ones(variance.shape)
+        others = np.ones(variance.shape, bool)
         for colour in colours:
-            others[colour] = 0
+            others[colour] = False
         if not others.any():
             return np.ones(variance.shape)
         independent = (np.maximum(curves.curve[HALF] / 2, 0) + np.maximum(curves.position, 0)) / n
-        near = np.where(others > 0, variance, np.nan)
-        return np.maximum(gaussian(near, 1.0, 2), 0) + SPIKES * patch_spread(independent, PATCH, variance.shape)
+        v = patch_spread(SPIKES * independent, PATCH, variance.shape)
+        for rows in row_blocks(len(v), 64):
+            near = slice(max(rows.start - 2, 0), rows.stop + 2)
+            smooth = gaussian(np.where(others[near], variance[near], np.nan), 1.0, 2)
+            v[rows] += np.maximum(smooth[rows.start - near.start :][: rows.stop - rows.start], 0)
+        return v
 
     def _trust(self, first: Pilot, variance: Array, curves: PatchCurves, n: int, colour: int) -> float:
         """Return the power of the variance that the numbers of samples of a colour follow.
@@ -289,15 +298,18 @@ class Rounds(Rule):
 
     def _spent(self, variance: Array, cost: Array, budget: int, n: int) -> Array:
         """Return n_1 / n of each patch, if all pixels keep the pattern of the first round."""
-        density = self._density(variance, cost[FIRST])
-        mean = density.mean()
-        samples = density * (budget / cost[FIRST] / mean) if mean > 0 else np.zeros_like(density)
-        return n / patch_mean(np.maximum(samples, n), PATCH)
+        samples = self._density(variance, cost[FIRST])
+        mean = samples.mean()
+        if mean > 0:
+            samples *= budget / cost[FIRST] / mean
+        return n / patch_mean(np.maximum(samples, n, out=samples), PATCH)
 
-    def _best_patterns(self, curves: PatchCurves, cost: Array, spent: Array) -> tuple[np.ndarray, np.ndarray, Array]:
+    def _best_patterns(
+        self, curves: PatchCurves, cost: Array, spent: Array, allowed: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, Array]:
         """Return the best pattern of each patch, whether its pixels begin anew, and V over the first round's.
 
-        `spent` is the share of a patch's samples that the first round is.
+        `spent` is the share of a patch's samples that the first round is, `allowed` says which shares may be used.
         """
         # V = P + A(w) / S,  A(w) / 2 being the curve
         place = np.maximum(curves.position, 0)
@@ -313,7 +325,7 @@ class Rounds(Rule):
         error = np.minimum(error_on, error_anew)
         # another share than 1/2 only where the gain is certain
         certain = curves.curve - curves.curve[HALF] < -self.guard * curves.gain_error()
-        certain &= allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
+        certain &= allowed
         certain[HALF] = True
         error = np.where(certain[SHARE_OF], error, np.inf)
         best = np.where(error[FIRST] <= error.min(axis=0), FIRST, error.argmin(axis=0))[None]
