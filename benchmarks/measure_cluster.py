@@ -25,7 +25,7 @@ from common import ROOT, replace_table
 import dmis
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import _send
-from dmis.pipeline.film import FilmTile, PassFilm
+from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import Tile, render_tile
@@ -103,13 +103,12 @@ def main():
 
 def merge_seconds(scene, tiles, file):
     """Return the seconds to merge one of `tiles` into the film, and to append it to a checkpoint if `file`."""
-    rendered = render_tile(scene, tiles[0])
+    film_tile = render_tile(scene, tiles[0])
     with tempfile.TemporaryDirectory() as folder:
         store = Store(Path(folder) / "checkpoint", {})
         film = PassFilm.empty(scene.camera.resolution, 1 + max(tile.number for tile in tiles), tiles[0].round)
         begin = time.perf_counter()
         for _ in range(100):
-            film_tile = FilmTile.of(tiles[0], rendered)
             if file:
                 store.append(film_tile)
             film.merge_tile(film_tile)

@@ -112,12 +112,12 @@ def main() -> int:
     size, spp, pairs = ((32, 24), 4, 4) if given.quick else ((64, 64), 8, 200)
     pairs = given.pairs or pairs
     scene = plain(size)
-    image = render_tile(scene, tile_of(scene, spp)).moments.mean
+    image = render_tile(scene, tile_of(scene, spp)).mean
     print("| unused feature | time with / without | same bits |\n|---|---|---|")
     failed = False
     for name, add in FEATURES.items():
         other = add(scene)
-        same = np.array_equal(render_tile(other, tile_of(other, spp)).moments.mean, image)
+        same = np.array_equal(render_tile(other, tile_of(other, spp)).mean, image)
         found = ratios(scene, other, spp, pairs)
         # of the median, from the spread of the middle half: one pair that is interrupted does not matter
         low, middle, high = np.quantile(found, [0.25, 0.5, 0.75])

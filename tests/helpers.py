@@ -87,7 +87,7 @@ def tile_of(
     shares, settings = pixel_shares(w), Settings(sampler=sampler, **settings)
     tile = Tile(seed, 0, 0, (0, height), (0, width), Round(spp, shares, settings))
     rendered = render_tile(scene, tile)
-    return rendered.moments.mean, rendered.rays
+    return rendered.mean, rendered.rays
 
 
 def means(scene: Scene, seeds: range, spp: int = 8, **options: object) -> Array:

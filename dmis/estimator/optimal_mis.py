@@ -78,7 +78,7 @@ class Optimal:
         out = np.zeros((3, len(self._samples)))
         enough = (self._taken >= MIN_SAMPLES_TO_FIT).all(axis=0) & (self._w > 0) & (self._w < 1)
         share = np.where(enough, self._w, 0.5)
-        alone = 1 / (self._samples * np.stack([share, 1 - share])) ** 2
+        alone = 1 / (np.maximum(self._samples, 1) * np.stack([share, 1 - share])) ** 2
         for a, b, plain, recorded in self._keys.values():
             missed = self._taken - recorded
             solved, good = _solve(a[0] + missed[0] * alone[0], a[1], a[2] + missed[1] * alone[1], b)

@@ -28,7 +28,8 @@ from dmis import __version__
 from dmis.base.malloc import keep
 from dmis.base.plugins import load_plugin, loaded_plugins
 from dmis.base.validate import whole
-from dmis.pipeline.tile import Rendered, Tile, render_tile
+from dmis.pipeline.film import FilmTile
+from dmis.pipeline.tile import Tile, render_tile
 from dmis.scene.scene import Scene
 
 MAX_WORKERS = 1024
@@ -90,7 +91,7 @@ class Workers:
         self._own: ThreadPoolExecutor | _ProcessPool | None = None
         if isinstance(parallel, Processes):
             self._own = _ProcessPool(parallel.number, scene)
-            self._submit: Callable[[Tile], Future[Rendered]] = self._own.submit
+            self._submit: Callable[[Tile], Future[FilmTile]] = self._own.submit
             return
         executor = parallel if isinstance(parallel, Executor) else ThreadPoolExecutor(parallel)
         sent: Any = scene
@@ -100,7 +101,7 @@ class Workers:
             sent = _send(executor, scene) if _is_dask(executor) else pickle.dumps(scene)
         self._submit = lambda tile: executor.submit(_render, sent, tile, __version__)
 
-    def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, Rendered], None, None]:
+    def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, FilmTile], None, None]:
         """Yield rendered tiles in order of completion; tiles are submitted in the order given.
 
         Raises
@@ -108,7 +109,7 @@ class Workers:
         ChildProcessError
             If a worker died, or the cluster was lost, and no scheduler renders its tiles again.
         """
-        waiting: dict[Future[Rendered], Tile] = {}
+        waiting: dict[Future[FilmTile], Tile] = {}
         try:
             for tile in tiles:
                 waiting[self._submit(tile)] = tile
@@ -140,7 +141,7 @@ class _ProcessPool:
         self._scene, self._threads, self._local = pickle.dumps(scene), ThreadPoolExecutor(number), threading.local()
         self._processes: list[Any] = []
 
-    def submit(self, tile: Tile) -> Future[Rendered]:
+    def submit(self, tile: Tile) -> Future[FilmTile]:
         """Return the future of a tile."""
         return self._threads.submit(self._render, tile)
 
@@ -153,13 +154,13 @@ class _ProcessPool:
             process.join()
         self._threads.shutdown(cancel_futures=cancel_futures)
 
-    def _render(self, tile: Tile) -> Rendered:
+    def _render(self, tile: Tile) -> FilmTile:
         """Return the rendered tile of the process of this thread, which is started for the first tile."""
         try:
             if not hasattr(self._local, "pipe"):
                 self._local.pipe = self._start()
             self._local.pipe.send(tile)
-            answer: Rendered | Exception = self._local.pipe.recv()
+            answer: FilmTile | Exception = self._local.pipe.recv()
         except (EOFError, OSError) as error:
             raise BrokenExecutor(f"a process has closed its pipe, {error!r}") from None
         if isinstance(answer, Exception):
@@ -190,13 +191,13 @@ def _serve(pipe: Any, plugins: Sequence[Path]) -> None:
         while True:
             tile = pipe.recv()
             try:
-                answer: Rendered | Exception = _render(scene, tile, __version__)
+                answer: FilmTile | Exception = _render(scene, tile, __version__)
             except Exception as error:
                 answer = error
             pipe.send(answer)
 
 
-def _render(scene: Scene | bytes, tile: Tile, version: str) -> Rendered:
+def _render(scene: Scene | bytes, tile: Tile, version: str) -> FilmTile:
     """Render one tile in a worker."""
     if version != __version__:
         raise ValueError(

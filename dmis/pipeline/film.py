@@ -1,18 +1,90 @@
-"""The film of a pass: moments of all pixels, accumulated tile by tile as tiles arrive or are read from a checkpoint."""
+"""The film: what camera samples add up to in a tile, tiles in a pass, and passes in the image.
+
+Observers gather the samples of a tile, batch by batch. Tiles are merged as they arrive or are read from a checkpoint.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmis.base.patches import PATCH
+from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
+from dmis.estimator.allocation import CameraSamples, SampleBlock
+from dmis.estimator.mis import combiner_by_name
+from dmis.estimator.records import Record
 from dmis.fit.round import Round
-from dmis.pipeline.tile import Rendered, Tile
-from dmis.variance.moments import Film, join
+from dmis.samplers.streams import is_sequence
+from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks, join
+
+
+class Observers:
+    """All that observes the P camera samples of a tile.
+
+    Parameters
+    ----------
+    round_
+        The round of the tile's pixels. It says which statistic is gathered, and by its combiner, from which sums pixels
+        are corrected.
+    shape
+        Rows and columns of the tile.
+    """
+
+    def __init__(self, round_: Round, shape: tuple[int, int]) -> None:
+        pixels, settings = shape[0] * shape[1], round_.settings
+        self._shape, self._shading_samples = shape, settings.shading_samples  # without those of `Round.patterns`
+        self._moments = SubBlocks(round_.spp, pixels) if is_sequence(settings.sampler) else PixelMoments(pixels)
+        self._statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
+        samples = round_.spp * np.full(pixels, self._shading_samples)
+        self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
+        self._colour: np.ndarray | None = None
+        if getattr(self._statistic, "by_colour", False):
+            colour = np.zeros(shape, np.uint8)  # tiles begin at multiples of two
+            for number, at in enumerate(COLOURS):
+                colour[at] = number
+            self._colour = colour.reshape(-1)
+
+    def new_records(self) -> list[Record] | None:
+        """Return an empty list for the shading samples of a batch, or None if nobody reads them."""
+        return None if self._statistic is None and self._collector is None else []
+
+    def colours(self, pixel: np.ndarray) -> np.ndarray | None:
+        """Return the colours of camera samples, by which their rays are counted; None if they are not."""
+        return None if self._colour is None else self._colour.take(pixel)
+
+    def add(
+        self, blocks: Sequence[SampleBlock], samples: CameraSamples, records: list[Record] | None, values: Array
+    ) -> None:
+        """Add the camera samples of one batch, their radiance ``(3, N)`` and their shading samples."""
+        if self._collector is not None:
+            first = np.broadcast_to(samples.counts.first, len(samples.pixel))
+            self._collector.add(records or [], samples.pixel, first, self._shading_samples)
+        values, ordered = samples.restore_order(values, records)
+        if self._statistic is not None:
+            self._statistic.add(ordered, values, blocks[0].count)
+        # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2
+        begin = 0
+        for block in blocks:
+            end = begin + block.count * len(block.pixels)
+            of_block = values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
+            self._moments.add(of_block, block.pixels, block.first)
+            begin = end
+
+    def moments(self) -> Moments:
+        """Return the moments of the pixels ``(3, P)``, corrected by the combiner; 0 where there were no samples."""
+        total = self._moments.total()
+        return total if self._collector is None else replace(total, mean=total.mean + self._collector.correction())
+
+    def patch_sums(self) -> dict[str, Array]:
+        """Return the sums of the statistic over patches of `PATCH` pixels, by name; none if there is no statistic."""
+        sums = {} if self._statistic is None else self._statistic.sums()
+        images = {name: a.reshape(*a.shape[:-1], *self._shape) for name, a in sums.items()}
+        if self._colour is not None:
+            images = {name: by_colour(image) for name, image in images.items()}
+        return {name: patch_sum(image, PATCH) for name, image in images.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +94,15 @@ class FilmTile:
     Attributes
     ----------
     pass_, number, rows, columns
-        As in `Tile`.
+        As in `dmis.pipeline.tile.Tile`.
     mean, root
         As in `dmis.variance.moments.Film`, ``(rows, columns, 3)`` float32.
-    rays, sums
-        As in `Rendered`.
+    rays
+        Rays traced, by kind.
+    sums
+        Sums of the statistic over patches of `PATCH` pixels, ``(..., ceil(rows / PATCH), ceil(columns / PATCH))``.
+    embree_seconds
+        CPU seconds of its ray queries; 0 if it was not rendered now.
     """
 
     pass_: int
@@ -37,13 +113,7 @@ class FilmTile:
     root: Array
     rays: Mapping[str, int]
     sums: Mapping[str, Array]
-
-    @classmethod
-    def of(cls, tile: Tile, rendered: Rendered) -> FilmTile:
-        """Return the film tile of a rendered tile, its moments rounded to float32."""
-        with np.errstate(over="ignore"):  # infinite pixels are refused once the image is complete
-            mean, root = (a.astype(np.float32) for a in (rendered.moments.mean, np.sqrt(rendered.moments.m2)))
-        return cls(tile.pass_, tile.number, tile.rows, tile.columns, mean, root, dict(rendered.rays), rendered.sums)
+    embree_seconds: float = 0.0
 
 
 @dataclass(eq=False)

@@ -15,7 +15,7 @@ from dmis.base.vectors import Array
 from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import Parallel, Workers, check_parallel
-from dmis.pipeline.film import FilmTile, PassFilm
+from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.tile import Tile, make_tiles
@@ -116,9 +116,8 @@ class Passes:
         total = sum(tile.camera_samples for tile in tiles)
         finished = total - sum(tile.camera_samples for tile in missing)
         with closing(self._workers.render(missing)) as results:
-            for tile, rendered in results:
-                self.embree_seconds += rendered.embree_seconds
-                film_tile = FilmTile.of(tile, rendered)
+            for tile, film_tile in results:
+                self.embree_seconds += film_tile.embree_seconds
                 if self._store:
                     self._store.append(film_tile)
                 film.merge_tile(film_tile)

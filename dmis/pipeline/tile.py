@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import RayCaster, TimedCaster
-from dmis.pipeline.observers import make_observers
+from dmis.pipeline.film import FilmTile, Observers
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import Sampler, make_sampler, stream
 from dmis.scene.scene import Scene
@@ -92,31 +92,6 @@ class Tile:
                 yield pixels, spp.take(pixels), shares, replace(settings, shading_samples=n_l + n_b)
 
 
-@dataclass(frozen=True, eq=False)
-class Rendered:
-    """The result of rendering a tile.
-
-    Attributes
-    ----------
-    number
-        Number of the tile.
-    moments
-        Moments of radiance, ``(rows, columns, 3)``.
-    rays
-        Rays traced, by kind.
-    sums
-        Sums of the statistic over patches of `PATCH` pixels, ``(..., ceil(rows / PATCH), ceil(columns / PATCH))``.
-    embree_seconds
-        CPU seconds of its ray queries.
-    """
-
-    number: int
-    moments: Moments
-    rays: Counter[str]
-    sums: Mapping[str, Array]
-    embree_seconds: float = 0.0
-
-
 def batch_size(settings: Settings) -> int:
     """Return the number of camera samples per batch: `CHUNK`, or four times as many for paths of several surfaces.
 
@@ -162,7 +137,7 @@ def _tile_areas(
     ]
 
 
-def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Rendered:
+def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> FilmTile:
     """Render one tile: camera samples in batches, the radiance of each, and what observers make of it.
 
     Parameters
@@ -181,7 +156,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
         Counter[str](),
         TimedCaster(caster or scene.intersector),
     )
-    observers = make_observers(tile.round, tile.shape)
+    observers = Observers(tile.round, tile.shape)
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     for pixels, spp, shares, settings in tile.groups():
         sampler = tile.sampler(settings, scene.camera.resolution[0], rng)
@@ -198,9 +173,9 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Re
             may_see = None if covered is None else indices(covered.take(samples.pixel))
             values = radiance(batch, *_camera_rays(scene, sampler, corners, samples.pixel), may_see)
             observers.add(blocks, samples, records, values)
-    moments = observers.moments(tile.camera_samples)
-    _check_finite(moments, tile)
-    return Rendered(tile.number, _image_moments(moments, tile), rays, observers.patch_sums(), timed.seconds)
+    mean, root = _pixel_moments(observers.moments(), tile)
+    sums, place = observers.patch_sums(), (tile.pass_, tile.number, tile.rows, tile.columns)
+    return FilmTile(*place, mean, root, rays, sums, timed.seconds)
 
 
 def _covered_pixels(scene: Scene, tile: Tile) -> np.ndarray | None:
@@ -229,20 +204,23 @@ def _camera_rays(
     return np.repeat(scene.camera.origin, direction.shape[1], axis=1), direction
 
 
-def _check_finite(total: Moments, tile: Tile) -> None:
-    """Raise a `ValueError` that names the first pixel whose mean or squared deviations are not finite."""
-    if np.isfinite(total.mean).all() and np.isfinite(total.m2).all():
-        return
-    bad = int(np.argmin(np.isfinite(total.mean + total.m2).all(axis=0)))
-    row, column = divmod(bad, tile.shape[1])
-    raise ValueError(
-        f"pixel at row {tile.rows[0] + row}, column {tile.columns[0] + column} must be finite; got "
-        f"{total.mean[:, bad].tolist()} with squared deviations {total.m2[:, bad].tolist()}. Something there is beyond "
-        f"what float32 holds, or a material divides by 0"
-    )
+def _pixel_moments(total: Moments, tile: Tile) -> tuple[Array, Array]:
+    """Return mean and root of m2 of the pixels of a tile as images, ``(rows, columns, 3)`` float32, from ``(3, P)``.
 
-
-def _image_moments(total: Moments, tile: Tile) -> Moments:
-    """Return moments ``(3, P)`` of the pixels of a tile as an image ``(rows, columns, 3)``."""
-    mean, m2 = (np.moveaxis(a.reshape(3, *tile.shape), 0, -1) for a in (total.mean, total.m2))
-    return Moments(total.n if isinstance(total.n, int) else total.n.reshape(*tile.shape, 1), mean, m2)
+    Raises
+    ------
+    ValueError
+        If a pixel is not finite; the message names the first one.
+    """
+    finite = np.isfinite(total.mean + total.m2).all(axis=0)
+    if not finite.all():
+        bad = int(np.argmin(finite))
+        row, column = divmod(bad, tile.shape[1])
+        raise ValueError(
+            f"pixel at row {tile.rows[0] + row}, column {tile.columns[0] + column} must be finite; got "
+            f"{total.mean[:, bad].tolist()} with squared deviations {total.m2[:, bad].tolist()}. Something there is "
+            f"beyond what float32 holds, or a material divides by 0"
+        )
+    with np.errstate(over="ignore"):  # infinite pixels are refused once the image is complete
+        mean, root = (a.astype(np.float32).reshape(3, *tile.shape) for a in (total.mean, np.sqrt(total.m2)))
+    return np.moveaxis(mean, 0, -1), np.moveaxis(root, 0, -1)

@@ -90,35 +90,24 @@ class PixelMoments:
 
     def __init__(self, pixels: int) -> None:
         self._pixels = pixels
-        self._total: Moments | None = None
+        self._total = Moments(0, *np.zeros((2, 3, pixels)))
 
     def add(self, samples: Array, pixels: np.ndarray, first: int = 0) -> None:
         """Add n samples of each of A `pixels` ``(A,)``, which differ and ascend; `samples` are ``(n, 3, A)``.
 
         Their numbers, from `first` on, do not matter here.
         """
-        block = Moments.of(samples)
-        total = self._total
+        total, block = self._total, Moments.of(samples)
         if len(pixels) == self._pixels:
-            self._total = block if total is None else total.merge(block)
+            self._total = total.merge(block)
             return
-        if total is None:
-            total = Moments(0, *np.zeros((2, 3, self._pixels)))
         n, mean, m2 = np.broadcast_to(total.n, (1, self._pixels)).astype(float), total.mean, total.m2
         merged = Moments(n[:, pixels], mean[:, pixels], m2[:, pixels]).merge(block)
         n[:, pixels], mean[:, pixels], m2[:, pixels] = merged.n, merged.mean, merged.m2
         self._total = Moments(n, mean, m2)
 
     def total(self) -> Moments:
-        """Return the moments of all samples that were added, ``(3, P)``; ``(1, P)`` numbers where they differ.
-
-        Raises
-        ------
-        ValueError
-            If no samples were added.
-        """
-        if self._total is None:
-            raise ValueError("moments need samples; none were added. Call add first")
+        """Return the moments of all samples that were added, ``(3, P)``; ``(1, P)`` numbers where they differ."""
         return self._total
 
 

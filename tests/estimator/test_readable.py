@@ -18,7 +18,7 @@ from dmis.fit.round import Round
 from dmis.pipeline.tile import Tile, render_tile
 from dmis.samplers.streams import stream
 from dmis.testing.scenes import box_scene
-from dmis.variance.moments import Moments
+from dmis.variance.moments import Film, Moments
 
 PAGE = Path(__file__).parents[2] / "docs" / "estimator.md"
 CODE = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)[0]
@@ -135,9 +135,8 @@ def test_images_agree(page: SimpleNamespace, name: str, w: str) -> None:
     plain = Moments.of(samples.mean(axis=0, dtype=float).reshape(spp, len(x)))
     width, height = scene.camera.resolution
     settings = Settings(sampler="independent")
-    fast = render_tile(
-        scene, Tile(SEED, 2, 0, (0, height), (0, width), Round(spp, pixel_shares(share), settings))
-    ).moments
+    tile = render_tile(scene, Tile(SEED, 2, 0, (0, height), (0, width), Round(spp, pixel_shares(share), settings)))
+    fast = Film(spp, tile.mean, tile.root)
     # of the mean of the channels, which are taken as fully dependent
     deviation = np.sqrt(fast.variance()).mean(axis=-1).reshape(-1)
     error = np.sqrt((deviation**2 + plain.variance()) / spp)

@@ -6,20 +6,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from helpers import pixel_shares
 
 import dmis
-from dmis.fit.round import Round
 from dmis.pipeline import checkpoint
 from dmis.pipeline.film import FilmTile
-from dmis.pipeline.tile import Rendered, Tile
-from dmis.variance.moments import Moments
 
 OPTIONS = {"rule": "thesis", "spp": 32, "seed": 9, "parallel": 1}
 CHILD = """
@@ -246,11 +241,10 @@ def test_files_of_others_in_a_checkpoint_are_not_removed(box, tmp_path):
 
 def stored(path):
     """A checkpoint with one tile of 4x4 pixels, and the tile's file."""
-    rng, moments = np.random.default_rng(1), np.random.default_rng(2).random((2, 4, 4, 3))
-    tile = Tile(1, 0, 5, (0, 4), (4, 8), Round(2, pixel_shares(0.5), dmis.Settings()))
+    rng = np.random.default_rng(1)
+    moments = rng.random((2, 4, 4, 3), np.float32)
     store = checkpoint.Store(path, {"seed": 1})
-    rendered = Rendered(5, Moments(2, *moments), Counter(camera=5), {"sums": rng.random((2, 1, 1))})
-    store.append(FilmTile.of(tile, rendered))
+    store.append(FilmTile(0, 5, (0, 4), (4, 8), *moments, {"camera": 5}, {"sums": rng.random((2, 1, 1))}))
     return store, path / "0-5.npz"
 
 

@@ -19,7 +19,7 @@ import pytest
 import dmis
 from dmis.cli.commands import main
 from dmis.pipeline import executor
-from dmis.pipeline.film import FilmTile
+from dmis.pipeline.film import PassFilm
 
 OPTIONS = {"rule": "second-moment", "spp": 32, "seed": 4}
 
@@ -211,14 +211,14 @@ def _older(render, scene, tile, _):
 def test_results_are_let_go(wide, monkeypatch):
     """Tiles are merged as they come: few are in memory at a time."""
     alive, most = weakref.WeakSet(), []
-    film_tile = FilmTile.of
+    merge_tile = PassFilm.merge_tile
 
-    def watched(tile, rendered):
-        alive.add(rendered)
+    def watched(film, tile):
+        alive.add(tile)
         most.append(len(alive))
-        return film_tile(tile, rendered)
+        merge_tile(film, tile)
 
-    monkeypatch.setattr(FilmTile, "of", watched)
+    monkeypatch.setattr(PassFilm, "merge_tile", watched)
     dmis.render(wide, "balance", 32, parallel=1)
     assert len(most) == 15 and max(most) <= 3
 

@@ -1,6 +1,5 @@
 """The film of a pass: tiles merged in any order, with a checkpoint between or not."""
 
-from collections import Counter
 from itertools import permutations
 
 import numpy as np
@@ -12,46 +11,43 @@ from dmis.base.patches import PATCH
 from dmis.fit.round import Round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.film import FilmTile, PassFilm
-from dmis.pipeline.tile import Rendered, Tile
-from dmis.variance.moments import Moments
 
 RESOLUTION = (2 * PATCH, PATCH + 1)
+ROUND = Round(2, pixel_shares(0.5), Settings())
 
 
 @pytest.fixture
-def rendered():
+def tiles():
     """Three tiles of random moments and sums that cover an image whose last row is a patch of its own."""
     rng, areas = np.random.default_rng(1), [((0, 4), (0, 4)), ((0, 4), (4, 8)), ((4, 5), (0, 8))]
     tiles = []
     for number, (rows, columns) in enumerate(areas):
         shape = rows[1] - rows[0], columns[1] - columns[0]
-        moments = Moments(2, rng.random((*shape, 3)), rng.random((*shape, 3)))
+        moments = rng.random((2, *shape, 3), np.float32)
         sums = {"curve": rng.random((2, *(-(-n // PATCH) for n in shape)))}
-        tile = Tile(7, 3, number, rows, columns, Round(2, pixel_shares(0.5), Settings()))
-        tiles.append((tile, Rendered(number, moments, Counter(camera=10**number), sums)))
+        tiles.append(FilmTile(3, number, rows, columns, *moments, {"camera": 10**number}, sums))
     return tiles
 
 
-def test_tiles_are_merged_to_their_places_in_any_order(rendered):
+def test_tiles_are_merged_to_their_places_in_any_order(tiles):
     """Pixels, patches, rays and marks are those of the tiles, whatever the order in which these arrive."""
-    for order in permutations(rendered):
-        film = PassFilm.empty(RESOLUTION, 3, order[0][0].round)
+    for order in permutations(tiles):
+        film = PassFilm.empty(RESOLUTION, 3, ROUND)
         assert not film.done.any()
-        for tile, result in order:
-            film.merge_tile(FilmTile.of(tile, result))
+        for tile in order:
+            film.merge_tile(tile)
         assert film.done.all() and film.rays == {"camera": 111}
         assert film.mean.dtype == film.root.dtype == np.float32
-        for tile, result in rendered:
+        for tile in tiles:
             area = slice(*tile.rows), slice(*tile.columns)
-            np.testing.assert_array_equal(film.mean[area], result.moments.mean.astype(np.float32))
-            np.testing.assert_array_equal(film.root[area], np.sqrt(result.moments.m2).astype(np.float32))
-        top = np.concatenate([result.sums["curve"] for _, result in rendered[:2]], axis=-1)
-        np.testing.assert_array_equal(film.sums["curve"], np.concatenate([top, rendered[2][1].sums["curve"]], axis=-2))
+            np.testing.assert_array_equal(film.mean[area], tile.mean)
+            np.testing.assert_array_equal(film.root[area], tile.root)
+        top = np.concatenate([tile.sums["curve"] for tile in tiles[:2]], axis=-1)
+        np.testing.assert_array_equal(film.sums["curve"], np.concatenate([top, tiles[2].sums["curve"]], axis=-2))
 
 
-def test_tiles_of_a_checkpoint_are_those_that_were_appended(rendered, tmp_path):
+def test_tiles_of_a_checkpoint_are_those_that_were_appended(tiles, tmp_path):
     """Every field of a film tile comes back from the file, and only those of the pass that is asked for."""
-    tiles = [FilmTile.of(tile, result) for tile, result in rendered]
     store = Store(tmp_path / "c", {"seed": 1})
     for tile in tiles:
         store.append(tile)

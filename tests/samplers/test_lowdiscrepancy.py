@@ -159,6 +159,6 @@ def test_blocks_of_a_camera_sample_are_better_than_separate_sequences() -> None:
     for name in ("independent", "lowdiscrepancy"):
         settings = Settings(shading_samples=8, sampler=name)
         tiles = (Tile(seed, 0, 0, (0, 1), (0, 1), Round(1, pixel_shares(1.0), settings)) for seed in range(200))
-        means = np.array([render_tile(scene, tile).moments.mean[0, 0, 0] for tile in tiles])
+        means = np.array([render_tile(scene, tile).mean[0, 0, 0] for tile in tiles])
         variance[name] = means.var(ddof=1)
     assert variance["lowdiscrepancy"] < 0.2 * variance["independent"]

@@ -98,7 +98,7 @@ def test_pixels_are_means_of_the_image_around_them(name: str) -> None:
     images = [
         render_tile(
             scene, Tile(seed, 0, 0, (0, 3), (0, 9), Round(64, pixel_shares(0.5), Settings(sampler="independent")))
-        ).moments.mean
+        ).mean
         for seed in range(30)
     ]
     radius = filter.radius[0]

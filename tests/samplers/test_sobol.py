@@ -191,7 +191,7 @@ def test_images_do_not_depend_on_tiles_and_passes(monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr(tiles, "MAX_SIDE", side)
         image = np.zeros((12, 20, 3), np.float32)
         for tile in tiles.make_tiles((20, 12), 5, pass_, round_):
-            image[slice(*tile.rows), slice(*tile.columns)] = tiles.render_tile(scene, tile).moments.mean
+            image[slice(*tile.rows), slice(*tile.columns)] = tiles.render_tile(scene, tile).mean
         images.append(image)
     np.testing.assert_array_equal(*images)
 

@@ -267,7 +267,7 @@ def test_edge_pixel_is_unbiased(kind: str, w: float) -> None:
     paper = [Part(quad((x, -2, 0.0001), (stripe, 0, 0), (0, 4, 0)), matte(0)) for x in stripe * (2 * np.arange(10) - 9)]
     scene = box_scene(matte(0.5), (light,), tuple(paper), (10, 10), eye=(0, 0, 4), fov=10, target=(0, 1e-4, 0))
     tiles = [Tile(seed, 0, 0, (0, 10), (0, 10), Round(8, pixel_shares(w), Settings(sampler=kind))) for seed in range(4)]
-    mean, error = mean_and_error([render_tile(scene, tile).moments.mean for tile in tiles])
+    mean, error = mean_and_error([render_tile(scene, tile).mean for tile in tiles])
     middles = half * ((np.arange(200) + 0.5) / 100 - 1)
     x, y = np.meshgrid(middles, middles)
     open_floor = np.floor((x + half) / stripe) % 2 == 0
