@@ -188,7 +188,7 @@ class SphereLight(AreaLight):
         to, distance2, one_minus_cos, outside = self._cone(p)
         axis = to * (1 / np.sqrt(distance2))
         wi = to_world(square_to_cone(u, one_minus_cos), axis)
-        return self._light_sample(wi, to, distance2, one_minus_cos, outside, outside)
+        return self._light_sample(wi, to, distance2, one_minus_cos, outside)
 
     def hit(self, p: Array, wi: Array) -> LightSample:
         """Return what unit directions `wi` ``(3, N)`` from `p` see of the sphere."""
@@ -196,7 +196,7 @@ class SphereLight(AreaLight):
         along = dot(to, wi)
         across = to - wi * along  # |to|^2 - along^2 would cancel for a far light
         inside = outside & (along > 0) & (dot(across, across) < np.float32(self.radius**2))
-        return self._light_sample(wi, to, distance2, one_minus_cos, inside, outside)
+        return self._light_sample(wi, to, distance2, one_minus_cos, inside)
 
     def extent(self) -> float:
         return float(self.radius)
@@ -211,9 +211,7 @@ class SphereLight(AreaLight):
         one_minus_cos = sin2 / (1 + np.sqrt(1 - sin2))
         return to, distance2, one_minus_cos, sin2 < 1
 
-    def _light_sample(
-        self, wi: Array, to: Array, distance2: Array, cone: Array, is_hit: Array, outside: Array
-    ) -> LightSample:
+    def _light_sample(self, wi: Array, to: Array, distance2: Array, cone: Array, is_hit: Array) -> LightSample:
         along = dot(to, wi)
         across = to - wi * along
         radius2 = np.float32(self.radius**2)
