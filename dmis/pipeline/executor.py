@@ -78,8 +78,9 @@ def describe_parallel(parallel: Parallel) -> str:
     checked = check_parallel(parallel)
     if isinstance(checked, Executor):
         return f"executor {type(checked).__name__}"
-    number, kind = (checked.number, "process") if isinstance(checked, Processes) else (checked, "thread")
-    return f"{number} {kind}" if number == 1 else f"{number} {kind}{'es' if kind == 'process' else 's'}"
+    if isinstance(checked, Processes):
+        return f"{checked.number} process{'es' * (checked.number > 1)}"
+    return f"{checked} thread{'s' * (checked > 1)}"
 
 
 class Workers:
@@ -93,13 +94,10 @@ class Workers:
             self._own = _ProcessPool(parallel.number, scene)
             self._submit: Callable[[Tile], Future[FilmTile]] = self._own.submit
             return
-        executor = parallel if isinstance(parallel, Executor) else ThreadPoolExecutor(parallel)
-        sent: Any = scene
-        if isinstance(executor, ThreadPoolExecutor):
-            self._own = None if executor is parallel else executor
-        else:
-            sent = _send(executor, scene) if _is_dask(executor) else pickle.dumps(scene)
-        self._submit = lambda tile: executor.submit(_render, sent, tile, __version__)
+        if isinstance(parallel, int):
+            parallel = self._own = ThreadPoolExecutor(parallel)
+        sent = scene if isinstance(parallel, ThreadPoolExecutor) else _send(parallel, scene)
+        self._submit = lambda tile: parallel.submit(_render, sent, tile, __version__)
 
     def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, FilmTile], None, None]:
         """Yield rendered tiles in order of completion; tiles are submitted in the order given.
@@ -214,22 +212,21 @@ def _load(data: bytes) -> Scene:
     return scene
 
 
-def _is_dask(executor: Any) -> bool:
-    return type(executor).__module__.partition(".")[0] == "distributed"
-
-
 def _send(executor: Any, scene: Scene) -> Any:
-    """Return the scene as the result of a task, which all workers there are get.
+    """Return the pickled scene; on a Dask cluster the scene as the result of a task, which all workers there are get.
 
     A task, and not ``scatter``: what was scattered cannot be made again when the workers that have it are gone.
     """
+    data = pickle.dumps(scene)
+    if type(executor).__module__.partition(".")[0] != "distributed":
+        return data
     import dask
 
     client = executor._client
     for plugin in loaded_plugins():
         client.upload_file(str(plugin))  # to workers that join later, too
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-        future = client.submit(_load, pickle.dumps(scene), pure=False)
+        future = client.submit(_load, data, pure=False)
     if client.scheduler_info(n_workers=1)["workers"]:
         client.replicate([future])
     return future
