@@ -22,8 +22,8 @@ import numpy as np
 from dmis.base.atomic_files import check_writable, partial_path, replacing
 from dmis.pipeline.film import FilmTile
 
-KEY = "dmis-checkpoint-4.json"
-"""File of a checkpoint that says which image its tiles belong to; 4 is the version of the files."""
+KEY = "dmis-checkpoint-5.json"
+"""File of a checkpoint that says which image its tiles belong to; 5 is the version of the files."""
 _OUR_NAMES = re.compile(rf"{re.escape(KEY)}|\d+-\d+\.npz|\.[0-9a-f]+\.partial")
 
 
@@ -64,15 +64,15 @@ class Store:
     def finished_tiles(self, pass_: int) -> Iterator[FilmTile]:
         """Yield the tiles of a pass that are in the folder, but for damaged ones."""
         for path in sorted(self._folder.glob(f"{pass_}-*.npz")):
-            if (tile := _read_tile(path)) is not None:
-                yield tile
+            with suppress(Exception):  # of zipfile, zlib, json or NumPy, as the damage has it
+                yield _read_tile(path)
 
     def append(self, tile: FilmTile) -> None:
         """Write a tile into the folder; nothing if another process has finished the image and removed it."""
-        about = {"pass": tile.pass_, "number": tile.number, "rows": tile.rows, "columns": tile.columns}
-        about_text = np.array(json.dumps({**about, "rays": dict(tile.rays), "sums": list(tile.sums)}))
+        arrays: dict[str, Any] = {"mean": tile.mean, "root": tile.root, **tile.sums}
+        about = {name: value for name, value in vars(tile).items() if name not in ("mean", "root", "sums")}
         archive = io.BytesIO()
-        np.savez(archive, about=about_text, mean=tile.mean, root=tile.root, **tile.sums)  # type: ignore[arg-type]
+        np.savez(archive, about=np.array(json.dumps(about)), **arrays)
         try:
             with replacing(self._folder / f"{tile.pass_}-{tile.number}.npz") as partial:
                 partial.write_bytes(archive.getbuffer())
@@ -122,20 +122,14 @@ def remove_checkpoint(path: str | os.PathLike[str]) -> None:
         shutil.rmtree(removed, ignore_errors=True)
 
 
-def _read_tile(path: Path) -> FilmTile | None:
-    """Return the tile of a file; None if it is damaged."""
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            if archive.zip.testzip() is not None:  # a checksum is wrong
-                return None
-            arrays = dict(archive)
-        about = json.loads(str(arrays["about"]))
-        area = tuple(about["rows"]), tuple(about["columns"])
-        mean, root = arrays["mean"], arrays["root"]
-        sums = {name: arrays[name] for name in about["sums"]}
-        return FilmTile(about["pass"], about["number"], *area, mean, root, about["rays"], sums)
-    except Exception:  # of zipfile, zlib, json or NumPy, as the damage has it
-        return None
+def _read_tile(path: Path) -> FilmTile:
+    """Return the tile of a file; raise an exception if it is damaged."""
+    with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+        if damaged := archive.zip.testzip():
+            raise ValueError(f"the checksum of {damaged} is wrong")
+        arrays = dict(archive)
+    about = json.loads(str(arrays.pop("about")))
+    return FilmTile(**about, mean=arrays.pop("mean"), root=arrays.pop("root"), sums=arrays)
 
 
 def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any], prefix: str = "") -> list[str]:

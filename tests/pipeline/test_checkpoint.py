@@ -260,7 +260,7 @@ def test_damaged_tiles_are_rendered_again(tmp_path):
         file.write_bytes(good[:place] + bytes([good[place] ^ 0x55]) + good[place + 1 :])
         for tile in store.finished_tiles(0):
             number += 1
-            assert (tile.number, tile.rows, tile.columns, tile.rays) == (5, (0, 4), (4, 8), {"camera": 5})
+            assert (tile.number, tile.rows, tile.columns, tile.rays) == (5, [0, 4], [4, 8], {"camera": 5})
             np.testing.assert_array_equal(tile.mean, whole.mean)
             np.testing.assert_array_equal(tile.root, whole.root)
             np.testing.assert_array_equal(tile.sums["sums"], whole.sums["sums"])
