@@ -14,6 +14,7 @@ from typing import Any
 from dmis import __version__
 from dmis.estimator.settings import Settings
 from dmis.fit.registry import RULES
+from dmis.fit.round import WEIGH
 from dmis.pipeline.executor import MAX_WORKERS
 from dmis.scene import camera
 
@@ -168,6 +169,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **SCENE,
         OUTPUT: _option("output directory of table and plots", **FOLDER),
         "--spp": _option("camera samples per pixel, a multiple of 4 (default 2048)", int, 2048),
+        "--weigh": _option("what w is: a share of samples (default) or the heuristic's", str, WEIGH[0], choices=WEIGH),
         **settings_options("sampler", "preset"),
         **THREADS,
         **QUIET,

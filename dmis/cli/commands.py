@@ -131,7 +131,8 @@ def _oracle(options: argparse.Namespace) -> int:
     check_folder(options.output)
     scene, settings = load(options), make_settings(**given_settings(options))
     with progress_bar(options.quiet) as progress:
-        oracle = make_oracle(scene, options.spp, settings=settings, parallel=options.threads, progress=progress)
+        curves = {"settings": settings, "weigh": options.weigh}
+        oracle = make_oracle(scene, options.spp, **curves, parallel=options.threads, progress=progress)
     if not oracle.variance.any():
         raise ValueError(f"an oracle needs noise; every sample of scene {scene.name!r} is the same")
     from dmis.experiment.report.plots import write_best_shares

@@ -1,7 +1,8 @@
 """Oracle: converged variance curves of an image, the best weights by them, and the regret of other weights.
 
-The curves V(w) are those of `dmis.variance.curves`, from a pilot of thousands of samples per pixel with its own random
-numbers, cached on disk like references. They give the error of any share map without rendering it.
+The curves V(w) are those of `dmis.variance.curves`, or of `dmis.variance.tilt_curves` if w tilts the heuristic alone,
+from a pilot of thousands of samples per pixel with its own random numbers, cached on disk like references. They give
+the error of any share map without rendering it.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +27,7 @@ from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, remove_halves, render_halves
 from dmis.fit.curve_minimum import cost_weighted
-from dmis.fit.round import Fit, Pilot
+from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
@@ -34,6 +35,7 @@ from dmis.pipeline.job import LEARNED_COMPENSATION
 from dmis.pipeline.progress import Progress
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID, GRID_SHARES, HALF
+from dmis.variance.tilt_curves import TiltCurves
 
 LAYOUT = 3
 """Number of the layout of an oracle's file; a new one makes files of the old layout not be read."""
@@ -177,6 +179,7 @@ def make_oracle(
     patch: int = 4,
     *,
     settings: Settings | None = None,
+    weigh: str = "samples",
     folder: str | os.PathLike[str] | None = None,
     parallel: Parallel = None,
     progress: Progress | bool | None = None,
@@ -190,6 +193,8 @@ def make_oracle(
         Samples per pixel, a multiple of 4 of at least 8: half of them in each of two independent halves.
     patch
         Side of a patch in pixels, a multiple of 4.
+    weigh
+        What w is, see `dmis.fit.round.WEIGH`; the cost of ``heuristic`` is the same at every w.
     settings, folder, parallel, progress, options
         See `dmis.experiment.reference.make_reference`. The curves of skies depend on `compensation`, whose default is
         that of rules that learn; give 0 to judge ``thesis``, or to predict the error of ``balance``.
@@ -198,7 +203,8 @@ def make_oracle(
     if spp < 8 or spp % 4:
         raise ValueError(f"spp of an oracle must be a multiple of 4 of at least 8, for two halves of pairs; got {spp}")
     settings = make_settings(settings, **options)
-    path = oracle_path(scene, spp, patch, settings, folder)
+    check_weigh(weigh, settings.combiner)
+    path = oracle_path(scene, spp, patch, settings, folder, weigh)
     if not scene.plan.mixable:
         raise ValueError(
             f"an oracle needs a light that two techniques can reach; scene {scene.name!r} has nothing to mix, and the "
@@ -207,7 +213,8 @@ def make_oracle(
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path)
-        rule = _CurveMaps(patch=patch, spp=spp // 2, filter="none", combiner=settings.combiner)
+        maps_of_curves = _CurveMaps if weigh == "samples" else _TiltMaps
+        rule = maps_of_curves(patch=patch, spp=spp // 2, filter="none", combiner=settings.combiner)
         results = render_halves(
             path, scene, rule, spp // 2 + 1, REFERENCE_SEED + 2, settings=settings, parallel=parallel, progress=progress
         )
@@ -221,7 +228,8 @@ def make_oracle(
     variance = parts["curve"].mean(axis=0) + np.maximum(parts["position"].mean(axis=0), 0)
     settings = resolve_auto(settings, scene)
     s = settings.shading_samples
-    cost = camera_sample_cost(counted, GRID_SHARES, 2 * s, s, settings.techniques)
+    pilot_s, shares = (2 * s, GRID_SHARES) if weigh == "samples" else (s, np.full_like(GRID_SHARES, 0.5))
+    cost = camera_sample_cost(counted, shares, pilot_s, s, settings.techniques)
     return Oracle(variance, cost, patch, spp, scene.camera.resolution[::-1])
 
 
@@ -250,6 +258,18 @@ class _CurveMaps(SecondMoment):
         return Fit(0.5, {name: means[name] for name in _CURVE_PARTS})
 
 
+@dataclass(frozen=True)
+class _TiltMaps(_CurveMaps):
+    """Rule whose maps are the variance at every tilt, in the form of the curves of shares."""
+
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        """Yield camera samples of the balance heuristic, without pairs, and a final pass."""
+        film = yield replace(budget.pilot(0.5, self.spp), statistic=TiltCurves)
+        variance = self._pool(film)[0]["curve"]
+        parts = {"pattern": np.zeros_like(variance), "position": np.zeros_like(variance[0])}
+        yield budget.final(Fit(0.5, {"curve": variance, **parts}), self.spp)
+
+
 def curve_settings(scene: Scene, settings: Settings | None) -> Settings:
     """Return the settings of an oracle's renders: sky compensation as with rules that learn, if the scene has a sky."""
     settings = settings or Settings()
@@ -263,8 +283,13 @@ def settings_key(settings: Settings) -> dict[str, Any]:
 
 
 def oracle_path(
-    scene: Scene, spp: int, patch: int, settings: Settings | None, folder: str | os.PathLike[str] | None
+    scene: Scene,
+    spp: int,
+    patch: int,
+    settings: Settings | None,
+    folder: str | os.PathLike[str] | None,
+    weigh: str = "samples",
 ) -> Path:
     """Return the path of an oracle in the cache; arguments are those of `make_oracle`."""
     key = [__version__, LAYOUT, fingerprint(scene), spp, patch, settings_key(curve_settings(scene, settings))]
-    return cache_path(scene, "oracle", key, folder).with_suffix(".npz")
+    return cache_path(scene, "oracle" if weigh == "samples" else "tilt-oracle", key, folder).with_suffix(".npz")

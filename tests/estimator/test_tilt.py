@@ -1,17 +1,23 @@
 """The tilt of the heuristic: closed forms of mean and variance, agreement with the balance heuristic, refusals."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from helpers import Z_LIMIT, shared_scene
 
 import dmis
-from dmis.brdf.materials import matte
+from dmis.base.patches import patch_mean
+from dmis.brdf.materials import matte, plastic
 from dmis.estimator.allocation import shares_of
 from dmis.fit.round import Budget, Round
-from dmis.light.area import DiskLight
+from dmis.geometry.shapes import sphere
+from dmis.light.area import DiskLight, QuadLight
+from dmis.pipeline.tile import Tile, render_tile
 from dmis.testing.scenes import box_scene
+from dmis.variance.curves import GRID
+from dmis.variance.tilt_curves import TiltCurves
 
 SCENES = {
     "teapot-area-light": (40, 40),
@@ -115,6 +121,37 @@ def test_images_do_not_depend_on_the_executor(tmp_path) -> None:
         np.testing.assert_array_equal(dmis.render(scene, rule, 16, checkpoint=tmp_path / "a", **options).image, image)
     with pytest.raises(ValueError, match="different image"):
         dmis.render(scene, "thesis", 16, checkpoint=tmp_path / "a", **options)
+
+
+def test_curves_of_a_disk() -> None:
+    """From samples of the balance heuristic, the curves have the closed form at every w, also of several pairs."""
+    for pairs in (1, 3):
+        settings = dmis.Settings(sampler="independent", shading_samples=2 * pairs)
+        round_ = Round(512, shares_of(0.5)[:, None], settings, TiltCurves)
+        curve = render_tile(disk(), Tile(1, 0, 0, (0, 16), (0, 16), round_)).sums["curve"].sum(axis=(1, 2)) / 256
+        expected = [disk_moments(float(w))[1] / pairs for w in GRID]
+        np.testing.assert_allclose(curve, expected, rtol=0.03)
+
+
+@pytest.mark.parametrize("integrator", ["direct", "path"])
+def test_curves_predict_renders(integrator: str) -> None:
+    """Where edges and a texture are inside of pixels, curves have the variance of tilted renders in every patch.
+
+    The scene is grey, so that the variance of a channel is that of their mean.
+    """
+    checks = dmis.Image(np.random.default_rng(1).choice([0.1, 0.9], (32, 32, 1)).repeat(3, axis=2).astype(np.float32))
+    ball = dmis.Part(sphere(0.7, segments=16), plastic(0.3, 0.3, 0.02))
+    lamp = QuadLight((-1, -1, 2), (0, 2, 0), (2, 0, 0), (4, 4, 4))
+    scene = box_scene(matte(checks), (lamp,), (ball,), resolution=(16, 12))
+    options = {"integrator": integrator, "max_depth": 3, "sampler": "independent"}
+    statistic = partial(TiltCurves, grid=np.float32([0.1, 0.9, 1]))
+    round_ = Round(4096, shares_of(0.5)[:, None], dmis.Settings(**options), statistic)
+    curve = render_tile(scene, Tile(9, 0, 0, (0, 12), (0, 16), round_)).sums["curve"] / 16
+    for predicted, w in zip(curve, ("0.1", "0.9", "1"), strict=True):
+        result = dmis.render(scene, f"fixed:{w},weigh=heuristic", 4096, seed=1, **options)
+        measured = patch_mean(result.variance[..., 0] * 4096, 4)
+        np.testing.assert_allclose(measured, predicted, rtol=0.2)
+        assert measured.mean() == pytest.approx(predicted.mean(), rel=0.03)
 
 
 def test_refusals() -> None:
