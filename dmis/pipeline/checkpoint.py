@@ -69,10 +69,10 @@ class Store:
 
     def append(self, tile: FilmTile) -> None:
         """Write a tile into the folder; nothing if another process has finished the image and removed it."""
-        arrays: dict[str, Any] = {"mean": tile.mean, "root": tile.root, **tile.sums}
-        about = {name: value for name, value in vars(tile).items() if name not in ("mean", "root", "sums")}
+        about = {name: getattr(tile, name) for name in ("pass_", "number", "rows", "columns", "rays")}
+        about_text = np.array(json.dumps({**about, "sums": list(tile.sums)}))
         archive = io.BytesIO()
-        np.savez(archive, about=np.array(json.dumps(about)), **arrays)
+        np.savez(archive, about=about_text, mean=tile.mean, root=tile.root, **tile.sums)  # type: ignore[arg-type]
         try:
             with replacing(self._folder / f"{tile.pass_}-{tile.number}.npz") as partial:
                 partial.write_bytes(archive.getbuffer())
@@ -128,8 +128,9 @@ def _read_tile(path: Path) -> FilmTile:
         if damaged := archive.zip.testzip():
             raise ValueError(f"the checksum of {damaged} is wrong")
         arrays = dict(archive)
-    about = json.loads(str(arrays.pop("about")))
-    return FilmTile(**about, mean=arrays.pop("mean"), root=arrays.pop("root"), sums=arrays)
+    about = json.loads(str(arrays["about"]))
+    sums = {name: arrays[name] for name in about.pop("sums")}
+    return FilmTile(**about, mean=arrays["mean"], root=arrays["root"], sums=sums)
 
 
 def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any], prefix: str = "") -> list[str]:
