@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from types import TracebackType
 
-from dmis.base.malloc import LARGE_IMAGE, release
+from dmis.base.malloc import LARGE_IMAGE, keep, release
 from dmis.base.vectors import Array
 from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
@@ -18,7 +18,7 @@ from dmis.pipeline.executor import Parallel, Workers, check_parallel
 from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import Job
 from dmis.pipeline.progress import Progress
-from dmis.pipeline.tile import Tile, make_tiles
+from dmis.pipeline.tile import Tile, make_tiles, render_tile
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.variance.moments import Film
 
@@ -70,14 +70,17 @@ class Passes:
         self.rays, self.pilot_rays = Counter[str](), Counter[str]()
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self.embree_seconds = 0.0
-        parallel = check_parallel(parallel)
+        # one thread is this one, so that a debugger or profiler sees what it does
+        serial = parallel == 1 and not isinstance(parallel, bool)
+        parallel = 1 if serial else check_parallel(parallel)
         self._store: Store | None = None
         if checkpoint is not None:
             passes = len(job.rule.pilot) + 1
             self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
         job.scene.prepare()
         _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
-        self._workers = Workers(job.scene, parallel)
+        self._workers = None if serial else Workers(job.scene, parallel)
+        keep()
 
     def __enter__(self) -> Passes:
         return self
@@ -85,7 +88,8 @@ class Passes:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._workers.close(now=kind is not None)
+        if self._workers is not None:
+            self._workers.close(now=kind is not None)
 
     def render(self, round_: Round) -> Pilot:
         """Render a round over the image and return its film; one that goes on joins the samples before it."""
@@ -115,7 +119,8 @@ class Passes:
         missing = [tile for tile in tiles if not film.done[tile.number]]
         total = sum(tile.camera_samples for tile in tiles)
         finished = total - sum(tile.camera_samples for tile in missing)
-        with closing(self._workers.render(missing)) as results:
+        here = ((tile, render_tile(self._job.scene, tile)) for tile in missing)
+        with closing(here if self._workers is None else self._workers.render(missing)) as results:
             for tile, film_tile in results:
                 self.embree_seconds += film_tile.embree_seconds
                 if self._store:

@@ -201,7 +201,7 @@ def test_another_version_is_refused(box, monkeypatch):
     """A worker of another version than the one that asks says so."""
     monkeypatch.setattr(executor, "_render", partial(_older, executor._render))
     with pytest.raises(ValueError, match=r"the same version of dmis, .*; 0\.0\.1 asked, and .* has 0\.1"):
-        dmis.render(box, "balance", 2, parallel=1)
+        dmis.render(box, "balance", 2, parallel=2)
 
 
 def _older(render, scene, tile, _):
