@@ -218,6 +218,14 @@ def print_canvas(rows: int, columns: int, height: float, width: float = 7, **opt
     return plot.canvas(rows, columns, width, height, **options)
 
 
+def name_rows(axes: Array, names: Sequence[str]) -> None:
+    """Write a name at the left of each row of pictures ``(R, C)``, and hide their coordinates."""
+    for axis in axes.flat:
+        axis.set(xticks=[], yticks=[], xlabel="", ylabel="", frame_on=False)
+    for axis, name in zip(axes[:, 0], names, strict=True):
+        axis.set_ylabel(name, fontsize="medium")
+
+
 def window(scene: Scene, rows: tuple[float, float], columns: tuple[float, float]) -> plot.Window:
     """Return a window, given in shares of the image, in pixels."""
     width, height = scene.camera.resolution

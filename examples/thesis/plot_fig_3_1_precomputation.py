@@ -15,7 +15,7 @@ import dmis
 from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean
-from examples.gallery import SCENES, options, print_canvas
+from examples.gallery import SCENES, name_rows, options, print_canvas
 
 opts, _ = options("plot_fig_3_1_precomputation", __doc__)
 PATCH = opts.pick(4, 16)
@@ -54,33 +54,26 @@ for (name, w), y in variances.items():
 
 # %%
 # The teapot's pilots, their variances by patch, and the pilots of the two killeroo
-# scenes.
-figure, axes = print_canvas(4, 3, 8.1, height_ratios=[1, 1, 0.75, 0.75])
+# scenes: BRDF sampling sees the gold's reflections of the light, and hardly finds the
+# light from the walls.
+figure, axes = print_canvas(4, 3, 7.7, height_ratios=[1, 1, 0.75, 0.75])
 teapot = [variances[NAMES[0], w] for w in STRATEGIES]
-scale = LogNorm(1e-5, plot.shared_scale(teapot, 0.999))
+scale = LogNorm(1e-4, plot.shared_scale(teapot, 0.999))
 for column, (w, title) in enumerate(STRATEGIES.items()):
-    plot.picture(axes[0, column], pilots[NAMES[0], w].image, title)
-    height, width = pilots[NAMES[0], w].image.shape[:2]
+    for line, name in zip(axes[[0, 2, 3]], NAMES, strict=True):
+        plot.picture(line[column], pilots[name, w].image)
     shown = plot.heat(
-        axes[1, column], np.maximum(teapot[column], 1e-5), norm=scale, cmap="viridis"
+        axes[1, column], np.maximum(teapot[column], 1e-4), norm=scale, cmap="viridis"
     )
-    for line, name in ((axes[2], NAMES[1]), (axes[3], NAMES[2])):
-        plot.picture(
-            line[column],
-            pilots[name, w].image,
-            SCENES[name].title if column == 1 else "",
-        )
-for axis in axes.flat:
-    axis.set_axis_off()
+    axes[0, column].set_title(title)
+labels = [SCENES[name].title for name in NAMES]
+name_rows(axes, [labels[0], "its variance by patch", *labels[1:]])
 figure.colorbar(shown, ax=axes[1], label="variance of a sample (luminance²)", pad=0.01)
 opts.save_for_print(
     figure,
     "Figure 3.1: the pilot",
-    f"""TEAPOT AREA LIGHT, {width}x{height} pixels: pilots of 2 camera samples per pixel
-    with each strategy (top), and their sample variances, averaged over patches of
-    {PATCH}x{PATCH} pixels (second row; darkest: 10⁻⁵ or less). Light sampling is the
-    least noisy nearly everywhere. Below, the pilots of KILLEROO DIFFUSE and KILLEROO
-    GOLD, where BRDF sampling sees the gold's reflections of the light, and hardly finds
-    it from the walls.""",
+    f"""Pilots of 2 camera samples per pixel with each strategy; second row: sample
+    variances of the teapot, averaged over patches of {PATCH}x{PATCH} pixels (darkest:
+    0.0001 or less). Light sampling is the least noisy nearly everywhere there.""",
     panel=axes[1, 0],
 )

@@ -16,7 +16,7 @@ from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.fit.thesis import STATUS, parabola_minimum
-from examples.gallery import SCENES, options, print_canvas
+from examples.gallery import SCENES, name_rows, options, print_canvas
 
 opts, _ = options("plot_fig_3_4_weights", __doc__)
 PATCH = opts.pick(4, 16)
@@ -57,34 +57,26 @@ for name, (_, status) in fits.items():
 
 # %%
 # Figure 3.5 has the next steps, the filter and the final pass. This figure shows the
-# weights of the fit beside the mean of the three pilots.
+# weights of the fit beside the mean of the three pilots. White patches beside the pot
+# see nothing and keep w = 1/2. Where the lamp does not shine, on the pot and in the
+# darkest shadow, the three variances are those of the headlight within a pixel, equal
+# but for noise, and the weight is chance.
 figure, axes = print_canvas(4, 2, 8.6, width=6, height_ratios=[1.25, 1, 1, 0.75])
 for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     image = np.mean([pilot.image for pilot in pilots[name]], axis=0)
-    plot.picture(line[0], image, SCENES[name].title)
+    plot.picture(line[0], image)
+    inside = f"learned w (minimum in [0, 1]: {np.mean(status == 0):.0%} of patches)"
     per_pixel = patch_spread(weight, PATCH, image.shape[:2])
-    shown = plot.weights(
-        line[1],
-        per_pixel,
-        f"minimum inside [0, 1]: {np.mean(status == 0):.0%} of the patches",
-    )
-for axis in axes.flat:
-    axis.set_axis_off()
+    shown = plot.weights(line[1], per_pixel, inside)
+axes[0, 0].set_title("mean of the three pilots")
+name_rows(axes, [about.title for about in SCENES.values()])
 plot.weight_bar(figure, shown, axes, shrink=0.4, location="bottom", pad=0.01)
-least = {
-    name: np.mean((status == 1) | (status == 2)) for name, (_, status) in fits.items()
-}
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: the four scenes, mean of the three pilots of 2 camera samples per pixel,
-    at {"half" if opts.size == "default" else opts.size + " size of"} the thesis's side
-    length. Right: the share of light samples that the thesis's rule learns from them in
-    patches of {PATCH}x{PATCH} pixels, before the filter. White patches beside the pot
-    see nothing and keep w = 1/2. Where the lamp does not shine, on the pot and in the
-    darkest shadow, the three variances are those of the headlight within a pixel, equal
-    but for noise, and the weight is chance. The minimum is outside [0, 1], or the
-    parabola not convex, in {", ".join(f"{share:.0%}" for share in least.values())} of
-    the patches (from the top).""",
+    f"""Left: mean of the three pilots of 2 camera samples per pixel. Right: the share w
+    of light samples that the thesis's rule learns from them in patches of
+    {PATCH}x{PATCH} pixels, before the filter; above, the percentage of patches whose
+    parabola has its minimum inside [0, 1].""",
     panel=axes[2, 1],
 )
