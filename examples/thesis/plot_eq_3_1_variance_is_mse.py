@@ -58,7 +58,7 @@ for title, rule in (
     panels[title] = patch_mean(few.mean(axis=2), PATCH) * 2 / opts.spp, truth
 
 # %%
-# The estimate is right on the diagonal.
+# The estimate is right on the diagonal. Errors are in linear RGB².
 figure, axes = print_canvas(1, 4, 2.5, sharex=True, sharey=True)
 told = []
 for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True):
@@ -89,16 +89,12 @@ for axis, (title, (estimate, truth)) in zip(axes[0], panels.items(), strict=True
         " patches below half of the truth"
     )
 axes[0, 0].set_ylabel(f"sample variance / {opts.spp}")
-width, height = scene.camera.resolution
 figure.colorbar(shown, ax=axes, label="patches", pad=0.01)
 opts.save_for_print(
     figure,
     "Equation 3.1: variance is error, and what two samples know of it",
-    f"""KILLEROO GOLD ({width}x{height} pixels), patches of {PATCH}x{PATCH}; the colour
-    is the number of patches. Abscissa: mean squared error (linear RGB²) at {opts.spp}
-    samples per pixel over {len(SEEDS)} seeds; for the techniques alone the variance of
-    {opts.spp} samples. Ordinate: the variance that the samples themselves report. On
-    the red line they agree. With {opts.spp} samples they typically do within a factor
-    of {told[0][1]:.2g}. With two, {told[2][2]:.0%} of the patches report less than half
-    of the variance of BRDF sampling, and {told[3][2]:.0%} of light sampling.""",
+    f"""KILLEROO GOLD, patches of {PATCH}x{PATCH} pixels. On the red line the samples
+    report the true error. With {opts.spp} samples they typically do within a factor of
+    {told[0][1]:.2g}; with two, {told[2][2]:.0%} of the patches report less than half of
+    the variance of BRDF sampling, and {told[3][2]:.0%} of light sampling.""",
 )
