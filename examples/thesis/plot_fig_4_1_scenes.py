@@ -7,6 +7,12 @@ same expected image, and this figure shows only what is in the scenes. Cameras, 
 and materials are the thesis's. The meshes that come with dmis are its own, because the
 killeroo and the car may not be redistributed. ``--scene-dir`` renders the original
 files.
+
+A plastic pot stands on a plastic board, under a disk of radius 2 that is partly in
+view, with a point light at the camera. The creature stands on a gridded floor before
+two gridded walls, under a disk of radius 150 at height 800, with a headlight, a distant
+light along the view direction. TT is a car under a sky, with a small point light in the
+closed cabin.
 """
 
 import dmis
@@ -15,27 +21,21 @@ from examples.gallery import SCENES, options, print_canvas
 
 opts, _ = options("plot_fig_4_1_scenes", __doc__)
 SPP = opts.pick(16, 32, 128)
-INTEGRATOR = {"killeroo-gold": "path"}
+PATHS = {"integrator": "path", "spp": 4 * SPP}
 
 # %%
 # One light and one BRDF sample at a surface, n_l = n_b = 1: the balance heuristic adds
 # f / (p_l + p_b) for each of the two directions. No pilot is needed. The points are
 # those that pbrt-v2's files of these scenes ask for, because they are less noisy. Gold
 # reflects little but its surroundings. By direct light alone it would be black except
-# for reflections of the light, so KILLEROO GOLD is rendered by paths.
+# for reflections of the light, so KILLEROO GOLD is rendered by paths, which are noisier
+# and get four times as many samples.
 results = {}
 for name, about in SCENES.items():
-    scene = opts.scene(name, opts.pick(32, min(about.size) / 800, 1))
-    more = {"integrator": INTEGRATOR.get(name, "direct"), "sampler": "lowdiscrepancy"}
-    results[about.title] = dmis.render(
-        scene,
-        "balance",
-        SPP,
-        seed=1,
-        progress=opts.progress,
-        preset="thesis",
-        **more,
-    )
+    scene = opts.scene(name, opts.pick(32, about.size[0] / 800, 1))
+    more = {"sampler": "lowdiscrepancy", "progress": opts.progress, "preset": "thesis"}
+    more |= PATHS if name == "killeroo-gold" else {"spp": SPP}
+    results[about.title] = dmis.render(scene, "balance", seed=1, **more).image
     triangles = len(scene.plan.face_row)
     width, height = scene.camera.resolution
     print(
@@ -44,24 +44,23 @@ for name, about in SCENES.items():
     )
 
 # %%
-# Draw the images with 800 dots or more on the shorter side of each.
-figure, axes = print_canvas(2, 2, 5, height_ratios=[1.15, 1])
-for axis, (title, result) in zip(axes.flat, results.items(), strict=True):
-    plot.picture(axis, result.image, title)
-    axis.set_axis_off()
+# Two columns of one width: the teapot above the car, the killeroos above each other.
+figure = print_canvas(1, 1, 5.8)[0]
+figure.clear()
+titles = list(results)
+for half, pair in zip(figure.subfigures(1, 2), (titles[::3], titles[1:3]), strict=True):
+    heights = [results[title].shape[0] / results[title].shape[1] for title in pair]
+    axes = half.subplots(2, 1, height_ratios=heights)
+    for axis, title in zip(axes, pair, strict=True):
+        plot.picture(axis, results[title], title)
+        axis.set_axis_off()
 opts.save_for_print(
     figure,
     "Figure 4.1: the four scenes",
     f"""The thesis's scenes, rendered with the balance heuristic and pbrt-v2's
-    low-discrepancy points at {SPP} camera samples per pixel.
-    TEAPOT AREA LIGHT: a plastic pot on a plastic board, under a disk of radius 2 that
-    is partly in view, with a point light at the camera. KILLEROO DIFFUSE and KILLEROO
-    GOLD: a creature on a gridded floor before two gridded walls, under a disk of radius
-    150 at height 800, with a headlight, a distant light along the view direction. TT: a
-    car under a sky, with a small point light in the closed cabin. Direct lighting,
-    KILLEROO GOLD by paths. sRGB without tone mapping: values above 1 are clipped. The
-    script's PNG has 800 dots or more on the shorter side of each scene; copies on pages
-    have fewer.""",
-    panel=axes[1, 1],
-    dpi=430,
+    low-discrepancy points. Direct lighting at {SPP} camera samples per pixel; KILLEROO
+    GOLD by paths at {PATHS["spp"]}. sRGB without tone mapping: values above 1 are
+    clipped.""",
+    panel=axes[0],
+    dpi=235,
 )
