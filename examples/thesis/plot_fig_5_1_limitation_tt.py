@@ -123,12 +123,9 @@ print(
 )
 
 # %%
-# Top: the thesis's panels. Bottom: ratios of errors patch by patch, and how losses and
-# gains add up.
-figure = print_canvas(1, 1, 4.4)[0]
-figure.clear()
-top, bottom = figure.subfigures(2, 1)
-axes = np.array([top.subplots(1, 3), bottom.subplots(1, 3)])
+# Top: the thesis's panels. Bottom: ratios of errors patch by patch, orange where the
+# first is worse, and how losses and gains add up.
+figure, axes = print_canvas(2, 3, 4.1)
 zoom = window(scene, (0.3, 0.75), (0.3, 0.75))
 whole = patch_spread(raw, PATCH, (height, width))
 plot.weights(axes[0, 0], whole, "(a) weights from the fit")
@@ -137,28 +134,35 @@ plot.weights(
     axes[0, 1], whole[slice(*zoom[0]), slice(*zoom[1])], "(b) framed part of (a)", zoom
 )
 shown = plot.weights(axes[0, 2], weight, "(c) after the 5x5 Gaussian")
-plot.weight_bar(top, shown, axes[0], location="bottom", shrink=0.5, aspect=40, pad=0.02)
+plot.weight_bar(
+    figure, shown, axes[0], location="bottom", shrink=0.5, aspect=40, pad=0.02
+)
 for axis, letter, (name, compared) in zip(axes[1], "de", pairs.items(), strict=False):
     one, base = compared[0]
-    quotient = np.clip(one / np.maximum(base, 1e-12), 0.1, 10)
+    quotient = one / np.maximum(base, 1e-12)
     ratios = plot.heat(
         axis,
         patch_spread(quotient, PATCH, (height, width)),
         f"({letter}) {name}",
         cmap="PuOr_r",
-        norm=LogNorm(0.1, 10),
+        norm=LogNorm(0.5, 2),
     )
-bottom.colorbar(
+bar = figure.colorbar(
     ratios,
     ax=axes[1, :2],
     label="ratio of errors",
     location="bottom",
+    shrink=0.75,
     aspect=40,
     pad=0.02,
+    extend="both",
 )
+bar.set_ticks([0.5, 0.7, 1, 1.4, 2], labels=["0.5", "0.7", "1", "1.4", "2"])
+bar.minorticks_off()
 for axis in [*axes[0], *axes[1, :2]]:
     axis.set_axis_off()
 axis, share = axes[1, 2], 100 * np.arange(1, error.size + 1) / error.size
+axis.set_box_aspect(height / width)  # the size of the other panels
 for (name, curves), colour, style in zip(
     lost.items(), ("tab:red", "0.4"), ("-", "--"), strict=True
 ):
@@ -168,24 +172,14 @@ for (name, curves), colour, style in zip(
     axis.plot(share, 1 + np.mean(curves, axis=0), style, color=colour, label=label)
 axis.legend(loc="lower center")
 axis.set_xlabel("patches, largest loss first (%)")
-axis.set_ylabel("MSE / MSE of balance")
+axis.set_ylabel("MSE / balance")
 axis.set_title("(f) patches added one by one")
 opts.save_for_print(
     figure,
     "Figure 5.1: noisy weights, TT",
-    f"""TT, {width}x{height} pixels. The thesis shows TT as the limit of its rule. At
-    this size and with these patches the rule {verdict}: MSE over that of the balance
-    heuristic {value:.2f} ± {half:.2f} (one render of the rule, mean of {len(SEEDS)} of
-    the balance heuristic, 95 % interval over blocks of pixels). (a) Share of light
-    samples from a pilot of 2 + 2 + 2 camera samples per pixel in patches of
-    {PATCH}x{PATCH} pixels; (b) the framed part; (c) filtered, as the final pass uses
-    it. (d) Error of the rule over that of the balance heuristic in each patch,
-    {opts.spp} samples each, orange where the rule is worse, and (e) the balance
-    heuristic over itself with other random numbers: what chance alone draws. (f) How
-    losses and gains add up, mean and range. The rule is worse in
-    {band(worse["rule / balance"])} of the patches (chance:
-    {band(worse["balance / balance"])}), and half of what is lost is in
-    {band(part["rule / balance"])} of them (chance:
-    {band(part["balance / balance"])}).""",
-    panel=axes[1, 0],
+    f"""TT: weights (a) of the fit, (b) framed part, (c) filtered. (d) Error of the rule
+    over that of the balance heuristic by patch, and (e) of the balance heuristic over
+    itself: chance. (f) Losses and gains added up, mean and range. The rule's MSE is
+    {value:.2f} ± {half:.2f} of the balance heuristic's.""",
+    panel=axes[0, 2],
 )
