@@ -17,15 +17,15 @@ from dmis.base.patches import patch_mean, patch_spread
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
-from examples.gallery import SCENES, options, print_canvas, window
+from examples.gallery import SCENES, name_rows, options, print_canvas, window
 
 opts, _ = options("plot_fig_3_5_filter", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 CROPS = {  # rows and columns, in shares of the image
-    "teapot-area-light": ((0.35, 0.7), (0.65, 1)),
-    "killeroo-diffuse": ((0.62, 0.97), (0.3, 0.65)),
-    "killeroo-gold": ((0.62, 0.97), (0.3, 0.65)),
+    "teapot-area-light": ((0.16, 0.46), (0.16, 0.46)),
+    "killeroo-diffuse": ((0.26, 0.61), (0.3, 0.65)),
+    "killeroo-gold": ((0.62, 0.97), (0.35, 0.7)),
 }
 
 # %%
@@ -102,8 +102,9 @@ for name, scene in scenes.items():
 
 # %%
 # The thesis's four panels: (a, b) the maps without and with the filter, (c, d) the
-# framed part of them. Then the noise of that part of the image.
-figure, axes = print_canvas(3, 6, 4.1, width_ratios=[1.3, 1.3, 1, 1, 1, 1])
+# framed part of them. Then that part of the images: where the lamp shines on a patch
+# that takes BRDF samples only, bright dots stay without the filter.
+figure, axes = print_canvas(3, 6, 4, height_ratios=[1, 0.75, 0.75])
 for line, name in zip(axes, scenes, strict=True):
     part = window(scenes[name], *CROPS[name])
     for k, title in enumerate(("without the filter", "with the filter")):
@@ -112,15 +113,6 @@ for line, name in zip(axes, scenes, strict=True):
         inside = maps[name, title][slice(*part[0]), slice(*part[1])]
         plot.weights(line[2 + k], inside, "", part)
         plot.picture(line[4 + k], final[name, title].image, "", part)
-    line[0].text(
-        -0.04,
-        0.5,
-        SCENES[name].title,
-        rotation=90,
-        transform=line[0].transAxes,
-        ha="right",
-        va="center",
-    )
 titles = (
     "(a) without filter",
     "(b) with filter",
@@ -131,23 +123,21 @@ titles = (
 )
 for axis, title in zip(axes[0], titles, strict=True):
     axis.set_title(title)
-for axis in axes.flat:
-    axis.set_axis_off()
-plot.weight_bar(figure, shown, axes, shrink=0.5, aspect=40, location="bottom", pad=0.01)
-told = "; ".join(
-    f"{SCENES[name].title} {ratios[name, 'without the filter'][0]:.3f} ±"
-    f" {ratios[name, 'without the filter'][1]:.3f} without and"
-    f" {ratios[name, 'with the filter'][0]:.3f} ±"
-    f" {ratios[name, 'with the filter'][1]:.3f} with it"
+name_rows(axes, [SCENES[name].title.replace(" ", "\n", 1) for name in scenes])
+plot.weight_bar(figure, shown, axes, shrink=0.5, aspect=40, location="bottom", pad=0.03)
+told = [
+    " and ".join(
+        f"{value:.2f} ± {half:.2f}"
+        for key, (value, half) in ratios.items()
+        if name in key
+    )
     for name in scenes
-)
+]
 opts.save_for_print(
     figure,
     "Figure 3.5: weights without and with the filter",
-    f"""Share of light samples in patches of {PATCH}x{PATCH} pixels (a) as it comes out
-    of the fit and (b) after the 5x5 Gaussian; (c, d) the framed part, and that part of
-    the final images of {opts.spp - 6} camera samples per pixel. Mean squared error over
-    that of the balance heuristic with {opts.spp} samples, one seed, 95 % intervals over
-    blocks of pixels: {told}.""",
+    f"""Weights (a) of the fit, (b) filtered; (c, d) framed part; images of
+    {opts.spp - 6} samples. MSE over that of the balance heuristic without and with
+    filter (95 % intervals over blocks of pixels): {"; ".join(told)}.""",
     panel=axes[2, 1],
 )
