@@ -81,7 +81,7 @@ class EnvironmentLight(InfiniteLight):
         if not np.isfinite(texels).all() or (texels < 0).any():
             raise ValueError("texels must be finite and not negative, because they are radiance")
         check_compensation(self.compensation)
-        _ = self._data, self._distribution, self._guide
+        _ = self._data
 
     @cached_property
     def _data(self) -> tuple[Image, Array | None]:
@@ -131,12 +131,13 @@ class EnvironmentLight(InfiniteLight):
         processes find it; the texels are those of this light.
         """
         if self.compensation is not None or share == 0:
+            _ = self._guide
             return self
         kept: dict[float, Any] = vars(self).setdefault("_compensated", {})
         if share not in kept:
             light = copy(self)
             for name in ("_compensated", "_distribution", "_guide"):
-                del vars(light)[name]
+                vars(light).pop(name, None)
             vars(light)["compensation"] = check_compensation(share)
             _ = light._guide
             kept[share] = light

@@ -105,7 +105,7 @@ class Plan:
 
     def sampled_lights(self, compensation: float) -> tuple[SampledLight, ...]:
         """Return `sampled`, with infinite lights whose samples are compensated, see `InfiniteLight.compensated`."""
-        if not self.environment or compensation == 0:
+        if not self.environment:
             return self.sampled
         lights = (light.compensated(compensation) if light.infinite else light for light in self.sampled)  # type: ignore[attr-defined]
         return tuple(lights)
