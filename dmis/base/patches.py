@@ -37,20 +37,22 @@ def patch_mean(image: Array, size: int) -> Array:
     """Return means over square patches; those of smaller patches at the border divide by their own pixels."""
     if size == 1:
         return image
-    return patch_sum(image, size) / patch_sum(np.ones(image.shape[-2:]), size)
-
-
-def patch_spread(values: Array, size: int, shape: tuple[int, int]) -> Array:
-    """Return an image of `shape` (H, W) in which each pixel has the value of its patch of `size` pixels."""
-    height, width = shape
-    return values[np.arange(height)[:, None] // size, np.arange(width)[None] // size]
+    height, width = image.shape[-2:]
+    return patch_sum(image, size) / (patch_sum(np.ones((height, 1)), size) * patch_sum(np.ones((1, width)), size))
 
 
 PATCH = 4
 """Side of the patches over which a tile sums its statistics, in pixels."""
 
+EVERYWHERE = slice(None), slice(None)
 COLOURS = tuple((slice(y, None, 2), slice(x, None, 2)) for y in (0, 1) for x in (0, 1))
 """The pixels of each of four colours, 2x2 neighbours having all of them: rows and columns in an image."""
+
+
+def patch_spread(values: Array, size: int, shape: tuple[int, int], at: tuple[slice, slice] = EVERYWHERE) -> Array:
+    """Return the values of the patches of the pixels `at` rows and columns of an image of `shape` (H, W)."""
+    rows, columns = (np.arange(n)[part] // size for n, part in zip(shape, at, strict=True))
+    return values[rows[:, None], columns]
 
 
 def by_colour(image: Array) -> Array:

@@ -43,7 +43,7 @@ def pool(
     pixels
         Effective number of pixels in each mean, ``(rows, columns)``.
     """
-    all_sums = {"pixels": patch_sum(np.ones(shape), PATCH), **sums}
+    all_sums = sums if "pixels" in sums else {"pixels": patch_sum(np.ones(shape), PATCH), **sums}
     coarse = {name: patch_sum(a, patch // PATCH) for name, a in all_sums.items()}
     patches: Array | float = 1.0  # effective number of patches in each mean
     if sigma is not None and features is not None:

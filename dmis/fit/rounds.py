@@ -194,10 +194,9 @@ class Rounds(Rule):
         """
         n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
         # variance of each pixel's mean of n samples
-        m2 = sum(np.square(root, dtype=np.float64) for root in np.moveaxis(first.moments.root, 2, 0))
-        variance = (m2 / 3 / (n * max(n - 1, 1))).astype(np.float32)
+        variance = sum(np.square(root, dtype=np.float64) for root in np.moveaxis(first.moments.root, 2, 0)) / 3
+        variance = (variance / (n * max(n - 1, 1))).astype(np.float32)
         pattern, begin, samples = np.empty(shape, np.uint8), np.empty(shape, np.int32), np.empty(shape, np.int32)
-        chance = budget.generator(1).random(shape)
         trust, patches = np.ones(len(COLOURS)), []
         for colour, at in enumerate(COLOURS):
             if not pattern[at].size:
@@ -207,7 +206,8 @@ class Rounds(Rule):
             cost, least = decision.cost[pattern[at]], np.where(decision.anew, 2, n)  # one sample has no variance
             # in units of camera samples of the pattern 1:1; the first round counts as if it had the pixel's own cost
             allowance = (float(budget.spp) - decision.cost[FIRST] * n + begin[at] * cost).sum()
-            number = powers_of_two(decision.density, cost, least, allowance, chance[at])
+            chance = budget.generator(1).random(shape)[at]
+            number = powers_of_two(decision.density, cost, least, allowance, chance)
             samples[at] = number - begin[at]
             trust[colour] = decision.trust
             patches.append(decision.pattern_of_patch)
@@ -232,15 +232,15 @@ class Rounds(Rule):
         """
         n, shape, at = int(np.max(first.moments.n)), variance.shape, COLOURS[colour]
         curves, cost = self._curves(first, colour, shape), _costs(first, colour)
-        v = self._variance(variance, curves, n, at)
         trust = self._trust(first, variance, curves, n, colour)
+        v = self._variance(variance, curves, n, at)
         v **= trust
         spent = self._spent(v, cost, first.budget, n)
         allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
         # some rows at a time, because there are many patterns
         blocks = [self._best_patterns(curves.rows(rows), cost, spent[rows], allowed) for rows in row_blocks(len(spent))]
         of_patches = [np.concatenate(maps) for maps in zip(*blocks, strict=True)]
-        pattern, anew, ratio = (patch_spread(a, PATCH, shape)[at] for a in of_patches)
+        pattern, anew, ratio = (patch_spread(a, PATCH, shape, at) for a in of_patches)
         density = self._density(v[at] * ratio, cost[pattern])
         return Decision(pattern, anew, density, cost, trust, of_patches[0])
 
@@ -248,7 +248,7 @@ class Rounds(Rule):
         """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
         others = [k for k in range(len(COLOURS)) if k != colour]
         sums = {name: sum(a[k] for k in others) for name, a in first.sums.items() if name != "halves"}
-        pixels = np.ones(shape)
+        pixels = np.ones(shape, np.uint8)
         pixels[COLOURS[colour]] = 0
         sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)
         features = first.features if self.needs_features else None
@@ -280,7 +280,7 @@ class Rounds(Rule):
         """
         opposite = len(COLOURS) - 1 - colour
         judge = COLOURS[opposite]
-        own = patch_spread(first.sums["halves"][opposite], PATCH, variance.shape)[judge]
+        own = patch_spread(first.sums["halves"][opposite], PATCH, variance.shape, judge)
         predicted = self._variance(variance, curves, n, COLOURS[colour], judge)[judge]
         if not own.any() or not predicted.any():
             return TRUSTS[0]
@@ -294,7 +294,9 @@ class Rounds(Rule):
 
     def _density(self, variance: Array, cost: Array | float) -> Array:
         """Return numbers of samples in proportion, ``(V / C)^(1 / (1 + a))``."""
-        return np.asarray((variance / cost) ** (1 / (1 + self.exponent)))
+        number: Array = variance / cost
+        number **= 1 / (1 + self.exponent)
+        return number
 
     def _spent(self, variance: Array, cost: Array, budget: int, n: int) -> Array:
         """Return n_1 / n of each patch, if all pixels keep the pattern of the first round."""
