@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dmis.base.vectors import TINY, Array
+from dmis.base.vectors import Array
 from dmis.brdf.cosines import MIN_COSINE, Directions
 from dmis.brdf.diffuse import CosineLobe
 from dmis.brdf.distributions import Distribution, HalfVectorLobe
@@ -41,36 +41,25 @@ class BlendCoat(HalfVectorLobe):
 
     def eval(self, directions: Directions) -> Array:
         schlick = self.specular + fifth_power(1 - directions.cos_d) * (1 - self.specular)
-        coat = self.distribution.density(directions)
-        return schlick * (
-            coat / np.maximum(4 * directions.cos_d * np.maximum(directions.cos_i, directions.cos_o), TINY)
-        )
+        larger = np.maximum(directions.cos_i, directions.cos_o)
+        return schlick * (self._density(directions) / np.maximum(4 * directions.cos_d * larger, MIN_COSINE))
+
+    def _density(self, directions: Directions) -> Array:
+        return self.distribution.density(directions)
 
     def albedo(self) -> Array:
         return self.specular
 
 
-@dataclass(frozen=True, eq=False)
-class AshikhminShirley(HalfVectorLobe):
-    """The glossy half of Ashikhmin and Shirley's model, with the paper's factor; its base is
-    `dmis.brdf.ashikhmin_shirley.BlendBase`.
+class AshikhminShirley(BlendCoat):
+    """The glossy half of Ashikhmin and Shirley's model, with the paper's factor; its base is `BlendBase`.
 
     ``f = F pdf_h / (4 cos_d max(cos_i, cos_o))`` with Schlick's Fresnel of `specular` at normal incidence, where pdf_h
     is the density of half vectors, ``sqrt((n_u+1)(n_v+1))/(2 pi) cos_h^(...)``. So the weight ``f cos_i / pdf`` is
-    ``F min(1, cos_i / cos_o)``, never above 1. pbrt (`dmis.brdf.ashikhmin_shirley.BlendCoat`) has ``n + 2`` for the
-    paper's ``n + 1``.
+    ``F min(1, cos_i / cos_o)``, never above 1. pbrt (`BlendCoat`) has ``n + 2`` for the paper's ``n + 1``.
 
     Source: Ashikhmin and Shirley, "An Anisotropic Phong BRDF Model", Journal of Graphics Tools 5(2), 2000.
     """
 
-    specular: Any
-    distribution: Distribution
-    colours: ClassVar[tuple[str, ...]] = ("specular",)
-
-    def eval(self, directions: Directions) -> Array:
-        """Return the BRDF without the cosine; 0 below the shading horizon."""
-        schlick = self.specular + fifth_power(1 - directions.cos_d) * (1 - self.specular)
-        density = self.distribution.pdf_h(directions) * directions.above
-        return schlick * (
-            density / np.maximum(4 * directions.cos_d * np.maximum(directions.cos_i, directions.cos_o), MIN_COSINE)
-        )
+    def _density(self, directions: Directions) -> Array:
+        return self.distribution.pdf_h(directions) * directions.above
