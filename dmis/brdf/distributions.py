@@ -9,12 +9,11 @@ import numpy as np
 
 from dmis.base.vectors import TINY, Array, dot, frame, normalise
 from dmis.brdf.cosines import MIN_DIVISOR, Directions, LocalFrame
-from dmis.brdf.lobe import Lobe
-from dmis.brdf.parameters import Parameters
+from dmis.brdf.lobe import Lobe, Parameters
 from dmis.samplers.warp import INV_PI, TWO_PI, square_to_power, to_world
 
 
-class Distribution(Protocol):
+class Distribution(Parameters, Protocol):
     """Half vectors of microfacets: D with ``int D cos_h = 1``; how they are sampled, and its solid-angle density."""
 
     def density(self, directions: Directions) -> Array:
@@ -31,15 +30,14 @@ class Distribution(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Blinn(Parameters):
+class Blinn(Distribution):
     """Blinn's distribution, ``D = (e+2)/(2 pi) cos_h^e``; pbrt's roughness is ``1/e``."""
 
     exponent: Any
     scalars: ClassVar[tuple[str, ...]] = ("exponent",)
 
     def density(self, directions: Directions) -> Array:
-        e = self.exponent
-        return (e + 2) / TWO_PI * directions.power_h(e)
+        return (self.exponent + 2) / TWO_PI * directions.power_h(self.exponent)
 
     def pdf_h(self, directions: Directions) -> Array:
         return (self.exponent + 1) * directions.power_h(self.exponent) / TWO_PI
@@ -49,7 +47,7 @@ class Blinn(Parameters):
 
 
 @dataclass(frozen=True, eq=False)
-class Anisotropic(Parameters):
+class Anisotropic(Distribution):
     """Ashikhmin and Shirley's distribution, exponents `u` and `v` along the two tangents."""
 
     u: Any
@@ -100,9 +98,8 @@ def reflect(surface: LocalFrame, h: Array) -> Array:
 
 def stretched(roughness: Roughness, directions: Directions) -> tuple[Array, Array]:
     """Return the lengths of wo and wi, their tangential parts multiplied by alpha, ``(N,)`` each."""
-    wo, wi = directions.surface.wo, directions.wi
-    o = roughness.stretched(directions.surface, wo, directions.cos_o)
-    return o, roughness.stretched(directions.surface, wi, directions.cos_i)
+    o = roughness.stretched(directions.surface, directions.surface.wo, directions.cos_o)
+    return o, roughness.stretched(directions.surface, directions.wi, directions.cos_i)
 
 
 MIN_ALPHA = 1e-4
@@ -173,17 +170,12 @@ Roughness = Isotropic | Elliptic
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes(Parameters):
+class Slopes(Distribution):
     """A distribution of slopes that `roughness` stretches; half vectors are sampled with ``D cos_h``."""
 
     roughness: Roughness
 
-    def density(self, directions: Directions) -> Array:
-        """Return D, ``(N,)``."""
-        raise NotImplementedError
-
     def pdf_h(self, directions: Directions) -> Array:
-        """Return the solid-angle density of `sample_h`, ``(N,)``."""
         return self.density(directions) * directions.cos_h
 
     def sample_h(self, surface: LocalFrame, u: Array) -> Array:

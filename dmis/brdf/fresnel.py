@@ -7,11 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dmis.base.color import Rgb
 from dmis.base.vectors import TINY, Array
-from dmis.brdf.parameters import Parameters
+from dmis.brdf.lobe import Parameters
 from dmis.brdf.texture import FLOAT32_TINY, check_number, check_values
-
-Rgb = tuple[float, float, float]
 
 
 def dielectric(cos: Array, eta: Array | np.float32) -> Array:

@@ -12,8 +12,29 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions, LocalFrame
-from dmis.brdf.parameters import Parameters
 from dmis.brdf.texture import Image
+
+
+@runtime_checkable
+class Parameters(Protocol):
+    """A frozen dataclass, a lobe or what is nested in one, some of whose fields differ from point to point.
+
+    Attributes
+    ----------
+    colours
+        Fields that are numbers, RGB triples or images; bound to N points ``(1 or 3, N)`` or ``(1 or 3, 1)``.
+    scalars
+        Fields that are numbers or images; bound to points ``(N,)`` or one number.
+    anisotropic
+        Whether tangents are needed.
+
+    Fields that hold `Parameters` are bound, too. Other fields are the same for all points of a batch, and hashable:
+    surfaces that differ in one of them are batches of their own.
+    """
+
+    colours: ClassVar[tuple[str, ...]] = ()
+    scalars: ClassVar[tuple[str, ...]] = ()
+    anisotropic: ClassVar[bool] = False
 
 
 @runtime_checkable
@@ -23,7 +44,7 @@ class Lobe(Parameters, Protocol):
     Attributes
     ----------
     colours, scalars
-        The fields that may differ from point to point, see `dmis.brdf.parameters.Parameters`.
+        The fields that may differ from point to point, see `Parameters`.
     factor
         The colour that the lobe is in proportion to: a lobe for which it is 0 is left out, a mixture scales it, and
         `albedo` returns it. None: there is no such field.

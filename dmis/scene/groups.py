@@ -10,9 +10,8 @@ import numpy as np
 
 from dmis.base.validate import direction
 from dmis.base.vectors import Array
-from dmis.brdf.lobe import DeltaLobe, Lobe
+from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters
 from dmis.brdf.materials import Material
-from dmis.brdf.parameters import Parameters
 from dmis.brdf.texture import Image
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight

@@ -11,8 +11,7 @@ import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, compose, dot, frame, normalise, take
 from dmis.brdf.cosines import Directions
-from dmis.brdf.lobe import DeltaLobe, Lobe
-from dmis.brdf.parameters import Parameters
+from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters
 from dmis.brdf.texture import Image
 from dmis.scene.simplify import parameters
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from dmis.brdf.lobe import Parameters
 from dmis.brdf.materials import Material
-from dmis.brdf.parameters import Parameters
 from dmis.brdf.texture import Image
 
 
