@@ -24,19 +24,19 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.color import Rgb
 from dmis.base.validate import check_methods
 from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
 from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.diffuse import Lambert, OrenNayar
-from dmis.brdf.distributions import Anisotropic, Blinn, Distribution
+from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.fresnel import Conductor, Dielectric, check_ior, check_metal_index
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.brdf.texture import FLOAT32_MAX, Image, check_number, check_values, scale
 
-Rgb = tuple[float, float, float]
 COPPER_ETA: Rgb = (0.200438, 0.924033, 1.102212)
 COPPER_K: Rgb = (3.912949, 2.452848, 2.142188)
 
@@ -70,10 +70,8 @@ class Material:
                     f"lobes must derive from dmis.brdf.lobe.Lobe or DeltaLobe, whose defaults a scene's plan reads; "
                     f"got {lobe!r}. Write class {type(lobe).__name__}(Lobe)"
                 )
-            if lobe.delta:
-                check_methods(lobe, DeltaLobe, ["scatter"])
-            else:
-                check_methods(lobe, Lobe, ["eval", "pdf", "sample"])
+            base, methods = (DeltaLobe, ["scatter"]) if lobe.delta else (Lobe, ["eval", "pdf", "sample"])
+            check_methods(lobe, base, methods)
 
 
 def assemble(name: str, *lobes: tuple[str, Any, Lobe]) -> Material:
@@ -82,13 +80,7 @@ def assemble(name: str, *lobes: tuple[str, Any, Lobe]) -> Material:
 
 
 def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
-    """Make a Lambert material, or Oren-Nayar if `sigma` (degrees) is not 0.
-
-    Parameters
-    ----------
-    sigma
-        Spread of facet slopes in degrees, 0 to 90.
-    """
+    """Make a Lambert material, or Oren-Nayar if `sigma`, the spread of facet slopes (0 to 90 degrees), is not 0."""
     sigma = check_number("sigma", sigma, "in [0, 90] degrees", "it is the spread of facet slopes", 0, 90)
     return assemble("matte", ("kd", kd, OrenNayar(kd, sigma) if sigma else Lambert(kd)))
 
@@ -113,36 +105,21 @@ def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
 
 
 def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness: Any = 0.1) -> Material:
-    """Make Ashikhmin and Shirley's diffuse base under a glossy coat; only if u and v differ it needs tangents.
+    """Make Ashikhmin and Shirley's diffuse base under a glossy coat, of a roughness along each of the two tangents.
 
-    Parameters
-    ----------
-    u_roughness, v_roughness
-        Reciprocals of the exponents along the two tangents: positive, numbers or an `Image`.
+    Only if they differ it needs tangents.
     """
     is_black("kd", kd), is_black("ks", ks)
     u, v = _exponent("u_roughness", u_roughness), _exponent("v_roughness", v_roughness)
     same = u_roughness is v_roughness or u == v
-    coat: Distribution = Blinn(u) if same else Anisotropic(u, v)
+    coat = Blinn(u) if same else Anisotropic(u, v)
     return Material((BlendBase(kd, ks), BlendCoat(ks, coat)), "substrate")
 
 
 def uber(
-    kd: Any = 0.25,
-    ks: Any = 0.25,
-    kr: Any = 0.0,
-    kt: Any = 0.0,
-    roughness: Any = 0.1,
-    eta: float = 1.5,
-    opacity: Any = 1.0,
+    kd: Any = 0.25, ks: Any = 0.25, kr: Any = 0, kt: Any = 0, roughness: Any = 0.1, eta: float = 1.5, opacity: Any = 1
 ) -> Material:
-    """Make diffuse, glossy, mirror and refraction in one, of which a share ``1 - opacity`` is clear.
-
-    Parameters
-    ----------
-    opacity
-        A number or an RGB triple in [0, 1].
-    """
+    """Make diffuse, glossy, mirror and refraction in one; a share ``1 - opacity`` (number or RGB) is clear."""
     for name, value in (("kd", kd), ("ks", ks), ("kr", kr), ("kt", kt)):
         is_black(name, value)
     clear = 1 - check_values("opacity", opacity, "in [0, 1]", "the rest goes straight through", 0, 1, image=False)
@@ -194,9 +171,8 @@ def _exponent(name: str, roughness: Any) -> Any:
 def _conductor_of(name: str, reflectance: Any) -> Conductor:
     """Return the conductor with k = 0 of a normal reflectance: ``eta = (1 + sqrt r) / (1 - sqrt r)``."""
     r = check_values(name, reflectance, "in [0, 1]", "a conductor is made that reflects it", 0, 1, image=False)
-    r = np.minimum(np.broadcast_to(r, 3), 0.999)
-    eta = (1 + np.sqrt(r)) / (1 - np.sqrt(r))
-    return Conductor((float(eta[0]), float(eta[1]), float(eta[2])), (0.0, 0.0, 0.0))
+    root = np.sqrt(np.minimum(np.broadcast_to(r, 3), 0.999))
+    return Conductor(tuple(((1 + root) / (1 - root)).tolist()), (0.0, 0.0, 0.0))
 
 
 _most_reflected: ContextVar[float] = ContextVar("_most_reflected", default=1 + 1e-6)

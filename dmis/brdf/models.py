@@ -24,16 +24,7 @@ from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.diffuse import Lambert
-from dmis.brdf.distributions import (
-    MIN_ALPHA,
-    Anisotropic,
-    Beckmann,
-    Blinn,
-    Distribution,
-    Elliptic,
-    Isotropic,
-    Roughness,
-)
+from dmis.brdf.distributions import MIN_ALPHA, Anisotropic, Beckmann, Blinn, Elliptic, Isotropic, Roughness
 from dmis.brdf.fresnel import Coat, Dielectric, Fresnel, check_ior
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material, assemble, is_black
@@ -54,14 +45,7 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
     """Make Lafortune's cosine lobe about wo with its tangential part times `c_t`, its normal part times `c_n`.
 
     ``c_t = -1`` with ``c_n < 1`` is off-specular, ``c_t > 0`` sends light back to where it came from. Put several
-    lobes in one `Material` to fit a measured surface.
-
-    Parameters
-    ----------
-    kd, ks, exponent
-        See `dmis.brdf.models`.
-    c_t, c_n
-        In [-1, 1] and (0, 1].
+    lobes in one `Material` to fit a measured surface. `c_t` is in [-1, 1], `c_n` in (0, 1].
     """
     reason = "the lobe's peak grows with its power"
     c_t = check_number("c_t", c_t, "in [-1, 1]", reason, -1, 1)
@@ -82,20 +66,12 @@ def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -
 def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any = None) -> Material:
     """Make Ashikhmin and Shirley's model as in their paper: diffuse base, and a coat of normal reflectance `ks`.
 
-    `n_u` and `n_v` are the exponents along the two tangents, the same if `n_v` is None. `substrate` is pbrt's variant,
-    whose coat has a slightly larger factor.
-
-    Parameters
-    ----------
-    kd, ks
-        See `dmis.brdf.models`; `ks` is the reflectance at normal incidence.
-    n_u, n_v
-        Positive, numbers or an `Image`.
+    `n_u` and `n_v` are the exponents along the two tangents: positive, numbers or an `Image`; the same if `n_v` is
+    None. `substrate` is pbrt's variant, whose coat has a slightly larger factor.
     """
     is_black("kd", kd), is_black("ks", ks)
-    distribution: Distribution = Blinn(_power("n_u", n_u))
-    if n_v is not None:
-        distribution = Anisotropic(_power("n_u", n_u), _power("n_v", n_v))
+    u = _power("n_u", n_u)
+    distribution = Blinn(u) if n_v is None else Anisotropic(u, _power("n_v", n_v))
     return Material((BlendBase(kd, ks), AshikhminShirley(ks, distribution)), "ashikhminshirley")
 
 
@@ -122,16 +98,7 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     """Make glass with facets of the distribution of Trowbridge and Reitz; see `dmis.brdf.rough_glass`.
 
     What comes through it is light that falls upon its far side: behind glass that has two surfaces, that takes path
-    tracing. `dmis.brdf.materials.glass` is smooth.
-
-    Parameters
-    ----------
-    kr, kt
-        Factors of the reflected and of the refracted part: numbers, RGB triples or `Image`, in [0, 1].
-    alpha, alpha_v
-        See `dmis.brdf.models`.
-    eta
-        Index of refraction, inside over outside: positive, and not 1, where there is no surface.
+    tracing. `dmis.brdf.materials.glass` is smooth, and has the same `kr`, `kt` and `eta`, but that this is not 1.
     """
     eta = check_ior("eta", eta)
     if eta == 1:
@@ -159,22 +126,18 @@ def coated_diffuse(
     bounces
         How many reflections by the base count; None: all.
     """
+    bounds = ("alpha", alpha, 0, 10), ("eta", eta, 1, 100), ("thickness", thickness, 0, 1000)
     alpha, eta, thickness = (
         check_number(name, value, f"from {least} to {most}", "what crosses the coat is tabulated", least, most)
-        for name, value, least, most in (
-            ("alpha", alpha, 0, 10),
-            ("eta", eta, 1, 100),
-            ("thickness", thickness, 0, 1000),
-        )
+        for name, value, least, most in bounds
     )
     if 0 < alpha < MIN_ALPHA:
         raise ValueError(f"alpha must be 0 or at least {MIN_ALPHA:g}, what float32 directions resolve; got {alpha}")
     if bounces is not None and not (isinstance(bounces, int | np.integer) and bounces >= 1):
         raise ValueError(f"bounces must be an integer, at least 1, because the first is what is seen; got {bounces}")
     check_values("kd", kd, "in [0, 1]", "it is reflected again and again", 0, 1)
-    lobes: tuple[Lobe, ...] = ()
-    if not is_black("kd", kd):
-        lobes = (CoatedBase(kd, eta, alpha if eta > 1 else 0.0, thickness, bounces),)
+    base = CoatedBase(kd, eta, alpha if eta > 1 else 0.0, thickness, bounces)
+    lobes: tuple[Lobe, ...] = () if is_black("kd", kd) else (base,)
     if eta > 1:
         lobes += (GGX(1.0, facet_roughness(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
     return Material(lobes, "coateddiffuse")
