@@ -31,14 +31,10 @@ class Microfacet(HalfVectorLobe):
 
     def eval(self, directions: Directions) -> Array:
         # D G / (4 cos_i cos_o), with G = min(1, 2 cos_h min(cos_i, cos_o) / cos_d)
-        shadowing = np.minimum(
-            np.minimum(directions.cos_i, directions.cos_o) * directions.cos_h * 2 / directions.cos_d, ONE
-        )
-        out = (
-            self.distribution.density(directions)
-            * shadowing
-            / np.maximum(4 * directions.cos_i * directions.cos_o, TINY)
-        )
+        smaller = np.minimum(directions.cos_i, directions.cos_o)
+        shadowing = np.minimum(smaller * directions.cos_h * 2 / directions.cos_d, ONE)
+        divisor = np.maximum(4 * directions.cos_i * directions.cos_o, TINY)
+        out = self.distribution.density(directions) * shadowing / divisor
         if self.fresnel is not None:
             out = out * self.fresnel(directions.cos_d)
         return self.reflectance * out
@@ -59,14 +55,9 @@ class GGX(Lobe):
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:
-        """Return the BRDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 below the shading horizon."""
         o, i = stretched(self.roughness, directions)
         # G2 / (4 cos_i cos_o) without the division by cosines: L = (|w'| - cos) / (2 cos)
-        out = (
-            TrowbridgeReitz(self.roughness).density(directions)
-            * directions.above
-            / np.maximum(2 * (o * directions.cos_i + i * directions.cos_o), MIN_DIVISOR)
-        )
+        out = self._facets(directions) / np.maximum(2 * (o * directions.cos_i + i * directions.cos_o), MIN_DIVISOR)
         if self.fresnel is not None:
             out = out * self.fresnel(directions.cos_d)
         return self.reflectance * out
@@ -74,14 +65,13 @@ class GGX(Lobe):
     def pdf(self, directions: Directions) -> Array:
         """Return the density of `sample`: D_wo over ``4 wo.h``, ``(N,)``."""
         o = self.roughness.stretched(directions.surface, directions.surface.wo, directions.cos_o)
-        return (
-            TrowbridgeReitz(self.roughness).density(directions)
-            * directions.above
-            / np.maximum(2 * (directions.cos_o + o), MIN_DIVISOR)
-        )
+        return self._facets(directions) / np.maximum(2 * (directions.cos_o + o), MIN_DIVISOR)
+
+    def _facets(self, directions: Directions) -> Array:
+        """Return D, 0 below the horizon, ``(N,)``."""
+        return TrowbridgeReitz(self.roughness).density(directions) * directions.above
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions ``(3, N)``: wo mirrored at half vectors that it can see."""
         return reflect(surface, visible_half_vectors(self.roughness, surface, u))
 
 

@@ -37,7 +37,6 @@ class Lafortune(Lobe):
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:
-        """Return the BRDF without the cosine; 0 below the shading horizon."""
         lobe = self._lobe(directions, True) * directions.above
         return self.reflectance * ((self.exponent + 2) / TWO_PI * lobe)
 
@@ -45,7 +44,6 @@ class Lafortune(Lobe):
         return (self.exponent + 1) / TWO_PI * self._lobe(directions, False) * directions.above
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
-        """Sample directions about C wo, ``(3, N)``."""
         return to_world(square_to_power(u, self.exponent), normalise(self._towards(surface)))
 
     def _towards(self, surface: LocalFrame) -> Array:
@@ -85,7 +83,6 @@ class BlinnPhong(HalfVectorLobe):
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:
-        """Return the BRDF without the cosine; 0 below the shading horizon."""
         n = self.distribution.exponent
         scale = (n + 2) * (n + 4) / (4 * TWO_PI * (n + np.exp2(-n / 2)))
         return self.reflectance * (scale * directions.power_h(n) * directions.above)

@@ -37,7 +37,6 @@ class RoughReflection(GGX):
         return facets * self.fresnel.on_side(directions.cos_d, directions.surface.outside)
 
     def has_sides(self) -> bool:
-        """Return whether the reflectance of the two sides differs."""
         return True
 
 
@@ -58,12 +57,10 @@ class RoughTransmission(Lobe):
     transmissive: ClassVar[bool] = True
 
     def eval(self, directions: Directions) -> Array:
-        """Return the BTDF without the cosine, ``(1, N)`` or ``(3, N)``; 0 where no facet refracts wo to wi."""
         eta, transmitted, cos = self._refracted(directions)
         o, i = stretched(self.roughness, directions)
-        masked = 2 / np.maximum(
-            o * directions.cos_i - i * directions.cos_o, MIN_DIVISOR
-        )  # G2 / (cos_i cos_o), and cos_o < 0
+        # G2 / (cos_i cos_o), and cos_o < 0
+        masked = 2 / np.maximum(o * directions.cos_i - i * directions.cos_o, MIN_DIVISOR)
         return self.transmittance * (transmitted * masked * (1 - dielectric(cos, eta)))
 
     def pdf(self, directions: Directions) -> Array:
@@ -87,9 +84,7 @@ class RoughTransmission(Lobe):
     def _refracted(self, directions: Directions) -> tuple[Array, Array, Array]:
         """Return eta, ``D |wo.h| |wi.h| / (wo.h + eta wi.h)^2`` (0 if no facet refracts) and ``|wo.h|``, ``(N,)``."""
         eta = relative_ior(self.eta, directions.surface.outside)
-        half = Directions(
-            directions.surface, directions.wi * eta
-        )  # wo + eta wi is the half vector, not yet of unit length
+        half = Directions(directions.surface, directions.wi * eta)  # wo + eta wi is the half vector times a length
         o, i = 1 + eta * directions.cos_io, eta + directions.cos_io
         length2 = np.maximum(o + eta * i, MIN_DIVISOR)
         side = -(half.cos_i_signed + directions.cos_o)  # h is on wo's side of the surface if it is turned by this sign

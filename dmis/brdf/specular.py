@@ -29,7 +29,6 @@ class SpecularReflection(DeltaLobe):
         return wi, self.reflectance * self.fresnel.on_side(surface.cos_o, surface.outside)
 
     def has_sides(self) -> bool:
-        """Return whether the reflectance of the two sides differs."""
         return self.fresnel is not None and self.fresnel.has_sides
 
 

@@ -31,6 +31,5 @@ class Ward(HalfVectorLobe):
     factor: ClassVar[str | None] = "reflectance"
 
     def eval(self, directions: Directions) -> Array:
-        """Return the BRDF without the cosine; 0 below the shading horizon."""
         density = self.distribution.density(directions) * directions.above
         return self.reflectance * (density / np.maximum(4 * directions.cos_d * directions.cos_d, MIN_COSINE))
