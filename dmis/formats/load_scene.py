@@ -103,14 +103,7 @@ def load_scene(
     return _mesh_scene(source, resolution, camera, lights, material, up)
 
 
-def _mesh_scene(
-    source: str | os.PathLike[str] | Mesh | trimesh.Trimesh | trimesh.Scene,
-    resolution: tuple[int, int] | None,
-    camera: Camera | None,
-    lights: Sequence[Light] | None,
-    material: Material | Mapping[str, Material] | None,
-    up: str | None,
-) -> Scene:
+def _mesh_scene(source: Any, resolution: Any, camera: Camera | None, lights: Any, material: Any, up: Any) -> Scene:
     """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
     named, title, file_up, unread = _named_meshes(source, material)
     parts = [Part(mesh, _material_of(name, material)) for name, mesh in named]
@@ -122,7 +115,7 @@ def _mesh_scene(
         camera = replace(camera, resolution=resolution)
     if lights is None:
         lights = default_lights(camera, low, high)
-    parts += [light_part(light) for light in lights if light.mesh() is not None]  # type: ignore[arg-type]
+    parts += [light_part(light) for light in lights if light.mesh() is not None]
     return Scene(camera, tuple(parts), tuple(lights), title, source={"unread": list(unread)} if unread else {})
 
 
@@ -166,8 +159,7 @@ def _pbrt_file(source: Any) -> Path | None:
         return _FOLDER / f"{path}.pbrt"
     raise ValueError(
         f"a scene must be a file ending in {', '.join(('.pbrt', *MESH_SUFFIXES))}, or one of the scenes that come with "
-        f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(path)!r}"
-        f"{did_you_mean(str(path), SHIPPED, 0.5)}"
+        f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(path)!r}{did_you_mean(str(path), SHIPPED, 0.5)}"
     )
 
 
@@ -175,21 +167,17 @@ def _meshes(source: Any) -> list[tuple[str, Mesh]]:
     """Return the meshes of a source with their geometries' names."""
     import trimesh
 
-    if isinstance(source, Mesh):
-        return [("", source)]
-    if isinstance(source, trimesh.Trimesh):
-        return [("", from_trimesh(source))]
-    if not isinstance(source, trimesh.Scene):
+    if isinstance(source, trimesh.Scene):
+        return placed_meshes(source)
+    if not isinstance(source, Mesh | trimesh.Trimesh):
         raise ValueError(f"source must be a path, a name, a Mesh, or of trimesh; got {type(source).__name__}")
-    return placed_meshes(source)
+    return [("", source if isinstance(source, Mesh) else from_trimesh(source))]
 
 
-def _material_of(name: str, material: Material | Mapping[str, Material] | None) -> Material:
+def _material_of(name: str, material: Any) -> Material:
     """Return the material of the geometry `name`."""
-    if material is None:
-        return _DEFAULT
-    if isinstance(material, Material):
-        return material
+    if material is None or isinstance(material, Material):
+        return material or _DEFAULT
     if not isinstance(material, Mapping):
         raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
     if name not in material:
@@ -227,10 +215,8 @@ def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:
     # E = pi L sin^2 of the angle of a disk of the same area, pi r^2
     square = side**2 / np.pi
     radiance = (1 - SKY) * (1 + towards @ towards / square)
-    corner = centre - (first + second) / 2
-    place = tuple(corner.tolist()), tuple(first.tolist()), tuple(second.tolist())
-    lamp = QuadLight(*place, (radiance,) * 3)
-    return [EnvironmentLight(np.full((16, 32, 3), SKY)), lamp]
+    corner, u, v = (tuple(place.tolist()) for place in (centre - (first + second) / 2, first, second))
+    return [EnvironmentLight(np.full((16, 32, 3), SKY)), QuadLight(corner, u, v, (radiance,) * 3)]
 
 
 def _look_at_all(low: Array, high: Array, up: str) -> Camera:
