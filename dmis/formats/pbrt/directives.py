@@ -1,6 +1,6 @@
-"""Execution of pbrt's directives on a `dmis.formats.pbrt.reader.Reader`; the directives of files, blocks and options.
+"""Execution of pbrt's directives on a `dmis.formats.pbrt.reader.Reader`: of files, transforms, blocks and options.
 
-The other directives are in `dmis.formats.pbrt.transforms` and `dmis.formats.pbrt.world`.
+The other directives are in `dmis.formats.pbrt.world`.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from dmis.base.validate import did_you_mean
+from dmis.base.vectors import Floats
 from dmis.formats.pbrt.cursor import Cursor
 from dmis.formats.pbrt.dialect import DIALECTS, IRRELEVANT, V2, V4
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.reader import KEPT, MATRIX, OPTIONAL, PARAMETERS, WORD, Directive, Reader, inverse
 from dmis.formats.pbrt.tokens import Source, Token, blame
-from dmis.formats.pbrt.transforms import TRANSFORMS, set_transform
 from dmis.formats.pbrt.world import WORLD
+from dmis.geometry import transforms
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.defaults import MAX_DEPTH
 
@@ -111,9 +112,37 @@ def _import(reader: Reader, name: Token) -> None:
     reader.restore(state)
 
 
+def _set_transform(reader: Reader, matrix: Floats) -> None:
+    """Make `matrix` (4, 4) the current transform."""
+    if not np.isfinite(matrix).all() or np.linalg.cond(matrix[:3, :3]) > 1e12:
+        raise reader.token.error(f"the current transform must be invertible and finite; it becomes {matrix.tolist()}")
+    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
+        raise reader.token.error(f"a transform must be affine, with last row 0 0 0 1; it has {matrix[3].tolist()}")
+    matrix[3] = 0, 0, 0, 1
+    reader.change(to_world=matrix)
+
+
+def _concatenated(make: Callable[[Floats], Floats]) -> Callable[[Reader, Floats], None]:
+    """Return the directive that multiplies the current transform by a matrix made of its numbers."""
+
+    def run(reader: Reader, numbers: Floats) -> None:
+        with blame(reader.token):
+            _set_transform(reader, reader.state.to_world @ make(numbers))
+
+    return run
+
+
+def _name_system(reader: Reader, name: Token) -> None:
+    reader.systems[name.name] = reader.state.to_world
+
+
+def _return_to_system(reader: Reader, name: Token) -> None:
+    reader.change(to_world=name.find("coordinate system", name.name, reader.systems))
+
+
 def _world_begin(reader: Reader) -> None:
     reader.phase = "world"
-    set_transform(reader, np.eye(4))
+    _set_transform(reader, np.eye(4))
     reader.systems["world"] = reader.state.to_world
 
 
@@ -139,10 +168,8 @@ def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
     v4 = reader.dialect is V4
     usual = {"box": 0.5, "gaussian": 1.5 if v4 else 2.0}.get(name.name, 2.0)
     x, y = (p.number(half, usual) for half in reader.dialect.radius)
-    sigma = 0.5
-    if name.name == "gaussian" and v4:
-        sigma = p.number("sigma", 0.5)
-    elif name.name == "gaussian":  # exp(-alpha x^2)
+    sigma = p.number("sigma", 0.5) if name.name == "gaussian" and v4 else 0.5
+    if name.name == "gaussian" and not v4:  # exp(-alpha x^2)
         alpha = p.number("alpha", 2)
         if not alpha > 0:
             raise p.items["alpha"].token.error(f"alpha must be positive, or the filter has no width; got {alpha:g}")
@@ -171,10 +198,6 @@ def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
             f"maxdepth must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen; here it is {depth}"
         )
     reader.integrator = ("direct" if name.name == "directlighting" else "path"), depth
-
-
-def _sampler(reader: Reader, name: Token, p: Parameters) -> None:
-    reader.samples.read_sampler(name.name, p)
 
 
 def _option(reader: Reader, p: Parameters) -> None:
@@ -220,7 +243,15 @@ def _volume(reader: Reader) -> None:
 _DIRECTIVES: dict[str, Directive] = {
     "Include": ("any", _include, ("a file name",)),
     "Import": ("world", _import, ("a file name",)),
-    **TRANSFORMS,
+    "Identity": ("any", lambda reader: _set_transform(reader, np.eye(4)), ()),
+    "Translate": ("any", _concatenated(transforms.translate), (3,)),
+    "Scale": ("any", _concatenated(transforms.scale), (3,)),
+    "Rotate": ("any", _concatenated(lambda numbers: transforms.rotate(numbers[0], numbers[1:])), (4,)),
+    "LookAt": ("any", _concatenated(lambda numbers: transforms.look_at(*numbers.reshape(3, 3))), (9,)),
+    "Transform": ("any", lambda reader, matrix: _set_transform(reader, matrix.copy()), (MATRIX,)),
+    "ConcatTransform": ("any", _concatenated(lambda matrix: matrix), (MATRIX,)),
+    "CoordinateSystem": ("any", _name_system, ("a name",)),
+    "CoordSysTransform": ("any", _return_to_system, ("a name",)),
     "ActiveTransform": ("any", _active_transform, (WORD,)),
     "TransformTimes": ("options", _unused, (2,)),
     "ReverseOrientation": ("world", lambda reader: reader.change(reverse=not reader.state.reverse), ()),
@@ -239,7 +270,7 @@ _DIRECTIVES: dict[str, Directive] = {
     "Camera": ("options", _camera, ("a kind of camera", KEPT)),
     "Film": ("options", _film, ("a kind of film", KEPT)),
     "PixelFilter": ("options", _pixel_filter, ("a kind of filter", PARAMETERS)),
-    "Sampler": ("options", _sampler, ("a kind of sampler", PARAMETERS)),
+    "Sampler": ("options", lambda reader, *line: reader.samples.read_sampler(*line), ("a kind of sampler", PARAMETERS)),
     "SurfaceIntegrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
     "Integrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
     "VolumeIntegrator": ("options", _unused, ("a kind", KEPT)),

@@ -7,29 +7,21 @@ and parameters that are not used because they do not change the expected image. 
 the same words, so a file is read by the rules of one dialect (`dmis.formats.pbrt.dialect`): the one that its words
 belong to, or an argument. ``plymesh`` is read in all dialects. docs/scenes.md lists what is read.
 
-Deviations of pbrt-v2 from the textbook, which only this reader knows:
+Deviations of pbrt-v2 from the textbook that only this reader knows, beside those of docs/pbrt.md:
 
 * Camera space is left-handed, x right, y up, z forward, and so is what ``LookAt`` makes.
-* ``plastic`` and ``uber`` take their Fresnel reflectance from inside: it is total beyond 42 degrees at index 1.5.
-* A Blinn exponent is at most 10000, so a roughness is at least 1e-4. Negative reflectances become 0, those above 1
-  stay, with a warning; sigma is brought to [0, 90], and what ``shinymetal`` reflects is at most 1. (Opacity is at most
-  1 here, too; above, pbrt-v2 lets negative light through.)
+* A Blinn exponent is at most 10000, so a roughness is at least 1e-4. Negative reflectances become 0, sigma is brought
+  to [0, 90], and what ``shinymetal`` reflects is at most 1. (Opacity is at most 1 here, too; above, pbrt-v2 lets
+  negative light through.)
 * A texture in the Material line beats a constant in the Shape line, which beats a constant in the Material line. A
   named material takes what it lacks from the Material line that stands then, and nothing from Shape lines.
-* ``from`` of a point light is added in world space, after the current transform.
-* An area light emits on one side: disks, spheres and cylinders along their normals, triangles along their winding in
-  world space; ReverseOrientation turns both. That is pbrt-v2's rule for points it samples on a light. For triangles
-  that a ray hits it takes dp/du x dp/dv, turned by transforms that change handedness too, so that a mirrored mesh, or
-  mirrored texture coordinates, have two bright sides. Here the sampled side holds for both.
+* For triangles that a ray hits pbrt-v2 takes the side of dp/du x dp/dv, turned by transforms that change handedness
+  too, so that a mirrored mesh, or mirrored texture coordinates, have two bright sides. Here the side that is sampled,
+  along their winding in world space, holds for both.
 * pbrt-v2 samples a disk or sphere with its radius from object space, which is wrong under any scaling. Here uniform
   scaling is right, and other scaling is an error. Disks and spheres with parts cut out must not emit.
-* Refracted radiance is not divided by eta^2: a lamp in a ball of glass is as bright as outside of it.
-* The outside of glass is the side of the vertex normals of triangles, else of dp/du x dp/dv. ReverseOrientation turns
-  it, and so does a transform that changes handedness. A shape of glass that emits on its inner side is an error.
-* Vertex normals of ``loopsubdiv`` are opposite to the winding of its faces, in v3 and v4 as well.
-* The first row of an image is t = 0 and, in a map of infinite light, +z. A texel is (scale * texel) ^ gamma; a float
-  texture takes the luminance. Images are bilinear here; pbrt-v2 blurs textures by a texel, and resamples images whose
-  sides are no powers of 2.
+* A texel is (scale * texel) ^ gamma. Images are bilinear here; pbrt-v2 blurs textures by a texel, and resamples images
+  whose sides are no powers of 2. In a map of infinite light the first row is +z.
 * ``maxdepth`` m of path tracing lets m + 1 surfaces scatter light. (One thing is not followed: a light that is seen by
   way of exactly m + 1 mirrors is black in pbrt-v2.)
 * Without a PixelFilter line the filter is a box of one pixel. Other filters are smooth here, and taken from a table of
@@ -42,7 +34,7 @@ File names are relative to the folder of the file that they stand in, else to th
 lead out of the latter unless the caller allows it.
 
 The modules, by the way of a line: text (`tokens`, `cursor`, `dialect`), values (`parameters`, `spectra`), directives as
-tables (`directives`, `transforms`, `world`), what they make (`textures`, `materials`, `materials_v2`, `lights`,
+tables (`directives`, `world`), what they make (`textures`, `materials`, `materials_v2`, `lights`,
 `shapes`, `quadrics`, `parts`, `suggestions`), and the scene with its warnings (`reader`, `notes`).
 """
 

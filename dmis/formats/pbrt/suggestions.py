@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.tokens import Token
 from dmis.light.light import Light
 from dmis.scene.suggestions import Suggestions
 
@@ -41,9 +42,9 @@ class SampleRequests:
         self.strategy: str | None = None
         self.light_samples: list[int] = []
 
-    def read_sampler(self, name: str, p: Parameters) -> None:
-        """Read the line of the sampler `name`."""
-        count, side = (4, 2) if self._dialect == "v2" else (16, 4)
+    def read_sampler(self, line: Token, p: Parameters) -> None:
+        """Read a Sampler line, whose string is `line`."""
+        name, (count, side) = line.name, (4, 2) if self._dialect == "v2" else (16, 4)
         if name == "stratified":
             spp = _whole(p, "xsamples", side) * _whole(p, "ysamples", side)
         elif name == "adaptive":
