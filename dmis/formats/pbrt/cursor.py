@@ -63,8 +63,7 @@ class Cursor:
         """Read the ``"type name" value`` pairs up to the next directive."""
         items: dict[str, Parameter] = {}
         while self.peek().kind == "string":
-            declaration = self.next()
-            parameter = self._parameter(directive, declaration)
+            parameter = self._parameter(directive, self.next())
             if parameter.name in items:
                 raise parameter.error("is given twice; it must be given once")
             items[parameter.name] = parameter
@@ -77,9 +76,8 @@ class Cursor:
         kind, name = words
         types = [*declaration.source.dialect.types, "spectrum", *_WORDS]
         if kind not in types:
-            raise declaration.error(
-                f"the type of a parameter must be {either(types)} in {declaration.dialect}; got {kind!r}"
-            )
+            what = f"the type of a parameter must be {either(types)} in {declaration.dialect}"
+            raise declaration.error(f"{what}; got {kind!r}")
         token = self.next()
         values: Floats | tuple[str, ...]
         if token.kind == "list":
@@ -104,10 +102,8 @@ class Cursor:
         while (token := self.next()).kind != "close":
             if is_number(token):
                 numeric = True
-            elif token.kind == "string":
-                values.append(token.name)
-            elif _bare(token):
-                values.append(token.text)
+            elif token.kind == "string" or _bare(token):
+                values.append(token.text.strip('"'))
             elif token.kind in ("end", "open", "list"):
                 raise opening.error("this list has no end: a closing bracket ] is missing")
             else:

@@ -169,12 +169,12 @@ def _refractive(p: Parameters, kr: Any, kt: Any, index: float) -> Material:
 def _conductor(p: Parameters) -> Material:
     if "reflectance" in p.items:
         p.refuse("parameter 'reflectance' must not stand beside eta and k, which give the same", "eta", "k")
-        r = np.clip(p.constant_colour("reflectance", (0.5, 0.5, 0.5)), 0, 0.9999)
+        r = np.clip(p.constant("reflectance", (0.5, 0.5, 0.5)), 0, 0.9999)
         eta, k = np.ones(3), 2 * np.sqrt(r) / np.sqrt(1 - r)
     else:
         named = SPECTRA["v4"].named()
-        eta = np.asarray(p.constant_colour("eta", named["metal-Cu-eta"]))
-        k = np.asarray(p.constant_colour("k", named["metal-Cu-k"]))
+        eta = np.asarray(p.constant("eta", named["metal-Cu-eta"]))
+        k = np.asarray(p.constant("k", named["metal-Cu-k"]))
     if _smooth(p):
         return Material((SpecularReflection(1.0, _fresnel(eta, k)),), "conductor")
     return _rough_metal(p, eta, k, 0, "conductor")
@@ -192,7 +192,7 @@ def _fresnel(eta: Any, k: Any) -> ExactConductor:
 
 
 def _coated(p: Parameters) -> Material:
-    if any(p.constant_colour("albedo", (0.0, 0.0, 0.0))):
+    if any(p.constant("albedo", (0.0, 0.0, 0.0))):
         raise p.items["albedo"].error("must be black, because light that is scattered inside of a coat has no formula")
     p.constant("g", 0), p.integer("nsamples", 1)  # of that medium; of random walks, whose mean is computed here
     depth, thickness = p.integer("maxdepth", 10), max(p.constant("thickness", 0.01), 0)
@@ -220,7 +220,7 @@ def _mix(p: Parameters, named: Mapping[str, Material]) -> Material:
     if p.dialect == "v3":  # the share of the first
         items = [p.required(f"namedmaterial{k}", "string") for k in (1, 2)]
         names = [item.single()[0] for item in items]
-        amount = np.asarray(p.constant_colour("amount", (0.5, 0.5, 0.5)))
+        amount = np.asarray(p.constant("amount", (0.5, 0.5, 0.5)))
         shares = amount, 1 - amount
     else:  # of the second
         items = [p.required("materials", "string")] * 2
@@ -248,7 +248,7 @@ MATERIALS: Mapping[str, Mapping[str, Callable[[Parameters], Material] | None]] =
         "plastic": _plastic,
         "uber": _uber,
         "metal": lambda p: _rough_metal(
-            p, p.constant_colour("eta", materials.COPPER_ETA), p.constant_colour("k", materials.COPPER_K), 0.01, "metal"
+            p, p.constant("eta", materials.COPPER_ETA), p.constant("k", materials.COPPER_K), 0.01, "metal"
         ),
         "substrate": _substrate,
         "mix": None,

@@ -41,7 +41,7 @@ V2_MATERIALS: dict[str, Callable[[Parameters], Material]] = {
         p.reflectance("Kd", 0.25), p.reflectance("Ks", 0.25), _roughness(p, 0.1), eta=1 / 1.5
     ),
     "metal": lambda p: materials.metal(
-        p.constant_colour("eta", materials.COPPER_ETA), p.constant_colour("k", materials.COPPER_K), _roughness(p, 0.01)
+        p.constant("eta", materials.COPPER_ETA), p.constant("k", materials.COPPER_K), _roughness(p, 0.01)
     ),
     "shinymetal": lambda p: materials.shiny_metal(
         p.reflectance("Ks", 1, 1), p.reflectance("Kr", 1, 1), _roughness(p, 0.1)

@@ -173,14 +173,19 @@ class Parameters:
             raise parameter.token.error(f"each of the {rows} points needs one {name}; got {len(table)}")
         return table
 
+    def required_table(self, name: str, kind: str, columns: int) -> Floats:
+        """Return the numbers of a parameter that must be there in rows, (n, columns)."""
+        self.required(name, kind)
+        table = self.table(name, kind, columns)
+        assert table is not None
+        return table
+
     def indices(self, count: int, corners: int = 3) -> npt.NDArray[np.int32]:
         """Return the polygons ``integer indices`` (n, corners) into `count` points."""
-        parameter = self.required("indices", "integer")
-        table = self.table("indices", "integer", corners)
-        assert table is not None
+        table = self.required_table("indices", "integer", corners)
         if table.min() < 0 or table.max() >= count:
             bad = int(table[(table < 0) | (table >= count)][0])
-            raise parameter.token.error(f"indices must be from 0 to {count - 1}, the last point; got {bad}")
+            raise self.items["indices"].token.error(f"indices must be from 0 to {count - 1}, the last point; got {bad}")
         return table.astype(np.int32)
 
     def light(self, name: str, default: float = 1.0) -> Rgb:
@@ -206,15 +211,9 @@ class Parameters:
         named = {name: texture for (type_, name), texture in self.textures.items() if type_ == kind}
         return parameter.token.find(f"{kind} texture", parameter.single()[0], named)
 
-    def constant(self, name: str, default: float) -> float:
-        """Return the float `name`, which may be a constant texture."""
-        return self._constant(name, self.real(name, default))
-
-    def constant_colour(self, name: str, default: Rgb) -> Rgb:
-        """Return the spectrum `name`, which may be a constant texture, as linear RGB."""
-        return self._constant(name, self.colour(name, default))
-
-    def _constant(self, name: str, value: Any) -> Any:
+    def constant(self, name: str, default: Any) -> Any:
+        """Return the float, or with an RGB default the spectrum `name` as linear RGB; it may be a constant texture."""
+        value = self.colour(name, default) if isinstance(default, tuple) else self.real(name, default)
         if isinstance(value, Image):
             raise self.items[name].error("must be constant here; an image texture is not supported")
         return value

@@ -22,7 +22,7 @@ from dmis.brdf.materials import Material
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.lights import similarity
 from dmis.formats.pbrt.parameters import rgb
-from dmis.formats.pbrt.shapes import QUADRICS, Shape, mirrors
+from dmis.formats.pbrt.shapes import Shape, mirrors
 from dmis.formats.pbrt.tokens import blame
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals
 from dmis.light.area import DiskLight, QuadLight, SphereLight
@@ -60,7 +60,7 @@ def _bright(mesh: Mesh, shape: Shape) -> bool | np.ndarray:
     all of them; but in v3 vertex normals only where a ray hits them, and not where the light is sampled.
     """
     dialect, mirrored = shape.token.dialect, mirrors(shape.to_world)
-    if shape.kind in QUADRICS:
+    if shape.quadric is not None:
         if mirrored and dialect != "v2":
             raise ValueError(f"a mirrored {shape.kind} that emits shines on both sides in {dialect}; do not mirror it")
         return shape.reverse != mirrored
@@ -128,9 +128,7 @@ def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
         mesh = _placed(shape, material)
         _, kinds = by_material.setdefault(id(material), (material, {}))
         kinds.setdefault((mesh.normals is None, mesh.uv is None), []).append(mesh)
-    return [
-        Part(concatenate(meshes), material) for material, kinds in by_material.values() for meshes in kinds.values()
-    ]
+    return [Part(concatenate(group), material) for material, kinds in by_material.values() for group in kinds.values()]
 
 
 def _placed(shape: Shape, material: Material) -> Mesh:
@@ -140,7 +138,7 @@ def _placed(shape: Shape, material: Material) -> Mesh:
     if not _has_sides(material):
         return mesh
     dialect = shape.token.dialect
-    mirrored = mirrors(shape.to_world) and shape.kind in QUADRICS and dialect != "v2"
+    mirrored = mirrors(shape.to_world) and shape.quadric is not None and dialect != "v2"
     if mirrored and any(lobe.transmissive for lobe in material.lobes):
         raise shape.token.error(f"a mirrored {shape.kind} of glass is inside out in {dialect}; do not mirror it")
     return _flipped(mesh, _outside(mesh, shape), material)
@@ -160,7 +158,7 @@ def _outside(mesh: Mesh, shape: Shape) -> np.ndarray:
     normals, turned by ReverseOrientation, and in v3 and v4 by a shape's transform that changes handedness.
     """
     early, mirrored = shape.token.dialect == "v2", mirrors(shape.to_world)
-    if shape.kind in QUADRICS:
+    if shape.quadric is not None:
         return np.full(len(mesh.faces), shape.reverse != (mirrored != (shape.mirrored and not early)))
     if mesh.normals is not None:
         return _against_normals(mesh) != (shape.reverse != (shape.mirrored and early))

@@ -75,20 +75,20 @@ _Surface = tuple[Mesh | Quadric, tuple[float, float] | None]
 
 
 def _triangles(p: Parameters) -> _Surface:
-    points = _points(p)
+    points = p.required_table("P", "point", 3)
     if "indices" not in p.items and len(points) == 3 and p.dialect == "v4":
         faces = np.arange(3, dtype=np.int32)[None]
     else:
         faces = p.indices(len(points))
     normals = p.table("N", "normal", 3, len(points))
-    st, uv = (p.table(name, ("float", "point2"), 2, len(points)) for name in ("st", "uv"))
     normals = None if normals is None else repair_normals(points, faces, normals)
+    st, uv = (p.table(name, ("float", "point2"), 2, len(points)) for name in ("st", "uv"))
     return Mesh(points, faces, normals, st if uv is None else uv), None
 
 
 def _loop(p: Parameters) -> _Surface:
     p.string("scheme", "loop", ("loop",))
-    points = _points(p)
+    points = p.required_table("P", "point", 3)
     names = p.directive.source.dialect.levels
     levels = p.integer(next((name for name in names if name in p.items), names[0]), 3)
     mesh = subdivision.loop_subdivide(points, p.indices(len(points)), levels)
@@ -130,7 +130,7 @@ def _cylinder(p: Parameters) -> _Surface:
 
 def _bilinear(p: Parameters) -> _Surface:
     """Return parallelograms as two triangles each; other bilinear patches, curved or with bilinear uv, are errors."""
-    points = _points(p)
+    points = p.required_table("P", "point", 3)
     p.refuse("normals of a bilinearmesh are not supported; use a trianglemesh", "N")
     whole = "indices" not in p.items and len(points) == 4
     quads = np.arange(4)[None] if whole else p.indices(len(points), 4).astype(np.int64)
@@ -158,15 +158,6 @@ _SHAPES: dict[str, Callable[[Parameters], _Surface]] = {
     "cylinder": _cylinder,
     "bilinearmesh": _bilinear,
 }
-QUADRICS = ("sphere", "disk", "cylinder")
-"""Kinds of shapes that are quadrics."""
-
-
-def _points(p: Parameters) -> Floats:
-    p.required("P", "point")
-    points = p.table("P", "point", 3)
-    assert points is not None
-    return points
 
 
 def mirrors(matrix: Floats) -> bool:
