@@ -9,8 +9,7 @@ from pathlib import Path
 from dmis.base.atomic_files import check_folder
 from dmis.base.plugins import load_plugin
 from dmis.testing.find import RECOGNISED, find
-from dmis.testing.outcome import Outcome, attempt
-from dmis.testing.report import line, summary, write_figures
+from dmis.testing.outcome import Outcome, attempt, line, summary, write_figures
 
 
 def check(options: argparse.Namespace) -> int:

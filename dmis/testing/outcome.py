@@ -1,19 +1,26 @@
-"""Outcomes of checks: what was checked, whether it holds, and a message that names the function at fault."""
+"""Outcomes of checks: what was checked, whether it holds, a message that names the function at fault, and pictures."""
 
 from __future__ import annotations
 
+import re
 import sysconfig
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dmis.base.atomic_files import replacing
+
 _PATHS = sysconfig.get_paths()
 _OTHERS = (Path(__file__).parents[1], *(Path(_PATHS[key]) for key in ("stdlib", "purelib", "platlib")))
 """Folders whose code is not the user's."""
+
+
+Check = tuple[str, Callable[[], str]]
+"""Title of a check, and function that returns the message of success or raises a `Fault`."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +55,7 @@ def require(outcomes: Iterable[Outcome]) -> None:
         raise AssertionError("there are no outcomes: nothing was checked")
 
 
-def run_checks(name: str, checks: Iterable[tuple[str, Callable[[], str]]]) -> list[Outcome]:
+def run_checks(name: str, checks: Iterable[Check]) -> list[Outcome]:
     """Run checks in order and return their outcomes.
 
     Parameters
@@ -56,9 +63,8 @@ def run_checks(name: str, checks: Iterable[tuple[str, Callable[[], str]]]) -> li
     name
         Of what is checked; it begins the name of each outcome.
     checks
-        Titles and functions. A function returns the message of success, or raises a `Fault`. Any other exception is a
-        failure that names the function and line that raised it. The first is of the form: if it fails, it is the only
-        outcome.
+        Any exception but a `Fault` is a failure that names the function and line that raised it. The first is of the
+        form: if it fails, it is the only outcome.
     """
     outcomes: list[Outcome] = []
     for title, check in checks:
@@ -81,6 +87,42 @@ class Fault(Exception):
     def __init__(self, message: str, figure: Callable[[], Any] | None = None) -> None:
         super().__init__(message)
         self.figure = figure
+
+
+def line(outcome: Outcome) -> str:
+    """Return the line of an outcome: ok or FAILED, its name and its message."""
+    return f"{'ok' if outcome.passed else 'FAILED':6}  {outcome.name}: {outcome.message}"
+
+
+def summary(outcomes: Sequence[Outcome], not_checked: Sequence[str] = ()) -> str:
+    """Return the number of checks that failed, or that all passed, and the names of what was not checked."""
+    failed, count = sum(not outcome.passed for outcome in outcomes), len(outcomes)
+    text = f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"
+    return f"{text.removeprefix('all ')}; not checked: {', '.join(not_checked)}" if not_checked else text
+
+
+def write_figures(outcomes: Sequence[Outcome], folder: Path, stem: str) -> list[Path]:
+    """Write the pictures of failed outcomes as PNG files into a folder, which is made, and return their paths.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is not installed.
+    OSError
+        If a file cannot be written.
+    """
+    paths: list[Path] = []
+    for outcome in outcomes:
+        if outcome.passed or outcome.figure is None:
+            continue
+        words = re.sub(r"\W+", "-", outcome.name.split(" (")[0]).strip("-").lower()
+        path = folder / f"{stem}-{words}.png"
+        figure = outcome.figure()
+        folder.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as partial:
+            figure.savefig(partial, format="png", dpi=100)
+        paths.append(path)
+    return paths
 
 
 def attempt(name: str, check: Callable[[], list[Outcome]]) -> list[Outcome]:

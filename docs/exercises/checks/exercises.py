@@ -16,8 +16,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from dmis.base.plugins import load_plugin
-from dmis.testing.outcome import Outcome, attempt
-from dmis.testing.report import line, summary, write_figures
+from dmis.testing.outcome import Outcome, attempt, line, summary, write_figures
 from grading import EXERCISES
 
 for _name in ("one_batch", "monte_carlo", "sampling", "mis", "parabola", "pilot", "own"):
