@@ -21,6 +21,7 @@ from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
 from dmis.experiment.reference import Reference
 from dmis.fit.registry import make_rule
+from dmis.pipeline.executor import Parallel
 from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.render import render
 from dmis.pipeline.result import Result
@@ -101,10 +102,8 @@ def measure(
         See `seed_list`.
     done
         Runs of an earlier call, which are not rendered again.
-    keep
-        Called with each budget and its result, before `record`.
-    record
-        Called with each run as soon as it is finished.
+    keep, record
+        Called with each budget and its result, then with its run, as soon as it is finished.
     progress
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
     options
@@ -128,7 +127,9 @@ def measure(
         for n, (seed, (rule, spp)) in enumerate(turns, 1):
             run = finished.get((rule, spp, seed))
             if run is None:
-                run = _timed_run(scene, rule, spp, seed, reference, keep, **options)
+                run, result = _timed_run(scene, (rule, spp), seed, reference, **options)
+                if keep:
+                    keep((rule, spp), result)
                 if record:
                     record(run)
             if rule not in alarmed and abs(run.mean_z) > alarm.ALARM_LIMIT:
@@ -148,46 +149,26 @@ def seed_list(seeds: int | Iterable[int]) -> list[int]:
 
 
 def _timed_run(
-    scene: Scene,
-    rule: str,
-    spp: int,
-    seed: int,
-    reference: Reference,
-    keep: Callable[[Budget, Result], None] | None,
-    **options: Any,
-) -> Run:
-    """Render a budget; hand the result to `keep`, and return time and error."""
+    scene: Scene, budget: Budget, seed: int, reference: Reference, parallel: Parallel = None, **options: Any
+) -> tuple[Run, Result]:
+    """Render a budget with the `options` of `measure`; return its time and error, and the result."""
+    rule, spp = budget
+    settings = make_settings(**options)
+    if rule == PINNED:
+        settings = make_settings(preset="thesis", integrator=settings.integrator, max_depth=settings.max_depth)
     scene.prepare()  # now, so that it is not part of the CPU seconds of the first run
     begin = time.process_time()
-    result = _render_budget(scene, rule, spp, seed, **options)
+    name = "balance" if rule == PINNED else rule
+    result = render(scene, name, spp, seed=seed, parallel=parallel, settings=settings)
     cpu_seconds = time.process_time() - begin
-    if keep:
-        keep((rule, spp), result)
-    mse, error = mean_over_blocks(squared_error(result, reference))
-    return Run(
-        rule=rule,
-        spp=spp,
-        seed=seed,
-        rays=sum(result.rays.values()),
-        **{f"{stage}_seconds": result.seconds[stage] for stage in ("pilot", "fit", "render")},
-        mse=mse,
-        mse_error=error,
-        relmse=relmse(result, reference),
-        cpu_seconds=cpu_seconds,
-        mean_z=alarm.mean_z(result.image, reference, spp),
-    )
-
-
-def _render_budget(scene: Scene, rule: str, spp: int, seed: int, **options: Any) -> Result:
-    """Render a budget with the `options` of `measure`; `PINNED` uses only executor, integrator and depth."""
-    if rule != PINNED:
-        return render(scene, rule, spp, seed=seed, **options)
-    parallel = options.pop("parallel", None)
-    settings = make_settings(**options)
-    return render(
-        scene, "balance", spp, seed=seed, parallel=parallel, preset="thesis", integrator=settings.integrator,
-        max_depth=settings.max_depth,
+    pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
+    mse, mse_error = mean_over_blocks(squared_error(result, reference))
+    mean_z = alarm.mean_z(result.image, reference, spp)
+    run = Run(
+        rule, spp, seed, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(result, reference),
+        cpu_seconds, mean_z,
     )  # fmt: skip
+    return run, result
 
 
 def median_seconds(runs: Sequence[Run]) -> float:

@@ -29,7 +29,7 @@ def rendered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, drawn: list[Path])
     original = dmis.render
 
     def counted(scene, rule, spp, *, seed, **options):
-        seen.append((PINNED if "preset" in options else rule, spp, seed))
+        seen.append((PINNED if options["settings"].preset else rule, spp, seed))
         return original(scene, rule, spp, seed=seed, **options)
 
     monkeypatch.setattr("dmis.experiment.runs.render", counted)
