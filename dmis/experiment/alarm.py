@@ -27,17 +27,13 @@ class ReferenceWarning(UserWarning):
 def mean_z(image: Array, reference: Reference, spp: int) -> float:
     """Return the difference of the means of image and reference in standard errors, of the channel where it is largest.
 
+    The image ``(H, W, 3)`` was rendered with `spp` camera samples per pixel.
     With d = x - (r1 + r2) / 2 in N pixels, ``z = mean d / s``, where s^2 is the larger of two estimates:
 
     * ``mean d^2 / N``: if both images are right, d has mean 0 in every pixel, and pixels are uncorrelated. A difference
       that is no noise is in s, too: z is at most the root of N, so an image of less than 37 pixels raises no alarm.
     * The noise of the reference by its halves, ``mean (r1 - r2)^2 / 4 N``, scaled from its samples to those of the
       image: an image that misses rare bright samples is smooth, and its d^2 too small.
-
-    Parameters
-    ----------
-    image
-        ``(H, W, 3)``, rendered with `spp` camera samples per pixel.
     """
     difference = np.asarray(image, np.float64) - reference.mean
     halves = (reference.first.astype(np.float64) - reference.second) ** 2 / 4

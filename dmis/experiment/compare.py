@@ -54,19 +54,9 @@ def parse_rules(text: str) -> list[str]:
 
 
 def check_output(folder: str | os.PathLike[str]) -> None:
-    """Check that a comparison can be written into `folder`, before anything is rendered for it.
+    """Raise an OSError if a comparison cannot be written into `folder`, a ValueError if OpenEXR is missing.
 
-    Warns
-    -----
-    UserWarning
-        If matplotlib cannot be imported, so that plot and report are left out.
-
-    Raises
-    ------
-    OSError
-        If a file of the comparison cannot be written.
-    ValueError
-        If the package that writes its images cannot be imported.
+    Warn if matplotlib cannot be imported, so that plot and report are left out.
     """
     folder = Path(folder)
     for inside in (folder, folder / "images"):

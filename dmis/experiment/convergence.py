@@ -96,21 +96,11 @@ def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis) -> tuple[A
 def slope(x: Array, mse: Array) -> tuple[float, float]:
     """Return the slope of log RMSE over log `x` by least squares, and its standard error; it is -1/2 for N^-1/2.
 
-    Parameters
-    ----------
-    x
-        Samples, rays or seconds, ``(B,)``.
-    mse
-        Mean squared errors by seed, ``(K, B)``.
-
-    Returns
-    -------
-    The slope of the root of the mean over seeds, and its standard error by the jackknife, which leaves out one seed at
-    a time. They are `nan` if they are unknown: for one budget, for budgets with the same time, for errors below zero;
-    the standard error also for one seed.
+    Arguments are those that `line` returns. The slope is that of the root of the mean over seeds, and its standard
+    error that of the jackknife, which leaves out one seed at a time. They are `nan` if they are unknown: for one
+    budget, for budgets with the same time, for errors below zero; the standard error also for one seed.
     """
-    value = _log_slope(x, mse.mean(axis=0))
-    seeds = len(mse)
+    value, seeds = _log_slope(x, mse.mean(axis=0)), len(mse)
     if seeds < 2:
         return value, float("nan")
     others = np.array([_log_slope(x, np.delete(mse, k, axis=0).mean(axis=0)) for k in range(seeds)])
@@ -119,23 +109,16 @@ def slope(x: Array, mse: Array) -> tuple[float, float]:
 
 def _log_slope(x: Array, mse: Array) -> float:
     """Return the slope of log RMSE over log `x`, NaN if it is unknown."""
-    if not (x > 0).all() or not (mse > 0).all():
+    # means of the same times may differ in their last digit
+    if not (x > 0).all() or not (mse > 0).all() or np.ptp(np.log(x)) < 1e-9:
         return float("nan")
-    log = np.log(x)
-    if np.ptp(log) < 1e-9:  # means of the same times may differ in their last digit
-        return float("nan")
-    return float(np.polyfit(log, np.log(mse) / 2, 1)[0])
+    return float(np.polyfit(np.log(x), np.log(mse) / 2, 1)[0])
 
 
 def interpolate_log_log(x: Array, y: Array, at: float) -> tuple[float, bool]:
-    """Return y at `at` by linear interpolation in log-log, and whether `at` lies between the points.
+    """Return y at `at` by linear interpolation in log-log between points ``(B,)``, and whether it lies between them.
 
     Before the first point and after the last, y falls as 1 / x. `nan` if a value is not above 0.
-
-    Parameters
-    ----------
-    x, y
-        Points in any order, ``(B,)``.
     """
     if not ((x > 0).all() and (y > 0).all() and at > 0):
         return float("nan"), False

@@ -81,19 +81,14 @@ def mean_and_error(values: Array) -> tuple[float, float]:
 def ratio(values: Array, baseline: Array, confidence: float = 0.95) -> tuple[float, float]:
     """Return the ratio of two means over the same seeds, and half the width of its confidence interval.
 
+    Both are ``(K,)``, such as mean squared errors of two rules by seed; the half-width is `nan` for K = 1.
     By the delta method: the deviations ``values - ratio * baseline`` have mean zero, and their standard error over the
     mean of the baseline is that of the ratio. The interval is Student's, since seeds are few.
-
-    Parameters
-    ----------
-    values, baseline
-        One number per seed, ``(K,)``, such as mean squared errors of two rules; `nan` half-width for K = 1.
     """
     values, baseline = np.asarray(values, np.float64), np.asarray(baseline, np.float64)
     if values.shape != baseline.shape or values.ndim != 1 or not len(values):
-        raise ValueError(
-            f"values and baseline must hold one number for each seed; got {values.shape}, {baseline.shape}"
-        )
+        shapes = f"{values.shape}, {baseline.shape}"
+        raise ValueError(f"values and baseline must hold one number for each seed; got {shapes}")
     quotient = values.mean() / baseline.mean()
     if len(values) < 2:
         return float(quotient), float("nan")
@@ -116,14 +111,8 @@ def log_ratio(values: Array, baseline: Array) -> tuple[float, float]:
       rare spikes, the more the more seeds there are: with equal means and sigma 1 against 0.1 in 8 %, 14 %, 23 % of
       experiments with 3, 5, 8 seeds. The ratio of means is what a table shows; there it is 8 %, 10 %, 10 %.
 
-    Parameters
-    ----------
-    values, baseline
-        One number per seed, ``(K,)``.
-
-    Returns
-    -------
-    Both are `nan` if the mean of either, of all or of all but one, is not above 0; the error also for K = 1.
+    Values and baseline are ``(K,)``, one number per seed. Both results are `nan` if the mean of either, of all or of
+    all but one, is not above 0; the error also for K = 1.
     """
     pairs = np.array([values, baseline], np.float64)  # (2, K)
     seeds = pairs.shape[1]
@@ -170,11 +159,6 @@ def relmse(
         the result is too large.
     epsilon
         Bound of the denominator, in units of radiance squared: pixels much darker than its root count little.
-
-    Raises
-    ------
-    ValueError
-        If the images differ in shape.
     """
     first, second = _halves(first, second)
     reference = (np.asarray(first, np.float64) + second) / 2
@@ -192,8 +176,7 @@ def _product(image: Array | Result, first: Array | Reference, second: Array | No
     """Return ``(x - r1)(x - r2)`` of every pixel and channel, float64."""
     x = np.asarray(image.image if isinstance(image, Result) else image, np.float64)
     first, second = _halves(first, second)
-    if x.shape != np.shape(first) or x.shape != np.shape(second):
-        raise ValueError(
-            f"image and reference must have the same shape; got {x.shape}, {np.shape(first)}, {np.shape(second)}"
-        )
+    shapes = x.shape, np.shape(first), np.shape(second)
+    if len(set(shapes)) > 1:
+        raise ValueError(f"image and reference must have the same shape; got {', '.join(map(str, shapes))}")
     return (x - first) * (x - second)

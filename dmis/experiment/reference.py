@@ -139,17 +139,9 @@ def make_reference(
 def render_halves(path: Path, scene: Scene, rule: Rule | str, spp: int, seed: int, **options: Any) -> list[Result]:
     """Render the two halves that a file of the cache is made of; interrupted ones are resumed.
 
-    Their checkpoints lie beside the file, until `remove_halves` removes them. One that another version of dmis has left
-    there, or a damaged one, is discarded: nothing else writes into the cache.
-
-    Parameters
-    ----------
-    path
-        File of the cache.
-    scene, rule, spp, options
-        See `dmis.pipeline.render.render`.
-    seed
-        That of the first half; the second has the next one.
+    Their checkpoints lie beside the file `path`, until `remove_halves` removes them. One that another version of dmis
+    has left there, or a damaged one, is discarded: nothing else writes into the cache. Other arguments are those of
+    `dmis.pipeline.render.render`; `seed` is that of the first half, and the second has the next one.
     """
     results = []
     for half, checkpoint in enumerate(_checkpoints(path)):
@@ -191,11 +183,7 @@ def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
 def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
     """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
 
-    Parameters
-    ----------
-    scene, settings
-        Of the images that are measured against it. An image of dmis, which names its scene, integrator and depth, must
-        agree. None: not checked.
+    An image of dmis, which names its scene, integrator and depth, must be one of `scene` with `settings`, if given.
 
     Raises
     ------
@@ -219,9 +207,8 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
     second = layers.get("second", first)
     for half in (first, second):
         if half is None or half.shape[2:] != (3,) or half.dtype.kind != "f" or not np.isfinite(half).all():
-            raise ValueError(
-                f"reference {path} must hold an image of three channels, or halves first and second, of finite numbers"
-            )
+            what = "an image of three channels, or halves first and second, of finite numbers"
+            raise ValueError(f"reference {path} must hold {what}")
     assert first is not None and second is not None
     if scene is not None and first.shape[1::-1] == scene.camera.resolution:
         _check_provenance(path, attributes.get("dmis.provenance", ""), scene, settings or Settings())

@@ -88,18 +88,8 @@ def cells(scene: str, run: Run, runs: Mapping[tuple[str, int, int], Run]) -> lis
 class Results:
     """Table ``results.csv`` in `folder`, which is created if it does not exist.
 
-    Parameters
-    ----------
-    about
-        Conditions of the measurement, see `conditions`.
-    rules
-        Rules that will be measured.
-
-    Raises
-    ------
-    ValueError
-        If the folder has rows that were measured under other conditions, or of a rule that has changed since, or rows
-        that cannot be read.
+    A ValueError if the folder has rows that were measured under other conditions than `about` (see `conditions`), rows
+    of one of the `rules` to measure that has changed since, or rows that cannot be read.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = ()) -> None:

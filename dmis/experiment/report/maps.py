@@ -51,16 +51,12 @@ def share_maps(c: Comparison) -> str:
             figures = f"saving {share_text(c.oracle.saving(weight))}, harm in {harm:.1%} ± {error:.1%}"
             maps.append(("regret", figures, map_png(c.oracle.regret(weight), "magma", 0, 1)))
         rows.append(_map_row(rule, maps))
-    scales = [
-        _scale("share of light samples w", "RdBu", "0 BRDF", "1 light"),
-        _scale("variance / balance", "PuOr_r", f"1/{RATIO_LIMIT:g} less", f"{RATIO_LIMIT:g}× more"),
-    ]
-    if c.oracle is not None:
-        scales.append(_scale("regret", "magma", "0", "V(½)"))
+    scales = _scale("share of light samples w", "RdBu", "0 BRDF", "1 light")
+    scales += _scale("variance / balance", "PuOr_r", f"1/{RATIO_LIMIT:g} less", f"{RATIO_LIMIT:g}× more")
+    scales += "" if c.oracle is None else _scale("regret", "magma", "0", "V(½)")
     note = MAPS_NOTE + (NO_REGRET_NOTE if c.oracle is None else REGRET_NOTE)
-    shape = f'style="--shape:{width}/{height}"'
-    below = f'<p class="scales">{"".join(scales)}</p><p class="note">{note}</p>'
-    return f'<div class="maps" {shape}>{"".join(rows)}</div>{below}'
+    below = f'<p class="scales">{scales}</p><p class="note">{note}</p>'
+    return f'<div class="maps" style="--shape:{width}/{height}">{"".join(rows)}</div>{below}'
 
 
 def _map_row(name: str, maps: Sequence[tuple[str, str, str]]) -> str:

@@ -28,13 +28,7 @@ from dmis.experiment.table import Comparison
 def write_report(
     comparisons: Sequence[Comparison], path: str | os.PathLike[str], title: str = "Error against time"
 ) -> None:
-    """Write a page that shows `comparisons`, one section each, with an overview if there are several.
-
-    Raises
-    ------
-    ValueError
-        If there is no comparison.
-    """
+    """Write a page that shows `comparisons`, one section each, with an overview if there are several; at least one."""
     if not comparisons:
         raise ValueError("comparisons must hold at least one, because a page needs something to show; got none")
     sections = [_section(number, comparison) for number, comparison in enumerate(comparisons)]

@@ -39,8 +39,7 @@ AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays
 
 def line_style(index: int) -> tuple[str, str]:
     """Return the colour and marker of a rule, by its index in the order of rules."""
-    marker = list(RULE_MARKS)[index % len(RULE_MARKS)]
-    return RULE_COLOURS[index % len(RULE_COLOURS)], marker
+    return RULE_COLOURS[index % len(RULE_COLOURS)], list(RULE_MARKS)[index % len(RULE_MARKS)]
 
 
 def error_lines(
@@ -86,14 +85,10 @@ def convergence(comparison: Comparison, path: Path) -> None:
     for axis, over in zip(axes[0], overs, strict=True):
         error_lines(axis, comparison.runs, over, comparison.oracle)
     axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of both
-    plot.save(
-        figure,
-        path,
-        f"{comparison.scene}: error against time and rays",
-        f"""Root mean squared error against the reference, mean over {comparison.seeds} seed(s); bands go from the
+    caption = f"""Root mean squared error against the reference, mean over {comparison.seeds} seed(s); bands go from the
         lowest to the highest seed. Time is from the pilot to the last sample, fit included. Dotted: N^-1/2. Errors
-        that are estimated below zero, because the reference is noisy, are left out.""",
-    )
+        that are estimated below zero, because the reference is noisy, are left out."""
+    plot.save(figure, path, f"{comparison.scene}: error against time and rays", caption)
 
 
 def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
@@ -144,7 +139,6 @@ def map_png(values: Array, palette: str, low: float, high: float) -> str:
 
 def variance_ratio(layers: Mapping[str, Array], baseline: Mapping[str, Array], patch: int = 4) -> Array:
     """Return the estimated variance of an image over that of another, per patch; NaN where that of the other is 0."""
-    variance, base = (
-        patch_mean(image["variance"].astype(np.float64).mean(axis=2), patch) for image in (layers, baseline)
-    )
+    variances = (image["variance"].astype(np.float64).mean(axis=2) for image in (layers, baseline))
+    variance, base = (patch_mean(values, patch) for values in variances)
     return np.divide(variance, base, out=np.full_like(base, np.nan), where=base > 0)

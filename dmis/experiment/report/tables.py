@@ -89,12 +89,9 @@ def costs_table(gains_of_budgets: Sequence[Gain]) -> str:
 
 def _row_marks(gains_of_budgets: Sequence[Gain]) -> list[str]:
     """Return the classes of rows: ``group`` where a budget begins, ``best`` for its most efficient rule."""
-    budgets = {g.spp for g in gains_of_budgets}
-    best = {spp: best_gain([g for g in gains_of_budgets if g.spp == spp]) for spp in budgets}
-    return [
-        " ".join((["group"] if g.rule == "balance" else []) + (["best"] if g is best[g.spp] else []))
-        for g in gains_of_budgets
-    ]
+    best = [best_gain([g for g in gains_of_budgets if g.spp == spp]) for spp in {g.spp for g in gains_of_budgets}]
+    marks = [("group" * (g.rule == "balance"), "best" * (g in best)) for g in gains_of_budgets]
+    return [" ".join(filter(None, mark)) for mark in marks]
 
 
 def _rule(name: str) -> str:
@@ -110,9 +107,8 @@ def overview_table(comparisons: Sequence[Comparison]) -> str:
         largest = max(g.spp for g in gains_of_budgets)
         by_scene.append({g.rule: g for g in gains_of_budgets if g.spp == largest})
     rules = dict.fromkeys(rule for gains_of_rules in by_scene for rule in gains_of_rules)
-    rows = [
-        [_rule(rule), *(ratio_text(of[rule].equal_error) if rule in of else "–" for of in by_scene)] for rule in rules
-    ]
+    ratios = {rule: [ratio_text(of[rule].equal_error) if rule in of else "–" for of in by_scene] for rule in rules}
+    rows = [[_rule(rule), *of_scenes] for rule, of_scenes in ratios.items()]
     head = ["rule", *(escaped(c.scene) for c in comparisons)]
     return f'<h2>Overview</h2>{html_table(head, rows, "overview")}<p class="note">{OVERVIEW_NOTE}</p>'
 
