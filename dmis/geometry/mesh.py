@@ -54,10 +54,8 @@ class Mesh:
         _check_near("vertices", vertices, "Embree computes")
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
-            raise ValueError(
-                "faces must be integers of shape (F, 3), F >= 1, three vertex indices per triangle; "
-                f"got shape {faces.shape} of {faces.dtype}"
-            )
+            what = "integers of shape (F, 3), F >= 1, three vertex indices per triangle"
+            raise ValueError(f"faces must be {what}; got shape {faces.shape} of {faces.dtype}")
         if faces.min() < 0 or faces.max() >= rows:
             raise ValueError(
                 f"faces must be indices from 0 to {rows - 1}, because there are {rows} vertices; "
@@ -73,10 +71,7 @@ class Mesh:
         uv = None if self.uv is None else table("uv", self.uv, 2, rows)
         if uv is not None:
             _check_near("uv", uv, "lookups are")
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", np.ascontiguousarray(faces, np.int32))
-        object.__setattr__(self, "normals", normals)
-        object.__setattr__(self, "uv", uv)
+        vars(self).update(vertices=vertices, faces=np.ascontiguousarray(faces, np.int32), normals=normals, uv=uv)
 
     @property
     def triangles(self) -> int:
@@ -96,8 +91,7 @@ class Mesh:
         """Smallest and largest of the longest edges of the triangles; points, which have none, do not count."""
         smallest, largest = np.inf, 0.0
         for begin in range(0, len(self.faces), _FACES_PER_BLOCK):
-            a, b, c = (self.vertices[self.faces[begin : begin + _FACES_PER_BLOCK, k]] for k in range(3))
-            square = np.maximum.reduce([np.einsum("fc,fc->f", e, e) for e in (b - a, c - b, a - c)])
+            square = _longest(*(self.vertices[self.faces[begin : begin + _FACES_PER_BLOCK, k]] for k in range(3)))
             largest = max(largest, float(square.max()))
             smallest = min(smallest, float(square.min(initial=np.inf, where=square > 0)))
         return (np.sqrt(smallest), np.sqrt(largest)) if largest else (0.0, 0.0)
@@ -138,12 +132,16 @@ def without_degenerate(mesh: Mesh) -> tuple[Mesh, int]:
     A ValueError if all are such.
     """
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    longest = np.maximum.reduce([np.einsum("fc,fc->f", e, e) for e in (b - a, c - b, a - c)])
-    kept = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * longest
+    kept = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * _longest(a, b, c)
     if not kept.any():
         raise ValueError(f"mesh must have a triangle with an area, because no ray hits others; got {len(kept)} without")
     dropped = len(kept) - int(kept.sum())
     return (Mesh(mesh.vertices, mesh.faces[kept], mesh.normals, mesh.uv) if dropped else mesh), dropped
+
+
+def _longest(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return the squared length of the longest edge of triangles with the corners `a`, `b`, `c` (F, 3), (F,)."""
+    return np.maximum.reduce([np.einsum("fc,fc->f", e, e) for e in (b - a, c - b, a - c)])
 
 
 def _with_face_normals(mesh: Mesh) -> Mesh:
@@ -211,9 +209,8 @@ def table(name: str, value: npt.ArrayLike, columns: int, rows: int | None = None
     finite = np.isfinite(table).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise ValueError(
-            f"{name} must be finite, because Embree does not check; got {table[row].tolist()} in row {row}"
-        )
+        got = f"{table[row].tolist()} in row {row}"
+        raise ValueError(f"{name} must be finite, because Embree does not check; got {got}")
     return table
 
 
@@ -221,7 +218,5 @@ def _check_near(name: str, table: Floats, what: str) -> None:
     """Raise a ValueError unless all rows are within `FARTHEST` of the origin."""
     if len(table) and np.abs(table).max() > FARTHEST:
         row = int(np.argmax(np.abs(table).max(axis=1)))
-        raise ValueError(
-            f"{name} must be within {FARTHEST:g} of the origin, because {what} in float32; "
-            f"got {table[row].tolist()} in row {row}"
-        )
+        got = f"{table[row].tolist()} in row {row}"
+        raise ValueError(f"{name} must be within {FARTHEST:g} of the origin, because {what} in float32; got {got}")

@@ -17,11 +17,7 @@ from dmis.geometry.mesh import Mesh, vertex_normals, weld
 
 
 def sphere(
-    radius: float = 1,
-    zmin: float | None = None,
-    zmax: float | None = None,
-    phimax: float = 360,
-    segments: int = 256,
+    radius: float = 1, zmin: float | None = None, zmax: float | None = None, phimax: float = 360, segments: int = 256
 ) -> Mesh:
     """Return the mesh of a sphere about the origin, from height `zmin` to `zmax`, up to azimuth `phimax`; normals out.
 
@@ -81,14 +77,10 @@ class Quadric:
         columns = int(np.ceil(whole("segments", segments, 3) * self.phimax / 360))
         return np.linspace(0, 1, columns + 1), np.linspace(0, 1, max(1, segments // 2 if self.arc else 1) + 1)
 
-    def points(self, u: Floats, v: Floats) -> tuple[Floats, Floats | None, Floats]:
-        """Return points (A, B, 3), normals (A, B, 3) or None, and uv (A, B, 2) where lines u (A,) and v (B,) meet."""
-        uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=2)
-        return *self.at(np.radians(self.phimax) * uv[..., 0], uv[..., 1]), uv
-
     def mesh(self, u: Floats, v: Floats) -> Mesh:
         """Return the mesh of the triangles between lines u (A,) and v (B,), both from 0 to 1; uv are (u, v)."""
-        return grid(*self.points(u, v))
+        uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=2)
+        return grid(*self.at(np.radians(self.phimax) * uv[..., 0], uv[..., 1]), uv)
 
 
 def spherical(radius: float = 1, zmin: float | None = None, zmax: float | None = None, phimax: float = 360) -> Quadric:
@@ -157,6 +149,6 @@ def grid(points: Floats, normals: Floats | None, uv: Floats) -> Mesh:
     faces = faces[(corner != np.roll(corner, 1, axis=1)).all(axis=1)]
     if normals is not None:
         normals = normals.reshape(-1, 3)
-        nonzero = normals.any(axis=1, keepdims=True)
-        normals = normals if nonzero.all() else np.where(nonzero, normals, vertex_normals(points, faces))
+        if not (nonzero := normals.any(axis=1, keepdims=True)).all():
+            normals = np.where(nonzero, normals, vertex_normals(points, faces))
     return Mesh(points[same], faces, normals, np.tile(uv.reshape(-1, 2), (len(index), 1)))

@@ -46,10 +46,8 @@ def loop_subdivide(vertices: npt.ArrayLike, faces: npt.ArrayLike, levels: int) -
     cage = Mesh(np.asarray(vertices, np.float64), np.asarray(faces))
     levels = whole("levels", levels, 0)
     if levels > 12 or cage.triangles * 4**levels > MAX_SUBDIVIDED:  # 4**12 is the limit
-        raise ValueError(
-            f"levels must leave at most {MAX_SUBDIVIDED} triangles, because each makes four of one; "
-            f"got {levels} for {cage.triangles} triangles"
-        )
+        rule = f"at most {MAX_SUBDIVIDED} triangles, because each makes four of one"
+        raise ValueError(f"levels must leave {rule}; got {levels} for {cage.triangles} triangles")
     points, net = cage.vertices, _half_edges(cage.faces.astype(np.int64), len(cage.vertices))
     for _ in range(levels):
         rule, net = _refine(net)
@@ -109,9 +107,8 @@ def _half_edges(faces: npt.NDArray[np.int64], count: int) -> _HalfEdges:
     twice = ordered[1:][ordered[1:] == ordered[:-1]]
     if len(twice):
         edge = divmod(int(twice[0]), count)
-        raise ValueError(
-            f"faces must meet at most two at an edge, and run through it in opposite directions; not so at edge {edge}"
-        )
+        rule = "meet at most two at an edge, and run through it in opposite directions"
+        raise ValueError(f"faces must {rule}; not so at edge {edge}")
     place = np.searchsorted(ordered, back).clip(max=len(order) - 1)
     net = _HalfEdges.of(faces, np.where(ordered[place] == back, order[place], -1), count)
     loose = net.places() < 0

@@ -25,21 +25,12 @@ _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
 
 
 def read_obj(data: bytes) -> tuple[Mesh, dict[str, int]]:
-    """Read the bytes of an OBJ file.
+    """Return the triangles of the bytes of an OBJ file, and what is not read of it.
 
-    Returns
-    -------
-    Mesh
-        Its triangles; a polygon is a fan about its first corner. If some faces have normals, the others have their
-        geometric normal; if some have texture coordinates, those of the others are 0.
-    dict
-        The number of names after ``usemtl``, each once, as ``material``, and whether vertices have colours, as
-        ``colour``.
-
-    Raises
-    ------
-    ValueError
-        If it is not text, has no faces, or a line cannot be read; the message begins with the line's number.
+    A polygon is a fan about its first corner. If some faces have normals, the others have their geometric normal; if
+    some have texture coordinates, those of the others are 0. Not read are the names after ``usemtl``, whose number is
+    ``material``, and ``colour``: whether vertices have one. A ValueError if it is not text, has no faces, or a line
+    cannot be read; the message begins with the line's number.
     """
     lines = _lines(data)
     heads = np.array([(line.lstrip()[:8].split() or [""])[0] for line in lines])
