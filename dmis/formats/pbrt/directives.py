@@ -85,10 +85,9 @@ def _unknown(word: str, dialect: str) -> str:
     """Return the message about a directive that the dialect does not have."""
     owners = [other.name for other in DIALECTS.values() if word in other.directives]
     if owners:
-        return (
-            f"{word} belongs to {' and '.join(owners)}, where the same words mean other things; this file is read as "
-            f"{dialect}: remove the line, or name another dialect (dialect=, --dialect)"
-        )
+        owner = f"{word} belongs to {' and '.join(owners)}, where the same words mean other things"
+        fix = "remove the line, or name another dialect (dialect=, --dialect)"
+        return f"{owner}; this file is read as {dialect}: {fix}"
     names = [name for name in _DIRECTIVES if name not in _SPECIAL - DIALECTS[dialect].directives]
     return f"a directive must be one of {', '.join(names)}{did_you_mean(word, names)}"
 
@@ -194,9 +193,8 @@ def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
         # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike).
         reader.samples.strategy, depth = "one", depth + dialect.beyond
     if not 1 <= depth <= MAX_DEPTH:
-        raise p.items["maxdepth"].token.error(
-            f"maxdepth must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen; here it is {depth}"
-        )
+        rule = f"must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen"
+        raise p.items["maxdepth"].token.error(f"maxdepth {rule}; here it is {depth}")
     reader.integrator = ("direct" if name.name == "directlighting" else "path"), depth
 
 

@@ -76,9 +76,8 @@ def _spot(p: Parameters, to_world: Floats) -> Light:
     outer, delta = p.number("coneangle", 30), p.number("conedeltaangle", 5)
     if p.dialect == "v4" and delta != 0:
         token = p.items["conedeltaangle"].token if "conedeltaangle" in p.items else p.directive
-        raise token.error(
-            "conedeltaangle must be 0 in v4 (its default is 5), because the falloff of its spot is not supported"
-        )
+        why = "because the falloff of its spot is not supported"
+        raise token.error(f"conedeltaangle must be 0 in v4 (its default is 5), {why}")
     position, direction = to_world[:3, :3] @ start + to_world[:3, 3], to_world[:3, :3] @ (end - start)
     intensity = _strength(p, "I", "power", 2 * np.pi * (1 - np.cos(np.radians(outer))))
     inner = min(abs(outer - delta), outer)  # only its cosine counts

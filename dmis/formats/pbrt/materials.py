@@ -55,11 +55,6 @@ def make_material(
     return material
 
 
-def check_material(name: Token) -> None:
-    """Raise a `PbrtError` if the material `name` is unknown."""
-    name.among("a material", MATERIALS[name.dialect])
-
-
 def _polynomial(roughness: Any) -> Any:
     """Return pbrt-v3's alpha of a roughness in about [0, 1] (core/microfacet.h, RoughnessToAlpha)."""
     return np.polyval([0.000640711, 0.0171201, 0.1734, 0.819955, 1.62142], np.log(np.maximum(roughness, 1e-3)))
@@ -100,9 +95,7 @@ def _alpha(value: Any, remap: bool, v3: bool) -> Any:
     if not isinstance(value, Image):
         return float(alpha)
     if np.min(alpha) < MIN_ROUGH_ALPHA:
-        raise ValueError(
-            "an image of roughness must be rough everywhere; one that is smooth in places is not supported"
-        )
+        raise ValueError("an image of roughness must be rough everywhere; one smooth in places is not supported")
     return replace(value, texels=alpha.astype(np.float32))
 
 
@@ -197,9 +190,8 @@ def _coated(p: Parameters) -> Material:
     p.constant("g", 0), p.integer("nsamples", 1)  # of that medium; of random walks, whose mean is computed here
     depth, thickness = p.integer("maxdepth", 10), max(p.constant("thickness", 0.01), 0)
     if depth < 1:
-        raise p.items["maxdepth"].error(
-            f"must be at least 1, because the base is the first that light meets; got {depth}"
-        )
+        rule = "must be at least 1, because the base is the first that light meets"
+        raise p.items["maxdepth"].error(f"{rule}; got {depth}")
     default_roughness = p.constant("roughness", 0)
     u, v = (p.constant(name, default_roughness) for name in ("uroughness", "vroughness"))
     if u != v:

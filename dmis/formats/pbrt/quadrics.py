@@ -132,11 +132,10 @@ def _nearness(quadric: Quadric, eye: Floats) -> tuple[Floats, Floats, Floats, Fl
     radius, _, height = quadric.at(np.zeros((1, len(v))), v[None])[0][0].T
     # The nearest azimuth is reached from both ends of the sweep.
     azimuth = np.arctan2(eye[1], eye[0])
-    phi = np.unique(
-        np.clip([azimuth + 2 * np.pi * k + sign * _OFFSETS for k in (-1, 0, 1) for sign in (-1, 1)], 0, turn)
-    )
+    nearby = [azimuth + 2 * np.pi * k + sign * _OFFSETS for k in (-1, 0, 1) for sign in (-1, 1)]
+    phi = np.unique(np.clip(nearby, 0, turn))
     # d^2 = (rho - r)^2 + (z - h)^2 + 4 rho r sin^2(x / 2) from (rho, z) to a circle, at x radians of azimuth
     straight = (axial - radius) ** 2 + (eye[2] - height) ** 2
     square = straight + 4 * axial * radius * np.sin((phi - azimuth)[:, None] / 2) ** 2
-    distance, nearby = (np.maximum(np.sqrt(d), MIN_DISTANCE * quadric.radius) for d in (square, straight))
-    return phi / turn, v, (radius / distance).max(axis=1), quadric.radius / nearby
+    distance, closest = (np.maximum(np.sqrt(d), MIN_DISTANCE * quadric.radius) for d in (square, straight))
+    return phi / turn, v, (radius / distance).max(axis=1), quadric.radius / closest

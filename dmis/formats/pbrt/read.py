@@ -66,27 +66,11 @@ def read_pbrt(
     dialect: str | None = None,
     outside: bool = False,
 ) -> Scene:
-    """Read a pbrt scene file.
+    """Return the scene of a pbrt file; arguments are those of `dmis.formats.load_scene.load_scene`.
 
-    Parameters
-    ----------
-    path
-        The file.
-    resolution
-        ``(width, height)`` in place of the file's. The field of view belongs to the shorter side, so a change of shape
-        shows more or less on the longer one.
-    dialect
-        ``v2``, ``v3`` or ``v4``. Default: the one that the file's own words fit; if they fit several, the first of
-        them, with a warning.
-    outside
-        Whether the scene may read files outside of its folder. Links count as where they lead.
-
-    Returns
-    -------
-    Scene
-        Its name is the file's; its `source` says which dialect the file was read by, and why. Shapes of one material
-        make one part, or a few: flat and smooth ones are kept apart, and so are those with and without texture
-        coordinates.
+    The field of view belongs to the shorter side, so a `resolution` of another shape shows more or less on the longer
+    one. If the words of the file fit several dialects, it is read by the first of them, with a warning. Links to files
+    count as where they lead. The scene's `source` says which dialect the file was read by, and why.
 
     Raises
     ------

@@ -40,13 +40,7 @@ class Spectra:
 
 
 def luminous(rgb: Rgb) -> Rgb:
-    """Return a colour scaled to luminance 1.
-
-    Raises
-    ------
-    ValueError
-        If the luminance is not positive.
-    """
+    """Return a colour scaled to luminance 1; a ValueError if its luminance is not positive."""
     y = float(LUMINANCE @ np.asarray(rgb))
     if not y > 0:
         raise ValueError(f"the spectrum of a light must have a positive luminance, to which it is scaled; got {y:g}")

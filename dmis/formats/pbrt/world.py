@@ -7,7 +7,7 @@ from dataclasses import replace
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import V2
 from dmis.formats.pbrt.lights import emission, make_light
-from dmis.formats.pbrt.materials import check_material
+from dmis.formats.pbrt.materials import MATERIALS
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.reader import KEPT, PARAMETERS, Directive, Reader
 from dmis.formats.pbrt.shapes import make_shape
@@ -31,14 +31,14 @@ def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parame
 
 
 def _material(reader: Reader, name: Token, p: Parameters) -> None:
-    check_material(name)
+    name.among("a material", MATERIALS[name.dialect])
     reader.change(material=(name, p), named=None)
 
 
 def _make_named_material(reader: Reader, name: Token, p: Parameters) -> None:
     kind = p.string("type")
     token = p.items["type"].token._replace(text=f'"{kind}"')
-    check_material(token)
+    token.among("a material", MATERIALS[token.dialect])
     lists = (p, reader.state.material[1]) if reader.dialect is V2 else (p,)
     material = reader.make_material(token, lists)
     state = replace(reader.state, named_materials={**reader.state.named_materials, name.name: material})
