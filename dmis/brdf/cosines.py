@@ -39,15 +39,7 @@ class LocalFrame(Protocol):
 
 
 class Directions:
-    """Directions wo and wi about a batch of shading points, as the cosines that lobes are functions of.
-
-    Parameters
-    ----------
-    surface
-        Points with ``n``, ``wo``, ``cos_o``.
-    wi
-        Unit directions ``(3, N)``.
-    """
+    """Unit directions wo and `wi` ``(3, N)`` about a batch of shading points, as the cosines that lobes depend on."""
 
     def __init__(self, surface: LocalFrame, wi: Array) -> None:
         self.surface, self.wi = surface, wi

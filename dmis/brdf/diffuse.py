@@ -63,6 +63,5 @@ class OrenNayar(CosineLobe):
         a, b = np.float32(1 - s2 / (2 * (s2 + 0.33))), np.float32(0.45 * s2 / (s2 + 0.09))
         # max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta), with no azimuth: the sines cancel against the cosine's
         across = np.maximum(directions.cos_io - directions.cos_i_signed * directions.cos_o, 0)
-        return self.reflectance * (
-            INV_PI * (a + b * across / np.maximum(np.maximum(directions.cos_i, directions.cos_o), TINY))
-        )
+        larger = np.maximum(np.maximum(directions.cos_i, directions.cos_o), TINY)
+        return self.reflectance * (INV_PI * (a + b * across / larger))

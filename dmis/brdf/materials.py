@@ -143,9 +143,8 @@ def mirror(kr: Any = 0.9) -> Material:
 def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
     """Make smooth glass: mirror reflection and refraction, divided by Fresnel."""
     eta = check_ior("eta", eta)
-    return assemble(
-        "glass", ("kr", kr, SpecularReflection(kr, Dielectric(eta))), ("kt", kt, SpecularTransmission(kt, eta))
-    )
+    mirrored, refracted = SpecularReflection(kr, Dielectric(eta)), SpecularTransmission(kt, eta)
+    return assemble("glass", ("kr", kr, mirrored), ("kt", kt, refracted))
 
 
 def blinn(roughness: Any) -> Blinn:

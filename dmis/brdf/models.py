@@ -168,10 +168,8 @@ def _largest(value: Any) -> Array:
 
 
 def _power(name: str, exponent: Any) -> Any:
-    rule = f"positive and finite, at most {MAX_LOBE_EXPONENT:g}"
-    return check_number(
-        name, exponent, rule, "the lobe is a cosine to this power", FLOAT32_TINY, MAX_LOBE_EXPONENT, image=True
-    )
+    rule, reason = f"positive and finite, at most {MAX_LOBE_EXPONENT:g}", "the lobe is a cosine to this power"
+    return check_number(name, exponent, rule, reason, FLOAT32_TINY, MAX_LOBE_EXPONENT, image=True)
 
 
 def facet_roughness(alpha: Any, alpha_v: Any = None) -> Roughness:

@@ -58,9 +58,8 @@ class Image:
             raise ValueError("texels must be finite, because one bad texel spoils every pixel that sees it")
         for name, values in (("scale", self.scale), ("offset", self.offset)):
             if not (np.abs(values) <= MAX_UV_SCALE).all():
-                raise ValueError(
-                    f"{name} must be within {MAX_UV_SCALE:g}, because lookups are in float32; got {values}"
-                )
+                bound = f"within {MAX_UV_SCALE:g}, because lookups are in float32"
+                raise ValueError(f"{name} must be {bound}; got {values}")
         if self.wrap not in ("repeat", "black", "clamp"):
             raise ValueError(f"wrap must be 'repeat', 'black' or 'clamp'; got {self.wrap!r}")
         if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
@@ -117,10 +116,7 @@ Parameter = float | tuple[float, ...] | Array | Image
 def scale(a: Parameter, b: Parameter) -> Parameter:
     """Return the product of two parameters, folded into one constant or one image.
 
-    Raises
-    ------
-    ValueError
-        If both are images: their product is not bilinear, and no scene has needed it.
+    A ValueError if both are images: their product is not bilinear, and no scene has needed it.
     """
     if isinstance(a, Image) and isinstance(b, Image):
         raise ValueError("the product of two image textures is not supported; bake it into one image")
