@@ -132,13 +132,7 @@ class DensityView:
         return Integral(sums[:, 0], sums[:, 1], missed, square)
 
     def figure(self) -> Any:
-        """Return a figure of observed and expected counts and their difference in standard deviations.
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
-        """
+        """Return a figure of observed and expected counts and their difference in standard deviations."""
         from dmis import plot
 
         figure, axes = plot.canvas(1, 3, 13, 4.2)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from dmis.base.vectors import Array, dot
 from dmis.light.light_sample import LightSample
 from dmis.testing.density import DensityView, Integral
-from dmis.testing.outcome import Fault
+from dmis.testing.outcome import Check, Fault
 from dmis.testing.sphere import polar
 from dmis.testing.statistics import z_limit
 
+Views = Sequence[DensityView]
 COUNT = 2**16
 """Sampled directions of a view."""
 GRAZING = (0.0, 89.9, 89.9999, 90.0)
@@ -23,26 +24,24 @@ CORNERS *= np.float32(1 - 2**-24)
 
 
 def view_checks(
-    views: Sequence[DensityView],
-    corners: Sequence[DensityView],
+    views: Views,
+    corners: Views,
     level: float,
     value: str = "",
     hides_itself: bool = False,
-) -> list[tuple[str, Callable[[], str]]]:
-    """Return titles and functions of all checks here, for `run_checks`.
+) -> list[Check]:
+    """Return all checks here, for `run_checks`.
 
     Parameters
     ----------
-    views
-        Places with ``COUNT`` samples.
-    corners
-        Places with samples of the smallest and largest uniform numbers, `CORNERS`.
+    views, corners
+        Places with ``COUNT`` samples, and places with samples of the uniform numbers `CORNERS`.
     level
         Significance level of each test.
     value
         Name of `DensityView.value` in messages; empty: there is none.
     hides_itself
-        Whether a light's `sample` may pick a point that another point of the light hides.
+        See `check_hit`.
     """
     checks = [
         ("values are finite and not negative", lambda: check_finite(corners, value)),
@@ -54,32 +53,26 @@ def view_checks(
     return [check for check, needed in zip(checks, (1, 1, 1, views[0].hit, value), strict=True) if needed]
 
 
-def check_mass(views: Sequence[DensityView], level: float) -> str:
+def check_mass(views: Views, level: float) -> str:
     """Raise a Fault unless each pdf integrates to the share of samples that is accepted; return the integrals."""
     limit = z_limit(level)
     for view in views:
         if not view.mass_agrees(limit) and not (view := view.finer()).mass_agrees(limit):
-            raise Fault(
-                f"{view.pdf_name} is not the density of sample: it integrates to {view.mass:.4f}, and {view.share:.4f} "
-                f"of the directions of sample are accepted ({view.place})",
-                view.figure,
-            )
+            text = f"it integrates to {view.mass:.4f}, and {view.share:.4f} of the directions of sample are accepted"
+            raise Fault(f"{view.pdf_name} is not the density of sample: {text} ({view.place})", view.figure)
     return f"integrals {', '.join(f'{view.mass:.3f}' for view in views)}"
 
 
-def check_chi_square(views: Sequence[DensityView], level: float) -> str:
+def check_chi_square(views: Views, level: float) -> str:
     """Raise a Fault unless the samples follow each pdf; return the p-values."""
     for view in views:
         if view.p <= level and (view := view.finer()).p <= level:
-            raise Fault(
-                f"sample does not follow {view.pdf_name}: p = {view.p:.1g}; {view.pdf_name} integrates to "
-                f"{view.mass:.3f} ({view.place})",
-                view.figure,
-            )
+            text = f"p = {view.p:.1g}; {view.pdf_name} integrates to {view.mass:.3f}"
+            raise Fault(f"sample does not follow {view.pdf_name}: {text} ({view.place})", view.figure)
     return f"p = {', '.join(f'{view.p:.2g}' for view in views)}"
 
 
-def check_integral(views: Sequence[DensityView], level: float, name: str) -> str:
+def check_integral(views: Views, level: float, name: str) -> str:
     """Raise a Fault unless the mean of value / pdf over samples is the integral of `value`; return the integrals."""
     for view in views:
         assert view.value is not None
@@ -107,9 +100,7 @@ def _difference(mean: Array, exact: Integral, limit: float) -> str:
     )
 
 
-def check_hit(
-    views: Sequence[DensityView], hides_itself: bool = False, share: float = 0.995, name: str = "sample"
-) -> str:
+def check_hit(views: Views, hides_itself: bool = False, share: float = 0.995, name: str = "sample") -> str:
     """Raise a Fault if `hit` reports other light samples of the directions than `sample` does.
 
     The pdfs are compared where there is a `DensityView.value`: that of a technique's light samples is the light's.
@@ -146,7 +137,7 @@ def check_hit(
     return f"{views[0].wi.shape[1]} directions"
 
 
-def check_finite(views: Sequence[DensityView], value_name: str) -> str:
+def check_finite(views: Views, value_name: str) -> str:
     """Raise a Fault if a value is not finite, is negative, or a direction is not of unit length.
 
     The functions of the views are called for their samples and for special directions.

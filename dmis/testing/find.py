@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -48,13 +48,11 @@ class Subject:
 
     def check(self, albedo: Sequence[float] = ()) -> list[Outcome]:
         """Return the outcomes of its checks; `albedo` is that of `dmis.testing.lobe.check_lobe`."""
-        checks: dict[str, Callable[[], list[Outcome]]] = {
-            "lobe": lambda: check_lobe(self.item, self.name, albedo),
-            "light": lambda: check_light(self.item, self.name),
-            "technique": lambda: check_technique(self.item),
-            "rule": lambda: check_rule(self.item, self.name),
-        }
-        return checks[self.kind]()
+        if self.kind == "lobe":
+            return check_lobe(self.item, self.name, albedo)
+        if self.kind == "technique":
+            return check_technique(self.item)
+        return (check_light if self.kind == "light" else check_rule)(self.item, self.name)
 
 
 def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
@@ -83,9 +81,8 @@ def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
             if missing := _required(cls):
                 example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
                 has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
-                skipped[name] = (
-                    f"{', '.join(missing)} {has} no default. Give {it} one, or add an object to the file: {example}"
-                )
+                what = f"{', '.join(missing)} {has} no default"
+                skipped[name] = f"{what}. Give {it} one, or add an object to the file: {example}"
                 continue
             try:
                 add(name, cls())

@@ -6,7 +6,7 @@ of its mesh and from one behind it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from dmis.base.vectors import Array, normalise
 from dmis.brdf.materials import matte
 from dmis.formats.load_scene import light_part
+from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
 from dmis.intersect import Intersector
 from dmis.light.light import Light, check_light_form
@@ -25,7 +26,7 @@ from dmis.scene.groups import Part
 from dmis.scene.scene import Scene
 from dmis.testing.density import DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, check_hit, check_light_sample, check_unit, view_checks
-from dmis.testing.outcome import Fault, Outcome, run_checks
+from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import TECHNIQUES_ALONE, compare_means
 from dmis.testing.sphere import columns, tangents, uniforms, unit
 from dmis.testing.statistics import level, z_limit
@@ -69,7 +70,7 @@ def check_light(light: Light, name: str = "") -> list[Outcome]:
             cameras.extend(_cameras(light, points))
         return "methods and shapes are right"
 
-    def run() -> Iterator[tuple[str, Callable[[], str]]]:
+    def run() -> Iterator[Check]:
         yield "methods and forms of light samples", check_form
         if light.delta:
             yield "values are finite, and fall off", lambda: _check_delta(light)
@@ -89,17 +90,17 @@ def _placement(light: Any) -> tuple[Array, Array, Array, Array, float]:
     """
     centre, normal, size = np.zeros(3), np.array([0.0, 0.0, -1.0]), 1.0
     if not light.infinite:
-        mesh = light.mesh()
-        corners = np.asarray(mesh.vertices, float)[mesh.faces]
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        corners, cross = _triangles(light.mesh())
         k = int(np.linalg.norm(cross, axis=1).argmax())
-        centre, normal, size = (
-            corners[k].mean(axis=0),
-            unit(*cross[k]),
-            float(np.linalg.norm(np.subtract(*mesh.bounds))),
-        )
-    s, t = tangents(normal)
-    return centre, normal, s, t, size
+        centre, normal = corners[k].mean(axis=0), unit(*cross[k])
+        size = float(np.linalg.norm(np.subtract(*light.mesh().bounds)))
+    return centre, normal, *tangents(normal), size
+
+
+def _triangles(mesh: Mesh) -> tuple[Array, Array]:
+    """Return the corners of a mesh's triangles ``(F, 3, 3)``, and their normals, twice as long as their areas."""
+    corners = np.asarray(mesh.vertices, float)[mesh.faces]
+    return corners, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _receivers(light: Any) -> tuple[list[Array], dict[str, Array]]:
@@ -108,11 +109,8 @@ def _receivers(light: Any) -> tuple[list[Array], dict[str, Array]]:
     All but the third see the bright side. At the others values may not be finite.
     """
     centre, normal, s, t, size = _placement(light)
-    points = [
-        centre + size * (1.1 * normal + 0.2 * s + 0.1 * t),
-        centre + size * (0.5 * normal - 0.6 * s + 0.3 * t),
-        centre - size * (1.3 * normal + 0.3 * s - 0.2 * t),
-    ]
+    places = (1.1, 0.2, 0.1), (0.5, -0.6, 0.3), (-1.3, -0.3, 0.2)
+    points = [centre + size * (along * normal + x * s + y * t) for along, x, y in places]
     special = {"on the light": centre, "in its plane": centre + 2 * size * s, "far": centre + 1e3 * size * normal}
     return points[:1] if light.infinite else points, special
 
@@ -161,10 +159,8 @@ def _check_delta(light: Any) -> str:
 def _cameras(light: Any, points: list[Array]) -> Iterator[DensityView]:
     """Yield directions from `points` ``(3,)`` to the light and around it, with light samples of what cameras see."""
     if not light.infinite:
-        mesh = light.mesh()
-        caster = Intersector(mesh.vertices, mesh.faces)
-        corners = np.asarray(mesh.vertices, float)[mesh.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        caster = Intersector(light.mesh().vertices, light.mesh().faces)
+        corners, normals = _triangles(light.mesh())
         middle = corners.mean(axis=(0, 1))
         size = np.linalg.norm(corners.reshape(-1, 3) - middle, axis=1).max()
     for p in points:

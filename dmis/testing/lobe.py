@@ -6,7 +6,7 @@ directions are those below, and both sides of the surface are tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from dmis.scene.probe import check_lobe_form, surface
 from dmis.scene.shading_points import ShadingPoints
 from dmis.testing.density import QUADRATURE, DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, GRAZING, check_unit, check_values, view_checks
-from dmis.testing.outcome import Fault, Outcome, run_checks
+from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, BELOW, TECHNIQUES_ALONE, box_scene, compare_means
 from dmis.testing.sphere import polar, uniforms
 from dmis.testing.statistics import level, z_limit
@@ -75,7 +75,7 @@ def check_lobe(lobe: Lobe, name: str = "", albedo: Sequence[float] = ()) -> list
         check_unit("sample", views[0].wi, views[0].place)
         return "shapes are right, directions are unit vectors"
 
-    def run() -> Iterator[tuple[str, Callable[[], str]]]:
+    def run() -> Iterator[Check]:
         yield "forms of what eval, pdf and sample return", check_form
         yield from view_checks(views, corners, LEVEL, "eval cos")
         if albedo:

@@ -56,15 +56,10 @@ def require(outcomes: Iterable[Outcome]) -> None:
 
 
 def run_checks(name: str, checks: Iterable[Check]) -> list[Outcome]:
-    """Run checks in order and return their outcomes.
+    """Run checks in order and return their outcomes, whose names begin with the `name` of what is checked.
 
-    Parameters
-    ----------
-    name
-        Of what is checked; it begins the name of each outcome.
-    checks
-        Any exception but a `Fault` is a failure that names the function and line that raised it. The first is of the
-        form: if it fails, it is the only outcome.
+    Any exception but a `Fault` is a failure that names the function and line that raised it. The first check is of the
+    form: if it fails, it is the only outcome.
     """
     outcomes: list[Outcome] = []
     for title, check in checks:
@@ -104,12 +99,7 @@ def summary(outcomes: Sequence[Outcome], not_checked: Sequence[str] = ()) -> str
 def write_figures(outcomes: Sequence[Outcome], folder: Path, stem: str) -> list[Path]:
     """Write the pictures of failed outcomes as PNG files into a folder, which is made, and return their paths.
 
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    OSError
-        If a file cannot be written.
+    An ImportError if matplotlib is not installed, an OSError if a file cannot be written.
     """
     paths: list[Path] = []
     for outcome in outcomes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -48,59 +49,34 @@ def box_scene(
     return Scene(camera, (Part(FLOOR, material or matte(0.6)), *extra), lights)
 
 
-def standard_error(result: Result) -> float:
-    """Return the standard error of an image's mean: pixels are independent, channels taken as fully dependent."""
-    deviation = np.sqrt(result.variance.astype(float)).mean(axis=2)
-    return float(np.sqrt((deviation**2).sum()) / deviation.size)
-
-
 def compare_means(
-    scene: Scene,
-    rules: Sequence[tuple[str, Rule | str]],
-    limit: float,
-    advice: str,
-    spp: int = 64,
+    scene: Scene, rules: Sequence[tuple[str, Rule | str]], limit: float, advice: str, spp: int = 64
 ) -> str:
-    """Render a scene by several rules, and compare each mean with that of the first by a z-test.
+    """Render a scene by `rules`, each with its name for messages, and return the means.
 
-    Parameters
-    ----------
-    rules
-        Names for messages, and rules.
-    limit
-        Of the normal deviate.
-    advice
-        The end of the message of a failure.
-
-    Returns
-    -------
-    str
-        The means. A rule whose noise comes from a few pixels, of a lobe that its samples hardly ever meet, is named
-        and not compared, because its standard error is not known.
-
-    Raises
-    ------
-    Fault
-        If two means differ.
+    Raise a `Fault`, whose message ends with `advice`, if a mean differs from the first by a normal deviate above
+    `limit`. A rule whose noise comes from a few pixels, of a lobe that its samples hardly ever meet, is named and not
+    compared, because its standard error is not known.
     """
-    settings = Settings(integrator="direct")
-    results = [
-        (name, render(scene, rule, spp, seed=k, settings=settings, parallel=1)) for k, (name, rule) in enumerate(rules)
-    ]
-    means = [(float(result.image.mean(dtype=float)), standard_error(result)) for _, result in results]
-    text = f"mean radiance {', '.join(f'{results[k][0]} {m:.4g} ± {e:.2g}' for k, (m, e) in enumerate(means))}"
-    noisy = []
-    for (name, result), (mean, error) in zip(results[1:], means[1:], strict=True):
-        if _few_pixels(result) or _few_pixels(results[0][1]):
-            noisy.append(name)
-            continue
-        z = (mean - means[0][0]) / max(np.hypot(error, means[0][1]), 1e-6 * abs(means[0][0]), 1e-30)
-        if abs(z) > limit:
+    options: dict[str, Any] = {"settings": Settings(integrator="direct"), "parallel": 1}
+    means = [(name, *_mean(render(scene, rule, spp, seed=k, **options))) for k, (name, rule) in enumerate(rules)]
+    text = f"mean radiance {', '.join(f'{name} {mean:.4g} ± {error:.2g}' for name, mean, error, _ in means)}"
+    _, first, first_error, first_noisy = means[0]
+    noisy = [name for name, *_, is_noisy in means[1:] if is_noisy or first_noisy]
+    for name, mean, error, _ in means[1:]:
+        z = (mean - first) / max(np.hypot(error, first_error), 1e-6 * abs(first), 1e-30)
+        if abs(z) > limit and name not in noisy:
             raise Fault(f"{text} (z = {z:.1f} of {name}). {advice}")
     return text if not noisy else f"{text}; too noisy to compare: {', '.join(noisy)}"
 
 
-def _few_pixels(result: Result) -> bool:
-    """Return whether the noise of an image comes from a few of its pixels."""
-    variance = result.variance.astype(float).mean(axis=2)
-    return bool(variance.any() and variance.sum() ** 2 / (variance**2).sum() < 12)
+def _mean(result: Result) -> tuple[float, float, bool]:
+    """Return the mean of an image, its standard error, and whether its noise comes from a few of its pixels.
+
+    Pixels are independent, channels are taken as fully dependent.
+    """
+    variance = result.variance.astype(float)
+    error = np.linalg.norm(np.sqrt(variance).mean(axis=2)) / variance[..., 0].size
+    of_pixels = variance.mean(axis=2)
+    few = of_pixels.any() and of_pixels.sum() ** 2 / (of_pixels**2).sum() < 12
+    return float(result.image.mean(dtype=float)), float(error), bool(few)

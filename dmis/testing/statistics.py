@@ -27,21 +27,10 @@ def z_limit(level: float) -> float:
 
 
 def chi2_p(observed: Array, expected: Array, variance: Array | float = 0.0) -> float:
-    """Return the p-value of counts against their expectations by Pearson's chi-square test.
+    """Return the p-value of counts against `expected` ones of the same shape by Pearson's chi-square test.
 
-    Cells that expect fewer than 5 are pooled into one.
-
-    Parameters
-    ----------
-    observed, expected
-        Counts, of the same shape.
-    variance
-        Of the error of `expected`, which adds to that of the counts: a number, or of the same shape.
-
-    Raises
-    ------
-    ValueError
-        If a single cell is left, so that the test says nothing.
+    Cells that expect fewer than 5 are pooled into one; a ValueError if no other is left. The `variance` of the error of
+    `expected`, a number or an array of the same shape, adds to that of the counts.
     """
     from scipy.special import chdtrc
 

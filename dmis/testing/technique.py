@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,7 +20,7 @@ from dmis.light.light_sample import LightSample
 from dmis.scene.probe import surface
 from dmis.testing.density import DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, view_checks
-from dmis.testing.outcome import Fault, Outcome, run_checks
+from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import ABOVE, box_scene, compare_means
 from dmis.testing.sphere import polar, uniforms
 from dmis.testing.statistics import level, z_limit
@@ -62,7 +62,7 @@ def check_technique(technique: Technique) -> list[Outcome]:
                 corners.append(_view(technique, *place[:2], degrees, place[3], CORNERS[: technique.numbers]))
         return "shapes are right"
 
-    def run() -> Iterator[tuple[str, Callable[[], str]]]:
+    def run() -> Iterator[Check]:
         yield "forms of what sample and pdf return", check_form
         yield from view_checks(views, corners, LEVEL)[: None if technique.exact else 1]
         yield "renders agree with balance", lambda: _check_renders(technique)
