@@ -90,8 +90,8 @@ def settings_options(*without: str) -> dict[str, dict[str, Any]]:
     for name, about in ((field.name, field.metadata) for field in fields(Settings)):
         if about and name not in without:
             of_values = {"choices": about["choices"]} if about["choices"] else {"metavar": about["metavar"]}
-            arguments = _option(about["help"], about["type"], argparse.SUPPRESS, **of_values)
-            options[f"--{name.replace('_', '-')}"] = arguments
+            option = _option(about["help"], about["type"], argparse.SUPPRESS, **of_values)
+            options[f"--{name.replace('_', '-')}"] = option
     return options
 
 
@@ -105,12 +105,8 @@ def _flag(text: str, group: str = "") -> dict[str, Any]:
     return {"help": text, "action": "store_true", "group": group}
 
 
-PLUGIN = {
-    "--plugin": _option(
-        "import this Python file first, so that what it registers has names (repeatable)",
-        default=[], action="append", metavar="FILE.py",
-    ),
-}  # fmt: skip
+PLUGIN_HELP = "import this Python file first, so that what it registers has names (repeatable)"
+PLUGIN = {"--plugin": _option(PLUGIN_HELP, default=[], action="append", metavar="FILE.py")}
 SCENE = {
     "scene": _option("a pbrt file, a mesh file, or the name of a scene that comes with dmis"),
     "--resolution": _option("pixels (default: as the scene says)", resolution, metavar="WxH"),
@@ -118,15 +114,11 @@ SCENE = {
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
     "--up": _option("axis of a mesh file that is up (default: z; GLB: y)", choices=("y", "z")),
 }
-AS_IN_FILE = {
-    "--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say"),
-}
+AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say")}
 WORKERS, SEED = _whole(MAX_WORKERS), _whole(2**63, 0)
 THREADS = {"--threads": _option("number of threads (default: one per processor)", WORKERS, group="executor")}
 QUIET = {"--quiet": _flag("print warnings and errors only", "output")}
-VERBOSE = {
-    "--verbose": _flag("also print the plan of the scene, rays and seconds, or a line for each render", "output")
-}
+VERBOSE = {"--verbose": _flag("also print the scene's plan, rays and seconds, or a line for each render", "output")}
 RULES_HELP = f"""weight rule: {", ".join(RULES)}; with options: thesis:patch=8,filter=none (default auto, or balance for
 fewer than 16 samples per pixel)"""
 OUTPUT = "-o --output"

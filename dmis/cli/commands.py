@@ -108,11 +108,8 @@ def _compare(options: argparse.Namespace) -> int:
         )  # fmt: skip
     for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
         pilot = sum(make_rule(rule).pilot.values())
-        print(
-            f"dmis: {rule} is left out at {n} samples per pixel, because its pilot takes {pilot}: "
-            f"use --spp {pilot + 1} or more",
-            file=sys.stderr,
-        )
+        why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
+        print(f"dmis: {rule} is left out at {n} samples per pixel, {why}", file=sys.stderr)
     if not options.quiet:
         print(summary(comparison.runs, comparison.reference))
         files = (options.output / name for name in ("results.csv", "report.html"))
@@ -155,10 +152,9 @@ def _info(options: argparse.Namespace) -> int:
         print(*(f"{name:18} {make()!r}" for name, make in RULES.items()), sep="\n")
     if options.scenes or options.rules:
         return 0
+    machine = f"{platform.system()} {platform.machine()}"
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "trimesh", "embreex", "OpenEXR"))
-    print(
-        f"dmis {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}\n{packages}"
-    )
+    print(f"dmis {__version__}, Python {platform.python_version()}, {machine}\n{packages}")
     if options.scene:
         begin = time.perf_counter()
         scene, _ = load(options).in_float32
@@ -179,8 +175,6 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
-_COMMANDS = {
-    "render": render, "compare": _compare, "oracle": _oracle, "info": _info, "check": check, "bench": _bench,
-}  # fmt: skip
+_COMMANDS = {"render": render, "compare": _compare, "oracle": _oracle, "info": _info, "check": check, "bench": _bench}
 if __name__ == "__main__":
     sys.exit(main())

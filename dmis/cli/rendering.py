@@ -77,9 +77,8 @@ def _executor(options: argparse.Namespace) -> Iterator[Parallel]:
         yield Processes(options.workers) if options.workers else options.threads
         return
     if "://" not in address and not re.fullmatch(r"([^\s:/]+|\[[\da-fA-F:.]+\]):\d{1,5}", address):
-        raise ValueError(
-            f"--cluster must be the address of a Dask scheduler, HOST:PORT or tcp://HOST:PORT; got {address}"
-        )
+        form = "the address of a Dask scheduler, HOST:PORT or tcp://HOST:PORT"
+        raise ValueError(f"--cluster must be {form}; got {address}")
     try:
         from distributed import Client
     except ImportError as error:
@@ -92,9 +91,8 @@ def _executor(options: argparse.Namespace) -> Iterator[Parallel]:
         try:
             client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT)
         except TimeoutError as error:
-            raise ValueError(
-                f"the Dask scheduler at {address} has no workers. Start one with: dask worker {address}"
-            ) from error
+            fix = f"Start one with: dask worker {address}"
+            raise ValueError(f"the Dask scheduler at {address} has no workers. {fix}") from error
         yield client.get_executor(pure=False)
 
 

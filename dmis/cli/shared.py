@@ -20,8 +20,8 @@ DEFAULT_SPP = 128
 
 def load(options: argparse.Namespace) -> Scene:
     """Return the scene that the options name."""
-    names = {"resolution": "resolution", "dialect": "dialect", "outside": "allow_outside", "up": "up"}
-    return load_scene(options.scene, **{name: getattr(options, option) for name, option in names.items()})
+    where = {"dialect": options.dialect, "outside": options.allow_outside, "up": options.up}
+    return load_scene(options.scene, options.resolution, **where)
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:
