@@ -64,15 +64,14 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
 
     Rays that continue the paths are appended to `following`.
     """
-    scene, plan, settings = batch.scene, batch.scene.plan, batch.settings
+    scene, plan, path = batch.scene, batch.scene.plan, batch.settings.integrator == "path"
     hits = batch.caster.closest(rays.origin, rays.direction)
     if rays.depth:
-        kind = f"bounce {rays.depth}" if settings.integrator == "path" else "specular"
-        count_rays(batch, kind, len(hits.prim), rays.sample)
+        count_rays(batch, f"bounce {rays.depth}" if path else "specular", len(hits.prim), rays.sample)
     group_of = plan.face_group.take(hits.prim)
-    if rays.adds_emission is not False:
-        yield from _emission(batch, rays, hits)
-    last = rays.depth >= settings.deepest
+    if plan.environment and rays.adds_emission is not False:
+        yield from _sky(batch, rays, hits)
+    last = rays.depth >= batch.settings.deepest
     for number, group in enumerate(plan.groups):
         emits = group.emission is not None and rays.adds_emission is not False
         if not emits and (last or not group.reflects):
@@ -83,9 +82,7 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
             # L_o = L_e + integral of f   (docs/theory.md, Eq. 1)
             out = np.zeros(surface.wo.shape, np.float32)
             if emits and emission is not None:
-                out += (
-                    emission if rays.adds_emission is True else emission * take(np.asarray(rays.adds_emission), index)
-                )
+                out += emission * take(np.asarray(rays.adds_emission), index)
             if group.reflection and not last:
                 add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out))
             if group.transmission and not last:
@@ -94,40 +91,44 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
             if throughput is not None:
                 out *= throughput
             yield out, sample
-            if not last:
-                following += _continue(batch, rays, surface, sample, throughput)
+            if path and not last:
+                following += _path_ray(batch, rays, surface, sample, throughput)
+            elif group.delta and not last:
+                following += _delta_rays(batch, rays, surface, sample, throughput)
 
 
-def _emission(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Selection | None]]:
-    """Yield the radiance of skies, which belong to no group."""
-    plan = batch.scene.plan
-    if plan.environment:
-        missed = indices((hits.prim < 0) & rays.adds_emission)
-        if missed is None or len(missed):
-            for light in plan.environment:
-                sky = light.radiance(take(rays.direction, missed))
-                if rays.throughput is not None:
-                    sky = sky * take(rays.throughput, missed)
-                yield sky, compose(rays.sample, missed)
+def _sky(batch: Batch, rays: Rays, hits: Hits) -> Iterator[tuple[Array, Selection | None]]:
+    """Yield the radiance of skies, which belong to no group, where rays miss everything."""
+    missed = indices((hits.prim < 0) & rays.adds_emission)
+    if missed is None or len(missed):
+        for light in batch.scene.plan.environment:
+            sky = light.radiance(take(rays.direction, missed))
+            if rays.throughput is not None:
+                sky = sky * take(rays.throughput, missed)
+            yield sky, compose(rays.sample, missed)
 
 
-def _continue(
+def _path_ray(
+    batch: Batch, rays: Rays, surface: ShadingPoints, sample: Selection | None, throughput: Array | None
+) -> list[Rays]:
+    """Return the rays with which paths go on from the points of one group, one per point; empty if they end."""
+    ends = rays.depth + 1 >= batch.settings.deepest
+    if ends and not (surface.delta and batch.scene.plan.has_visible_light):
+        return []  # the light that one more surface would send was gathered here
+    if not (surface.reflection or surface.transmission or surface.delta):
+        return []
+    u = batch.sampler.draw((*rays.path, CONTINUE), sample)
+    continued = bounce(surface, sample, throughput, rays.depth, u, batch.rng, last=ends)
+    return [] if continued is None else [continued]
+
+
+def _delta_rays(
     batch: Batch, rays: Rays, surface: ShadingPoints, sample: Selection | None, throughput: Array | None
 ) -> Iterator[Rays]:
-    """Yield the rays that go on from the points of one group: a path's one per point, else one per delta lobe."""
-    settings = batch.settings
-    ends = rays.depth + 1 >= settings.deepest
-    if settings.integrator == "path":
-        if ends and not (surface.delta and batch.scene.plan.has_visible_light):
-            return  # the light that one more surface would send was gathered here
-        if not (surface.reflection or surface.transmission or surface.delta):
-            return
-        u = batch.sampler.draw((*rays.path, CONTINUE), sample)
-        continued = bounce(surface, sample, throughput, rays.depth, u, batch.rng, last=ends)
-        if continued is not None:
-            yield continued
+    """Yield the rays that mirrors and glass send on from the points of one group, for each delta lobe."""
+    if rays.depth + 1 >= batch.settings.deepest:
         return
-    for k, lobe in enumerate(surface.delta if not ends else ()):
+    for k, lobe in enumerate(surface.delta):
         origin, direction, factor = scatter(surface, lobe)
         if throughput is not None:
             factor = factor * throughput

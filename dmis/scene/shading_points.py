@@ -126,11 +126,12 @@ class ShadingPoints:
         return total * np.float32(1 / len(self.reflection)) if len(self.reflection) > 1 else total
 
     def sample(self, u: Array) -> Array:
+        """Sample directions ``(3, N)``; of several lobes, ``u[0]`` picks one, see `_sample_a_lobe`."""
+        return self.reflection[0].sample(self, u) if len(self.reflection) == 1 else self._sample_a_lobe(u)
+
+    def _sample_a_lobe(self, u: Array) -> Array:
         """Sample directions ``(3, N)``; ``u[0]`` first picks the lobe and is then stretched back to [0, 1)."""
-        count = len(self.reflection)
-        if count == 1:
-            return self.reflection[0].sample(self, u)
-        wi = np.empty_like(self.wo)
+        wi, count = np.empty_like(self.wo), len(self.reflection)
         scaled = u[0] * count
         chosen = np.minimum(scaled.astype(np.int8), count - 1)
         stretched = np.stack([np.minimum(scaled - chosen, np.float32(1 - 2**-24)), u[1]])
