@@ -1,16 +1,21 @@
 """Interrupted work: nothing finished is lost, nothing is done twice, and no wrong folder is taken for a checkpoint."""
 
+import json
 import os
 import random
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.pipeline import checkpoint
@@ -93,9 +98,9 @@ def test_rules_of_two_rounds_resume(wide, tmp_path, rule, after):
     assert whole.rays == resumed.rays
 
 
-def start(checkpoint, result, size, room=10**6):
+def start(folder, result, size, room=10**6):
     """A render in a process of its own, which begins at `go`; the disk has room for so many tiles."""
-    command = [sys.executable, "-c", CHILD, *map(str, (checkpoint, result, size, room))]
+    command = [sys.executable, "-c", CHILD, *map(str, (folder, result, size, room))]
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     process = subprocess.Popen(command, text=True, **pipes)
     assert process.stdout.readline() == "ready\n"
@@ -115,68 +120,76 @@ def end(process, code=0):
     return said.splitlines(), error.strip().rpartition("\n")[2]
 
 
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    """Function that returns the tiles and the file of an undisturbed render of a size, made once."""
-
-    @cache
-    def render(size):
-        folder = tmp_path_factory.mktemp("undisturbed")
-        go(process := start(folder / "c", folder / "a.npz", size))
-        return end(process)[0], folder / "a.npz"
-
-    return render
+def here(folder, size):
+    """The same render in this process: the result, and the tiles that it has rendered."""
+    tiles, append = [], checkpoint.Store.append
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint.Store, "append", lambda store, tile: tiles.append(tile) or append(store, tile))
+        scene = shared_scene("cornell", (size, size))
+        result = dmis.render(scene, "thesis", 40, seed=3, parallel=2, checkpoint=folder, integrator="direct")
+    return result, [f"{tile.pass_} {tile.number}" for tile in tiles]
 
 
-def same(one, other):
-    """Whether two files of arrays have the same bits."""
-    with np.load(one) as a, np.load(other) as b:
-        return all(np.array_equal(a[name], b[name]) for name in a)
+@cache
+def undisturbed(size):
+    """The result and the tiles of a render of a size in one go."""
+    with tempfile.TemporaryDirectory() as folder:
+        return here(Path(folder) / "c", size)
+
+
+def check(result, size):
+    """A result has the bits of one go."""
+    expected = undisturbed(size)[0]
+    np.testing.assert_array_equal(result.image, expected.image)
+    np.testing.assert_array_equal(result.variance, expected.variance)
+    assert result.rays == expected.rays
 
 
 @pytest.mark.parametrize(
     ("kills", "size"), [(1, 128), pytest.param(20, 512, marks=pytest.mark.slow)], ids=["1 kill", "20 kills"]
 )
-def test_kills_lose_nothing(tmp_path, undisturbed, kills, size):
+def test_kills_lose_nothing(tmp_path, kills, size):
     """``kill -9`` at random moments, while tiles are written too: none that was finished is rendered again."""
     rng = random.Random(kills)
-    file, out = tmp_path / "c", tmp_path / "a.npz"
+    file = tmp_path / "c"
     finished = []
     for _ in range(kills):
-        with start(file, out, size) as process:
+        with start(file, tmp_path / "a.npz", size) as process:
             go(process)
             finished += [process.stdout.readline().strip() for _ in range(rng.randint(1, 4))]
             time.sleep(rng.uniform(0, 0.05))
             process.kill()
             finished += process.stdout.read().splitlines()
         assert process.returncode == -signal.SIGKILL
-    go(last := start(file, out, size))
-    finished += end(last)[0]
-    tiles, other = undisturbed(size)
+    result, last = here(file, size)
+    finished, tiles = finished + last, undisturbed(size)[1]
     assert len(set(finished)) == len(finished) >= len(tiles) - kills  # killed between writing a tile and saying so
-    assert set(finished) <= set(tiles) and same(out, other) and not file.exists()
+    assert set(finished) <= set(tiles)
+    check(result, size)
 
 
 def test_a_disk_that_fills_up(tmp_path):
     """An error that says so; what is written is good, and there is a way on."""
-    file, out = tmp_path / "c", tmp_path / "a.npz"
-    go(full := start(file, out, 128, 7))
+    file = tmp_path / "c"
+    go(full := start(file, tmp_path / "a.npz", 128, 7))
     said, error = end(full, 1)
     assert f"cannot write checkpoint {file}: File too large" in error
-    go(again := start(file, out, 128))
-    assert len(said) == 7 and not set(said) & set(end(again)[0])
+    result, rest = here(file, 128)
+    assert len(said) == 7 and not set(said) & set(rest)
+    check(result, 128)
 
 
-def test_two_processes_share_a_checkpoint(tmp_path, undisturbed):
-    """They start at the same moment; each ends with the image of one go, though the first removes the checkpoint."""
-    files = [tmp_path / name for name in ("a.npz", "b.npz")]
-    processes = [start(tmp_path / "c", file, 128) for file in files]
-    for process in processes:
-        go(process)
-    for process in processes:
-        end(process)
-    assert all(same(file, undisturbed(128)[1]) for file in files)
-    assert sorted(os.listdir(tmp_path)) == ["a.npz", "b.npz"]
+def test_two_processes_share_a_checkpoint(tmp_path):
+    """They start at the same moment; each ends with the image of one go, though the other removes the checkpoint."""
+    file, out = tmp_path / "c", tmp_path / "a.npz"
+    go(process := start(file, out, 128))
+    result, _ = here(file, 128)
+    end(process)
+    check(result, 128)
+    with np.load(out) as arrays:
+        check(SimpleNamespace(**{**arrays, "rays": json.loads(str(arrays["rays"]))}), 128)
+    dmis.remove_checkpoint(file)
+    assert os.listdir(tmp_path) == ["a.npz"]
 
 
 def test_a_checkpoint_that_another_process_removed(wide, tmp_path):
