@@ -117,7 +117,7 @@ def stored() -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("scenes", "step"),
-    [(("teapot-area-light", "tt", "ten-lights"), 3), pytest.param(pin_preset.SCENES, 1, marks=pytest.mark.slow)],
+    [(("teapot-area-light", "tt", "ten-lights"), 5), pytest.param(pin_preset.SCENES, 1, marks=pytest.mark.slow)],
 )
 def test_images_are_the_pinned_ones(stored: dict[str, np.ndarray], scenes: tuple[str, ...], step: int) -> None:
     """A part of the configurations that has each rule, sampler and integrator; the slow test renders all."""
