@@ -50,8 +50,7 @@ def test_film_has_its_resolution(name):
 @pytest.mark.parametrize("name", RENDERED)
 def test_every_mixture_agrees(name):
     """|z| < 4 between techniques in the mean over the image, at 40 pixels across."""
-    rules = ("balance", "fixed:1", "thesis")
-    results = [dmis.render(small(name), rule, 128, seed=k) for k, rule in enumerate(rules)]
+    results = [dmis.render(small(name), rule, 128, seed=k) for k, rule in enumerate(("balance", "fixed:1"))]
     means = [r.image.mean(axis=(0, 1), dtype=float) for r in results]
     errors = [np.sqrt(r.variance.sum(axis=(0, 1), dtype=float)) / r.weight.size for r in results]
     for mean, error in zip(means[1:], errors[1:], strict=True):
