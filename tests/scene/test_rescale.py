@@ -162,20 +162,17 @@ def sunlit(distance: float, surface: bool = True, ground: float = 6.0, name: str
     return Scene(camera, parts + ((dmis.light_part(sun),) if surface else ()), (sun,), name)
 
 
-def test_a_far_sun_leaves_shadows_where_they_are() -> None:
-    """Rays begin above a surface by what is right for the scene that they leave, however far a lamp is."""
-    near, far = sunlit(100.0), sunlit(1e6)
+def test_a_far_sun_and_a_large_ground_leave_shadows_where_they_are() -> None:
+    """Rays begin above a surface by what is right for the scene that they leave, however far a lamp is.
+
+    Each part has an offset of its own where they differ a lot: light inside of a small box stays there.
+    """
+    near, far, large = sunlit(100.0), sunlit(1e6), sunlit(100.0, ground=2e3)
     assert far.epsilon == near.epsilon and far.in_float32[0] is far
-    expected, found = (dmis.render(scene, "balance", 64, seed=k).image for k, scene in enumerate((near, far)))
-    assert np.sqrt(((found - expected) ** 2).mean() / (expected**2).mean()) < 0.03
-
-
-def test_small_things_on_a_large_ground() -> None:
-    """Each part has an offset of its own where they differ a lot: light inside of a small box stays there."""
-    scene = sunlit(100.0, ground=2e3)
-    offset = scene.triangle_epsilon
-    assert offset is not None and offset[0] == scene.epsilon > 1e-3 and offset[2] < 1e-6
-    assert sunlit(100.0).triangle_epsilon is None
-    images = [dmis.render(s, "balance", 64, seed=k).image for k, s in enumerate((scene, sunlit(100.0)))]
+    offset = large.triangle_epsilon
+    assert offset is not None and offset[0] == large.epsilon > 1e-3 and offset[2] < 1e-6
+    assert near.triangle_epsilon is None
+    expected, distant, small = (dmis.render(s, "balance", 64, seed=k).image for k, s in enumerate((near, far, large)))
+    assert np.sqrt(((distant - expected) ** 2).mean() / (expected**2).mean()) < 0.03
     top = slice(14, 17), slice(14, 18)
-    np.testing.assert_allclose(images[0][top].mean(), images[1][top].mean(), rtol=0.02)
+    np.testing.assert_allclose(small[top].mean(), expected[top].mean(), rtol=0.02)
