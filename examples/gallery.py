@@ -154,8 +154,8 @@ class Options:
 
 def lay_out(figure: Any) -> None:
     """Place the axes of a figure, once for all files that it is written to: that takes as long as drawing it."""
-    if figure.get_layout_engine() is not None:
-        figure.draw_without_rendering()
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
         figure.set_layout_engine("none")
 
 
