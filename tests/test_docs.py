@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers import Z_LIMIT, run_cell, shared_scene
+from scripts import run_alone, run_script  # noqa: F401  # a fixture
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -60,7 +61,6 @@ def test_tutorial_runs(tutorial, cache, tmp_path, monkeypatch, capfd, caplog):
     """
     pytest.importorskip("matplotlib")
     from PIL import Image
-    from scripts import run_alone
 
     monkeypatch.chdir(tmp_path)
     text = tutorial.read_text("utf-8")
@@ -288,17 +288,11 @@ def test_every_room_is_in_the_page_about_the_code():
     assert [name for name in files if not (ROOT / "dmis" / name).exists() and not (ROOT / name).exists()] == []
 
 
-def test_demo_quick(tmp_path):
+def test_demo_quick(run_script, tmp_path):  # noqa: F811
     """The demo prints its table and draws its picture."""
     picture = tmp_path / "demo.png"
-    done = subprocess.run(
-        [sys.executable, ROOT / "examples" / "demo.py", "--quick", "-o", picture],
-        capture_output=True,
-        text=True,
-        timeout=1200,
-    )
-    assert done.returncode == 0, done.stderr
-    rows = [line for line in done.stdout.split("\n") if line.startswith(("| balance", "| thesis"))]
+    printed = run_script(ROOT / "examples" / "demo.py", "--quick", "-o", picture)
+    rows = [line for line in printed.split("\n") if line.startswith(("| balance", "| thesis"))]
     assert len(rows) == 2 and rows[0].split("|")[-2].strip() == "1.000"
     assert picture.stat().st_size > 10_000
 

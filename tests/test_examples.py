@@ -6,6 +6,7 @@ reader, and so do the figures of `test_contact_sheet`.
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from PIL import Image
-from scripts import run_script  # noqa: F401  # a fixture
+from scripts import run_alone, run_script  # noqa: F401  # a fixture
 
 ROOT = Path(__file__).parent.parent
 FIGURES = sorted((ROOT / "examples").rglob("plot_*.py"))
@@ -114,13 +115,15 @@ def test_contact_sheet(run, tmp_path):
         (["--scene-dir", "."], "got the scene folder .. Unset DMIS_PBRT_SCENES"),
     ],
 )
-def test_other_figures_are_not_published(options, message, tmp_path):
+def test_other_figures_are_not_published(options, message, tmp_path, monkeypatch):
     """The pages of the project show figures of the default size, of the scenes that come with dmis."""
-    environment = {name: value for name, value in os.environ.items() if name not in ("DMIS_PBRT_SCENES", "DMIS_QUICK")}
-    command = [sys.executable, ROOT / "examples" / "make_figures.py", "-o", tmp_path / "any.png", *options]
-    command += ["--publish", tmp_path / "docs"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 1 and message in done.stderr and not (tmp_path / "docs").exists()
+    script = str(ROOT / "examples" / "make_figures.py")
+    folders = "-o", str(tmp_path / "any.png"), "--publish", str(tmp_path / "docs")
+    monkeypatch.setattr(sys, "argv", [script, *folders, *options])
+    monkeypatch.delenv("DMIS_QUICK", raising=False)
+    with pytest.raises(SystemExit, match=re.escape(message)):
+        run_alone(lambda: runpy.run_path(script, run_name="__main__"), ROOT / "examples", monkeypatch)
+    assert not (tmp_path / "docs").exists()
 
 
 def test_reproduction_grid_is_resumed(run, tmp_path):
@@ -223,10 +226,10 @@ def test_report(run, tmp_path):
     assert tables == {name: (tmp_path / "report" / name / "results.csv").read_bytes() for name in names}
 
 
-def test_stability_figure(cache, tmp_path):
+def test_stability_figure(run, tmp_path):
     """Float32 against float64, which is a process of its own."""
     picture = tmp_path / "figure.png"
-    printed = run_process(ROOT / "examples" / "make_stability_figure.py", cache, "-o", picture)
+    printed = run(ROOT / "examples" / "make_stability_figure.py", "-o", picture)
     assert printed.rstrip().endswith(str(picture))
     check(picture)
 
