@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,7 @@ def imports(tree: ast.AST, known: frozenset[str]) -> set[str]:
     return found
 
 
+@cache
 def graph() -> dict[str, set[str]]:
     """Return what each module imports, the package's own ``__init__`` and ``__main__`` left out."""
     files = modules()
