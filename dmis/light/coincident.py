@@ -46,16 +46,10 @@ def find_twins(triangles: Array) -> tuple[Index, Index]:
 
 
 class TwoSided:
-    """A ray caster that reports, of two triangles back to back, the one that faces the ray.
+    """A caster that reports, of two triangles back to back, the one that faces the ray, whichever `caster` reports.
 
-    Parameters
-    ----------
-    caster
-        What finds either of the two.
-    triangles, number
-        Corners ``(K, 3, 3)`` of those that have a twin, and their numbers in `caster`, ``(K,)``.
-    twin
-        Positions of their twins among them, ``(K,)``.
+    `triangles` ``(K, 3, 3)`` are those that have a twin, `number` ``(K,)`` their numbers in `caster`, ascending, and
+    `twin` ``(K,)`` the positions of their twins among them.
     """
 
     def __init__(self, caster: RayCaster, triangles: Array, number: Index, twin: Index) -> None:
@@ -82,11 +76,10 @@ class TwoSided:
 def two_sided(caster: RayCaster, parts: Sequence[Any]) -> RayCaster:
     """Return a caster that tells apart the lamps of `parts` that stand back to back; `caster` itself if none do."""
     triangles, number, _ = lamp_triangles(parts)
-    twin = find_twins(triangles)[1] if len(triangles) else number
+    _, twin = find_twins(triangles)
     kept = np.flatnonzero(twin >= 0)
-    if not len(kept):
-        return caster
-    return TwoSided(caster, triangles[kept], number[kept], np.searchsorted(kept, twin[kept]))
+    twins = TwoSided(caster, triangles[kept], number[kept], np.searchsorted(kept, twin[kept]))
+    return twins if len(kept) else caster
 
 
 def lamp_triangles(parts: Sequence[Any]) -> tuple[Array, Index, Index]:
@@ -102,7 +95,7 @@ def original_lights(parts: Sequence[Any]) -> list[Any]:
     """Return the light of each part, or None; of a part whose triangles are copies of another's, the other's light."""
     lights = [part.light for part in parts]
     triangles, _, owner = lamp_triangles(parts)
-    same = find_twins(triangles)[0] if len(triangles) else owner
+    same, _ = find_twins(triangles)
     for k in np.unique(owner[owner[same] != owner]).tolist():
         firsts = np.unique(owner[same[owner == k]])
         if len(firsts) == 1:  # copies of some triangles only are an overlap in part
