@@ -80,6 +80,7 @@ class Curves:
         self._combiner, self._grid = combiner_by_name(combiner), grid
         self._half = int(np.flatnonzero(grid == 0.5)[0])
         self._w_times_rest = (grid * (1 - grid))[:, None].astype(np.float64)
+        self._rounding_variance = share_variance(self._s, grid)
         self._curve, self._pattern, self._second = np.zeros((3, len(grid), pixels), np.float64)
         self._total, self._pilot = np.zeros((2, pixels), np.float64)
 
@@ -135,14 +136,10 @@ class Curves:
         n = max(self._n, 1)
         pattern, sample_variance = self._pattern / n, self._total / n
         # E_y[M2 - I^2 - w (1 - w) D^2] / S + var(n / S) Var_y(D)
-        curve = self._curve / n + self._rounding_variance()[:, None] * pattern
+        curve = self._curve / n + self._rounding_variance[:, None] * pattern
         # Var_y(I) = the pilot's variance less its curve: V(1/2) of balance with 2 S shading samples in place of S
         position = sample_variance - self._pilot / n / 2
         return with_gain_square(curve, self._second / n, self._half) | {"pattern": pattern, "position": position}
-
-    def _rounding_variance(self) -> Array:
-        """Return var(n / S) at each share, ``(G,)``."""
-        return share_variance(self._s, self._grid)
 
 
 def summed_variance(radiance: Array, count: int) -> Array:

@@ -29,6 +29,7 @@ class PatternCurves(Curves):
 
     def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance") -> None:
         super().__init__(pixels, shading_samples, combiner, SHARES)
+        self._rounding_variance = np.zeros(len(SHARES))
         self._halves = np.zeros(pixels)
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
@@ -48,6 +49,3 @@ class PatternCurves(Curves):
         sums = super().sums()
         del sums["pattern"]
         return sums | {"halves": self._halves}
-
-    def _rounding_variance(self) -> Array:
-        return np.zeros(len(SHARES))
