@@ -104,8 +104,6 @@ class Combiner:
         Its name in options and tables.
     heuristic
         Weights the samples; variance curves are those of this heuristic.
-    exponent
-        Of the densities in the heuristic's weights, 1 for balance; None if it is no power of them.
     has_curves
         Whether those variance curves are its own.
     two_techniques
@@ -120,7 +118,6 @@ class Combiner:
 
     name: str
     heuristic: Heuristic = balance
-    exponent: float | None = 1.0
     has_curves: bool = True
     two_techniques: bool = False
     exact_densities: bool = False
@@ -208,17 +205,16 @@ def combiner_by_name(name: str) -> Combiner:
     if name == "balance":
         return Combiner(name)
     if name == "maximum":
-        return Combiner(name, maximum, exponent=None)
+        return Combiner(name, maximum)
     kind, dash, text = name.partition("-")
     try:
         number = float(text) if dash else None
     except ValueError:
         number = np.nan
     if kind == "power" and number == number:
-        beta = 2.0 if number is None else number
-        return Combiner(name, power(beta), exponent=beta)
+        return Combiner(name, power(2.0 if number is None else number))
     if kind == "cutoff" and number == number:
-        return Combiner(name, cutoff(0.1 if number is None else number), exponent=None)
+        return Combiner(name, cutoff(0.1 if number is None else number))
     if "+" in name:
         raise ValueError(
             f"combiner must be one heuristic, because the pilot no longer chooses between several; got {name!r}. Use "

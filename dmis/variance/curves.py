@@ -230,12 +230,8 @@ class _SamplesTowardsLight:
             r_l, r_b = (np.maximum(r, MIN_DENSITY_RATIO) for r in (1 + d, 1 - d))
             self._x_l, self._x_b = x / np.sqrt(r_l), x / np.sqrt(r_b)
             self._pairs = x[:, 0] + x[:, 1]
-            # (p_b / p_l)^beta,  p_b / p_l = (1 - d) / (1 + d); p_b / p_l itself without beta, or if powers may overflow
-            beta = combiner.exponent
-            self._beta = beta if beta is not None and beta <= 3 else None
+            # p_b / p_l = (1 - d) / (1 + d)
             self._ratio = (1 - d) / r_l
-            if self._beta is not None:
-                self._ratio = self._ratio * self._ratio if beta == 2 else self._ratio ** np.float32(self._beta)
 
     def single_technique(self, w: float) -> Array:
         """Return M2 of one technique alone, at w = 0 or 1."""
@@ -270,7 +266,9 @@ class _SamplesTowardsLight:
 
         A sample of technique i has the value ``f h_i``, where ``q h_i = W_i / (w_i r_i)``.
         """
-        weight_l = self._light_weight(w)
+        # W_l depends on (1 - w) p_b / (w p_l) alone
+        densities = [np.ones_like(self._ratio), self._ratio * np.float32((1 - w) / w)]
+        weight_l = self._combiner.heuristic(densities, 0)
         weighted = self._x * weight_l
         # D = E_q[X (W_l / w - W_b / (1 - w))] = E_q[X (W_l / w - 1)] / (1 - w), where a pair is the mean of two
         difference = weighted[:, 0] + weighted[:, 1]
@@ -284,14 +282,6 @@ class _SamplesTowardsLight:
             weight *= weight
         second = _mean(weight_l, self._count) / np.float32(w) + _mean(weight_b, self._count) / np.float32(1 - w)
         return second, difference
-
-    def _light_weight(self, w: float) -> Array:
-        """Return the MIS weight W_l, which depends on ``(1 - w) p_b / (w p_l)`` alone."""
-        if self._beta is None:
-            densities = [np.ones_like(self._ratio), self._ratio * np.float32((1 - w) / w)]
-            return self._combiner.heuristic(densities, 0)
-        # W_l = 1 / (1 + ((1 - w) p_b / (w p_l))^beta)
-        return 1 / (1 + self._ratio * np.float32(((1 - w) / w) ** self._beta))
 
 
 def _mean(values: Array, count: int) -> Array:
