@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import shared_scene
 
 import dmis
 from dmis.experiment import reference
@@ -75,7 +76,7 @@ def test_rule_auto_agrees_with_the_pinned_balance_heuristic(name, options, tmp_p
     if name == "point":
         scene = box_scene(lights=(dmis.PointLight((0.5, -1.0, 1.5), (1.0, 1.0, 1.0)),), resolution=(24, 16))
     else:
-        scene = dmis.load_scene(name, resolution=(24, 16))
+        scene = shared_scene(name, (24, 16))
     halves = []
     for seed in range(8):
         monkeypatch.setattr(reference, "REFERENCE_SEED", 2 * seed)
