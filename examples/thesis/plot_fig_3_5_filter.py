@@ -23,9 +23,9 @@ opts, _ = options("plot_fig_3_5_filter", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 CROPS = {  # rows and columns, in shares of the image
-    "teapot-area-light": ((0.16, 0.46), (0.16, 0.46)),
-    "killeroo-diffuse": ((0.26, 0.61), (0.3, 0.65)),
-    "killeroo-gold": ((0.62, 0.97), (0.35, 0.7)),
+    "teapot-area-light": ((0.16, 0.36), (0.3, 0.5)),
+    "killeroo-diffuse": ((0.37, 0.57), (0.38, 0.58)),
+    "killeroo-gold": ((0.8, 1), (0.35, 0.55)),
 }
 
 # %%
@@ -137,7 +137,7 @@ opts.save_for_print(
     figure,
     "Figure 3.5: weights without and with the filter",
     f"""Weights (a) of the fit, (b) filtered; (c, d) framed part; images of
-    {opts.spp - 6} samples. MSE over that of the balance heuristic without and with
-    filter (95 % intervals over blocks of pixels): {"; ".join(told)}.""",
+    {opts.spp - 6} samples. MSE over that of the balance heuristic, 95 % intervals,
+    without and with filter: {"; ".join(told)}.""",
     panel=axes[2, 1],
 )
