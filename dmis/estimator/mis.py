@@ -181,10 +181,7 @@ class OptimalMIS(Combiner):
 
 SPECIAL = {combiner.name: combiner for combiner in (Frozen(), OptimalMIS())}
 """Combiners that are more than a heuristic, by name."""
-_REMOVED = {
-    "controlled": "balance",
-    "optimal-progressive": "optimal",
-}
+_REMOVED = {"controlled": "balance", "optimal-progressive": "optimal"}
 """Combiners of earlier versions, and what to use in their place."""
 
 

@@ -99,10 +99,7 @@ class Settings:
         "D",
     )
     sampler: str = _option(
-        "auto",
-        "sample points: independent, stratified, sobol or lowdiscrepancy (default sobol)",
-        str,
-        "NAME",
+        "auto", "sample points: independent, stratified, sobol or lowdiscrepancy (default sobol)", str, "NAME"
     )
     reuse_pilot: bool | None = None
     compensation: float | None = _option(

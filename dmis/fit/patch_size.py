@@ -37,11 +37,7 @@ SIZES = (4, 8, 16, 32)
 """Sides of the patches that are compared, in pixels; multiples of the first."""
 
 
-def choose_patch(
-    w: Array,
-    variance: Array,
-    fit: Callable[[Array, Array], Array],
-) -> tuple[int, Array]:
+def choose_patch(w: Array, variance: Array, fit: Callable[[Array, Array], Array]) -> tuple[int, Array]:
     """Return the patch size of the least held-out variance, and the score of each size.
 
     Parameters

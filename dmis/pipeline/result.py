@@ -142,13 +142,7 @@ class Result:
         return find_fireflies(self.image, self.variance, self.samples)
 
 
-def make_result(
-    job: Job,
-    final: Round,
-    image: tuple[Array, Array],
-    passes: Passes,
-    total: float,
-) -> Result:
+def make_result(job: Job, final: Round, image: tuple[Array, Array], passes: Passes, total: float) -> Result:
     """Return the result of a job, whose last round was `final`.
 
     Parameters

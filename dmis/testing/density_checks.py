@@ -23,13 +23,7 @@ CORNERS *= np.float32(1 - 2**-24)
 """Smallest and largest uniform numbers, ``(4, 6)``."""
 
 
-def view_checks(
-    views: Views,
-    corners: Views,
-    level: float,
-    value: str = "",
-    hides_itself: bool = False,
-) -> list[Check]:
+def view_checks(views: Views, corners: Views, level: float, value: str = "", hides_itself: bool = False) -> list[Check]:
     """Return all checks here, for `run_checks`.
 
     Parameters
