@@ -18,7 +18,7 @@ too large by up to a factor of two. With optimal weights they are the ratios of 
 in the table do not have this bias."""
 REGRET_NOTE = """ Regret of a rule's weights, with the balance heuristic: variance beyond that of the best weight, over
 that of w = ½, at equal samples. Saving: variance saved over w = ½, as a share of the saving of the best weights. Harm:
-share of lit patches with more than 1.02 times the variance of w = ½."""
+share of lit patches with more than 1.02 times the variance of w = ½. Weights of the heuristic alone have no regret."""
 NO_REGRET_NOTE = " Maps of regret need an oracle of the scene: render it with compare --oracle-spp."
 RATIO_LIMIT = 4.0
 """Largest variance ratio of the colour scale, whose smallest is its inverse."""
@@ -46,7 +46,8 @@ def share_maps(c: Comparison) -> str:
             with np.errstate(divide="ignore"):  # a ratio of 0 is at the end of the scale
                 ratio_map = map_png(np.log2(ratios), "PuOr_r", -np.log2(RATIO_LIMIT), np.log2(RATIO_LIMIT))
             maps.append(("variance / balance", f"median {middle:.2f}", ratio_map))
-        if c.oracle is not None:
+        light, brdf = layers["light_samples"], layers["brdf_samples"]
+        if c.oracle is not None and np.allclose(light, weight * (light + brdf), rtol=1e-3):  # w divides samples
             harm, error = c.oracle.harm(weight)
             figures = f"saving {share_text(c.oracle.saving(weight))}, harm in {harm:.1%} ± {error:.1%}"
             maps.append(("regret", figures, map_png(c.oracle.regret(weight), "magma", 0, 1)))

@@ -21,6 +21,7 @@ from PIL import Image
 from dmis import plot
 from dmis.experiment.convergence import gains
 from dmis.experiment.report.comparer import linear_png, palette_colours
+from dmis.experiment.report.maps import share_maps
 from dmis.experiment.report.page import write_report
 from dmis.experiment.report.plots import INK, convergence, error_lines, map_png, variance_ratio
 from dmis.experiment.report.tables import ratio_text
@@ -102,6 +103,15 @@ def test_pictures_decode(page):
         with Image.open(io.BytesIO(base64.b64decode(text, validate=True))) as image:
             image.load()
             assert image.mode == "RGB" and min(image.size) >= 6
+
+
+def test_tilts_have_no_regret(made):
+    """The oracle's curves are of shares: weights that do not divide the samples are not judged by them."""
+    comparison, _ = made
+    layers = comparison.pictures["pbrt", 16]
+    tilted = {**comparison.pictures, ("pbrt", 16): {**layers, "weight": layers["weight"] * 0.5}}
+    before, after = (share_maps(dataclasses.replace(comparison, pictures=p)) for p in (comparison.pictures, tilted))
+    assert before.count("saving") == after.count("saving") + 1
 
 
 def test_images_are_the_renders(made, page):
