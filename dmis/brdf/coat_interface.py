@@ -33,20 +33,10 @@ _LEAST_COSINE = np.float32(1e-7)
 
 
 def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float = 0.0) -> Array:
-    """Return the share of the light from outside that arrives below the layer, ``(N,)``.
+    """Return the share of the light from outside that arrives below the layer, ``(N,)``, at cosines outside in [0, 1].
 
-    Parameters
-    ----------
-    cos
-        Cosines outside, ``(N,)`` float32, in [0, 1].
-    eta, alpha, thickness
-        The index inside over outside, the roughness, and the optical thickness of the layer.
-
-    Returns
-    -------
-    share
-        ``1 - F`` times the absorption if the interface is smooth; else linear between the nodes of a table in
-        ``sqrt(cos)``, along which the share is smooth to the horizon.
+    It is ``1 - F`` times the absorption if the interface is smooth (`alpha` 0); else linear between the nodes of a
+    table in ``sqrt(cos)``, along which the share is smooth to the horizon.
     """
     if alpha:
         values, steps = _table(eta, alpha, thickness)
@@ -96,13 +86,8 @@ def internal_reflectance(eta: float, alpha: float = 0.0, thickness: float = 0.0)
 def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
     """Return the half vectors that directions of cosines `cos` ``(M,)`` see: nodes of a quadrature, float64.
 
-    Returns
-    -------
-    cos_o, cos_d, cos_h
-        Cosines of wo with the normal ``(M, 1, 1)``, of wo and of the normal with the half vectors ``(M, FACETS,
-        FACETS)``.
-    weight
-        Weights of the nodes, ``(FACETS, 1)``; their sum over both axes is 1.
+    These are the cosines of wo with the normal ``(M, 1, 1)``, of wo and of the normal with the half vectors ``(M,
+    HALF_VECTOR_NODES, HALF_VECTOR_NODES)``, and weights ``(HALF_VECTOR_NODES, 1)``, whose sum over both axes is 1.
     """
     nodes, weights = _gauss(HALF_VECTOR_NODES)
     u = (1 - (1 - nodes) ** 2)[:, None]  # many nodes near 1, where facets stand upright

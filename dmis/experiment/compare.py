@@ -32,12 +32,7 @@ def parse_rules(text: str) -> list[str]:
     """Return the rules of a text that separates them by commas, such as ``balance,thesis:patch=8,filter=none``.
 
     Commas also separate the options of a rule, ``name=value``; anything else begins a new rule. ``all`` stands for
-    every rule with its defaults.
-
-    Raises
-    ------
-    ValueError
-        If the text names something that is not a rule, or an option that its rule does not have.
+    every rule with its defaults. A ValueError if something is no rule, or an option that its rule does not have.
     """
     rules: list[str] = []
     for item in map(str.strip, text.split(",")):

@@ -77,12 +77,8 @@ class Gain:
 def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis) -> tuple[Array, Array]:
     """Return the points of a rule's line of error against samples, rays or seconds, fewest samples first.
 
-    Returns
-    -------
-    x
-        Values on the axis, ``(B,)``: seconds are medians over seeds, and rays are means.
-    mse
-        Mean squared errors by seed, ``(K, B)``.
+    That is the values on the axis ``(B,)``, medians over seeds of seconds or means of rays, and mean squared errors by
+    seed ``(K, B)``.
     """
     budgets = [by_seed for (name, _), by_seed in sorted(runs.items(), key=lambda item: item[0][1]) if name == rule]
     x = {
@@ -135,18 +131,11 @@ def error_times(rules: Sequence[Sequence[Run]], baseline: Sequence[Run]) -> list
     That is the inverse of the ratio of efficiencies, ``1 / (V T)``, which does not depend on the number of samples
     if error falls as 1 / N.
 
-    Parameters
-    ----------
-    rules, baseline
-        Runs with one number of samples, one per seed, in the same order of seeds: those of one seed are rendered in
-        turns, so what slows the machine down slows both.
-
-    Returns
-    -------
-    Ratios of means over seeds, with Student's intervals of their logarithms (`dmis.experiment.metrics.log_ratio`): the
-    scatter of error and of time are both in them. Intervals of several rules have the levels of Holm
-    (`dmis.experiment.metrics.holm_levels`). The ends are NaN for one seed, because one run does not show the scatter
-    of times; all is NaN for errors that are not above 0, or without CPU seconds.
+    Runs are of one number of samples, one per seed, in the same order of seeds: those of one seed are rendered in
+    turns, so what slows the machine down slows both. Ratios are of means over seeds, with Student's intervals of their
+    logarithms (`dmis.experiment.metrics.log_ratio`): the scatter of error and of time are both in them. Intervals of
+    several rules have the levels of Holm (`dmis.experiment.metrics.holm_levels`). The ends are NaN for one seed, since
+    one run does not show the scatter of times; all is NaN for errors that are not above 0, or without CPU seconds.
     """
     from scipy.stats import t  # imported where used: scipy.stats takes half a second
 

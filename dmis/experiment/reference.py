@@ -183,14 +183,8 @@ def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
 def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
     """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
 
-    An image of dmis, which names its scene, integrator and depth, must be one of `scene` with `settings`, if given.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If it holds no image of three finite channels, or is an image of something else.
+    An image of dmis, which names its scene, integrator and depth, must be one of `scene` with `settings`, if given. A
+    FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")

@@ -121,8 +121,10 @@ def _mesh_scene(source: Any, resolution: Any, camera: Camera | None, lights: Any
 
 def _named_meshes(source: Any, material: Any) -> tuple[list[tuple[str, Mesh]], str, str, tuple[str, ...]]:
     """Return named meshes of a file or an object, the scene's name, the axis that is up, and what is not read."""
+    if isinstance(source, Mesh):
+        return [("", source)], "scene", "z", ()
     if not isinstance(source, str | os.PathLike):
-        return _meshes(source), "scene", "z", ()
+        return _trimeshes(source), "scene", "z", ()
     path = Path(source)
     if isinstance(material, Mapping):
         raise ValueError(
@@ -163,15 +165,13 @@ def _pbrt_file(source: Any) -> Path | None:
     )
 
 
-def _meshes(source: Any) -> list[tuple[str, Mesh]]:
+def _trimeshes(source: Any) -> list[tuple[str, Mesh]]:
     """Return the meshes of a source with their geometries' names."""
     import trimesh
 
-    if isinstance(source, trimesh.Scene):
-        return placed_meshes(source)
-    if not isinstance(source, Mesh | trimesh.Trimesh):
+    if not isinstance(source, trimesh.Scene | trimesh.Trimesh):
         raise ValueError(f"source must be a path, a name, a Mesh, or of trimesh; got {type(source).__name__}")
-    return [("", source if isinstance(source, Mesh) else from_trimesh(source))]
+    return placed_meshes(source) if isinstance(source, trimesh.Scene) else [("", from_trimesh(source))]
 
 
 def _material_of(name: str, material: Any) -> Material:
@@ -192,15 +192,9 @@ _DEFAULT = matte()
 def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:
     """Return the lights of a mesh that has none: an even sky, and a lamp that shows its shape.
 
-    The sky has radiance `SKY`. The lamp is a square behind the camera, to the upper left, that looks at the middle of
-    the mesh and is about as large. An unoccluded white surface that faces the lamp has radiance 1.
-
-    Parameters
-    ----------
-    camera
-        What sees the mesh; the lamp is not in its view.
-    low, high
-        Least and largest coordinates of the mesh, ``(3,)``.
+    The sky has radiance `SKY`. The lamp is a square behind the camera, to the upper left and out of its view, that
+    looks at the middle of the mesh, whose least and largest coordinates are `low` and `high` ``(3,)``, and is about as
+    large. An unoccluded white surface that faces the lamp has radiance 1.
     """
     middle = (low + high) / 2
     eye = np.asarray(camera.to_world, float)[:3, 3]

@@ -64,11 +64,8 @@ class Cells:
         grid = values.swapaxes(1, 2).reshape(rings * k, sectors * k)
         largest_steps = np.zeros_like(grid)
         for lines, sums in ((grid, largest_steps), (grid.T, largest_steps.T)):
-            step = np.abs(np.diff(lines, axis=0)) / 2
-            largest = np.zeros_like(lines)
-            largest[1:] = step
-            np.maximum(largest[:-1], step, out=largest[:-1])
-            sums += largest
+            halves = np.pad(np.abs(np.diff(lines, axis=0)) / 2, ((1, 1), (0, 0)))
+            sums += np.maximum(halves[1:], halves[:-1])
         steps = largest_steps.reshape(rings, k, sectors, k).swapaxes(1, 2)
         return (values * weights).sum(axis=(2, 3)), (steps * weights).sum(axis=(2, 3))
 

@@ -24,18 +24,10 @@ CORNERS *= np.float32(1 - 2**-24)
 
 
 def view_checks(views: Views, corners: Views, level: float, value: str = "", hides_itself: bool = False) -> list[Check]:
-    """Return all checks here, for `run_checks`.
+    """Return all checks here, for `run_checks`, each test at the significance `level`.
 
-    Parameters
-    ----------
-    views, corners
-        Places with ``COUNT`` samples, and places with samples of the uniform numbers `CORNERS`.
-    level
-        Significance level of each test.
-    value
-        Name of `DensityView.value` in messages; empty: there is none.
-    hides_itself
-        See `check_hit`.
+    `views` are places with `COUNT` samples, `corners` those with samples of the uniform numbers `CORNERS`. The name of
+    `DensityView.value` in messages is `value`, empty if there is none. About `hides_itself` see `check_hit`.
     """
     checks = [
         ("values are finite and not negative", lambda: check_finite(corners, value)),
@@ -97,16 +89,9 @@ def _difference(mean: Array, exact: Integral, limit: float) -> str:
 def check_hit(views: Views, hides_itself: bool = False, share: float = 0.995, name: str = "sample") -> str:
     """Raise a Fault if `hit` reports other light samples of the directions than `sample` does.
 
-    The pdfs are compared where there is a `DensityView.value`: that of a technique's light samples is the light's.
-
-    Parameters
-    ----------
-    hides_itself
-        Whether `sample` may pick a point that another point of the light hides.
-    share
-        Least share of directions in which both must agree: rounding decides at outlines.
-    name
-        Name of what returned `sample`, for messages.
+    They must agree in a `share` of the directions at least, since rounding decides at outlines. If the light
+    `hides_itself`, `sample` may pick a point that another one hides. The pdfs are compared where there is a
+    `DensityView.value`: that of a technique's light samples is the light's. `name` is that of what returned `sample`.
     """
     for view in views:
         assert view.sample is not None and view.hit is not None

@@ -30,17 +30,7 @@ _SHIPPED = tuple(TECHNIQUES.values())
 
 @dataclass(frozen=True)
 class Subject:
-    """An object of a module that can be checked.
-
-    Attributes
-    ----------
-    name
-        In the module, or under which it is registered.
-    kind
-        ``lobe``, ``light``, ``technique`` or ``rule``.
-    item
-        The object, or the name of a registered rule.
-    """
+    """An object of a module that can be checked, or the name of a registered rule, with its kind (of `_KINDS`)."""
 
     name: str
     kind: str

@@ -53,11 +53,13 @@ def _section(number: int, c: Comparison) -> str:
     """Return the section of a comparison."""
     height, width = c.reference.first.shape[:2]
     rows = gains(c.runs)
+    noise = alarm.reference_noise(c.reference, (g.mse for g in rows))
+    alarms = noise, alarm.summary(run for by_seed in c.runs.values() for run in by_seed)
     elements = [
         f'<section id="s{number}"><h2>{escaped(c.scene)}</h2>',
         f'<p class="facts">{width}×{height} pixels · {tables.count_text(c.seeds, "seed")} · '
         f"{escaped(c.about['parallel'])} · {escaped(c.reference.text())}</p>",
-        *_alarms(c, rows),
+        *(f'<p class="alarm">⚠ {escaped(text)}</p>' for text in alarms if text),
         *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),
         _verdict(rows),
         f'<div class="plots">{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
@@ -75,13 +77,6 @@ def _section(number: int, c: Comparison) -> str:
         "</section>",
     ]
     return "\n".join(elements)
-
-
-def _alarms(c: Comparison, rows: Sequence[Gain]) -> list[str]:
-    """Return a paragraph if the reference is too noisy, and one if the mean of an image is not that of it."""
-    noise = alarm.reference_noise(c.reference, (g.mse for g in rows))
-    mean = alarm.summary(run for by_seed in c.runs.values() for run in by_seed)
-    return [f'<p class="alarm">⚠ {escaped(text)}</p>' for text in (noise, mean) if text]
 
 
 def _verdict(rows: Sequence[Gain]) -> str:

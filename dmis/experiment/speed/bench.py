@@ -88,10 +88,7 @@ def bench(
     options
         ``settings`` and fields of `dmis.Settings` by name, for all rules, see `dmis.pipeline.render.render`.
 
-    Raises
-    ------
-    ValueError
-        If there is no repeat, or no sample beside the pilot of a rule.
+    A ValueError if there is no repeat, or no sample beside the pilot of a rule.
     """
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1; got {repeats}")

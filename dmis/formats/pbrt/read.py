@@ -72,20 +72,9 @@ def read_pbrt(
     one. If the words of the file fit several dialects, it is read by the first of them, with a warning. Links to files
     count as where they lead. The scene's `source` says which dialect the file was read by, and why.
 
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    PbrtError
-        If it is malformed, or asks for what is not supported. The message begins ``FILE:LINE: token TOKEN:``.
-    ValueError
-        If the resolution or the dialect is not one, or the file is too large.
-
-    Warns
-    -----
-    PbrtWarning
-        Once each, if something in the file was not used, if reflectances exceed 1, and if the dialect is a guess or not
-        that of the file's words.
+    A PbrtError, whose message begins ``FILE:LINE: token TOKEN:``, if the file is malformed or asks for what is not
+    supported. One PbrtWarning each if something in it was not used, if reflectances exceed 1, and if the dialect is a
+    guess or not that of the file's words.
     """
     path, resolution = _checked(path, resolution, dialect)
     source = Source.read(path, outside)

@@ -25,22 +25,16 @@ ROUNDED = ("lowdiscrepancy", "02sequence", "maxmindist", "adaptive")
 
 
 class SampleRequests:
-    """The sampler and the numbers of samples that the lines of a file ask for.
-
-    Attributes
-    ----------
-    strategy
-        ``all`` or ``one``: the lights that direct lighting samples at each point; None if no line says.
-    light_samples
-        Samples of each light so far.
-    """
+    """The sampler and the numbers of samples that the lines of a file ask for."""
 
     def __init__(self, dialect: str) -> None:
         self._dialect = dialect
         self._sampler: str | None = None
         self._spp: int | None = None
         self.strategy: str | None = None
+        """``all`` or ``one``: the lights that direct lighting samples at each point; None if no line says."""
         self.light_samples: list[int] = []
+        """Samples of each light so far."""
 
     def read_sampler(self, line: Token, p: Parameters) -> None:
         """Read a Sampler line, whose string is `line`."""
