@@ -48,6 +48,14 @@ def number(name: str, value: Any, least: float = -inf, most: float = inf, more: 
     return float(plain)
 
 
+def one_of(name: str, value: Any, allowed: Iterable[Any]) -> Any:
+    """Return the one of the `allowed` values that `value` equals; raise a ValueError that calls it `name` otherwise."""
+    choices = tuple(allowed)
+    if value not in choices:
+        raise ValueError(f"{name} must be {' or '.join(map(str, choices))}; got {value!r}")
+    return choices[choices.index(value)]
+
+
 def pair(name: str, value: Any, check: Callable[[str, Any], T]) -> tuple[T, T]:
     """Return two values, each checked by `check`; raise a ValueError that calls them `name` otherwise."""
     values = tuple(value) if isinstance(value, Iterable) else ()

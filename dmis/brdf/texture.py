@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dmis.base.validate import one_of
 from dmis.base.vectors import Array
 
 Wrap = Literal["repeat", "black", "clamp"]
@@ -60,8 +61,7 @@ class Image:
             if not (np.abs(values) <= MAX_UV_SCALE).all():
                 bound = f"within {MAX_UV_SCALE:g}, because lookups are in float32"
                 raise ValueError(f"{name} must be {bound}; got {values}")
-        if self.wrap not in ("repeat", "black", "clamp"):
-            raise ValueError(f"wrap must be 'repeat', 'black' or 'clamp'; got {self.wrap!r}")
+        one_of("wrap", self.wrap, ("repeat", "black", "clamp"))
         if texels.shape[2] == 3 and (texels == texels[..., :1]).all():
             texels = texels[..., :1]
         object.__setattr__(self, "texels", np.ascontiguousarray(texels))

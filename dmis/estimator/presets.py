@@ -25,9 +25,15 @@ class Preset:
     choices: Mapping[str, tuple[Any, ...]]
     rule: str
 
-    def allowed(self, field: str) -> tuple[Any, ...]:
-        """Return the values that a field may have; an empty tuple stands for any."""
-        return self.choices.get(field, (self.values[field],))
+    def check(self, settings: Any) -> None:
+        """Raise a ValueError if a field of the settings has a value that the preset does not allow."""
+        for name, pinned in self.values.items():
+            allowed, value = self.choices.get(name, (pinned,)), getattr(settings, name)
+            if allowed and value not in allowed:
+                raise ValueError(
+                    f"preset {settings.preset} has {name} {' or '.join(map(repr, allowed))}; got {value!r}. "
+                    f"Give another value, or no preset"
+                )
 
 
 PRESETS: Mapping[str, Preset] = {

@@ -6,9 +6,10 @@ import math
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
-from dmis.base.validate import did_you_mean, whole
+from dmis.base.validate import did_you_mean, one_of, whole
 from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import technique_by_name
@@ -21,6 +22,38 @@ MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
 REMOVED_SETTINGS = {"replicates": "Render with several seeds, and take dmis.average of the results"}
 """Settings of earlier versions, and what to do in their place."""
+
+
+def _technique_names(name: str, value: Any) -> tuple[str, ...]:
+    """Return names of techniques as a tuple; raise a ValueError unless they are two or more."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise ValueError(f"{name} must be names such as ('light', 'brdf'); got {value!r}")
+    names = tuple(value)
+    if len(names) < 2:
+        raise ValueError(f"{name} must be at least two names, which share the samples; got {names}")
+    return names
+
+
+def _combiner_name(name: str, value: Any) -> str:
+    """Return the name of a combiner; raise a ValueError if it is something else."""
+    if not isinstance(value, str):
+        raise ValueError(f"{name} must be a name such as 'balance' or 'power'; got {value!r}")
+    return value
+
+
+_CHECKS: dict[str, Callable[[str, Any], Any]] = {
+    "shading_samples": partial(whole, least=1, most=MAX_SHADING_SAMPLES),
+    "techniques": _technique_names,
+    "combiner": _combiner_name,
+    "allocation": partial(one_of, allowed=("systematic", "random")),
+    "max_depth": lambda name, d: d if d in (None, "auto") else whole(name, d, 1, MAX_DEPTH, "auto or None"),
+    "sampler": lambda name, kind: one_of(name, kind, ("auto", *SAMPLERS)),
+    "reuse_pilot": partial(one_of, allowed=(True, False, None)),
+    "compensation": lambda _, share: check_compensation(share),
+    "preset": partial(one_of, allowed=(*PRESETS, None)),
+}
+"""Check of each field of `Settings` that is not one of its option's choices: it takes name and value, returns the value
+as it is kept, or raises a ValueError."""
 
 
 def _depth(text: str) -> int | str | None:
@@ -108,58 +141,34 @@ class Settings:
     preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
 
     def __post_init__(self) -> None:
-        shading_samples = whole("shading_samples", self.shading_samples, 1, MAX_SHADING_SAMPLES)
-        object.__setattr__(self, "shading_samples", shading_samples)
-        if isinstance(self.techniques, str) or not isinstance(self.techniques, Iterable):
-            raise ValueError(f"techniques must be names such as ('light', 'brdf'); got {self.techniques!r}")
-        object.__setattr__(self, "techniques", tuple(self.techniques))
-        if len(self.techniques) < 2:
-            raise ValueError(f"techniques must be at least two names, which share the samples; got {self.techniques}")
-        techniques = [technique_by_name(name) for name in self.techniques]
-        if not isinstance(self.combiner, str):
-            raise ValueError(f"combiner must be a name such as 'balance' or 'power'; got {self.combiner!r}")
-        combiner = combiner_by_name(self.combiner)
-        if len(techniques) > 2 and combiner.two_techniques:
-            raise ValueError(
-                f"combiner {self.combiner} needs two techniques; got {len(techniques)}: {', '.join(self.techniques)}"
-            )
-        without = [repr(technique.name) for technique in techniques if not technique.exact]
-        if combiner.exact_densities and without:
-            raise ValueError(
+        for option in fields(self):
+            check = _CHECKS.get(option.name) or partial(one_of, allowed=option.metadata["choices"])
+            object.__setattr__(self, option.name, check(option.name, getattr(self, option.name)))
+        combiner, names = combiner_by_name(self.combiner), ", ".join(self.techniques)
+        without = [repr(name) for name in self.techniques if not technique_by_name(name).exact]
+        for is_wrong, reason in (
+            (
+                len(self.techniques) > 2 and combiner.two_techniques,
+                f"combiner {self.combiner} needs two techniques; got {len(self.techniques)}: {names}",
+            ),
+            (
+                combiner.exact_densities and without,
                 f"combiner {self.combiner} needs the pdf of every technique, but {', '.join(without)} has none. Use "
-                f"combiner balance or power"
-            )
-        choices = {option.name: option.metadata.get("choices") for option in fields(self)}
-        choices |= {"allocation": ("systematic", "random"), "sampler": ("auto", *SAMPLERS)}
-        choices |= {"reuse_pilot": (True, False, None), "preset": (*PRESETS, None)}
-        for name, allowed in choices.items():
-            if allowed and getattr(self, name) not in allowed:
-                raise ValueError(f"{name} must be {' or '.join(map(str, allowed))}; got {getattr(self, name)!r}")
-        if combiner.fits_pixels and self.lights != "all":
-            raise ValueError(
-                f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light"
-            )
-        if self.reuse_pilot is not None:
-            object.__setattr__(self, "reuse_pilot", bool(self.reuse_pilot))
-        if self.compensation is not None:
-            object.__setattr__(self, "compensation", check_compensation(self.compensation))
-        if self.max_depth is None and self.integrator != "path":
-            raise ValueError(
-                "max_depth must be a number with integrator direct or auto, because mirrors may face each other"
-            )
-        if self.max_depth not in (None, "auto"):
-            object.__setattr__(self, "max_depth", whole("max_depth", self.max_depth, 1, MAX_DEPTH, "auto or None"))
-        self._check_preset()
-
-    def _check_preset(self) -> None:
-        """Refuse values that the preset does not allow by a ValueError."""
-        for name in PRESETS[self.preset].values if self.preset else ():
-            allowed, value = PRESETS[str(self.preset)].allowed(name), getattr(self, name)
-            if allowed and value not in allowed:
-                raise ValueError(
-                    f"preset {self.preset} has {name} {' or '.join(map(repr, allowed))}; got {value!r}. "
-                    f"Give another value, or no preset"
-                )
+                f"combiner balance or power",
+            ),
+            (
+                combiner.fits_pixels and self.lights != "all",
+                f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light",
+            ),
+            (
+                self.max_depth is None and self.integrator != "path",
+                "max_depth must be a number with integrator direct or auto, because mirrors may face each other",
+            ),
+        ):
+            if is_wrong:
+                raise ValueError(reason)
+        if self.preset is not None:
+            PRESETS[self.preset].check(self)
 
     @property
     def sky_compensation(self) -> float:
@@ -223,13 +232,8 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     if settings is not None and not isinstance(settings, Settings):
         raise ValueError(f"settings must be a dmis.Settings or None; got {settings!r}")
     names = [field.name for field in fields(Settings)]
-    if removed := options.keys() & REMOVED_SETTINGS.keys():
-        name = removed.pop()
-        raise ValueError(f"option {name} was removed. {REMOVED_SETTINGS[name]}")
     if unknown := [name for name in options if name not in names]:
-        is_parallel = {"threads", "workers", "executor"} & set(unknown)
-        hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)
-        raise ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
+        raise _no_such_option(unknown, names)
     preset = options.get("preset")
     if preset is not None and settings is not None and settings.preset != preset:
         raise ValueError(
@@ -239,6 +243,16 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
     if isinstance(preset, str) and preset in PRESETS and settings is None:
         settings = Settings(**PRESETS[preset].values)
     return replace(settings or Settings(), **options)
+
+
+def _no_such_option(unknown: list[str], names: list[str]) -> ValueError:
+    """Return the error that options are no fields of `Settings`, which has the fields `names`."""
+    if removed := REMOVED_SETTINGS.keys() & set(unknown):
+        name = removed.pop()
+        return ValueError(f"option {name} was removed. {REMOVED_SETTINGS[name]}")
+    is_parallel = {"threads", "workers", "executor"} & set(unknown)
+    hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)
+    return ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")
 
 
 def resolve_auto(settings: Settings, scene: Scene) -> Settings:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmis.base.patches import PATCH
-from dmis.base.validate import number, positive
+from dmis.base.validate import number, one_of, positive
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.filter import check_taps
@@ -65,8 +65,7 @@ class PooledRule(Rule):
         check_taps(self.size)
         positive("sigma", self.sigma)
         number("guard", self.guard, 0, more="in standard errors")
-        if self.filter not in ("gaussian", "none", "joint"):
-            raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
+        one_of("filter", self.filter, ("gaussian", "none", "joint"))
 
     @property
     def needs_features(self) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dmis.base.validate import one_of
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.mis import combiner_by_name
@@ -306,8 +307,7 @@ def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
 
 def check_weigh(weigh: str, combiner: str) -> None:
     """Raise a ValueError unless weights can be what `weigh` says, with this combiner."""
-    if weigh not in WEIGH:
-        raise ValueError(f"weigh must be {' or '.join(WEIGH)}; got {weigh!r}")
+    one_of("weigh", weigh, WEIGH)
     if weigh == "heuristic" and combiner != "balance":
         raise ValueError(f"weigh=heuristic needs combiner balance, whose shares it changes; got combiner {combiner}")
 

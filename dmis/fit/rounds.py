@@ -40,6 +40,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum, row_blocks
+from dmis.base.validate import one_of
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost, rays_of_colours
@@ -138,8 +139,7 @@ class Rounds(Rule):
             raise ValueError(f"exponent must be in [1, 3], or 0 to choose it; got {self.exponent}")
         if not self.guard >= 0:
             raise ValueError(f"guard must not be negative, standard errors; got {self.guard}")
-        if self.filter not in ("gaussian", "none", "joint"):
-            raise ValueError(f"filter must be gaussian, none or joint; got {self.filter!r}")
+        one_of("filter", self.filter, ("gaussian", "none", "joint"))
         combiner = combiner_by_name(self.combiner)
         if not combiner.has_curves:
             raise ValueError(

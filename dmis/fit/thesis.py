@@ -19,7 +19,7 @@ import numpy as np
 
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread, patch_sum
-from dmis.base.validate import positive, whole
+from dmis.base.validate import one_of, positive, whole
 from dmis.base.vectors import Array
 from dmis.filter import check_taps, gaussian
 from dmis.fit.patch_size import SIZES, choose_patch
@@ -91,14 +91,10 @@ class Thesis(Rule):
         if self.patch != "auto" and not (isinstance(self.patch, int | np.integer) and 1 <= self.patch <= 65535):
             raise ValueError(f"patch must be 1 to 65535 pixels, or auto; got {self.patch!r}")
         whole("spp of the pilot", self.spp, 2, more="because a variance needs two samples")
-        for name, value, allowed in (
-            ("channels", self.channels, ("luminance", "rgb")),
-            ("filter", self.filter, ("gaussian", "none")),
-            ("no_signal", self.no_signal, ("half", "skip")),
-            ("ragged", self.ragged, ("equal", "area")),
-        ):
-            if value not in allowed:
-                raise ValueError(f"{name} must be {' or '.join(allowed)}; got {value!r}")
+        one_of("channels", self.channels, ("luminance", "rgb"))
+        one_of("filter", self.filter, ("gaussian", "none"))
+        one_of("no_signal", self.no_signal, ("half", "skip"))
+        one_of("ragged", self.ragged, ("equal", "area"))
         check_weigh(self.weigh, self.combiner)
         check_taps(self.size)
         positive("sigma", self.sigma)

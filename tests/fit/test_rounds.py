@@ -244,7 +244,7 @@ def test_errors() -> None:
         ({"spp": 6}, "multiple of 4, or 0 to choose it; got 6"),
         ({"exponent": 0.5}, r"exponent must be in \[1, 3\]"),
         ({"guard": -1.0}, "guard must not be negative"),
-        ({"filter": "box"}, "filter must be gaussian, none or joint; got 'box'"),
+        ({"filter": "box"}, "filter must be gaussian or none or joint; got 'box'"),
     ):
         with pytest.raises(ValueError, match=message):
             Rounds(**options)
