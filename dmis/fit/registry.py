@@ -132,7 +132,7 @@ def make_rule(rule: Rule | str) -> Rule:
         return _given_shares(options)
     if name == "fixed" and "w" not in options:
         raise ValueError("rule fixed needs the share of light samples, such as fixed:0.5; got none")
-    return _check_object(RULES[name](**options))
+    return RULES[name](**options)  # a rule, as `register_rule` has checked
 
 
 def _check_object(rule: Any) -> Rule:

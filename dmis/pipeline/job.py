@@ -139,7 +139,14 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings
         settings = replace(settings, reuse_pilot=settings.sampler == "independent")
     if settings.compensation is None:
         settings = replace(settings, compensation=0 if rule.statistic is None else LEARNED_COMPENSATION)
-    _check_rule(rule, text, settings)
+    techniques = settings.techniques
+    if len(techniques) > 2 and not rule.multi_technique:
+        raise ValueError(
+            f"rule {text} needs two techniques; got {len(techniques)}: {', '.join(techniques)}. "
+            f"Use rule simplex:{'+'.join(techniques)}"
+        )
+    if rule.statistic is not None:
+        _check_statistic(rule, text, settings)
     if rule.shares_only and not float32_scene.plan.mixable:
         notes, rule = {**notes, "nothing_to_mix": NOTHING_TO_MIX}, _equal_shares(settings)
     if spp <= (pilot_spp := rule.pilot_samples(spp)):
@@ -178,16 +185,8 @@ def _without_densities(settings: Settings) -> list[str]:
     return [name for name in settings.techniques if not technique_by_name(name).exact]
 
 
-def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
-    """Raise a ValueError if the rule does not go with the techniques, the samples or the allocation of the settings."""
-    techniques = len(settings.techniques)
-    if techniques > 2 and not rule.multi_technique:
-        raise ValueError(
-            f"rule {text} needs two techniques; got {techniques}: {', '.join(settings.techniques)}. "
-            f"Use rule simplex:{'+'.join(settings.techniques)}"
-        )
-    if rule.statistic is None:
-        return
+def _check_statistic(rule: Rule, text: str, settings: Settings) -> None:
+    """Raise a ValueError if the rule's statistic does not go with the techniques, samples or allocation of settings."""
     if not rule.multi_technique and (without := _without_densities(settings)):
         raise ValueError(
             f"rule {text} needs the pdf of every technique, but {', '.join(map(repr, without))} has none. Use thesis "
@@ -207,7 +206,7 @@ def _check_rule(rule: Rule, text: str, settings: Settings) -> None:
                 f"{name} must be even for rule {text}, which learns from two halves of them; got {n}. Use {n + 1}, or "
                 f"rule thesis"
             )
-        if name != "shading_samples" and n % techniques:
+        if name != "shading_samples" and n % (techniques := len(settings.techniques)):
             raise ValueError(f"{name} must be a multiple of {techniques}, the number of techniques; got {n}")
     pilot_settings(settings, paired=True)  # refuses too many shading samples
 
