@@ -32,8 +32,8 @@ curves = {
 print_curves(curves)
 
 # %%
-# The parabola itself is not drawn. V(0) is so large that it is negative at its minimum,
-# which no error is, and near w = 3/4 whatever the curve does there.
+# Bars are ± 2 standard errors. The parabola itself is not drawn: V(0) is so large that
+# its minimum is negative, which no error is, and near w = 3/4 whatever the curve does.
 figure, axis = draw_curves(scene, opts, curves)
 tilt = {colour: curve.error["heuristic"] for colour, curve in curves.items()}
 share = {colour: curve.error["samples"] for colour, curve in curves.items()}

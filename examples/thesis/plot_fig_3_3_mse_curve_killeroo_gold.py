@@ -32,8 +32,7 @@ opts.save_for_print(
     "Figure 3.3: error against weight, KILLEROO GOLD",
     f"""As Figure 3.2. On the gold (red) BRDF sampling is better: by shares the error is
     {red["samples"][0]:.2f} at w = 0 and {red["samples"][-1]:.2f} at w = 1; by tilts its
-    minimum is inside. On the floor (blue) light sampling is better by shares:
-    {blue["samples"][0]:.0f} and {blue["samples"][-1]:.2f}. A tilt beyond ½ changes
-    nothing there.""",
+    minimum is inside. On the floor (blue) light sampling is, by shares:
+    {blue["samples"][0]:.0f} and {blue["samples"][-1]:.2f}.""",
     panel=axis,
 )
