@@ -35,9 +35,6 @@ from dmis.scene.scene import Scene
 MAX_WORKERS = 1024
 """Largest number of threads or processes."""
 
-MAIN_GUARD = 'if __name__ == "__main__":'
-"""Line of a script under which it must start processes."""
-
 
 @dataclass(frozen=True)
 class Processes:
@@ -108,14 +105,16 @@ class Workers:
             If a worker died, or the cluster was lost, and no scheduler renders its tiles again.
         """
         waiting: dict[Future[FilmTile], Tile] = {}
+        distributed = sys.modules.get("distributed")  # Dask's, if it is used
+        losses = (BrokenExecutor, CancelledError, *((distributed.KilledWorker,) if distributed else ()))
         try:
             for tile in tiles:
                 waiting[self._submit(tile)] = tile
             for future in as_completed(list(waiting)):
                 tile = waiting.pop(future)
                 yield tile, future.result()
-        except _losses() as error:
-            script = f", or if a script starts the render outside of `{MAIN_GUARD}`" if self._own else ""
+        except losses as error:
+            script = ', or if a script starts the render outside of `if __name__ == "__main__":`' if self._own else ""
             raise ChildProcessError(
                 f"workers died before all tiles were rendered ({type(error).__name__}: {error}). They die if memory "
                 f"runs out{script}. With a checkpoint, checkpoint=DIR or --checkpoint DIR, finished tiles are kept, "
@@ -230,9 +229,3 @@ def _send(executor: Any, scene: Scene) -> Any:
     if client.scheduler_info(n_workers=1)["workers"]:
         client.replicate([future])
     return future
-
-
-def _losses() -> tuple[type[Exception], ...]:
-    """Return the errors of a future whose worker died or whose cluster is gone."""
-    distributed = sys.modules.get("distributed")
-    return (BrokenExecutor, CancelledError, *((distributed.KilledWorker,) if distributed else ()))
