@@ -22,7 +22,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -30,8 +29,6 @@ from dmis.base.vectors import Array, compose
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.samplers.streams import RoundingSampler, Sampler
-
-Allocation = Literal["systematic", "random"]
 
 
 def shares_of(weight: Array | float | Sequence[float]) -> Array:
