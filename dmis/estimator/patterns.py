@@ -7,6 +7,7 @@ power of two. So where they are used, a share w of light samples is one of few: 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +51,13 @@ class PatternMap:
     def of_area(self, area: tuple[slice, slice]) -> PatternMap:
         """Return the map of an area of the image, in row order."""
         return replace(self, pattern=self.pattern[area].reshape(-1))
+
+    def groups(self, samples: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[int, int]]]:
+        """Yield the pixels ``(A,)`` of each pattern that have `samples` ``(P,)``, these, and the pattern."""
+        for number, pattern in enumerate(self.patterns):
+            pixels = np.flatnonzero((self.pattern == number) & (samples > 0))
+            if len(pixels):
+                yield pixels, samples.take(pixels), pattern
 
     def shading_samples(self, samples: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Return the light and BRDF samples of each pixel, ``(2, H, W)``.

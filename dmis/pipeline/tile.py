@@ -80,16 +80,12 @@ class Tile:
     def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
         """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""
         spp, patterns, settings = self.round.spp, self.round.patterns, self.round.settings
-        every = np.arange(self.pixels)
         if patterns is None:
-            yield every, spp, self.round.shares, settings
+            yield np.arange(self.pixels), spp, self.round.shares, settings
             return
-        spp = np.broadcast_to(spp, self.pixels)
-        for number, (n_l, n_b) in enumerate(patterns.patterns):
-            pixels = every[(patterns.pattern == number) & (spp > 0)]
-            if len(pixels):
-                shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
-                yield pixels, spp.take(pixels), shares, replace(settings, shading_samples=n_l + n_b)
+        for pixels, n, (n_l, n_b) in patterns.groups(np.broadcast_to(spp, self.pixels)):
+            shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
+            yield pixels, n, shares, replace(settings, shading_samples=n_l + n_b)
 
 
 def batch_size(settings: Settings) -> int:
@@ -151,11 +147,8 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
         If a pixel is not finite.
     """
     tile = replace(tile, round=replace(tile.round, settings=resolve_auto(tile.round.settings, scene)))
-    rng, rays, timed = (
-        stream(tile.seed, tile.pass_, tile.number),
-        Counter[str](),
-        TimedCaster(caster or scene.intersector),
-    )
+    rng, rays = stream(tile.seed, tile.pass_, tile.number), Counter[str]()
+    timed = TimedCaster(caster or scene.intersector)
     observers = Observers(tile.round, tile.shape)
     corners, covered = _pixel_corners(tile), _covered_pixels(scene, tile)
     for pixels, spp, shares, settings in tile.groups():
