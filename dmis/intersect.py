@@ -16,6 +16,7 @@ import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
+from dmis.base.malloc import keep
 from dmis.base.vectors import Array
 
 CHECK_RAYS = sys.flags.dev_mode
@@ -63,6 +64,7 @@ class Intersector:
     """
 
     def __init__(self, vertices: Array, faces: np.ndarray, check: bool | None = None) -> None:
+        keep()  # Embree's threads would have an arena of their own
         self._scene = rtcore_scene.EmbreeScene(robust=True)
         vertices, faces = _checked_mesh(vertices, faces)
         self._mesh = TriangleMesh(

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 from dmis import __version__
-from dmis.base.malloc import keep
 from dmis.base.plugins import load_plugin, loaded_plugins
 from dmis.base.validate import whole
 from dmis.pipeline.film import FilmTile
@@ -85,7 +84,6 @@ class Workers:
 
     def __init__(self, scene: Scene, parallel: Parallel = None) -> None:
         parallel = check_parallel(parallel)
-        keep()  # threads that are there already have their arenas
         self._own: ThreadPoolExecutor | _ProcessPool | None = None
         if isinstance(parallel, Processes):
             self._own = _ProcessPool(parallel.number, scene)
@@ -201,7 +199,6 @@ def _render(scene: Scene | bytes, tile: Tile, version: str) -> FilmTile:
             f"all machines must have the same version of dmis, because the image depends on it; "
             f"{version} asked, and {platform.node()} has {__version__}"
         )
-    keep()
     return render_tile(_load(scene) if isinstance(scene, bytes) else scene, tile)
 
 
