@@ -206,9 +206,8 @@ class Rounds(Rule):
             cost, least = decision.cost[pattern[at]], np.where(decision.anew, 2, n)  # one sample has no variance
             # in units of camera samples of the pattern 1:1; the first round counts as if it had the pixel's own cost
             allowance = (float(budget.spp) - decision.cost[FIRST] * n + begin[at] * cost).sum()
-            chance = budget.generator(1).random(shape)[at]
-            number = powers_of_two(decision.density, cost, least, allowance, chance)
-            samples[at] = number - begin[at]
+            chance = budget.generator(1).random(shape)[at].copy()  # of the whole image, which is large
+            samples[at] = powers_of_two(decision.density, cost, least, allowance, chance) - begin[at]
             trust[colour] = decision.trust
             patches.append(decision.pattern_of_patch)
         scale = first.shading_samples // int(SAMPLES_OF[FIRST])
@@ -238,7 +237,7 @@ class Rounds(Rule):
         spent = self._spent(v, cost, first.budget, n)
         allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
         # some rows at a time, because there are many patterns
-        blocks = [self._best_patterns(curves.rows(rows), cost, spent[rows], allowed) for rows in row_blocks(len(spent))]
+        blocks = [self._best_patterns(curves.rows(r), cost, spent[r], allowed) for r in row_blocks(len(spent), 4)]
         of_patches = [np.concatenate(maps) for maps in zip(*blocks, strict=True)]
         pattern, anew, ratio = (patch_spread(a, PATCH, shape, at) for a in of_patches)
         density = self._density(v[at] * ratio, cost[pattern])
