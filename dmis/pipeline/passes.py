@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from types import TracebackType
 
-from dmis.base.malloc import LARGE_IMAGE, keep, release
+from dmis.base.malloc import release
 from dmis.base.vectors import Array
 from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
@@ -80,7 +80,6 @@ class Passes:
         job.scene.prepare()
         _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
         self._workers = None if serial else Workers(job.scene, parallel)
-        keep()
 
     def __enter__(self) -> Passes:
         return self
@@ -94,6 +93,7 @@ class Passes:
     def render(self, round_: Round) -> Pilot:
         """Render a round over the image and return its film; one that goes on joins the samples before it."""
         began, resolution = time.perf_counter(), self._job.scene.camera.resolution
+        release(self._pixels)
         tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
         if self._observer:
             self._observer(tuple(tiles))
@@ -101,9 +101,8 @@ class Passes:
         for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
             film.merge_tile(film_tile)
         self._rounds += 1
-        self._release()
         self._render_missing(film, tiles, round_.stage)
-        self._release()
+        release(self._pixels)
         rays = film.rays_of_all_pixels()
         self.rays.update(rays)
         self.pilot_rays.update(rays if round_.stage == "pilot" else {})
@@ -130,16 +129,11 @@ class Passes:
                 if self._progress:
                     self._progress(stage, finished, total)
 
-    def _release(self) -> None:
-        """Give back freed memory where images are large."""
-        if self._pixels >= LARGE_IMAGE:
-            release()
-
     def _features(self, round_: Round) -> Mapping[str, Array]:
         """Return the feature buffers of the scene, if the round needs them."""
         if not round_.needs_features:
             return {}
         features, rays = render_feature_buffers(self._job.scene)
         self.rays["guide"] += rays
-        self._release()
+        release(self._pixels)
         return features
