@@ -3,7 +3,7 @@ Harm of the pattern alone
 =========================
 
 In how many lit patches of 4×4 pixels is the pattern of light and BRDF samples that ``auto`` chose worse than 1:1? A
-pattern is worse if its V Cᵃ (`dmis.fit.rounds`) is larger. V is the variance of the mean of 16 camera samples with
+pattern is worse if its V Cᵃ (`dmis.fit.auto`) is larger. V is the variance of the mean of 16 camera samples with
 Sobol points, over renders with other seeds than those that the pattern was chosen from, so that the noise of the choice
 is in no estimate. Takes some minutes of one core.
 
@@ -30,8 +30,8 @@ import dmis
 from dmis.base.patches import COLOURS, PATCH, patch_sum
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, PatternMap
+from dmis.fit.auto import EXPONENT, Auto
 from dmis.fit.round import Round
-from dmis.fit.rounds import EXPONENT, Rounds
 from dmis.pipeline.job import resolve
 from dmis.pipeline.passes import Passes
 
@@ -54,7 +54,7 @@ opts, given = options(
 def choose(scene: dmis.Scene, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the pattern of each pixel that `auto` chooses, and its cost over that of 1:1."""
     job = resolve(scene, "auto", given.budget, seed, dmis.Settings(sampler="sobol"))
-    assert isinstance(job.rule, Rounds), f"no first round of {scene.name}, {given.budget} spp"
+    assert isinstance(job.rule, Auto), f"no first round of {scene.name}, {given.budget} spp"
     rounds = job.rule.rounds(job.budget)
     with Passes(job, 1) as passes:
         first = passes.render(next(rounds))

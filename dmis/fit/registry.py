@@ -13,9 +13,9 @@ from typing import Any, Literal, get_args, get_origin
 from dmis.base.plugins import loaded_plugins
 from dmis.base.validate import did_you_mean
 from dmis.estimator.technique import TECHNIQUES
+from dmis.fit.auto import Auto
 from dmis.fit.fixed import Fixed
 from dmis.fit.objectives import OBJECTIVE_NAMES
-from dmis.fit.rounds import Rounds
 from dmis.fit.rule import Rule
 from dmis.fit.second_moment import SecondMoment
 from dmis.fit.simplex import Simplex
@@ -31,8 +31,8 @@ RULES: dict[str, Callable[..., Rule]] = {
     "thesis": Thesis,
     **{name: partial(SecondMoment, name) for name in ("second-moment", *OBJECTIVE_NAMES)},
     "simplex": Simplex,
-    "counts": partial(Rounds, False),
-    "auto": Rounds,
+    "counts": partial(Auto, False),
+    "auto": Auto,
 }
 """Rules by name: ``balance`` and ``pbrt`` (1 light + 1 BRDF sample, balance or power heuristic), ``fixed:W``,
 ``one-sample`` (a random choice between the techniques), ``uniform`` (hemisphere sampling, for teaching),
@@ -40,7 +40,7 @@ RULES: dict[str, Callable[..., Rule]] = {
 relatives in the literature, see `dmis.fit.second_moment`; ``simplex:light+brdf+resampled``, weights of several
 techniques, see `dmis.variance.simplex_curves`, and ``simplex:light=0.5,brdf=0.3,resampled=0.2``, given ones; ``auto``,
 the default, which learns shares and numbers of samples per pixel in two rounds, and ``counts``, the same with
-equal shares (`dmis.fit.rounds`).
+equal shares (`dmis.fit.auto`).
 """
 _SHIPPED = frozenset(RULES)
 _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}

@@ -17,7 +17,7 @@ For another pattern V is scaled by the ratio of variances with independent point
     V = P + A(w) / S,
 
 of which P comes from the place in the pixel, and A from S shading samples (`dmis.variance.pattern_curves`). A pixel
-whose pattern changes may begin its sequence anew: the first round is then lost, and the new pattern must make up for
+whose pattern changes may restart its sequence: the first round is then lost, and the new pattern must make up for
 that. Or it goes on with another pattern: places in the pixel stay stratified, but light and BRDF samples of
 m = n - n_1 later camera samples do not fill the gaps of the n_1 first ones, and the error is
 
@@ -26,8 +26,8 @@ m = n - n_1 later camera samples do not fill the gaps of the n_1 first ones, and
 (A technique with one sample has points n_1 to 2 n_1 - 1 of its sequence twice then, which the formula leaves out.)
 
 V of a few samples is uncertain: where it is large it was partly luck, and its pixel needs fewer samples than V says.
-So numbers follow V^t with a trust t from 0 to 1, the one at which they would have made the error of the first round
-least, in pixels of another colour, see `Rounds._trust`.
+So numbers follow V^t with a confidence t from 0 to 1, the one at which they would have made the error of the first
+round least, in pixels of another colour, see `Auto._confidence`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ HALF = int(np.flatnonzero(SHARES == 0.5)[0])
 """Index of w = 1/2 in `dmis.estimator.patterns.SHARES`."""
 EXPONENT = 1.4
 """a of low-discrepancy points; of independent ones it is 1."""
-TRUSTS = (1.0, 0.75, 0.5, 0.25, 0.0)
+CONFIDENCES = (1.0, 0.75, 0.5, 0.25, 0.0)
 """Powers of the variance which numbers of samples may follow; at 0 they are equal."""
 SPIKES = 0.1
 """Share of the variance of independent points that is added to that of a pixel, against spikes not seen yet."""
@@ -79,28 +79,28 @@ class Decision:
     ----------
     pattern
         Index of the pattern of each pixel, ``(A, B)``.
-    anew
-        Whether its sequence begins anew, so that its first round is not in the image, ``(A, B)`` bool.
+    restarts
+        Whether its sequence restarts, so that its first round is not in the image, ``(A, B)`` bool.
     density
         Camera samples in proportion, not negative, ``(A, B)``.
     cost
         Cost of a camera sample with each pattern, over that of the pattern 1:1.
-    trust
+    confidence
         Power of the variance that the density follows.
     pattern_of_patch
         Index of the pattern of each patch of the image.
     """
 
     pattern: np.ndarray
-    anew: np.ndarray
+    restarts: np.ndarray
     density: Array
     cost: Array
-    trust: float
+    confidence: float
     pattern_of_patch: np.ndarray
 
 
 @dataclass(frozen=True)
-class Rounds(Rule):
+class Auto(Rule):
     """Patterns of light and BRDF samples, and numbers of camera samples per pixel, from a first round.
 
     Parameters
@@ -190,25 +190,25 @@ class Rounds(Rule):
         """Return patterns and numbers of samples from the first round.
 
         Its maps are the `pattern` of each patch for the pixels of each colour, the `variance` of each pixel's mean of
-        the first round, and the `trust` of each colour, ``(4,)``.
+        the first round, and the `confidence` of each colour, ``(4,)``.
         """
         n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
         # variance of each pixel's mean of n samples
         variance = sum(np.square(root, dtype=np.float64) for root in np.moveaxis(first.moments.root, 2, 0)) / 3
         variance = (variance / (n * max(n - 1, 1))).astype(np.float32)
         pattern, begin, samples = np.empty(shape, np.uint8), np.empty(shape, np.int32), np.empty(shape, np.int32)
-        trust, patches = np.ones(len(COLOURS)), []
+        confidence, patches = np.ones(len(COLOURS)), []
         for colour, at in enumerate(COLOURS):
             if not pattern[at].size:
                 continue
             decision = self.decide(first, variance, colour)
-            pattern[at], begin[at] = decision.pattern, np.where(decision.anew, 0, n)
-            cost, least = decision.cost[pattern[at]], np.where(decision.anew, 2, n)  # one sample has no variance
+            pattern[at], begin[at] = decision.pattern, np.where(decision.restarts, 0, n)
+            cost, least = decision.cost[pattern[at]], np.where(decision.restarts, 2, n)  # one sample has no variance
             # in units of camera samples of the pattern 1:1; the first round counts as if it had the pixel's own cost
             allowance = (float(budget.spp) - decision.cost[FIRST] * n + begin[at] * cost).sum()
             chance = budget.generator(1).random(shape)[at].copy()  # of the whole image, which is large
             samples[at] = powers_of_two(decision.density, cost, least, allowance, chance) - begin[at]
-            trust[colour] = decision.trust
+            confidence[colour] = decision.confidence
             patches.append(decision.pattern_of_patch)
         scale = first.shading_samples // int(SAMPLES_OF[FIRST])
         sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
@@ -221,7 +221,7 @@ class Rounds(Rule):
             before=first.moments,
             image_weight=budget.spp,
             stage="final",
-            maps={"pattern": np.stack(patches), "variance": variance, "trust": trust},
+            maps={"pattern": np.stack(patches), "variance": variance, "confidence": confidence},
         )
 
     def decide(self, first: Pilot, variance: Array, colour: int) -> Decision:
@@ -231,17 +231,17 @@ class Rounds(Rule):
         """
         n, shape, at = int(np.max(first.moments.n)), variance.shape, COLOURS[colour]
         curves, cost = self._curves(first, colour, shape), _costs(first, colour)
-        trust = self._trust(first, variance, curves, n, colour)
+        confidence = self._confidence(first, variance, curves, n, colour)
         v = self._variance(variance, curves, n, at)
-        v **= trust
+        v **= confidence
         spent = self._spent(v, cost, first.budget, n)
         allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
         # some rows at a time, because there are many patterns
         blocks = [self._best_patterns(curves.rows(r), cost, spent[r], allowed) for r in row_blocks(len(spent), 4)]
         of_patches = [np.concatenate(maps) for maps in zip(*blocks, strict=True)]
-        pattern, anew, ratio = (patch_spread(a, PATCH, shape, at) for a in of_patches)
+        pattern, restarts, ratio = (patch_spread(a, PATCH, shape, at) for a in of_patches)
         density = self._density(v[at] * ratio, cost[pattern])
-        return Decision(pattern, anew, density, cost, trust, of_patches[0])
+        return Decision(pattern, restarts, density, cost, confidence, of_patches[0])
 
     def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
         """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
@@ -269,27 +269,27 @@ class Rounds(Rule):
             v[rows] += np.maximum(smooth[rows.start - near.start :][: rows.stop - rows.start], 0)
         return v
 
-    def _trust(self, first: Pilot, variance: Array, curves: PatchCurves, n: int, colour: int) -> float:
+    def _confidence(self, first: Pilot, variance: Array, curves: PatchCurves, n: int, colour: int) -> float:
         """Return the power of the variance that the numbers of samples of a colour follow.
 
         It is judged at the pixels of the opposite colour in 2x2 neighbours, for which the other two predict V. Numbers
         n_p of them would have the error sum_p v_p n_p^-a. Here v_p comes from the halves of the samples of these
         pixels, summed over those in a patch; only `SPIKES` of the prediction has them, too. (Four parts of few samples
-        overrate pixels with an edge, whose error falls fast, and would have us trust what overrates them as well.)
+        overrate pixels with an edge, whose error falls fast, and so would agree with what overrates them as well.)
         """
         opposite = len(COLOURS) - 1 - colour
         judge = COLOURS[opposite]
         own = patch_spread(first.sums["halves"][opposite], PATCH, variance.shape, judge)
         predicted = self._variance(variance, curves, n, COLOURS[colour], judge)[judge]
         if not own.any() or not predicted.any():
-            return TRUSTS[0]
+            return CONFIDENCES[0]
 
-        def error(trust: float) -> float:
-            number = self._density(predicted**trust, 1.0)
+        def error(confidence: float) -> float:
+            number = self._density(predicted**confidence, 1.0)
             number = np.maximum(number * (first.budget / number.mean()), n)
             return float(np.vdot(own, (number / number.mean()) ** -self.exponent))
 
-        return min(TRUSTS, key=error)
+        return min(CONFIDENCES, key=error)
 
     def _density(self, variance: Array, cost: Array | float) -> Array:
         """Return numbers of samples in proportion, ``(V / C)^(1 / (1 + a))``."""
@@ -308,7 +308,7 @@ class Rounds(Rule):
     def _best_patterns(
         self, curves: PatchCurves, cost: Array, spent: Array, allowed: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, Array]:
-        """Return the best pattern of each patch, whether its pixels begin anew, and V over the first round's.
+        """Return the best pattern of each patch, whether its pixels restart, and V over the first round's.
 
         `spent` is the share of a patch's samples that the first round is, `allowed` says which shares may be used.
         """
@@ -322,8 +322,8 @@ class Rounds(Rule):
         shading = (m ** (2 - exponent) * curve + n_1 ** (2 - exponent) * curve[FIRST]) / n**2
         error_on = np.maximum(place * n**-exponent + shading, 0)
         error_on[FIRST] = variance[FIRST] * cost[FIRST] ** exponent  # one even sequence
-        error_anew = variance * m**-exponent
-        error = np.minimum(error_on, error_anew)
+        error_restarted = variance * m**-exponent
+        error = np.minimum(error_on, error_restarted)
         # another share than 1/2 only where the gain is certain
         certain = curves.curve - curves.curve[HALF] < -self.guard * curves.gain_error()
         certain &= allowed
@@ -331,10 +331,10 @@ class Rounds(Rule):
         error = np.where(certain[SHARE_OF], error, np.inf)
         best = np.where(error[FIRST] <= error.min(axis=0), FIRST, error.argmin(axis=0))[None]
         chosen, on, number, left = (np.take_along_axis(x, best, axis=0)[0] for x in (error, error_on, n, m))
-        anew = chosen < on
-        chosen = chosen * np.where(anew, left, number) ** exponent
+        restarts = chosen < on
+        chosen = chosen * np.where(restarts, left, number) ** exponent
         ratio = np.divide(chosen, variance[FIRST], out=np.ones_like(chosen), where=variance[FIRST] > 0)
-        return best[0].astype(np.uint8), anew, ratio
+        return best[0].astype(np.uint8), restarts, ratio
 
 
 def _costs(first: Pilot, colour: int) -> Array:

@@ -11,13 +11,13 @@ from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost, ray_kind_of_colour
 from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES
-from dmis.fit import rounds
+from dmis.fit import auto
+from dmis.fit.auto import HALF, LONGEST, Auto
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
-from dmis.fit.rounds import HALF, LONGEST, Rounds
 from dmis.variance.moments import Film
 
-PLAIN = Rounds(spp=16, exponent=1.4, filter="none", guard=0.0)
+PLAIN = Auto(spp=16, exponent=1.4, filter="none", guard=0.0)
 """A rule that believes planted curves."""
 RAYS = {"camera": 1000, "shadow": 1900, "brdf": 1300}
 RAYS |= {ray_kind_of_colour(kind, k): n // 4 for kind, n in RAYS.items() for k in range(4)}
@@ -54,12 +54,12 @@ def random_pilot(shape: tuple[int, int]) -> Pilot:
     return pilot(curve, position, rng.lognormal(0, 2, (*shape, 3)), budget=64)
 
 
-def second_round(first: Pilot, rule: Rounds = PLAIN) -> Round:
+def second_round(first: Pilot, rule: Auto = PLAIN) -> Round:
     """Return the second round that a rule decides from the first one."""
     return rule.second_round(first, Budget(first.budget, first.moments.mean.shape[:2], dmis.Settings(), seed=3))
 
 
-def decided(first: Pilot, rule: Rounds = PLAIN) -> tuple[Array, Array]:
+def decided(first: Pilot, rule: Auto = PLAIN) -> tuple[Array, Array]:
     """Return the density of the camera samples and the cost of one at each pixel, ``(H, W)``."""
     variance = first.moments.m2.mean(axis=2) / (N * (N - 1))
     density, cost = np.empty_like(variance), np.empty_like(variance)
@@ -123,7 +123,7 @@ def test_shares_of_counts_are_a_half() -> None:
     curve[[0, -2, -1]] = 1e-3
     patterns = second_round(pilot(curve), replace(PLAIN, weights=False)).patterns
     np.testing.assert_array_equal(SHARES[SHARE_OF[patterns.pattern]], 0.5)
-    assert isinstance(make_rule("counts"), Rounds) and not make_rule("counts").weights
+    assert isinstance(make_rule("counts"), Auto) and not make_rule("counts").weights
     with pytest.raises(ValueError, match=r"rule counts has the options spp, .*; got 'weights'"):
         make_rule("counts:weights=yes")
 
@@ -168,7 +168,7 @@ def test_budget_has_the_first_round_too() -> None:
     """Each colour's part is used to 2 %, with a first round that is not in the image; no pixel has fewer than two."""
     first = random_pilot((64, 64))
     root = np.ones((64, 64, 3))
-    root[:, 3::8] = 1e5  # patches begin anew because of these pixels, and their other ones need next to nothing
+    root[:, 3::8] = 1e5  # patches restart because of these pixels, and their other ones need next to nothing
     first = pilot(first.sums["curve"] / 4, first.sums["position"] / 4, root, budget=64)
     second, cost = second_round(first), decided(first)[1]
     assert second.patterns is not None and {*np.unique(second.begin)} == {0, N}
@@ -180,18 +180,18 @@ def test_budget_has_the_first_round_too() -> None:
         assert 0.98 * first.budget < spent <= first.budget
 
 
-@pytest.mark.parametrize("trust", [1.0, 0.5, 0.0])
-def test_numbers_follow_the_variance_as_far_as_it_predicts(trust: float) -> None:
+@pytest.mark.parametrize("confidence", [1.0, 0.5, 0.0])
+def test_numbers_follow_the_variance_as_far_as_it_predicts(confidence: float) -> None:
     """n ~ V^(t / (1 + a)) at equal costs, far from the edge of a half image with 32 times the V of the neighbours.
 
     The squared differences of halves are 32^t times as large there.
     """
     root = np.ones((32, 32, 3))
     root[:, 16:] *= np.sqrt(32)
-    first = pilot(0 * FLAT, 0.0, root, root**trust)
-    np.testing.assert_array_equal(second_round(first).maps["trust"], [trust] * 4)
+    first = pilot(0 * FLAT, 0.0, root, root**confidence)
+    np.testing.assert_array_equal(second_round(first).maps["confidence"], [confidence] * 4)
     density, _ = decided(first)
-    np.testing.assert_allclose(density[:, 24:].mean() / density[:, :8].mean(), 32 ** (trust / 2.4), rtol=1e-3)
+    np.testing.assert_allclose(density[:, 24:].mean() / density[:, :8].mean(), 32 ** (confidence / 2.4), rtol=1e-3)
 
 
 def test_numbers_are_equal_where_variance_is_luck() -> None:
@@ -247,7 +247,7 @@ def test_errors() -> None:
         ({"filter": "box"}, "filter must be gaussian or none or joint; got 'box'"),
     ):
         with pytest.raises(ValueError, match=message):
-            Rounds(**options)
+            Auto(**options)
 
 
 # --- bias: images of few samples, whose mean is the converged image
@@ -285,13 +285,13 @@ def z_of(rule: str, spp: int, seeds: int) -> Array:
 
 @pytest.fixture
 def leak(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Decide numbers from the variance of each pixel's own samples, and trust it."""
+    """Decide numbers from the variance of each pixel's own samples, with full confidence."""
 
-    def own(rule: Rounds, variance: Array, curves: object, n: int, *colours: object) -> Array:
+    def own(rule: Auto, variance: Array, curves: object, n: int, *colours: object) -> Array:
         return variance + 1e-3 * variance.mean()
 
-    monkeypatch.setattr(Rounds, "_variance", own)
-    monkeypatch.setattr(rounds, "TRUSTS", (1.0,))
+    monkeypatch.setattr(Auto, "_variance", own)
+    monkeypatch.setattr(auto, "CONFIDENCES", (1.0,))
 
 
 def test_images_of_few_samples_are_unbiased() -> None:
