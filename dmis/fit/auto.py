@@ -234,13 +234,15 @@ class Auto(Rule):
         confidence = self._confidence(first, variance, curves, n, colour)
         v = self._variance(variance, curves, n, at)
         v **= confidence
+        of_colour = v[at].copy()
         spent = self._spent(v, cost, first.budget, n)
+        del v  # an image
         allowed = allowed_weights(curves.curve.sum(axis=(1, 2)))[:, None, None] & self.weights
         # some rows at a time, because there are many patterns
         blocks = [self._best_patterns(curves.rows(r), cost, spent[r], allowed) for r in row_blocks(len(spent), 4)]
         of_patches = [np.concatenate(maps) for maps in zip(*blocks, strict=True)]
         pattern, restarts, ratio = (patch_spread(a, PATCH, shape, at) for a in of_patches)
-        density = self._density(v[at] * ratio, cost[pattern])
+        density = self._density(of_colour * ratio, cost[pattern])
         return Decision(pattern, restarts, density, cost, confidence, of_patches[0])
 
     def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
@@ -292,13 +294,13 @@ class Auto(Rule):
         return min(CONFIDENCES, key=error)
 
     def _density(self, variance: Array, cost: Array | float) -> Array:
-        """Return numbers of samples in proportion, ``(V / C)^(1 / (1 + a))``."""
-        number: Array = variance / cost
-        number **= 1 / (1 + self.exponent)
-        return number
+        """Return numbers of samples in proportion, ``(V / C)^(1 / (1 + a))``, in the place of `variance`."""
+        variance /= cost
+        variance **= 1 / (1 + self.exponent)
+        return variance
 
     def _spent(self, variance: Array, cost: Array, budget: int, n: int) -> Array:
-        """Return n_1 / n of each patch, if all pixels keep the pattern of the first round."""
+        """Return n_1 / n of each patch, if all pixels keep the pattern of the first round; overwrites `variance`."""
         samples = self._density(variance, cost[FIRST])
         mean = samples.mean()
         if mean > 0:
