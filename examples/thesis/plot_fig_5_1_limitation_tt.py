@@ -178,8 +178,8 @@ opts.save_for_print(
     figure,
     "Figure 5.1: noisy weights, TT",
     f"""TT: weights (a) of the fit, (b) framed part, (c) filtered. (d) Error of the rule
-    over that of the balance heuristic by patch, and (e) of the balance heuristic over
-    itself: chance. (f) Losses and gains added up, mean and range. The rule's MSE is
-    {value:.2f} ± {half:.2f} of the balance heuristic's.""",
+    over that of the balance heuristic by patch; (e) the balance heuristic over itself:
+    chance. (f) Losses and gains summed, mean and range. The rule's MSE is
+    {value:.2f} ± {half:.2f} times the balance heuristic's.""",
     panel=axes[0, 2],
 )
