@@ -29,12 +29,12 @@ def keep() -> None:
             mallopt(-3, KEEP_BYTES // 2)  # M_MMAP_THRESHOLD, at its largest
 
 
-def release(pixels: int = LARGE_IMAGE) -> None:
-    """Let the C library give back freed arrays, some tens of MB between the stages of an image of so many `pixels`.
+def release() -> None:
+    """Let the C library give back freed arrays: some tens of MB between the stages of an image of `LARGE_IMAGE` pixels.
 
-    Has an effect for `LARGE_IMAGE` pixels and more, in Linux only, with a C library that has ``malloc_trim``.
+    Has an effect in Linux only, with a C library that has ``malloc_trim``.
     """
-    if sys.platform == "linux" and pixels >= LARGE_IMAGE:
+    if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none
         if trim is not None:
             trim(0)

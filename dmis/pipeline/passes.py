@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from types import TracebackType
 
-from dmis.base.malloc import release
+from dmis.base.malloc import LARGE_IMAGE, release
 from dmis.base.vectors import Array
 from dmis.fit.round import Pilot, Round
 from dmis.pipeline.checkpoint import Store
@@ -67,6 +67,7 @@ class Passes:
         self._job, self._progress, self._observer = job, progress, observer
         self._rounds = 0
         self._pixels = math.prod(job.scene.camera.resolution)
+        self._release: Callable[[], None] = release if self._pixels >= LARGE_IMAGE else lambda: None
         self.rays, self.pilot_rays = Counter[str](), Counter[str]()
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self.embree_seconds = 0.0
@@ -93,7 +94,7 @@ class Passes:
     def render(self, round_: Round) -> Pilot:
         """Render a round over the image and return its film; one that goes on joins the samples before it."""
         began, resolution = time.perf_counter(), self._job.scene.camera.resolution
-        release(self._pixels)
+        self._release()
         tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
         if self._observer:
             self._observer(tuple(tiles))
@@ -102,7 +103,7 @@ class Passes:
             film.merge_tile(film_tile)
         self._rounds += 1
         self._render_missing(film, tiles, round_.stage)
-        release(self._pixels)
+        self._release()
         rays = film.rays_of_all_pixels()
         self.rays.update(rays)
         self.pilot_rays.update(rays if round_.stage == "pilot" else {})
@@ -135,5 +136,5 @@ class Passes:
             return {}
         features, rays = render_feature_buffers(self._job.scene)
         self.rays["guide"] += rays
-        release(self._pixels)
+        self._release()
         return features
