@@ -183,7 +183,7 @@ def test_steps_of_the_thesis_agree_with_the_rule(tmp_path, monkeypatch):
 
 
 def test_published_figures():
-    """Each script has a small figure with a caption that says how it was made; a page links to those of the thesis."""
+    """Each script has a small figure and says how it was made; those of the thesis have short captions and a link."""
     folder, page = ROOT / "docs" / "figures", (ROOT / "docs" / "reproduction.md").read_text("utf-8")
     captions = json.loads((folder / "captions.json").read_text("utf-8"))
     scripts = {path.stem: path.parent.name for path in (ROOT / "examples").glob("*/plot_*.py")}
@@ -194,6 +194,7 @@ def test_published_figures():
         left, top, right, bottom = about["panel"]
         assert 0 <= left < right <= 1 and 0 <= top < bottom <= 1
         if scripts[stem] == "thesis":
+            assert len(about["caption"].split()) <= 50
             assert f"](figures/{stem}.webp), [script](../examples/thesis/{stem}.py)" in page
 
 
