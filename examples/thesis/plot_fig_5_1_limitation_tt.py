@@ -163,6 +163,8 @@ for axis in [*axes[0], *axes[1, :2]]:
     axis.set_axis_off()
 axis, share = axes[1, 2], 100 * np.arange(1, error.size + 1) / error.size
 axis.set_box_aspect(height / width)  # the size of the other panels
+axis.yaxis.tick_right()
+axis.yaxis.set_label_position("right")
 for (name, curves), colour, style in zip(
     lost.items(), ("tab:red", "0.4"), ("-", "--"), strict=True
 ):
