@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -60,6 +61,13 @@ def resolution(text: str) -> tuple[int, int]:
 def _sample_counts(text: str) -> list[int]:
     """Return positive whole numbers from a text that separates them by commas."""
     return [_whole(2**63)(number.strip()) for number in text.split(",")]
+
+
+def _crop(text: str) -> tuple[int, ...]:
+    """Return four whole numbers from a text that separates them by commas."""
+    if not re.fullmatch(r"\d+(,\d+){3}", text):
+        raise argparse.ArgumentTypeError(f"must be x0,y0,x1,y1 in pixels, such as 0,0,64,48; got {text!r}")
+    return tuple(map(int, text.split(",")))
 
 
 def _albedo(text: str) -> tuple[float, ...]:
@@ -152,6 +160,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **AS_IN_FILE,
         "--reference": _option(".exr or .npy file (default: rendered once, then cached)", Path, metavar="REF"),
         "--reference-spp": _option("camera samples per pixel of each half of a reference (default 1024)", int, 1024),
+        "--crop": _option("window of the errors in pixels, x1 and y1 excluded", _crop, metavar="x0,y0,x1,y1"),
         "--oracle-spp": _option("also render the oracle, with N samples per pixel, or read it", int, metavar="N"),
         **THREADS,
         **QUIET,

@@ -103,15 +103,15 @@ def _compare(options: argparse.Namespace) -> int:
             oracle = make_oracle(scene, options.oracle_spp, **of_renders, **curves)
         comparison = compare(
             scene, rules, spp, range(options.seed, options.seed + options.seeds), reference, options.output,
-            oracle=oracle, progress=_print_run if options.verbose else progress, parallel=options.threads,
-            **settings,
+            oracle=oracle, progress=_print_run if options.verbose else progress, crop=options.crop,
+            parallel=options.threads, **settings,
         )  # fmt: skip
     for rule, n in [(rule, n) for n in spp for rule in rules if (rule, n) not in comparison.runs]:
         pilot = sum(make_rule(rule).pilot.values())
         why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
         print(f"dmis: {rule} is left out at {n} samples per pixel, {why}", file=sys.stderr)
     if not options.quiet:
-        print(summary(comparison.runs, comparison.reference))
+        print(summary(comparison.runs, comparison.window))
         files = (options.output / name for name in ("results.csv", "report.html"))
         print(*filter(Path.exists, files), sep="\n")
     return 0

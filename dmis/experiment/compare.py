@@ -16,7 +16,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import gains
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import Reference
+from dmis.experiment.reference import Reference, crop_area
 from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure, seed_list
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
@@ -78,6 +78,7 @@ def compare(
     folder: str | os.PathLike[str],
     *,
     oracle: Oracle | None = None,
+    crop: Sequence[int] | None = None,
     progress: Progress | bool | None = None,
     **options: Any,
 ) -> Comparison:
@@ -100,7 +101,7 @@ def compare(
         Output directory; an existing comparison in it is resumed.
     oracle
         Oracle of the maps of regret; None: there are no such maps.
-    progress, options
+    crop, progress, options
         See `dmis.experiment.runs.measure`; the reference has the same integrator and depth.
 
     Raises
@@ -114,13 +115,14 @@ def compare(
     parallel = options.pop("parallel", None)
     settings, folder = make_settings(**options), Path(folder)
     rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, oracle, settings)
+    crop_area(crop, scene.camera.resolution)
     check_output(folder)
-    results = Results(folder, conditions(scene, reference, parallel, settings), rules)
+    results = Results(folder, conditions(scene, reference, parallel, settings, crop), rules)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it
     budgets = [(rule, n) for n in spp for rule in rules if make_rule(rule).pilot_samples(n) < n]
     measure(
         scene, [*pinned, *budgets], seeds, reference, done=tuple(results.runs), keep=results.keep,
-        record=results.append, progress=progress, parallel=parallel, settings=settings,
+        record=results.append, progress=progress, crop=crop, parallel=parallel, settings=settings,
     )  # fmt: skip
     rows = run_by_key(Results(folder, results.about).runs)
     in_order = [(rule, n) for n in spp for rule in (*rules, PINNED) if (rule, n) in {*pinned, *budgets}]

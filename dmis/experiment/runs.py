@@ -19,7 +19,7 @@ from dmis.base.validate import whole
 from dmis.estimator.settings import make_settings
 from dmis.experiment import alarm
 from dmis.experiment.metrics import mean_over_blocks, relmse, squared_error
-from dmis.experiment.reference import Reference
+from dmis.experiment.reference import Reference, crop_area
 from dmis.fit.registry import make_rule
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.progress import Progress, reporting
@@ -90,6 +90,7 @@ def measure(
     keep: Callable[[Budget, Result], None] | None = None,
     record: Callable[[Run], None] | None = None,
     progress: Progress | bool | None = None,
+    crop: Sequence[int] | None = None,
     **options: Any,
 ) -> dict[Budget, list[Run]]:
     """Render `scene` with every rule, budget and seed, and measure time and error of each render.
@@ -106,6 +107,8 @@ def measure(
         Called with each budget and its result, then with its run, as soon as it is finished.
     progress
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
+    crop
+        Window ``(x0, y0, x1, y1)`` in pixels, the last two excluded, of which errors are measured; None: the image.
     options
         ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
         `dmis.pipeline.render.render`. CPU seconds are those of this process, and not of others that ``parallel`` names.
@@ -123,11 +126,12 @@ def measure(
     turns = list(product(seed_list(seeds), runs))
     finished = {(run.rule, run.spp, run.seed): run for run in done}
     alarmed: set[str] = set()
+    area = crop_area(crop, scene.camera.resolution)
     with reporting(progress, "renders") as report:
         for n, (seed, (rule, spp)) in enumerate(turns, 1):
             run = finished.get((rule, spp, seed))
             if run is None:
-                run, result = _timed_run(scene, (rule, spp), seed, reference, **options)
+                run, result = _timed_run(scene, (rule, spp), seed, reference, area, **options)
                 if keep:
                     keep((rule, spp), result)
                 if record:
@@ -149,9 +153,15 @@ def seed_list(seeds: int | Iterable[int]) -> list[int]:
 
 
 def _timed_run(
-    scene: Scene, budget: Budget, seed: int, reference: Reference, parallel: Parallel = None, **options: Any
+    scene: Scene,
+    budget: Budget,
+    seed: int,
+    reference: Reference,
+    area: tuple[slice, slice],
+    parallel: Parallel = None,
+    **options: Any,
 ) -> tuple[Run, Result]:
-    """Render a budget with the `options` of `measure`; return its time and error, and the result."""
+    """Render a budget with the `options` of `measure`; return its time and error in an area, and the result."""
     rule, spp = budget
     settings = make_settings(**options)
     if rule == PINNED:
@@ -162,10 +172,11 @@ def _timed_run(
     result = render(scene, name, spp, seed=seed, parallel=parallel, settings=settings)
     cpu_seconds = time.process_time() - begin
     pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
-    mse, mse_error = mean_over_blocks(squared_error(result, reference))
-    mean_z = alarm.mean_z(result.image, reference, spp)
+    image, reference = result.image[area], reference.cropped(area)
+    mse, mse_error = mean_over_blocks(squared_error(image, reference))
+    mean_z = alarm.mean_z(image, reference, spp)
     run = Run(
-        rule, spp, seed, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(result, reference),
+        rule, spp, seed, sum(result.rays.values()), pilot, fit, final, mse, mse_error, relmse(image, reference),
         cpu_seconds, mean_z,
     )  # fmt: skip
     return run, result

@@ -24,7 +24,7 @@ from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import Reference
+from dmis.experiment.reference import Reference, crop_area
 from dmis.experiment.runs import PINNED, Budget, Run
 from dmis.fit.registry import make_rule
 from dmis.image import read_exr
@@ -41,9 +41,13 @@ COLUMNS = (
 
 
 def conditions(
-    scene: Scene, reference: Reference, parallel: Parallel = None, settings: Settings | None = None
+    scene: Scene,
+    reference: Reference,
+    parallel: Parallel = None,
+    settings: Settings | None = None,
+    crop: Sequence[int] | None = None,
 ) -> dict[str, Any]:
-    """Return what all rows of a table must share: scene, reference, settings, executor, and the code of dmis."""
+    """Return what all rows of a table must share: scene, reference, crop, settings, executor, and the code of dmis."""
     settings = resolve_auto(settings or Settings(), scene)
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {
@@ -53,6 +57,7 @@ def conditions(
         "scene_hash": fingerprint(scene),
         "resolution": list(scene.camera.resolution),
         "reference": halves.hexdigest()[:16],
+        "crop": None if crop is None else list(crop),
         "parallel": describe_parallel(parallel),
         **{name: list(value) if isinstance(value, tuple) else value for name, value in asdict(settings).items()},
     }
@@ -211,6 +216,16 @@ class Comparison:
     def scene(self) -> str:
         """Name of the scene."""
         return str(self.about["scene"])
+
+    @property
+    def area(self) -> tuple[slice, slice]:
+        """Rows and columns of the image of which errors were measured."""
+        return crop_area(self.about.get("crop"), self.reference.first.shape[1::-1])
+
+    @property
+    def window(self) -> Reference:
+        """Reference of `area`."""
+        return self.reference.cropped(self.area)
 
     @property
     def rules(self) -> list[str]:
