@@ -17,7 +17,7 @@ from common import SCENES, TABLES, machine, options, replace_table, show
 import dmis
 from dmis import plot
 from dmis.experiment.compare import summary
-from dmis.experiment.convergence import gains, line, slope
+from dmis.experiment.convergence import MEASURES, gains, line, slope
 from dmis.experiment.report.page import write_report
 from dmis.experiment.report.plots import error_lines
 
@@ -56,7 +56,7 @@ for name in given.scenes:
     )
     comparisons.append(comparison)
     limits.append(oracle)
-    table = summary(comparison.runs, comparison.reference)
+    table = summary(comparison.runs, comparison.reference, comparison.few_pixels())
     print(f"{SCENES[name].title}, {time.perf_counter() - begun:.0f} s\n{table}\n", flush=True)
 
 # %%
@@ -77,12 +77,12 @@ for column, comparison, oracle in zip(axes.T, comparisons, limits, strict=True):
         slopes = [slope(*line(runs, gain.rule, over)) for over in ("spp", "seconds")]
         print(title, gain.rule, "slopes:", *(f"{value:.3f} ± {error:.3f}" for value, error in slopes))
         if gain.rule in rows:
-            mark = "†" if gain.extrapolated else ""
-            rows[gain.rule] += f" {gain.over_balance:.3f} ± {gain.interval:.3f}, {gain.equal_time:.2f}{mark} |"
-    best += f" {oracle.limit():.3f}, {oracle.limit(costly=True):.2f} |"
+            for m in gain.measures:
+                rows[gain.rule] += f" {m.over_balance.text()}, {m.equal_time:.2f}{'†' if m.extrapolated else ''} |"
+    best += f" – | {oracle.limit():.3f}, {oracle.limit(costly=True):.2f} |"
 lines = [
-    f"| rule | {' | '.join(SCENES[comparison.scene].title for comparison in comparisons)} |",
-    "|---" * (1 + len(comparisons)) + "|",
+    f"| rule | {' | '.join(f'{SCENES[c.scene].title}, {error}' for c in comparisons for error in MEASURES.values())} |",
+    "|---" * (1 + 2 * len(comparisons)) + "|",
     *rows.values(),
     best,
 ]

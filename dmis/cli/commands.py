@@ -111,7 +111,7 @@ def _compare(options: argparse.Namespace) -> int:
         why = f"because its pilot takes {pilot}: use --spp {pilot + 1} or more"
         print(f"dmis: {rule} is left out at {n} samples per pixel, {why}", file=sys.stderr)
     if not options.quiet:
-        print(summary(comparison.runs, comparison.window))
+        print(summary(comparison.runs, comparison.window, comparison.few_pixels()))
         files = (options.output / name for name in ("results.csv", "report.html"))
         print(*filter(Path.exists, files), sep="\n")
     return 0

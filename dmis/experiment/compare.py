@@ -8,13 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dmis.base.atomic_files import check_folder, check_package, check_writable
 from dmis.base.validate import whole
 from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
-from dmis.experiment.convergence import gains
+from dmis.experiment.convergence import MEASURES, gains
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area
 from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure, seed_list
@@ -171,27 +169,29 @@ def _draw(comparison: Comparison, folder: Path) -> None:
     write_report([comparison], folder / "report.html")
 
 
-def summary(runs: Mapping[Budget, Sequence[Run]], reference: Reference | None = None) -> str:
-    """Return a table in Markdown with the error and time of each budget and rule, over those of both baselines.
+def summary(runs: Mapping[Budget, Sequence[Run]], reference: Reference | None = None, note: str = "") -> str:
+    """Return a table in Markdown with the errors of each budget and rule, over those of both baselines, and its time.
 
-    Ratios of the mean squared error have 95 % confidence intervals over the seeds; the last column is the ratio of mean
-    squared error times CPU seconds. A line follows for budgets that are too small for their rule, see `fallbacks`, and
-    if the mean of an image is not that of the reference, see `dmis.experiment.alarm`; with
-    `reference` also one with its standard error, and one if that is too large.
+    By relMSE, then by MSE: the mean over seeds, its ratio to that of the balance heuristic with these settings, and the
+    ratios of error times CPU seconds, with 95 % intervals (`dmis.experiment.convergence.Interval`). The ratio to the
+    pinned baseline is last. Lines follow: a `note`; for budgets that are too small for their rule, see `fallbacks`; if
+    the mean of an image is not that of the reference, see `dmis.experiment.alarm`; with `reference` its standard
+    error, and one if that is too large.
     """
-    titles = "spp", "rule", "MSE", "MSE / balance", "seconds", "time / balance", "MSE / pinned", "MSE·CPU s / pinned"
+    over = [(f"{name} / balance", f"{name}·CPU s / balance") for name in MEASURES.values()]
+    titles = ["spp", "rule", "relMSE", *over[0], "MSE", *over[1], "seconds"]
+    titles += [f"{name}·CPU s / pinned" for name in MEASURES.values()]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     rows = gains(runs)
-    base = {gain.spp: gain.seconds for gain in rows if gain.rule == "balance"}
     for g in rows:
-        interval = "" if np.isnan(g.interval) else f" ± {g.interval:.3f}"
-        pinned = (g.over_pinned, g.error_time_over_pinned.value)
-        cells = [g.spp, g.rule, f"{g.mse:.3e}", f"{g.over_balance:.3f}{interval}", f"{g.seconds:.2f}"]
-        cells += [f"{g.seconds / base[g.spp]:.2f}", *("–" if np.isnan(x) else f"{x:#.3g}" for x in pinned)]
-        lines.append(f"| {' | '.join(map(str, cells))} |")
+        cells = [str(g.spp), g.rule]
+        for m in g.measures:
+            cells += [f"{m.error:.3e}", m.over_balance.text(), m.error_time.text()]
+        cells += [f"{g.seconds:.2f}", *(m.error_time_over_pinned.text() for m in g.measures)]
+        lines.append(f"| {' | '.join(cells)} |")
     notes = [alarm.summary(run for by_seed in runs.values() for run in by_seed)]
     if reference is not None:
-        notes = [reference.text(), alarm.reference_noise(reference, (g.mse for g in rows)), *notes]
-    for note in filter(None, [*fallbacks(runs), *notes]):
-        lines += ["", note]
+        notes = [reference.text(), alarm.reference_noise(reference, (g.mse.error for g in rows)), *notes]
+    for line in filter(None, [note, *fallbacks(runs), *notes]):
+        lines += ["", line]
     return "\n".join(lines)

@@ -9,11 +9,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dmis.base.vectors import Array
-from dmis.experiment.metrics import holm_levels, log_ratio, mean_and_error, ratio
+from dmis.experiment.metrics import holm_levels, log_ratio
 from dmis.experiment.runs import PINNED, Budget, Run, median_seconds
 
 Axis = Literal["spp", "rays", "seconds"]
 """Axis that errors are plotted over: camera samples per pixel, rays, or wall seconds."""
+Measure = Literal["relmse", "mse"]
+"""Measure of error, a field of `dmis.experiment.runs.Run`."""
+MEASURES: dict[Measure, str] = {"relmse": "relMSE", "mse": "MSE"}
+"""Names of the measures in tables; "error" alone is the first."""
 
 
 class Interval(NamedTuple):
@@ -23,62 +27,88 @@ class Interval(NamedTuple):
     low: float
     high: float
 
+    def text(self, ends: str = "({} – {})") -> str:
+        """Return the ratio and, if they are known, its `ends`."""
+        value, *limits = map(ratio_text, self)
+        return value if np.isnan(self.high) else f"{value} {ends.format(*limits)}"
+
+
+def ratio_text(value: float) -> str:
+    """Return a ratio with three decimals, three digits below 0.1, none after the point from 100 on; a dash for NaN."""
+    if np.isnan(value):
+        return "–"
+    return f"{value:#.3g}" if value < 0.1 else f"{value:.3f}" if value < 100 else f"{value:.0f}"
+
 
 @dataclass(frozen=True)
-class Gain:
-    """Error and time of a rule at one budget, over those of the balance heuristic: below 1 the rule is better.
+class ErrorRatios:
+    """Error of a rule at one budget by one measure, over those of the baselines: below 1 the rule is better.
 
     Attributes
     ----------
-    mse, over_balance, interval
-        Mean over seeds; its ratio to that of the balance heuristic at the same budget, and half the width of the 95 %
-        confidence interval (`nan` for one seed). Both are `nan` if the balance heuristic has no error above 0.
-    over_pinned
-        The same ratio to the pinned baseline (`dmis.experiment.runs.PINNED`); `nan` if it was not measured.
-    seconds, cpu_seconds, overhead
-        Medians over seeds, and the share of the seconds that pilot and fit take.
-    rays
+    error
         Mean over seeds.
-    error_time
-        Mean over seeds of mean squared error times CPU seconds, over that of the balance heuristic, see `error_times`.
-    error_time_over_pinned
-        The same over that of the pinned baseline.
+    over_balance
+        Its ratio to that of the balance heuristic at the same budget.
+    over_pinned
+        The same ratio to the pinned baseline (`dmis.experiment.runs.PINNED`); NaN if it was not measured.
+    error_time, error_time_over_pinned
+        Ratios of means over seeds of error times CPU seconds, see `error_times`.
     equal_error
         Seconds over those that the balance heuristic needs for the same error.
     equal_time
-        Mean squared error over that of the balance heuristic in the same seconds.
+        Error over that of the balance heuristic in the same seconds.
     extrapolated
         Whether either lies outside of the budgets that the balance heuristic was measured at.
     """
 
-    rule: str
-    spp: int
-    mse: float
-    over_balance: float
-    interval: float
-    over_pinned: float
-    relmse: float
-    seconds: float
-    cpu_seconds: float
-    overhead: float
-    rays: float
+    error: float
+    over_balance: Interval
+    over_pinned: Interval
     error_time: Interval
     error_time_over_pinned: Interval
     equal_error: float
     equal_time: float
     extrapolated: bool
 
+
+@dataclass(frozen=True)
+class Gain:
+    """Errors by both measures and time of a rule at one budget.
+
+    Attributes
+    ----------
+    seconds, cpu_seconds, overhead
+        Medians over seeds, and the share of the seconds that pilot and fit take.
+    rays
+        Mean over seeds.
+    """
+
+    rule: str
+    spp: int
+    relmse: ErrorRatios
+    mse: ErrorRatios
+    seconds: float
+    cpu_seconds: float
+    overhead: float
+    rays: float
+
+    @property
+    def measures(self) -> tuple[ErrorRatios, ErrorRatios]:
+        """Both measures, in the order of `MEASURES`."""
+        return self.relmse, self.mse
+
     @property
     def wins(self) -> bool:
-        """Whether this is a rule whose whole interval of error times CPU seconds is below the balance heuristic's."""
-        return self.rule != PINNED and self.error_time.high < 1
+        """Whether this is a rule whose whole interval of relMSE times CPU seconds is below the balance heuristic's."""
+        return self.rule != PINNED and self.relmse.error_time.high < 1
 
 
-def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis) -> tuple[Array, Array]:
+def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis, measure: Measure = "mse") -> tuple[Array, Array]:
     """Return the points of a rule's line of error against samples, rays or seconds, fewest samples first.
 
-    That is the values on the axis ``(B,)``, medians over seeds of seconds or means of rays, and mean squared errors by
-    seed ``(K, B)``.
+    That is the values on the axis ``(B,)``, medians over seeds of seconds or means of rays, and errors by seed
+    ``(K, B)``.
     """
     budgets = [by_seed for (name, _), by_seed in sorted(runs.items(), key=lambda item: item[0][1]) if name == rule]
     x = {
@@ -86,7 +116,7 @@ def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis) -> tuple[A
         "rays": [np.mean([run.rays for run in by_seed]) for by_seed in budgets],
         "seconds": [median_seconds(by_seed) for by_seed in budgets],
     }[axis]
-    return np.array(x, np.float64), np.array([[run.mse for run in by_seed] for by_seed in budgets]).T
+    return np.array(x, np.float64), np.array([_errors(by_seed, measure) for by_seed in budgets]).T
 
 
 def slope(x: Array, mse: Array) -> tuple[float, float]:
@@ -125,23 +155,34 @@ def interpolate_log_log(x: Array, y: Array, at: float) -> tuple[float, bool]:
     return float(value), bool(x[0] <= at <= x[-1])
 
 
-def error_times(rules: Sequence[Sequence[Run]], baseline: Sequence[Run]) -> list[Interval]:
-    """Return the mean squared error times CPU seconds of each of `rules` over that of `baseline`.
+def error_times(rules: Sequence[Sequence[Run]], baseline: Sequence[Run], measure: Measure = "mse") -> list[Interval]:
+    """Return the error times CPU seconds of each of `rules` over that of `baseline`.
 
     That is the inverse of the ratio of efficiencies, ``1 / (V T)``, which does not depend on the number of samples
     if error falls as 1 / N.
 
     Runs are of one number of samples, one per seed, in the same order of seeds: those of one seed are rendered in
-    turns, so what slows the machine down slows both. Ratios are of means over seeds, with Student's intervals of their
-    logarithms (`dmis.experiment.metrics.log_ratio`): the scatter of error and of time are both in them. Intervals of
-    several rules have the levels of Holm (`dmis.experiment.metrics.holm_levels`). The ends are NaN for one seed, since
-    one run does not show the scatter of times; all is NaN for errors that are not above 0, or without CPU seconds.
+    turns, so what slows the machine down slows both. See `_ratios` for the intervals.
+    """
+    return _ratios([_errors(runs, measure, times_cpu=True) for runs in (baseline, *rules)])
+
+
+def _errors(runs: Sequence[Run], measure: Measure, times_cpu: bool = False) -> Array:
+    """Return the errors of `runs` by one measure, or these times CPU seconds, ``(K,)``."""
+    return np.array([getattr(run, measure) * (run.cpu_seconds if times_cpu else 1) for run in runs], np.float64)
+
+
+def _ratios(values: Sequence[Array]) -> list[Interval]:
+    """Return the ratios of the means over seeds of ``values[1:]`` to that of ``values[0]``, ``(K,)`` each.
+
+    Intervals are Student's, of the logarithms (`dmis.experiment.metrics.log_ratio`), at the levels of Holm
+    (`dmis.experiment.metrics.holm_levels`). The ends are NaN for one seed, since one run does not show the scatter; all
+    is NaN for values that are not above 0, or unknown.
     """
     from scipy.stats import t  # imported where used: scipy.stats takes half a second
 
-    products = [np.array([run.mse * run.cpu_seconds for run in runs]) for runs in (baseline, *rules)]
-    logs = np.array([log_ratio(values, products[0]) for values in products[1:]]).reshape(-1, 2)
-    degrees, (value, error) = max(1, len(baseline) - 1), logs.T
+    logs = np.array([log_ratio(of_rule, values[0]) for of_rule in values[1:]]).reshape(-1, 2)
+    degrees, (value, error) = max(1, len(values[0]) - 1), logs.T
     with np.errstate(divide="ignore", invalid="ignore"):  # the same runs under two names have no scatter
         p = np.nan_to_num(2 * t.sf(np.abs(value / error), degrees), nan=1.0)
     half = t.isf(holm_levels(p) / 2, degrees) * error
@@ -150,53 +191,46 @@ def error_times(rules: Sequence[Sequence[Run]], baseline: Sequence[Run]) -> list
 
 def gains(runs: Mapping[Budget, Sequence[Run]]) -> list[Gain]:
     """Return the `Gain` of every rule and budget in their order; the balance heuristic must be among them."""
-    seconds, errors = line(runs, "balance", "seconds")
-    baseline = errors.mean(axis=0)
-    products, products_over_pinned = (_error_times_by_budget(runs, name) for name in ("balance", PINNED))
-    gains_of_budgets = []
-    for (rule, spp), by_seed in runs.items():
-        mse, _ = mean_and_error(np.array([run.mse for run in by_seed]))
-        time = median_seconds(by_seed)
-        equal_error_seconds, between = interpolate_log_log(baseline, seconds, mse)
-        equal_time_mse, within = interpolate_log_log(seconds, baseline, time)
-        over_balance, interval = _error_ratio(by_seed, runs["balance", spp])
-        over_pinned, _ = _error_ratio(by_seed, runs.get((PINNED, spp), ()))
-        gains_of_budgets.append(
-            Gain(
-                rule=rule,
-                spp=spp,
-                mse=mse,
-                over_balance=over_balance,
-                interval=interval,
-                over_pinned=over_pinned,
-                relmse=float(np.mean([run.relmse for run in by_seed])),
-                seconds=time,
-                cpu_seconds=float(np.median([run.cpu_seconds for run in by_seed])),
-                overhead=float(np.median([run.overhead / run.seconds for run in by_seed])),
-                rays=float(np.mean([run.rays for run in by_seed])),
-                error_time=products[rule, spp],
-                error_time_over_pinned=products_over_pinned[rule, spp],
-                equal_error=time / equal_error_seconds,
-                equal_time=mse / equal_time_mse if mse > 0 else float("nan"),
-                extrapolated=not (between and within),
-            )
+    relmse, mse = (_ratios_by_budget(runs, measure) for measure in MEASURES)
+    return [
+        Gain(
+            rule=rule,
+            spp=spp,
+            relmse=relmse[rule, spp],
+            mse=mse[rule, spp],
+            seconds=median_seconds(by_seed),
+            cpu_seconds=float(np.median([run.cpu_seconds for run in by_seed])),
+            overhead=float(np.median([run.overhead / run.seconds for run in by_seed])),
+            rays=float(np.mean([run.rays for run in by_seed])),
         )
-    return gains_of_budgets
+        for (rule, spp), by_seed in runs.items()
+    ]
 
 
-def _error_ratio(runs: Sequence[Run], baseline: Sequence[Run]) -> tuple[float, float]:
-    """Return the ratio of errors and half of its interval; NaN without a baseline, or if it has no error above 0.
+def _ratios_by_budget(runs: Mapping[Budget, Sequence[Run]], measure: Measure) -> dict[Budget, ErrorRatios]:
+    """Return the errors of all rules and budgets by one measure, and their ratios to the baselines."""
+    seconds, errors = line(runs, "balance", "seconds", measure)
+    baseline = errors.mean(axis=0)
 
-    The error of a black image is 0, and its estimate may be below 0 for a noisy reference.
-    """
-    base = np.array([run.mse for run in baseline])
-    if not base.sum() > 0:
-        return float("nan"), float("nan")
-    return ratio(np.array([run.mse for run in runs]), base)
+    over = [_over(runs, name, measure, times_cpu) for times_cpu in (False, True) for name in ("balance", PINNED)]
+    result = {}
+    for budget, by_seed in runs.items():
+        error, time = float(_errors(by_seed, measure).mean()), median_seconds(by_seed)
+        equal_error_seconds, between = interpolate_log_log(baseline, seconds, error)
+        equal_time_error, within = interpolate_log_log(seconds, baseline, time)
+        equal_time = error / equal_time_error if error > 0 else float("nan")
+        balance, pinned, time_balance, time_pinned = (of[budget] for of in over)
+        result[budget] = ErrorRatios(
+            error, balance, pinned, time_balance, time_pinned, time / equal_error_seconds, equal_time,
+            extrapolated=not (between and within),
+        )  # fmt: skip
+    return result
 
 
-def _error_times_by_budget(runs: Mapping[Budget, Sequence[Run]], baseline: str) -> dict[Budget, Interval]:
-    """Return `error_times` of all budgets over `baseline`; NaN where this was not measured.
+def _over(
+    runs: Mapping[Budget, Sequence[Run]], baseline: str, measure: Measure, times_cpu: bool
+) -> dict[Budget, Interval]:
+    """Return the ratios of `_errors` of all budgets to those of `baseline`; NaN where this was not measured.
 
     Rules with the same number of samples are one family of tests. The pinned baseline is not a rule among them.
     """
@@ -205,6 +239,6 @@ def _error_times_by_budget(runs: Mapping[Budget, Sequence[Run]], baseline: str) 
         by_budget[baseline, spp] = Interval(1.0, np.nan, np.nan)
         others = [rule for rule, n in runs if n == spp and rule != baseline]
         for family in ([rule for rule in others if rule != PINNED], [rule for rule in others if rule == PINNED]):
-            intervals = error_times([runs[rule, spp] for rule in family], runs[baseline, spp])
-            by_budget |= {(rule, spp): interval for rule, interval in zip(family, intervals, strict=True)}
+            ratios = _ratios([_errors(runs[rule, spp], measure, times_cpu) for rule in (baseline, *family)])
+            by_budget |= {(rule, spp): ratio for rule, ratio in zip(family, ratios, strict=True)}
     return by_budget

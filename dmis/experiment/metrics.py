@@ -25,6 +25,16 @@ def squared_error(image: Array | Result, first: Array | Reference, second: Array
     return _product(image, first, second).mean(axis=2)
 
 
+def share_of_few(squared: Array, few: float = 0.01) -> float:
+    """Return the share of the sum of squared errors ``(H, W)`` that lies in the worst `few` of the pixels.
+
+    Normal errors of one variance have 8 % in the worst 1 %. NaN if the sum is not above 0.
+    """
+    errors = np.sort(squared, axis=None)[::-1]
+    total = errors.sum(dtype=np.float64)
+    return float(errors[: int(np.ceil(few * errors.size))].sum(dtype=np.float64) / total) if total > 0 else float("nan")
+
+
 def mean_over_blocks(values: Array) -> tuple[float, float]:
     """Return the mean of `values` ``(H, W)``, such as squared errors of pixels, and its standard error.
 

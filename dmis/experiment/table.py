@@ -23,6 +23,7 @@ from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings, resolve_auto
+from dmis.experiment.metrics import share_of_few, squared_error
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.reference import Reference, crop_area
 from dmis.experiment.runs import PINNED, Budget, Run
@@ -36,8 +37,10 @@ from dmis.scene.scene import Scene
 COLUMNS = (
     "scene", "rule", "spp", "seed", "rays", "pilot_seconds", "fit_seconds", "render_seconds", "seconds",
     "mse", "relmse", "mse_over_balance", "mse_error", "cpu_seconds",
-    "mean_z", "mse_over_pinned",
+    "mean_z", "mse_over_pinned", "relmse_over_balance", "relmse_over_pinned",
 )  # fmt: skip
+FEW_LIMIT = 0.5
+"""Share of the MSE in 1 % of the pixels, above which a comparison says that few pixels decide it."""
 
 
 def conditions(
@@ -83,10 +86,12 @@ def cells(scene: str, run: Run, runs: Mapping[tuple[str, int, int], Run]) -> lis
     seconds = (run.pilot_seconds, run.fit_seconds, run.render_seconds, run.seconds)
     with np.errstate(divide="ignore", invalid="ignore"):  # a black image has no error
         over_balance, over_pinned = np.divide(run.mse, [balance.mse, pinned.mse])
+        relative = np.divide(run.relmse, [balance.relmse, pinned.relmse])
     return [
         scene, run.rule, str(run.spp), str(run.seed), str(run.rays), *(f"{t:.4f}" for t in seconds),
         f"{run.mse:.6g}", f"{run.relmse:.6g}", f"{over_balance:.5f}", f"{run.mse_error:.3g}",
         f"{run.cpu_seconds:.4f}", f"{run.mean_z:.3f}", f"{over_pinned:#.5g}",
+        *(f"{ratio:#.5g}" for ratio in relative),
     ]  # fmt: skip
 
 
@@ -226,6 +231,15 @@ class Comparison:
     def window(self) -> Reference:
         """Reference of `area`."""
         return self.reference.cropped(self.area)
+
+    def few_pixels(self) -> str:
+        """Return a line if most of the MSE of the balance heuristic's image lies in 1 % of the pixels, else ""."""
+        budget = "balance", max(spp for _, spp in self.runs)
+        if budget not in self.pictures:
+            return ""
+        share = share_of_few(squared_error(self.pictures[budget]["RGB"][self.area], self.window))
+        text = f"{share:.0%} of balance's MSE lies in 1 % of the pixels (first seed, {budget[1]} samples per pixel)."
+        return text if share > FEW_LIMIT else ""
 
     @property
     def rules(self) -> list[str]:

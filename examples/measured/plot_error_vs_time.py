@@ -57,7 +57,9 @@ for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
         f" {'seconds at equal error':>24}"
     )
     times = {
-        gain.rule: gain.equal_error for gain in gains(runs) if gain.spp == BUDGETS[-1]
+        gain.rule: gain.mse.equal_error
+        for gain in gains(runs)
+        if gain.spp == BUDGETS[-1]
     }
     for rule in RULES:
         (samples, error), (seconds, spread) = (

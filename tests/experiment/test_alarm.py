@@ -51,8 +51,8 @@ def test_comparison_and_report_have_the_alarm(stale, tmp_path, monkeypatch):
         page = (tmp_path / "report.html").read_text("utf-8")
         assert page.count('<p class="alarm">') == 1 and "pbrt ⚠" in page and "balance ⚠" in page
     head, *rows = (tmp_path / "results.csv").read_text().splitlines()
-    assert head.endswith(",cpu_seconds,mean_z,mse_over_pinned")
-    assert all(float(row.split(",")[-2]) < -alarm.ALARM_LIMIT for row in rows)
+    assert head.endswith(",cpu_seconds,mean_z,mse_over_pinned,relmse_over_balance,relmse_over_pinned")
+    assert all(float(row.split(",")[-4]) < -alarm.ALARM_LIMIT for row in rows)
 
 
 @pytest.mark.usefixtures("without_plots")

@@ -99,6 +99,46 @@ def test_compare(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.usefixtures("drawn")
+def test_errors_of_a_crop(tmp_path, capsys, monkeypatch):
+    """A lamp in one pixel has nearly all of the MSE, and the table says so; errors of a crop are of its pixels."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
+    scene = dmis.load_scene("teapot-area-light", resolution=(24, 18))
+    reference = dmis.make_reference(scene, 16)
+    bright = reference.first.copy()
+    bright[2, 3] += 1e3
+    dmis.write_exr(tmp_path / "bright.exr", {"first": bright, "second": bright})
+    small = [
+        "compare",
+        "teapot-area-light",
+        "--resolution",
+        "24x18",
+        "--rules",
+        "balance",
+        "--spp",
+        "8",
+        "--seeds",
+        "1",
+    ]
+    small += ["--reference", str(tmp_path / "bright.exr")]
+    assert main([*small, "-o", str(tmp_path / "all")]) == 0
+    printed = capsys.readouterr().out
+    assert "| spp | rule | relMSE | relMSE / balance | relMSE·CPU s / balance | MSE | MSE / balance |" in printed
+    assert "100% of balance's MSE lies in 1 % of the pixels (first seed, 8 samples per pixel)" in printed
+    assert main([*small, "--crop", "4,1,24,18", "-o", str(tmp_path / "part")]) == 0
+    assert "100% of balance's MSE" not in capsys.readouterr().out
+    image = dmis.render(scene, "balance", 8).image[1:18, 4:24]
+    expected = dmis.mse(image, bright[1:18, 4:24]), dmis.relmse(image, bright[1:18, 4:24])
+    with open(tmp_path / "part" / "results.csv", encoding="utf-8") as file:
+        row = next(row for row in csv.DictReader(file) if row["rule"] == "balance")
+    assert (float(row["mse"]), float(row["relmse"])) == pytest.approx(expected, rel=1e-4)
+    assert main([*small, "-o", str(tmp_path / "part")]) == 2  # the rows there are of the crop
+    assert "crop was [4, 1, 24, 18], now is None" in capsys.readouterr().err
+    for crop, message in (("4,1,4,18", "0 <= x0 < x1 <= 24"), ("0,0,24,19", "got 0, 0, 24, 19")):
+        assert main([*small, "--crop", crop, "-o", str(tmp_path / "bad")]) == 2
+        assert message in capsys.readouterr().err and not (tmp_path / "bad").exists()
+
+
+@pytest.mark.usefixtures("drawn")
 def test_compare_paths(tmp_path, capsys, monkeypatch):
     """Each integrator has its own cached reference, and its table refuses the other."""
     monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))

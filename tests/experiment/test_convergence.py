@@ -73,37 +73,50 @@ def test_gains(runs):
     found = {(g.rule, g.spp): g for g in gains(runs)}
     assert list(found) == list(runs)
     for n in (8, 32, 128):
-        assert (found["balance", n].equal_error, found["balance", n].equal_time) == pytest.approx((1, 1))
+        balance = found["balance", n].mse
+        assert (balance.equal_error, balance.equal_time) == pytest.approx((1, 1))
         g, seconds = found["rule", n], n / 8 + 1
-        assert g.mse == pytest.approx(0.5 / n) and g.over_balance == pytest.approx(0.5)
-        assert g.interval == pytest.approx(0, abs=1e-12)
-        assert g.equal_error == pytest.approx(seconds / (2 * n / 8))
-        assert g.equal_time == pytest.approx((0.5 / n) / (1 / (8 * seconds)))
+        assert g.mse.error == pytest.approx(0.5 / n) and g.mse.over_balance == pytest.approx((0.5,) * 3)
+        assert g.mse.equal_error == pytest.approx(seconds / (2 * n / 8))
+        assert g.mse.equal_time == pytest.approx((0.5 / n) / (1 / (8 * seconds)))
         assert g.overhead == pytest.approx(1 / seconds) and g.cpu_seconds == pytest.approx(2 * seconds)
-        assert g.extrapolated == (n == 128)
+        assert g.mse.extrapolated == (n == 128)
+
+
+def test_each_measure_has_ratios_of_its_own(runs):
+    """A rule with half the MSE and three times the relMSE loses: the winner is that of relMSE."""
+    mixed = {
+        (rule, n): [replace(r, relmse=(3 if rule == "rule" else 1) / n, cpu_seconds=1.0) for r in of]
+        for (rule, n), of in runs.items()
+    }
+    for g in gains(mixed):
+        expected = (3, 0.5) if g.rule == "rule" else (1, 1)
+        assert [m.over_balance.value for m in g.measures] == pytest.approx(expected)
+        assert [m.error_time.value for m in g.measures] == pytest.approx(expected) and not g.wins
+        assert line(mixed, "rule", "spp", "relmse")[1][0] == pytest.approx([3 / 8, 3 / 32, 3 / 128])
 
 
 def test_error_times_by_hand(runs):
     """Half of the error in n/8 + 1 in place of n/8 seconds; the same factors in both, so there is no scatter."""
     for g in gains(runs):
         expected = 0.5 * (g.spp / 8 + 1) / (g.spp / 8) if g.rule == "rule" else 1
-        assert g.error_time.value == pytest.approx(expected)
-        assert g.rule == "balance" or g.error_time == pytest.approx(3 * (expected,))
+        assert g.mse.error_time.value == pytest.approx(expected)
+        assert g.rule == "balance" or g.mse.error_time == pytest.approx(3 * (expected,))
         assert g.wins == (g.rule == "rule" and expected < 1)
 
 
 def test_ratios_to_the_pinned_baseline(runs):
     """Twice the error of the balance heuristic in its time; no winner and none of a family of rules."""
-    assert all(np.isnan(g.over_pinned) and np.isnan(g.error_time_over_pinned.value) for g in gains(runs))
+    assert all(np.isnan(g.mse.over_pinned.value) and np.isnan(g.mse.error_time_over_pinned.value) for g in gains(runs))
     pinned = {
-        (PINNED, n): [replace(r, rule=PINNED, mse=2 * r.mse) for r in of]
+        (PINNED, n): [replace(r, rule=PINNED, mse=2 * r.mse, relmse=2 * r.relmse) for r in of]
         for (rule, n), of in runs.items()
         if rule == "balance"
     }
     for g in gains({**runs, **pinned}):
-        assert g.over_pinned == pytest.approx({"balance": 0.5, "rule": 0.25, PINNED: 1}[g.rule])
-        assert g.error_time_over_pinned.value == pytest.approx(g.error_time.value / 2)
-    faster = {budget: [replace(r, mse=r.mse / 100) for r in of] for budget, of in pinned.items()}
+        assert g.mse.over_pinned.value == pytest.approx({"balance": 0.5, "rule": 0.25, PINNED: 1}[g.rule])
+        assert g.mse.error_time_over_pinned.value == pytest.approx(g.mse.error_time.value / 2)
+    faster = {budget: [replace(r, mse=r.mse / 100, relmse=r.relmse / 100) for r in of] for budget, of in pinned.items()}
     assert [g.wins for g in gains({**runs, **faster}) if g.rule == PINNED] == [False] * len(pinned)
 
 
@@ -112,19 +125,19 @@ def test_scatter_of_times_counts():
     seconds = {"balance": (1.0, 2.0, 1.0, 2.0, 2.0), "rule": (1.0, 1.0, 2.0, 1.0, 1.0)}
     runs = {(rule, 8): [run(rule, 8, k, t, 0.1) for k, t in enumerate(of)] for rule, of in seconds.items()}
     _, g = gains(runs)
-    assert g.interval == pytest.approx(0, abs=1e-12) and g.seconds == 1.0  # which once was all that counted
-    assert g.error_time.value == pytest.approx(6 / 8) and g.error_time.high > 1 and not g.wins
+    assert g.mse.over_balance == (1, 1, 1) and g.seconds == 1.0  # which once was all that counted
+    assert g.mse.error_time.value == pytest.approx(6 / 8) and g.mse.error_time.high > 1 and not g.wins
 
 
 def test_no_winner_without_an_interval():
     """One seed, errors below zero and missing CPU seconds give no interval and no winner."""
     one = {(rule, 8): [run(rule, 8, 0, 1.0, mse)] for rule, mse in (("balance", 1.0), ("rule", 0.1))}
     _, g = gains(one)
-    assert g.error_time.value == pytest.approx(0.1) and np.isnan(g.error_time.high) and not g.wins
+    assert g.mse.error_time.value == pytest.approx(0.1) and np.isnan(g.mse.error_time.high) and not g.wins
     few = {(rule, 8): [run(rule, 8, k, 1.0, -0.1 if rule == "rule" else 1.0) for k in range(3)] for rule, _ in one}
-    assert np.isnan(gains(few)[1].error_time).all() and not gains(few)[1].wins
+    assert np.isnan(gains(few)[1].mse.error_time).all() and not gains(few)[1].wins
     old = {budget: [replace(r, cpu_seconds=float("nan")) for r in 3 * of] for budget, of in one.items()}
-    assert np.isnan(gains(old)[1].error_time).all() and not gains(old)[1].wins
+    assert np.isnan(gains(old)[1].mse.error_time).all() and not gains(old)[1].wins
 
 
 def test_several_rules_share_one_level():

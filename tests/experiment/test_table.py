@@ -108,7 +108,7 @@ def test_rows_are_relative_to_both_baselines(box, tmp_path, rendered):
     options = {"sampler": "sobol", "shading_samples": 4, "integrator": "path", "max_depth": 2}
     reference = dmis.make_reference(box, 64, folder=tmp_path, integrator="path", max_depth=2)
     compare(box, ["fixed:1"], [8], [3], reference, tmp_path, parallel=1, **options)
-    assert COLUMNS[-1] == "mse_over_pinned" and COLUMNS[11] == "mse_over_balance"
+    assert COLUMNS[15] == "mse_over_pinned" and COLUMNS[11] == "mse_over_balance"
     assert rendered[:2] == [(PINNED, 8, 3), ("balance", 8, 3)]
     by_rule = {row["rule"]: row for row in rows(tmp_path)}
     image = dmis.render(box, "balance", 8, seed=3, preset="thesis", integrator="path", max_depth=2).image
@@ -119,6 +119,9 @@ def test_rows_are_relative_to_both_baselines(box, tmp_path, rendered):
         row = {name: float(by_rule[rule][name]) for name in ("mse", "mse_over_balance", "mse_over_pinned")}
         assert row["mse_over_balance"] == pytest.approx(row["mse"] / float(by_rule["balance"]["mse"]), abs=1e-5)
         assert row["mse_over_pinned"] == pytest.approx(row["mse"] / expected, rel=1e-4)
+        for base in ("balance", PINNED):
+            ratio = float(by_rule[rule]["relmse"]) / float(by_rule[base]["relmse"])
+            assert float(by_rule[rule][f"relmse_over_{base}"]) == pytest.approx(ratio, rel=1e-4)
     assert float(by_rule["balance"]["mse_over_pinned"]) < 0.9
 
 
@@ -174,8 +177,8 @@ def _moved(scene: dmis.Scene) -> dmis.Scene:
     "data, message",
     [
         (b"scene,rule\nbox,balance\n", "line 1 (its columns must be scene,rule,spp"),
-        (f"{','.join(COLUMNS)}\nbox,balance,8\n".encode(), "line 2 (3 values for 16 columns)"),
-        (f"{','.join(COLUMNS)}\n{','.join('x' * 16)}\n".encode(), "line 2 (invalid literal"),
+        (f"{','.join(COLUMNS)}\nbox,balance,8\n".encode(), "line 2 (3 values for 18 columns)"),
+        (f"{','.join(COLUMNS)}\n{','.join('x' * 18)}\n".encode(), "line 2 (invalid literal"),
         (b"junk", "line 1 (its columns must be"),
         (b"\xff\xfe\x00junk\n\n", "line 1 ("),
     ],

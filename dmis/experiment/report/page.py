@@ -15,7 +15,7 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import replacing
 from dmis.experiment import alarm
-from dmis.experiment.convergence import Gain, gains
+from dmis.experiment.convergence import Gain, gains, ratio_text
 from dmis.experiment.report import tables
 from dmis.experiment.report.comparer import HELP, asset, comparer, filled, viewer_data
 from dmis.experiment.report.maps import share_maps
@@ -53,7 +53,7 @@ def _section(number: int, c: Comparison) -> str:
     """Return the section of a comparison."""
     height, width = c.reference.first.shape[:2]
     rows = gains(c.runs)
-    noise = alarm.reference_noise(c.reference, (g.mse for g in rows))
+    noise = alarm.reference_noise(c.window, (g.mse.error for g in rows))
     alarms = noise, alarm.summary(run for by_seed in c.runs.values() for run in by_seed)
     elements = [
         f'<section id="s{number}"><h2>{escaped(c.scene)}</h2>',
@@ -61,8 +61,9 @@ def _section(number: int, c: Comparison) -> str:
         f"{escaped(c.about['parallel'])} · {escaped(c.reference.text())}</p>",
         *(f'<p class="alarm">⚠ {escaped(text)}</p>' for text in alarms if text),
         *(f'<p class="note">{escaped(text)}</p>' for text in fallbacks(c.runs)),
-        _verdict(rows),
-        f'<div class="plots">{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
+        _verdict(rows, c.seeds),
+        *(f"<p>{escaped(text)}</p>" for text in [c.few_pixels()] if text),
+        f'<div class="plots">{error_svg(c, "seconds", "relmse")}{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
         tables.slopes_table(c),
         "<h3>Efficiency</h3>",
         tables.efficiency_table(c, rows),
@@ -79,29 +80,30 @@ def _section(number: int, c: Comparison) -> str:
     return "\n".join(elements)
 
 
-def _verdict(rows: Sequence[Gain]) -> str:
+def _verdict(rows: Sequence[Gain], seeds: int) -> str:
     """Return a sentence that names the most efficient rule at the largest budget, if its interval is below 1."""
     last = [g for g in rows if g.spp == max(g.spp for g in rows) and g.rule != PINNED]
     base = next(g for g in last if g.rule == "balance")
     at = f"At {base.spp} samples per pixel"
-    if not base.mse > 0:
+    if not base.relmse.error > 0:
         return f"<p>{at} the balance heuristic has no error above that of the reference: rules cannot be compared.</p>"
     best = tables.best_gain(last)
     if best is None:
         why = ""
-        if np.isnan(base.interval):
+        if seeds < 2:
             why = " One seed shows no scatter of times, so that there is no interval: measure more seeds."
-        elif any(np.isnan(g.error_time.high) for g in last if g is not base):
+        elif any(np.isnan(g.relmse.error_time.high) for g in last if g is not base):
             why = " Rules without an interval have errors below that of the reference, or no CPU seconds."
         return f"<p>{at} no rule has a 95 % interval of error × CPU time below that of the balance heuristic.{why}</p>"
-    value, low, high = best.error_time
+    value, low, high = best.relmse.error_time
     winners, rules = sum(g.wins for g in last), len(last) - 1
     among = "" if winners == 1 else f", the lowest of {winners} rules whose interval is below 1"
     corrected = "" if rules == 1 else f", corrected for {rules} rules"
     return (
         f"<p>{at} <b>{escaped(best.rule)}</b> is more efficient than the balance heuristic: its error × CPU time is "
         f"{value:.2f} times as large (95 % interval {low:.2f} to {high:.2f}{corrected}){among}, and "
-        f"{tables.ratio_text(best.error_time_over_pinned.value)} times that of the pinned baseline.</p>"
+        f"{ratio_text(best.relmse.error_time_over_pinned.value)} times that of the pinned baseline. By MSE "
+        f"they are {ratio_text(best.mse.error_time.value)} and {ratio_text(best.mse.error_time_over_pinned.value)}.</p>"
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from dmis import plot
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
-from dmis.experiment.convergence import Axis, line
+from dmis.experiment.convergence import MEASURES, Axis, Measure, line
 from dmis.experiment.oracle import Oracle
 from dmis.experiment.report.comparer import png
 from dmis.experiment.runs import Budget, Run
@@ -43,29 +43,35 @@ def line_style(index: int) -> tuple[str, str]:
 
 
 def error_lines(
-    axis: Axes, runs: Mapping[Budget, Sequence[Run]], over: Axis, oracle: Oracle | None = None, ink: str = "0.35"
+    axis: Axes,
+    runs: Mapping[Budget, Sequence[Run]],
+    over: Axis,
+    oracle: Oracle | None = None,
+    ink: str = "0.35",
+    measure: Measure = "mse",
 ) -> None:
-    """Draw the root mean squared error of every rule over samples, rays or seconds, log-log.
+    """Draw the root of the error of every rule over samples, rays or seconds, log-log.
 
     Lines are the root of the mean over seeds, bands go from the lowest to the highest seed. Dotted: the slope of
-    N^-1/2. Dashed: the error of the best weights by the oracle, in the time and rays of the balance heuristic.
+    N^-1/2. Dashed, by MSE only: the error of the best weights by the oracle, in the time and rays of the balance
+    heuristic.
     """
     lows = []
     for k, rule in enumerate(dict.fromkeys(rule for rule, _ in runs)):
-        x, mse = line(runs, rule, over)
+        x, mse = line(runs, rule, over, measure)
         colour, mark = line_style(k)
         errors = mse.mean(axis=0), mse.min(axis=0), mse.max(axis=0)
         mean, low, high = (np.sqrt(np.where(error > 0, error, np.nan)) for error in errors)
         axis.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
         axis.plot(x, mean, color=colour, marker=mark, markersize=5, linewidth=1.6, label=rule)
         lows += [(at, error * np.sqrt(at)) for at, error in zip(x, low, strict=True)]
-        if rule == "balance" and oracle is not None:
+        if rule == "balance" and oracle is not None and measure == "mse":
             mark = "" if len(x) > 1 else "x"  # a single point has no line
             best = mean * np.sqrt(oracle.limit())
             axis.plot(x, best, color=ink, linestyle="--", linewidth=1.1, marker=mark, label="best weights")
     ends = np.array([min(x for x, _ in lows), max(x for x, _ in lows)])
     axis.set_xlabel(AXIS_LABELS[over])
-    axis.set_ylabel("RMSE (linear RGB)")
+    axis.set_ylabel("RMSE (linear RGB)" if measure == "mse" else "root of relMSE")
     if not any(error > 0 for _, error in lows):
         axis.text(0.5, 0.5, "no error above zero", ha="center", transform=axis.transAxes)
         return
@@ -79,14 +85,14 @@ def error_lines(
 
 
 def convergence(comparison: Comparison, path: Path) -> None:
-    """Write the plot of errors over seconds and rays, with its caption, as a PNG file."""
-    figure, axes = plot.canvas(1, 2, 12, 5)
-    overs: tuple[Axis, ...] = ("seconds", "rays")
-    for axis, over in zip(axes[0], overs, strict=True):
-        error_lines(axis, comparison.runs, over, comparison.oracle)
-    axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of both
-    caption = f"""Root mean squared error against the reference, mean over {comparison.seeds} seed(s); bands go from the
-        lowest to the highest seed. Time is from the pilot to the last sample, fit included. Dotted: N^-1/2. Errors
+    """Write the plot of errors over seconds by both measures, and over rays, with its caption, as a PNG file."""
+    figure, axes = plot.canvas(1, 3, 17, 5)
+    lines: tuple[tuple[Axis, Measure], ...] = (("seconds", "relmse"), ("seconds", "mse"), ("rays", "mse"))
+    for axis, (over, measure) in zip(axes[0], lines, strict=True):
+        error_lines(axis, comparison.runs, over, comparison.oracle, measure=measure)
+    axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)  # of all
+    caption = f"""Root of relMSE and of MSE against the reference, mean over {comparison.seeds} seed(s); bands go from
+        the lowest to the highest seed. Time is from the pilot to the last sample, fit included. Dotted: N^-1/2. Errors
         that are estimated below zero, because the reference is noisy, are left out."""
     plot.save(figure, path, f"{comparison.scene}: error against time and rays", caption)
 
@@ -102,18 +108,18 @@ def write_best_shares(oracle: Oracle, path: Path, scene: str) -> None:
     plot.save(figure, path, f"{scene}: best weights", caption)
 
 
-def error_svg(comparison: Comparison, over: Axis) -> str:
+def error_svg(comparison: Comparison, over: Axis, measure: Measure = "mse") -> str:
     """Return `error_lines` as an SVG figure with the page's colour and fonts."""
     import matplotlib
 
     sides = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
     style: dict[str, Any] = dict.fromkeys(sides, INK)
-    label = html.escape(f"Root mean squared error over {AXIS_LABELS[over]}, {comparison.scene}")
+    label = html.escape(f"Root of {MEASURES[measure]} over {AXIS_LABELS[over]}, {comparison.scene}")
     style |= {"svg.fonttype": "none", "svg.hashsalt": label, "font.size": 9.5}
     style |= {"axes.spines.top": False, "axes.spines.right": False}
     with matplotlib.rc_context(style):  # type: ignore[arg-type]
         figure, axes = plot.canvas(1, 1, 5.4, 3.9)
-        error_lines(axes[0, 0], comparison.runs, over, comparison.oracle, INK)
+        error_lines(axes[0, 0], comparison.runs, over, comparison.oracle, INK, measure)
         if axes[0, 0].get_legend_handles_labels()[0]:
             axes[0, 0].legend(fontsize=8, frameon=False, handlelength=2.4, loc="best")
         file = io.StringIO()

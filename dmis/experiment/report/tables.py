@@ -9,23 +9,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmis.experiment import alarm
-from dmis.experiment.convergence import Axis, Gain, Interval, gains, line, slope
+from dmis.experiment.convergence import MEASURES, Axis, Gain, Interval, gains, line, ratio_text, slope
 from dmis.experiment.report.plots import RULE_MARKS, line_style
 from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 
-LINES_NOTE = """Lines: root of the mean squared error over {seeds}; bands: lowest to highest seed. Dotted: the slope −½
-of N<sup>−1/2</sup>.{oracle} Slopes are fitted by least squares, ± one standard error (jackknife over seeds). A rule
-with a pilot can be steeper than −½, because the share of the pilot in the time falls."""
-BEST_WEIGHTS_NOTE = " Dashed, or ×: the best weights by the oracle, in the time and rays of the balance heuristic."
-GAINS_NOTE = """Ratios below 1 are better than the baseline. Means over seeds; seconds are medians, from the pilot to
-the last sample. ± is half of the 95 % confidence interval. MSE·CPU s / balance: mean squared error times CPU seconds,
-over that of the balance heuristic, with the 95 % interval over paired seeds, which includes the scatter of the times;
-with several rules at one number of samples the intervals are wider (Holm). Bold: the lowest value, if its interval is
-below 1. Seconds at equal error: the rule's seconds over those in which the balance heuristic reaches this MSE. Error
-in equal time: MSE over that of the balance heuristic in the rule's seconds. Both are interpolated on the line of the
-balance heuristic; † where it is extrapolated as MSE ∝ 1 / seconds. Pinned: the balance heuristic with preset=thesis,
-which is one light and one BRDF sample and independent points, whatever the settings of the others."""
-OVERVIEW_NOTE = """Seconds at equal error, over those of the balance heuristic, at the largest number of samples. Below
+LINES_NOTE = """Lines: root of the error over {seeds}; bands: lowest to highest seed. Dotted: the slope −½ of
+N<sup>−1/2</sup>.{oracle} Slopes are those of the roots, fitted by least squares, ± one standard error (jackknife over
+seeds). A rule with a pilot can be steeper than −½, because the share of the pilot in the time falls."""
+BEST_WEIGHTS_NOTE = " Dashed or ×, by MSE: the best weights by the oracle, in time and rays of the balance heuristic."
+GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means over seeds; seconds are medians, from the
+pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of d².
+In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
+they are wider (Holm). ·CPU s: error times CPU seconds, whose intervals include the scatter of the times. Bold: the
+lowest relMSE·CPU s / balance, if its interval is below 1. Seconds at equal error: the rule's seconds over those in
+which the balance heuristic reaches this error. In equal time: error over that of the balance heuristic in the rule's
+seconds. Both are interpolated on the line of the balance heuristic; † where it is extrapolated as error ∝ 1 / seconds.
+Pinned: the balance heuristic with preset=thesis, which is one light and one BRDF sample and independent points,
+whatever the settings of the others."""
+OVERVIEW_NOTE = """Seconds at equal relMSE, over those of the balance heuristic, at the largest number of samples. Below
 1 is better."""
 RUNS_NOTE = f"""mean_z: mean of the image less that of the reference, in standard errors, of the channel where it is
 largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are not noise, and a paragraph above says why
@@ -33,8 +34,8 @@ that may be. The other columns are explained in docs/report.md."""
 
 
 def best_gain(rows: Sequence[Gain]) -> Gain | None:
-    """Return the most efficient rule at one budget whose interval of error × CPU time is below 1, or None."""
-    return min((g for g in rows if g.wins), key=lambda g: g.error_time.value, default=None)
+    """Return the most efficient rule at one budget whose interval of relMSE × CPU time is below 1, or None."""
+    return min((g for g in rows if g.wins), key=lambda g: g.relmse.error_time.value, default=None)
 
 
 def slopes_table(c: Comparison) -> str:
@@ -42,45 +43,42 @@ def slopes_table(c: Comparison) -> str:
     overs: tuple[Axis, ...] = ("spp", "rays", "seconds")
     rows = []
     for k, rule in enumerate(c.rules):
-        slopes = [plus_minus(*slope(*line(c.runs, rule, over))) for over in overs]
+        slopes = [plus_minus(*slope(*line(c.runs, rule, "seconds", "relmse")))]
+        slopes += [plus_minus(*slope(*line(c.runs, rule, over))) for over in overs]
         colour, mark = line_style(k)
         swatch = f'<i class="swatch" style="color:{colour}" data-mark="{RULE_MARKS[mark]}"></i>'
         rows.append([f"{swatch}{escaped(rule)}", *slopes])
     note = LINES_NOTE.format(seeds=count_text(c.seeds, "seed"), oracle=BEST_WEIGHTS_NOTE if c.oracle else "")
-    head = ["rule", "slope over samples", "over rays", "over seconds"]
+    head = ["rule", "slope of relMSE over seconds", "of MSE over samples", "over rays", "over seconds"]
     return f'{html_table(head, rows, "slopes")}<p class="note">{note}</p>'
 
 
 def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
     """Return the table of errors and their ratios of all rules and budgets."""
     alarmed = {budget for budget, runs in c.runs.items() if any(abs(run.mean_z) > alarm.ALARM_LIMIT for run in runs)}
-    head = [
-        "spp", "rule", "MSE", "MSE / balance", "MSE·CPU s / balance", "seconds at equal error", "error in equal time",
-        "MSE / pinned", "MSE·CPU s / pinned",
-    ]  # fmt: skip
-    rows = []
+    head, rows = ["spp", "rule"], []
+    for name in MEASURES.values():
+        head += [name, f"{name} / balance", f"{name}·CPU s / balance", f"seconds at equal {name}"]
+        head += [f"{name} in equal time", f"{name} / pinned", f"{name}·CPU s / pinned"]
     for g in gains_of_budgets:
         first = g.rule == "balance"
-        dagger = "†" if g.extrapolated and not first and np.isfinite(g.equal_error) else ""
-        interval = "" if np.isnan(g.interval) or first else f" <small>± {g.interval:.3f}</small>"
-        rows.append(
-            [
-                str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else ""),
-                f"{g.mse:.4g}", f"{ratio_text(g.over_balance)}{interval}", interval_text(g.error_time),
-                f"{ratio_text(g.equal_error)}{dagger}", f"{ratio_text(g.equal_time)}{dagger}",
-                ratio_text(g.over_pinned), interval_text(g.error_time_over_pinned),
-            ]
-        )  # fmt: skip
+        cells = [str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else "")]
+        for m in g.measures:
+            dagger = "†" if m.extrapolated and not first and np.isfinite(m.equal_error) else ""
+            cells += [f"{m.error:.4g}", interval_text(m.over_balance), interval_text(m.error_time)]
+            cells += [f"{ratio_text(ratio)}{dagger}" for ratio in (m.equal_error, m.equal_time)]
+            cells += [interval_text(m.over_pinned), interval_text(m.error_time_over_pinned)]
+        rows.append(cells)
     return f'{html_table(head, rows, "efficiency", _row_marks(gains_of_budgets))}<p class="note">{GAINS_NOTE}</p>'
 
 
 def costs_table(gains_of_budgets: Sequence[Gain]) -> str:
-    """Return the table of what the rules cost: seconds, rays, and error times seconds."""
-    head = ["spp", "rule", "relMSE", "seconds", "CPU s", "pilot + fit", "Mrays", "MSE·s"]
+    """Return the table of what the rules cost: seconds, rays, and errors times seconds."""
+    head = ["spp", "rule", "seconds", "CPU s", "pilot + fit", "Mrays", *(f"{name}·s" for name in MEASURES.values())]
     rows = [
         [
-            str(g.spp) if g.rule == "balance" else "", _rule(g.rule), f"{g.relmse:.4g}", f"{g.seconds:.2f}",
-            f"{g.cpu_seconds:.2f}", f"{g.overhead:.0%}", f"{g.rays / 1e6:.2f}", f"{g.mse * g.seconds:.4g}",
+            str(g.spp) if g.rule == "balance" else "", _rule(g.rule), f"{g.seconds:.2f}", f"{g.cpu_seconds:.2f}",
+            f"{g.overhead:.0%}", f"{g.rays / 1e6:.2f}", *(f"{m.error * g.seconds:.4g}" for m in g.measures),
         ]
         for g in gains_of_budgets
     ]  # fmt: skip
@@ -100,14 +98,16 @@ def _rule(name: str) -> str:
 
 
 def overview_table(comparisons: Sequence[Comparison]) -> str:
-    """Return the table of seconds at equal error of all rules on all scenes, each at its largest budget."""
+    """Return the table of seconds at equal relMSE of all rules on all scenes, each at its largest budget."""
     by_scene = []
     for c in comparisons:
         gains_of_budgets = gains(c.runs)
         largest = max(g.spp for g in gains_of_budgets)
         by_scene.append({g.rule: g for g in gains_of_budgets if g.spp == largest})
     rules = dict.fromkeys(rule for gains_of_rules in by_scene for rule in gains_of_rules)
-    ratios = {rule: [ratio_text(of[rule].equal_error) if rule in of else "–" for of in by_scene] for rule in rules}
+    ratios = {
+        rule: [ratio_text(of[rule].relmse.equal_error) if rule in of else "–" for of in by_scene] for rule in rules
+    }
     rows = [[_rule(rule), *of_scenes] for rule, of_scenes in ratios.items()]
     head = ["rule", *(escaped(c.scene) for c in comparisons)]
     return f'<h2>Overview</h2>{html_table(head, rows, "overview")}<p class="note">{OVERVIEW_NOTE}</p>'
@@ -141,18 +141,9 @@ def plus_minus(value: float, error: float) -> str:
     return number if np.isnan(error) else f"{number} ± {error:.3f}"
 
 
-def ratio_text(value: float) -> str:
-    """Return a ratio with three decimals, three digits below 0.1, none after the point from 100 on; a dash for NaN."""
-    if np.isnan(value):
-        return "–"
-    return f"{value:#.3g}" if value < 0.1 else f"{value:.3f}" if value < 100 else f"{value:.0f}"
-
-
 def interval_text(interval: Interval) -> str:
     """Return a ratio with the ends of its interval, if these are known."""
-    value, low, high = interval
-    ends = "" if np.isnan(high) else f" <small>({ratio_text(low)} – {ratio_text(high)})</small>"
-    return ratio_text(value) + ends
+    return interval.text("<small>({} – {})</small>")
 
 
 def share_text(value: float) -> str:

@@ -19,12 +19,11 @@ pytest.importorskip("matplotlib")
 from PIL import Image
 
 from dmis import plot
-from dmis.experiment.convergence import gains
+from dmis.experiment.convergence import gains, ratio_text
 from dmis.experiment.report.comparer import linear_png, palette_colours
 from dmis.experiment.report.maps import share_maps
 from dmis.experiment.report.page import write_report
 from dmis.experiment.report.plots import INK, convergence, error_lines, map_png, variance_ratio
-from dmis.experiment.report.tables import ratio_text
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
 
@@ -148,14 +147,15 @@ def test_efficiency_follows_from_the_file(made, page):
         cells, cost = dict(zip(head, line, strict=True)), dict(zip(costs_head, cost, strict=True))
         spp = cells["spp"] or spp
         mine, pinned = ([r for r in rows if (r["rule"], r["spp"]) == (rule, spp)] for rule in (cells["rule"], PINNED))
-        mse, of_pinned = (np.mean([float(row["mse"]) for row in of]) for of in (mine, pinned))
         seconds = np.median([float(row["seconds"]) for row in mine])
-        assert float(cells["MSE"]) == pytest.approx(mse, rel=1e-3) and cost["rule"] == cells["rule"]
-        assert float(cost["seconds"]) == pytest.approx(seconds, abs=0.0051)
-        assert float(cost["MSE·s"]) == pytest.approx(mse * seconds, rel=0.01)
-        assert float(cells["MSE / pinned"]) == pytest.approx(mse / of_pinned, abs=6e-4)
-        if cells["rule"] == "balance":
-            assert (cells["seconds at equal error"], cells["error in equal time"]) == ("1.000", "1.000")
+        assert float(cost["seconds"]) == pytest.approx(seconds, abs=0.0051) and cost["rule"] == cells["rule"]
+        for name in ("MSE", "relMSE"):
+            error, of_pinned = (np.mean([float(row[name.lower()]) for row in of]) for of in (mine, pinned))
+            assert float(cells[name]) == pytest.approx(error, rel=1e-3)
+            assert float(cost[f"{name}·s"]) == pytest.approx(error * seconds, rel=0.01)
+            assert float(cells[f"{name} / pinned"].split()[0]) == pytest.approx(error / of_pinned, abs=6e-4)
+            if cells["rule"] == "balance":
+                assert (cells[f"seconds at equal {name}"], cells[f"{name} in equal time"]) == ("1.000", "1.000")
 
 
 def test_several_scenes(made, tmp_path):
@@ -169,7 +169,7 @@ def test_several_scenes(made, tmp_path):
     assert "a &lt;b&gt; &amp; c" in text and "a <b> & c</h2>" not in text
     overview = Tables(text).tables["overview"]
     assert overview[0] == ["rule", "box", "a <b> & c"] and [row[0] for row in overview[1:]] == ALL
-    times = {g.rule: g.equal_error for g in gains(comparison.runs) if g.spp == 16}
+    times = {g.rule: g.relmse.equal_error for g in gains(comparison.runs) if g.spp == 16}
     assert [row[1] for row in overview[1:]] == [ratio_text(times[rule]) for rule in ALL]
     names = re.findall(r'\sid="([^"]*)"', text)
     assert len(names) == len(set(names))
@@ -180,13 +180,16 @@ def test_errors_that_have_no_logarithm(made, tmp_path):
     """Two halves of a noisy reference may estimate an error below zero: no line, no number, and no failure."""
     comparison, _ = made
     for mse in (-1e-9, 0.0):
-        runs = {budget: [dataclasses.replace(run, mse=mse) for run in of] for budget, of in comparison.runs.items()}
+        runs = {
+            budget: [dataclasses.replace(run, mse=mse, relmse=mse) for run in of]
+            for budget, of in comparison.runs.items()
+        }
         report = dataclasses.replace(comparison, runs=runs)
         write_report([report], tmp_path / "report.html")
         convergence(report, tmp_path / "convergence.png")
         tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
-        assert all(row[1:] == ["–"] * 3 for row in tables["slopes"][1:])
-        assert all(row[-4:-2] == ["–", "–"] for row in tables["efficiency"][1:])
+        assert all(row[1:] == ["–"] * 4 for row in tables["slopes"][1:])
+        assert all(row[k : k + 2] == ["–", "–"] for row in tables["efficiency"][1:] for k in (5, 12))
 
 
 def test_linear_png_keeps_all_half_floats():
@@ -242,9 +245,9 @@ def test_names_that_are_code(made, tmp_path):
     write_report([odd], tmp_path / "report.html")
     convergence(odd, tmp_path / "convergence.png")
     page = (tmp_path / "report.html").read_text("utf-8")
-    assert "<img src=x" not in page and page.count("<svg") == 2 and page.count("<script>") == 2
+    assert "<img src=x" not in page and page.count("<svg") == 3 and page.count("<script>") == 2
     assert f"<h2>{html.escape(name)}</h2>" in page
-    assert html.escape(f"Root mean squared error over seconds, {name}") in page
+    assert all(html.escape(f"Root of {error} over seconds, {name}") in page for error in ("relMSE", "MSE"))
 
 
 @pytest.mark.usefixtures("without_plots")
@@ -257,7 +260,10 @@ def test_winner_needs_an_interval_below_one(made, tmp_path):
     def told(change, seeds=5) -> str:
         """The page with five seeds, each made of the first one's run."""
         runs = {
-            budget: [change(dataclasses.replace(of[0], seed=k, mse=1 / of[0].spp)) for k in range(seeds)]
+            budget: [
+                change(dataclasses.replace(of[0], seed=k, mse=1 / of[0].spp, relmse=1 / of[0].spp))
+                for k in range(seeds)
+            ]
             for budget, of in comparison.runs.items()
         }
         write_report([dataclasses.replace(comparison, runs=runs)], tmp_path / "report.html")
@@ -266,7 +272,7 @@ def test_winner_needs_an_interval_below_one(made, tmp_path):
     def better(run):
         factor = 0.5 if run.rule == "pbrt" else 1.0
         times = {"pilot_seconds": 0.0, "fit_seconds": 0.0, "render_seconds": run.spp, "cpu_seconds": run.spp}
-        return dataclasses.replace(run, mse=factor * (1 + 0.01 * run.seed) / run.spp, **times)
+        return dataclasses.replace(run, relmse=factor * (1 + 0.01 * run.seed) / run.spp, **times)
 
     def scattered(run):
         """The same error everywhere; seconds of the balance heuristic 2, 1, 2, 1, 2, of others 1, 2, 1, 2, 1."""
@@ -282,6 +288,6 @@ def test_winner_needs_an_interval_below_one(made, tmp_path):
     assert re.search(r'<tr class="[^"]*best"><td></td><td>pbrt<', page)
     page = told(better, seeds=1)
     assert none in page and "One seed shows no scatter of times" in page
-    assert "rules cannot be compared" in told(lambda run: dataclasses.replace(run, mse=-1e-6))
-    page = told(lambda run: dataclasses.replace(run, mse=-1e-6 if run.rule == "pbrt" else 1.0))
+    assert "rules cannot be compared" in told(lambda run: dataclasses.replace(run, relmse=-1e-6))
+    page = told(lambda run: dataclasses.replace(run, relmse=-1e-6 if run.rule == "pbrt" else 1.0))
     assert "errors below that of the reference" in page
