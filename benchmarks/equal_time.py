@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dmis.experiment.convergence import Interval
+from dmis.experiment.convergence import Interval, Measure
 from dmis.experiment.metrics import mean_and_error
 from dmis.experiment.runs import Run
 
 
-def equal_time_ratio(rule: Sequence[Run], baseline: Sequence[Sequence[Run]]) -> Interval:
-    """Return the mean squared error of a rule over that of the baseline in the same CPU seconds.
+def equal_time_ratio(rule: Sequence[Run], baseline: Sequence[Sequence[Run]], measure: Measure = "mse") -> Interval:
+    """Return the error of a rule over that of the baseline in the same CPU seconds.
 
     The error of low-discrepancy points falls faster than 1 / time, so `dmis.experiment.convergence.error_times` is not
     the ratio in equal time where the rule's seconds differ from the baseline's. Here the baseline's error at time T is
@@ -25,6 +25,8 @@ def equal_time_ratio(rule: Sequence[Run], baseline: Sequence[Sequence[Run]]) -> 
     baseline
         Runs of the baseline by number of samples, each one per seed. With a single number of samples its error is taken
         to fall as 1 / time.
+    measure
+        Which error: ``mse`` or ``relmse``.
 
     Returns
     -------
@@ -44,7 +46,7 @@ def equal_time_ratio(rule: Sequence[Run], baseline: Sequence[Sequence[Run]]) -> 
         x = (at - low) / (high - low)
         terms, slope_one = [(1.0, rule), (x - 1, first), (-x, second)], 0.0
     factors = np.array([factor for factor, _ in terms])
-    means, errors = np.array([mean_and_error(np.array([run.mse for run in runs])) for _, runs in terms]).T
+    means, errors = np.array([mean_and_error(np.array([getattr(run, measure) for run in runs])) for _, runs in terms]).T
     if not (means > 0).all():
         return Interval(np.nan, np.nan, np.nan)
     value = factors @ np.log(means) + slope_one

@@ -4,8 +4,8 @@ The table of README: what the rule auto saves
 
 The table is put together from tables that are on other pages, so nothing is rendered: the error of `auto` in equal time
 over that of the balance heuristic with independent points (docs/measurements.md) and with Sobol points
-(docs/tables.md), and over that of Mitsuba's best sampler (docs/performance.md). The scripts that measure those tables
-write this one, too.
+(docs/tables.md), and over that of Mitsuba's best sampler (docs/performance.md): by relMSE and by MSE, if these tables
+have a column for each, such as "128 spp, relMSE". The scripts that measure those tables write this one, too.
 """
 
 import sys
@@ -19,6 +19,7 @@ DOCS = ROOT / "docs"
 STEPS = DOCS / "measurements.md"
 POINTS = DOCS / "tables.md"
 MITSUBA = DOCS / "performance.md"
+MEASURES = ("relMSE", "MSE")
 COLUMNS = ("balance, independent points", "balance, Sobol points", "Mitsuba's best sampler")
 
 
@@ -38,19 +39,29 @@ def number(cell: str) -> float:
     return float(cell.strip("*").split()[0].replace("–", "0"))
 
 
+def cell(row: dict[str, str], title: str, measure: str) -> str:
+    """Return the ratio by a measure in the columns `title`, which alone is of MSE; a dash if there is none."""
+    return row.get(f"{title}, {measure}", row.get(title, "–") if measure == "MSE" else "–")
+
+
 def front_rows(steps: Path = STEPS, points: Path = POINTS, mitsuba: Path = MITSUBA) -> list[str]:
     """Return the lines of the table; a ratio that was not measured is a dash.
 
     Of the lines that the table of Mitsuba has for a scene that with the largest ratio is taken: its best set-up of all.
     """
-    independent = {row["scene"]: row["all three"] for row in read_rows(steps, "steps")}
-    sobol = {row["scene"]: row["128 spp"] for row in read_rows(points, "points") if row["rule"] == "auto"}
-    best: dict[str, str] = {}
-    for row in read_rows(mitsuba, "mitsuba-errors"):
-        best[row["scene"]] = max(best.get(row["scene"], "–"), row.get("`auto`, sobol", "–"), key=number)
-    lines = [f"| scene | {' | '.join(COLUMNS)} |", "|---" * (1 + len(COLUMNS)) + "|"]
-    for scene in independent:
-        cells = (independent[scene], sobol[scene], best.get(scene.split()[0], "–"))
+    over_independent = {row["scene"]: row for row in read_rows(steps, "steps")}
+    over_sobol = {row["scene"]: row for row in read_rows(points, "points") if row["rule"] == "auto"}
+    over_mitsuba = read_rows(mitsuba, "mitsuba-errors")
+    measures = [
+        name for name in MEASURES if any(cell(row, "all three", name) != "–" for row in over_independent.values())
+    ]
+    titles = [f"{column}, {name}" if len(measures) > 1 else column for column in COLUMNS for name in measures]
+    lines = [f"| scene | {' | '.join(titles)} |", "|---" * (1 + len(titles)) + "|"]
+    for scene, row in over_independent.items():
+        cells = [cell(row, "all three", name) for name in measures]
+        cells += [cell(over_sobol[scene], "128 spp", name) for name in measures]
+        best = [line for line in over_mitsuba if line["scene"] == scene.split()[0]]
+        cells += [max((cell(line, "`auto`, sobol", m) for line in best), key=number, default="–") for m in measures]
         lines.append(f"| {scene} | {' | '.join(cells)} |")
     return lines
 

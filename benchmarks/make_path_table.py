@@ -2,8 +2,8 @@
 The tables of docs/paths.md
 ===========================
 
-What rules save in path tracing, five surfaces deep, on the thesis's scenes and on the box of colours: mean squared
-error times CPU seconds, pilot included, over that of the balance heuristic with independent points. Beside it the
+What rules save in path tracing, five surfaces deep, on the thesis's scenes and on the box of colours: relMSE and MSE
+times CPU seconds, pilot included, over those of the balance heuristic with independent points. Beside it the
 oracle, which knows what shares and numbers of samples could save. One thread, rules in turns. Takes about half an hour;
 the result is kept with the project.
 """
@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import ROOT, TABLES, bold, machine, options, replace_table, show
 
 import dmis
+from dmis.experiment.convergence import MEASURES
 from dmis.experiment.metrics import ratio
 from dmis.experiment.oracle import make_oracle
 from dmis.experiment.runs import measure
@@ -58,13 +59,22 @@ for name in ("cornell", *TABLES):
     seeds = range(given.seeds + MORE_SEEDS.get(name, 0))
     budgets = [(rule, SPP) for rule in (PINNED, *RULES)]
     runs = measure(scene, budgets, seeds, reference, progress=show(name), **about)
-    efficiency = {rule: np.array([run.mse * run.cpu_seconds for run in runs[rule, spp]]) for rule, spp in budgets}
+    efficiency = {
+        (rule, measure): np.array([getattr(run, measure) * run.cpu_seconds for run in runs[rule, spp]])
+        for rule, spp in budgets
+        for measure in MEASURES
+    }
     width, height = scene.camera.resolution
     row = f"| {scene.name} {width}×{height} |"
-    efficient.append(" ".join([row, *(f"{bold(*ratio(efficiency[rule], efficiency[PINNED]))} |" for rule in RULES)]))
+    columns = [(rule, measure) for rule in RULES for measure in MEASURES]
+    cells = [f"{bold(*ratio(efficiency[rule, m], efficiency[PINNED, m]))} |" for rule, m in columns]
+    efficient.append(" ".join([row, *cells]))
     print(efficient[-1], flush=True)
     strong = "balance:sampler=sobol"
-    print("over balance with Sobol points:", *(f"{r} {ratio(efficiency[r], efficiency[strong])}" for r in RULES))
+    print(
+        "over balance with Sobol points:",
+        *(f"{r} {m} {ratio(efficiency[r, m], efficiency[strong, m])}" for r, m in columns),
+    )
     oracle = make_oracle(scene, opts.pick(16, 256), progress=show("oracle"), **about)
     limits = oracle.limit(), oracle.spread_evenly(), oracle.limit_with_counts()
     bounds.append(" ".join([row, *(f"{limit:.3f} |" for limit in limits)]))
@@ -78,8 +88,8 @@ replace_table(
     f"Made on {date.today()} with {given.seeds} seeds ({given.seeds + 3} of cornell and killeroo-gold), {SPP} samples "
     f"per pixel, five surfaces deep, on {machine()}.",
     "",
-    f"| scene | {' | '.join(RULES.values())} |",
-    "|---" * (len(RULES) + 1) + "|",
+    f"| scene | {' | '.join(f'{rule}, {error}' for rule in RULES.values() for error in MEASURES.values())} |",
+    "|---" * (2 * len(RULES) + 1) + "|",
     *efficient,
     "",
     "What the oracle could save at equal samples with independent points; in the last column in equal time, by the "

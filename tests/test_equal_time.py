@@ -1,5 +1,7 @@
 """The error in equal time over a baseline: closed forms, coverage of its interval."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from equal_time import equal_time_ratio
@@ -19,6 +21,14 @@ def test_equal_time_follows_the_line_of_the_baseline(seconds: float) -> None:
     value, low, high = equal_time_ratio(rule, baseline)
     assert (value, low, high) == pytest.approx((0.25,) * 3)
     assert equal_time_ratio(rule, baseline[:1]).value == pytest.approx(0.25 * (seconds / 2) ** -0.5)
+
+
+def test_equal_time_of_either_measure() -> None:
+    """The rule's relMSE is five times its MSE, the baseline's equal: so the ratio is five times as large."""
+    baseline = [[run("balance", n, k, n / 2, 1 / n) for k in range(2)] for n in (2, 8)]
+    rule = [replace(run("auto", 4, k, 2.0, 0.1), relmse=0.5) for k in range(2)]
+    ratios = [equal_time_ratio(rule, baseline, measure).value for measure in ("mse", "relmse")]
+    assert ratios == pytest.approx([0.4, 2.0])
 
 
 def test_equal_time_intervals_hold_the_truth() -> None:

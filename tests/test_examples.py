@@ -177,8 +177,8 @@ def test_points_table_is_resumed(run, tmp_path):
     text = page.read_text("utf-8")
     assert text.count("| auto |") == text.count("| balance, Sobol / balance, independent |") == 2
     steps = (tmp_path / "measurements.md").read_text("utf-8")
-    assert steps.count(", held out |") == 1 and "| shares |" in steps
-    assert "| 16 spp | 32 spp |" in text and "nan" not in text
+    assert steps.count(", held out |") == 1 and "| shares, relMSE | shares, MSE |" in steps
+    assert "| 16 spp, relMSE | 16 spp, MSE | 32 spp, relMSE | 32 spp, MSE |" in text and "nan" not in text
     assert run(script, *arguments) == printed and results.read_bytes() == rows
 
 

@@ -52,6 +52,21 @@ def test_rows(front, tmp_path, column, best):
     ]
 
 
+def test_a_column_for_each_measure(front, tmp_path):
+    """Where the pages have both; a page that has none by relMSE has MSE in its old column."""
+    steps = STEPS.replace("all three", "all three, relMSE | all three, MSE").replace("0.1 ± 0.0**", "0.2 ± 0.0** | 0.1")
+    points = POINTS.replace("128 spp", "128 spp, relMSE | 128 spp, MSE").replace("| 8 |", "| 8 | 8 |")
+    steps, points = steps.replace("0.3 ± 0.0", "0.5 | 0.3"), points.replace("0.2 ± 0.1", "0.7 | 0.2")
+    pages = [tmp_path / name for name in ("steps.md", "points.md", "mitsuba.md")]
+    texts = (steps, points.replace("0.4 ± 0.1", "0.9 | 0.4"), MITSUBA.format(column="`auto`, sobol"))
+    for page, text in zip(pages, texts, strict=True):
+        page.write_text(text, "utf-8")
+    head, _, tt, room = front.front_rows(*pages)
+    assert head.count(", relMSE |") == head.count(", MSE |") == 3
+    assert tt == "| tt 3×2 | **0.2 ± 0.0** | 0.1 | 0.7 | 0.2 | – | 0.6 ± 0.1 |"
+    assert room == "| room, held out | 0.5 | 0.3 | 0.9 | 0.4 | – | – |"
+
+
 def test_readme_has_the_table_of_the_pages(front):
     """README shows what these pages show now."""
     assert "\n".join(front.front_rows()) in (ROOT / "README.md").read_text("utf-8")
