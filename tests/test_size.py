@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 23_600, "tests": 23_000}
+LINES = {"dmis": 23_600, "tests": 23_300}
 """Lines of Python files."""
-WORDS = 38_000
+WORDS = 38_300
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""
