@@ -75,7 +75,8 @@ def shading_samples(
                 points = joined_selections(n, *(selection for _, selection in merged))
             vertex = compose(index, points)
             surface = vertices.surface.take(vertex)
-            light_sample = sampling.sample(surface, light, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
+            seen = light.seen_from(surface.ng)
+            light_sample = sampling.sample(surface, seen, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
             tilt_of_samples = take_optional(tilt, points)
             yield Samples(k, sample_index, key, vertex, surface, light_sample, take(shares, points), tilt_of_samples)
 

@@ -30,7 +30,8 @@ from dmis.light.light import DeltaLight
 def add_direct_light(batch: Batch, vertices: Vertices) -> None:
     """Add the light that the vertices reflect: of all lights, or of one that is picked for each vertex."""
     plan = batch.scene.plan
-    lights = (*plan.sampled_lights(batch.settings.sky_compensation), *plan.deltas)
+    sampled = plan.sampled_lights(batch.settings.lights, batch.settings.sky_compensation)
+    lights = (*sampled, *plan.deltas)
     picked = None
     if batch.settings.one_light and len(lights) > 1:
         picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)
@@ -41,7 +42,7 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
         if index is not None and len(index) == 0:
             continue
         if light.delta:
-            headlight = not vertices.path and number - len(plan.sampled) in plan.headlights
+            headlight = not vertices.path and number - len(sampled) in plan.headlights
             _add_delta_light(batch, vertices, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
             continue
         key = (*vertices.path, number + len(lights) * vertices.beyond)

@@ -14,6 +14,7 @@ from dmis.estimator.mis import combiner_by_name
 from dmis.estimator.presets import PRESETS
 from dmis.estimator.technique import technique_by_name
 from dmis.light.light_sample import check_compensation
+from dmis.light.selection import SELECTIONS
 from dmis.samplers.streams import SAMPLERS
 from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 from dmis.scene.scene import Scene, SceneWarning
@@ -84,7 +85,9 @@ class Settings:
         ``systematic`` or ``random``, see `dmis.estimator.allocation`.
     lights
         ``all``: every light is sampled at every point; ``one``: one light, picked uniformly; ``pbrt``: all in direct
-        lighting, one at each vertex of a path, as pbrt-v2 does.
+        lighting, one at each vertex of a path, as pbrt-v2 does. ``even``, ``power``: the area lights are
+        sampled as if they were one light (`dmis.light.selection`), the light of a sample being selected evenly or by
+        power; the others, such as skies, have samples of their own.
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
         has been scattered by other surfaces too; ``auto``: what the scene's file says, or its
@@ -116,8 +119,9 @@ class Settings:
     allocation: str = "systematic"
     lights: str = _option(
         "all",
-        "lights sampled at a point: all, one at random, or pbrt: all in direct lighting, one on paths (default all)",
-        choices=("all", "one", "pbrt"),
+        "lights sampled at a point: all, one at random, or pbrt: all in direct lighting, one on paths (default all); "
+        "even, power: as if all were one light, by the selection of one",
+        choices=("all", "one", "pbrt", *SELECTIONS),
     )
     integrator: str = _option(
         "auto",
@@ -157,8 +161,9 @@ class Settings:
                 f"combiner balance or power",
             ),
             (
-                combiner.fits_pixels and self.lights != "all",
-                f"combiner {self.combiner} needs lights all, because its fit is over all samples of each light",
+                combiner.fits_pixels and self.lights in ("one", "pbrt"),
+                f"combiner {self.combiner} cannot have lights {self.lights}, because its fit is over all samples of "
+                f"each light. Use lights all or power",
             ),
             (
                 self.max_depth is None and self.integrator != "path",

@@ -13,14 +13,24 @@ from typing import ClassVar
 import numpy as np
 
 from dmis.base.validate import positive
-from dmis.base.vectors import TINY, Array, dot, frame
+from dmis.base.vectors import Array, dot, frame
 from dmis.geometry import shapes, transforms
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight
-from dmis.light.light_sample import ANY_POINT, LightSample, Rgb, direction, flat_light_hit, flat_light_sample, point
-from dmis.samplers.warp import cone_pdf, square_to_cone, square_to_disk, to_world
-
-_MIN_FAR_END = np.float32(1e-12)  # of directions that lead away from a sphere, whose distances are not used
+from dmis.light.light_sample import (
+    ANY_POINT,
+    LightSample,
+    Rgb,
+    direction,
+    flat_light_hit,
+    flat_light_sample,
+    intersect_plane,
+    point,
+    sphere_light_hit,
+    sphere_light_sample,
+)
+from dmis.light.pieces import DISK, PARALLELOGRAM, SPHERE, Pieces
+from dmis.samplers.warp import square_to_disk
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +80,13 @@ class DiskLight(AreaLight):
     def hit(self, p: Array, wi: Array) -> LightSample:
         """Return what unit directions `wi` ``(3, N)`` from `p` see of the disk."""
         centre, normal, _, _, radiance = self._data
-        distance, cos, q = _intersect_plane(p - centre, wi, normal)
+        distance, cos, q = intersect_plane(p - centre, wi, normal)
         inside = (distance > 0) & (dot(q, q) < np.float32(self.radius**2))
         return flat_light_hit(wi, distance, cos, inside, np.pi * self.radius**2, radiance)
+
+    def pieces(self) -> Pieces:
+        centre, normal, s, t, radiance = self._data
+        return Pieces.of(DISK, np.concatenate([centre, s, t, normal]), np.pi * self.radius**2, radiance)
 
     def extent(self) -> float:
         return float(self.radius)
@@ -137,10 +151,14 @@ class QuadLight(AreaLight):
     def hit(self, p: Array, wi: Array) -> LightSample:
         """Return what unit directions `wi` ``(3, N)`` from `p` see of the quad."""
         corner, _, _, normal, area, radiance = self._data
-        distance, cos, q = _intersect_plane(p - corner, wi, normal)
+        distance, cos, q = intersect_plane(p - corner, wi, normal)
         a, b = dot(self._dual[0], q), dot(self._dual[1], q)
         inside = (distance > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)
         return flat_light_hit(wi, distance, cos, inside, area, radiance)
+
+    def pieces(self) -> Pieces:
+        corner, edge_u, edge_v, normal, area, radiance = self._data
+        return Pieces.of(PARALLELOGRAM, np.concatenate([corner, edge_u, edge_v, normal]), area, radiance)
 
     def extent(self) -> float:
         """Return the root of the area."""
@@ -185,18 +203,13 @@ class SphereLight(AreaLight):
 
     def sample(self, p: Array, u: Array) -> LightSample:
         """Sample directions from the points `p` ``(3, N)`` in the cone of the sphere, `u` ``(2, N)``."""
-        to, distance2, one_minus_cos, outside = self._cone(p)
-        axis = to * (1 / np.sqrt(distance2))
-        wi = to_world(square_to_cone(u, one_minus_cos), axis)
-        return self._light_sample(wi, to, distance2, one_minus_cos, outside)
+        centre, radiance = self._data
+        return sphere_light_sample(centre - p, np.float32(self.radius**2), u, radiance)
 
     def hit(self, p: Array, wi: Array) -> LightSample:
         """Return what unit directions `wi` ``(3, N)`` from `p` see of the sphere."""
-        to, distance2, one_minus_cos, outside = self._cone(p)
-        along = dot(to, wi)
-        across = to - wi * along  # |to|^2 - along^2 would cancel for a far light
-        inside = outside & (along > 0) & (dot(across, across) < np.float32(self.radius**2))
-        return self._light_sample(wi, to, distance2, one_minus_cos, inside)
+        centre, radiance = self._data
+        return sphere_light_hit(wi, centre - p, np.float32(self.radius**2), radiance)
 
     def extent(self) -> float:
         return float(self.radius)
@@ -204,26 +217,7 @@ class SphereLight(AreaLight):
     def mesh(self) -> Mesh:
         return shapes.sphere(self.radius).transformed(transforms.translate(self.centre))
 
-    def _cone(self, p: Array) -> tuple[Array, Array, Array, Array]:
-        to = self._data[0] - p
-        distance2 = np.maximum(dot(to, to), TINY)
-        sin2 = np.minimum(np.float32(self.radius**2) / distance2, 1)  # 1: the receiver is inside
-        one_minus_cos = sin2 / (1 + np.sqrt(1 - sin2))
-        return to, distance2, one_minus_cos, sin2 < 1
-
-    def _light_sample(self, wi: Array, to: Array, distance2: Array, cone: Array, is_hit: Array) -> LightSample:
-        along = dot(to, wi)
-        across = to - wi * along
-        radius2 = np.float32(self.radius**2)
-        far = along + np.sqrt(np.maximum(radius2 - dot(across, across), 0))
-        # the near end is |to|^2 - radius^2 over the far one; their difference would cancel for a large sphere
-        near = np.maximum(distance2 - radius2, 0) / np.maximum(far, _MIN_FAR_END)
-        return LightSample(wi, near, self._data[1], cone_pdf(cone) * is_hit, is_hit)
-
-
-def _intersect_plane(p: Array, wi: Array, normal: Array) -> tuple[Array, Array, Array]:
-    """Return where rays from `p` (relative to the plane) meet a plane: distance, normal . wi, relative point."""
-    cos = dot(normal, wi)
-    cos = np.copysign(np.maximum(np.abs(cos), np.float32(1e-12)), cos)
-    distance = dot(normal, p) / -cos
-    return distance, cos, wi * distance + p
+    def pieces(self) -> Pieces:
+        centre, radiance = self._data
+        edges = np.eye(3).reshape(9, 1) * self.radius
+        return Pieces.of(SPHERE, np.concatenate([centre, edges]), np.pi * self.radius**2, radiance)

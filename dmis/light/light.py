@@ -17,6 +17,7 @@ from dmis.base.validate import check_methods, check_shape
 from dmis.base.vectors import Array
 from dmis.geometry.mesh import Mesh
 from dmis.light.light_sample import LightSample, rgb
+from dmis.light.pieces import Pieces
 
 
 @runtime_checkable
@@ -117,6 +118,10 @@ class SampledLight(Light, Protocol):
         """
         raise NotImplementedError
 
+    def seen_from(self, ng: Array) -> SampledLight:
+        """Return the light for surface points of unit normals `ng` ``(3, N)``, which its density may depend on."""
+        return self
+
 
 class InfiniteLight(SampledLight, Protocol):
     """Light from infinitely far away, at `INFINITE_DISTANCE`: all rays that leave the scene see it."""
@@ -157,6 +162,10 @@ class AreaLight(SampledLight, Protocol):
         Camera rays see it where they meet the light's part, and `sample` and `hit` report it, as one function.
         """
         return rgb("radiance", self.radiance)
+
+    def pieces(self) -> Pieces | None:
+        """Return what the light consists of, so that it can be one of many; None: it is sampled by itself."""
+        return None
 
 
 class DeltaLight(Light, Protocol):

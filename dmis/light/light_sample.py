@@ -9,6 +9,7 @@ import numpy as np
 
 from dmis.base import validate
 from dmis.base.vectors import TINY, Array, Selection, dot, take
+from dmis.samplers.warp import cone_pdf, square_to_cone, to_world
 
 Rgb = tuple[float, float, float]
 INFINITE_DISTANCE = np.float32(1e30)
@@ -16,6 +17,7 @@ INFINITE_DISTANCE = np.float32(1e30)
 ANY_POINT = np.zeros((3, 1), np.float32)
 """Point at which to look up the radiance of a light that emits the same everywhere."""
 _FLOAT32_MAX = 3.4e38
+_MIN_FAR_END = np.float32(1e-12)  # of directions that lead away from a sphere, whose distances are not used
 
 
 @dataclass(eq=False)
@@ -47,7 +49,7 @@ class LightSample:
         return take(self.radiance, index)
 
 
-def flat_light_sample(to: Array, normal: Array, area: float, radiance: Array) -> LightSample:
+def flat_light_sample(to: Array, normal: Array, area: Array | float, radiance: Array) -> LightSample:
     """Return the sample of a flat light along `to`, a point on it minus the receiver; pdf ``d^2 / (area |cos|)``."""
     distance2 = np.maximum(dot(to, to), TINY)
     inverse = 1 / np.sqrt(distance2)
@@ -56,11 +58,56 @@ def flat_light_sample(to: Array, normal: Array, area: float, radiance: Array) ->
     return LightSample(to * inverse, distance2 * inverse, radiance, pdf, cos > 0)
 
 
-def flat_light_hit(wi: Array, distance: Array, cos: Array, is_hit: Array, area: float, radiance: Array) -> LightSample:
+def flat_light_hit(
+    wi: Array, distance: Array, cos: Array, is_hit: Array, area: Array | float, radiance: Array
+) -> LightSample:
     """Return the sample of a flat light that directions hit (or not) at `distance`; `cos` = normal . wi."""
     reach = np.where(is_hit, distance, np.float32(0))  # the square of a miss's distance may overflow
     pdf = reach * reach / (np.float32(area) * np.maximum(np.abs(cos), np.float32(1e-12)))
     return LightSample(wi, distance, radiance, pdf, is_hit & (cos < 0))
+
+
+def sphere_light_sample(to: Array, radius2: Array | np.float32, u: Array, radiance: Array) -> LightSample:
+    """Return samples of the cone of a sphere, `to` its centre minus the receiver; none where the receiver is inside."""
+    distance2, one_minus_cos, outside = _cone(to, radius2)
+    wi = to_world(square_to_cone(u, one_minus_cos), to * (1 / np.sqrt(distance2)))
+    return _sphere_light_sample(wi, to, radius2, (distance2, one_minus_cos, outside), radiance)
+
+
+def sphere_light_hit(wi: Array, to: Array, radius2: Array | np.float32, radiance: Array) -> LightSample:
+    """Return what directions see of a sphere, `to` its centre minus the receiver."""
+    distance2, one_minus_cos, outside = _cone(to, radius2)
+    along = dot(to, wi)
+    across = to - wi * along  # |to|^2 - along^2 would cancel for a far light
+    inside = outside & (along > 0) & (dot(across, across) < radius2)
+    return _sphere_light_sample(wi, to, radius2, (distance2, one_minus_cos, inside), radiance)
+
+
+def _cone(to: Array, radius2: Array | np.float32) -> tuple[Array, Array, Array]:
+    """Return the squared distance of a sphere's centre, 1 - cos of its cone, and whether the receiver is outside."""
+    distance2 = np.maximum(dot(to, to), TINY)
+    sin2 = np.minimum(radius2 / distance2, 1)  # 1: the receiver is inside
+    return distance2, sin2 / (1 + np.sqrt(1 - sin2)), sin2 < 1
+
+
+def _sphere_light_sample(
+    wi: Array, to: Array, radius2: Array | np.float32, cone: tuple[Array, Array, Array], radiance: Array
+) -> LightSample:
+    distance2, one_minus_cos, is_hit = cone
+    along = dot(to, wi)
+    across = to - wi * along
+    far = along + np.sqrt(np.maximum(radius2 - dot(across, across), 0))
+    # the near end is |to|^2 - radius^2 over the far one; their difference would cancel for a large sphere
+    near = np.maximum(distance2 - radius2, 0) / np.maximum(far, _MIN_FAR_END)
+    return LightSample(wi, near, radiance, cone_pdf(one_minus_cos) * is_hit, is_hit)
+
+
+def intersect_plane(p: Array, wi: Array, normal: Array) -> tuple[Array, Array, Array]:
+    """Return where rays from `p` (relative to the plane) meet a plane: distance, normal . wi, relative point."""
+    cos = dot(normal, wi)
+    cos = np.copysign(np.maximum(np.abs(cos), np.float32(1e-12)), cos)
+    distance = dot(normal, p) / -cos
+    return distance, cos, wi * distance + p
 
 
 def rgb(name: str, value: Rgb) -> Array:

@@ -15,6 +15,7 @@ from dmis.intersect import Intersector
 from dmis.light.coincident import find_overlaps, find_twins
 from dmis.light.light import AreaLight
 from dmis.light.light_sample import ANY_POINT, LightSample, Rgb, flat_light_hit, flat_light_sample
+from dmis.light.pieces import TRIANGLE, Pieces
 from dmis.light.triangle_order import compact_order, shortest_edge_last
 from dmis.samplers.warp import square_to_triangle
 
@@ -145,6 +146,13 @@ class MeshLight(AreaLight):
         light_sample = flat_light_hit(wi, hits.distance, dot(chosen[9:], wi), is_hit, area, radiance)
         light_sample.emits |= is_hit & self._sampled[1].take(hits.prim)
         return light_sample
+
+    def pieces(self) -> Pieces | None:
+        if self.textured:
+            return None
+        rows, _, _, radiance = self._data
+        area = np.linalg.norm(np.cross(rows[3:6], rows[6:9], axis=0), axis=0) / 2
+        return Pieces.of(TRIANGLE, rows, area, radiance, self._sampled[1])
 
     def extent(self) -> float:
         """Return the diagonal of the bounds."""

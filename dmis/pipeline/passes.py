@@ -79,7 +79,8 @@ class Passes:
             passes = len(job.rule.pilot) + 1
             self._store = Store(checkpoint, job.key, _CHECKPOINT_BYTES * self._pixels * passes)
         job.scene.prepare()
-        _ = job.scene.plan.sampled_lights(job.settings.sky_compensation)  # tables, before workers get the scene
+        # tables, before workers get the scene
+        _ = job.scene.plan.sampled_lights(job.settings.lights, job.settings.sky_compensation)
         self._workers = None if serial else Workers(job.scene, parallel)
 
     def __enter__(self) -> Passes:

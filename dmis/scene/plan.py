@@ -19,6 +19,8 @@ import numpy as np
 from dmis.brdf.materials import Material
 from dmis.light.coincident import original_lights
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
+from dmis.light.pieces import Pieces
+from dmis.light.selection import SELECTIONS, SelectedLights
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group
 from dmis.scene.simplify import simplify
@@ -59,6 +61,7 @@ class Plan:
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
         eye = camera.origin[:, 0]
         self.headlights = frozenset(k for k, light in enumerate(self.deltas) if light.is_at(eye, 0.1 * epsilon))
+        self._selections: dict[str, SelectedLights] = {}
         keys: dict[Any, list[tuple[Material, AreaLight | None]]] = {}
         part_keys = []
         simplified = {id(part.material): simplify(part.material) for part in parts}
@@ -103,12 +106,40 @@ class Plan:
         self.face_group = np.concatenate([*face_group, np.array([NO_GROUP], np.uint8)])
         self.face_row = np.concatenate(face_row)
 
-    def sampled_lights(self, compensation: float) -> tuple[SampledLight, ...]:
-        """Return `sampled`, with infinite lights whose samples are compensated, see `InfiniteLight.compensated`."""
+    def sampled_lights(self, lights: str, compensation: float) -> tuple[SampledLight, ...]:
+        """Return what light samples are taken of: `sampled`, or one light in the place of many of them.
+
+        Parameters
+        ----------
+        lights
+            How lights are sampled, see `dmis.estimator.settings.Settings`.
+        compensation
+            That of infinite lights, see `InfiniteLight.compensated`.
+        """
+        selection = self.selection(lights)
+        sampled = self.sampled if selection is None else self._selected(selection)
         if not self.environment:
-            return self.sampled
-        lights = (light.compensated(compensation) if light.infinite else light for light in self.sampled)  # type: ignore[attr-defined]
-        return tuple(lights)
+            return sampled
+        return tuple(light.compensated(compensation) if light.infinite else light for light in sampled)  # type: ignore[attr-defined]
+
+    def selection(self, lights: str) -> str | None:
+        """Return the name of the selection by which one of many lights is sampled; None: each has its own samples."""
+        return lights if lights in SELECTIONS and len(self.many) > 1 else None
+
+    @cached_property
+    def many(self) -> tuple[SampledLight, ...]:
+        """Lights that can be one of many: area lights that consist of pieces and hide what is behind them."""
+        unseen = {id(light) for light in self.unseen}
+        lights = (light for light in self.sampled if not light.infinite and id(light) not in unseen)
+        return tuple(light for light in lights if light.pieces() is not None)  # type: ignore[attr-defined]
+
+    def _selected(self, name: str) -> tuple[SampledLight, ...]:
+        """Return one light in the place of `many`, and the others, which are sampled by themselves."""
+        if name not in self._selections:
+            pieces = Pieces.joined([light.pieces() for light in self.many])  # type: ignore[attr-defined]
+            self._selections[name] = SelectedLights(pieces, SELECTIONS[name](pieces))
+        many = {id(light) for light in self.many}
+        return (self._selections[name], *(light for light in self.sampled if id(light) not in many))
 
     @cached_property
     def has_light(self) -> bool:

@@ -1,0 +1,169 @@
+"""Many lights as one: the composite against its densities, against its lights, and renders against brute force."""
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers import LEVEL
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.brdf.materials import matte, plastic
+from dmis.formats.load_scene import light_part
+from dmis.geometry.shapes import quad, sphere
+from dmis.geometry.transforms import translate
+from dmis.light.area import DiskLight, QuadLight, SphereLight
+from dmis.light.light import AreaLight
+from dmis.light.light_sample import LightSample
+from dmis.light.mesh_light import MeshLight
+from dmis.light.pieces import Pieces
+from dmis.light.selection import SELECTIONS, SelectedLights
+from dmis.samplers.warp import square_to_sphere
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.scene.scene import Scene
+from dmis.testing.density import DensityView
+from dmis.testing.density_checks import CORNERS, COUNT, view_checks
+from dmis.testing.outcome import require, run_checks
+from dmis.testing.sphere import columns, uniforms
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def lamp(rng: np.random.Generator, kind: int, low: float = 0.03, high: float = 0.2) -> AreaLight:
+    """A lamp of random place, size, direction and colour: a disk, sphere, quad, or a mesh, closed or not."""
+    centre, radius = rng.uniform([-1.5, -1.5, 0.3], [1.5, 1.5, 2.5]), rng.uniform(low, high)
+    colour, normal = tuple(np.exp(rng.normal(size=3))), rng.normal(size=3) + DOWN
+    if kind == 0:
+        return DiskLight(tuple(centre), tuple(normal), radius, colour)
+    if kind == 1:
+        return SphereLight(tuple(centre), radius, colour)
+    if kind == 2:
+        along = np.cross(normal, rng.normal(size=3))
+        along *= radius / np.linalg.norm(along)
+        across = np.cross(normal, along)
+        return QuadLight(tuple(centre), tuple(along), tuple(2 * across / np.linalg.norm(normal)), colour)
+    if kind == 4:
+        bent = centre + radius * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0.4], [0, -1, 0]])
+        return MeshLight(bent, np.array([[0, 2, 1], [0, 3, 2]]), colour)
+    mesh = sphere(radius, segments=6).transformed(translate(centre))
+    return MeshLight(mesh.vertices, mesh.faces, colour)
+
+
+def lamp_part(light: AreaLight) -> Part:
+    """The visible surface of a lamp; that of a sphere has few triangles."""
+    if not isinstance(light, SphereLight):
+        return light_part(light)
+    return Part(sphere(light.radius, segments=16).transformed(translate(light.centre)), matte(0), light)
+
+
+def random_scene(seed: int, count: int = 8) -> Scene:
+    """A floor, a glossy wall and a ball between lamps of all kinds."""
+    rng = np.random.default_rng(seed)
+    lights = tuple(lamp(rng, k % 5) for k in range(count))
+    ball = sphere(0.3, segments=12).transformed(translate((0.2, 0.1, 0.5)))
+    parts = (
+        *(lamp_part(light) for light in lights),
+        Part(quad((-2, -2, 0), (4, 0, 0), (0, 4, 0)), matte(0.5)),
+        Part(quad((-2, 2, 0), (4, 0, 0), (0, 0, 3)), plastic(0.4, 0.4, 0.05)),
+        Part(ball, plastic(0.3, 0.3, 0.1)),
+    )
+    camera = Camera.look_at((0, -4, 2), (0, 0, 0.6), fov=50, resolution=(24, 16))
+    return Scene(camera, parts, lights)
+
+
+def composite(name: str, lights: tuple[AreaLight, ...]) -> SelectedLights:
+    pieces = Pieces.joined([of for light in lights if (of := light.pieces()) is not None])
+    return SelectedLights(pieces, SELECTIONS[name](pieces))
+
+
+@pytest.mark.parametrize("name", SELECTIONS)
+@pytest.mark.parametrize("kinds", [(0, 1, 2, 4), (2, 2, 2), (1, 1, 1, 1, 1), (0, 4)])
+def test_samples_follow_the_density(name: str, kinds: tuple[int, ...]) -> None:
+    """Samples follow the pdf of `hit`, which integrates to 1, from two places, with a normal and without."""
+    rng = np.random.default_rng(sum(kinds))
+    light = composite(name, tuple(lamp(rng, kind, 0.2, 0.4) for kind in kinds))
+    floor = light.seen_from(columns(np.array([0.0, 0.0, 1.0]), COUNT))
+
+    def view(p: Array, u: Array, of: SelectedLights, place: str) -> DensityView:
+        def hit(w: Array) -> LightSample:
+            return at(of, w.shape[1]).hit(columns(p, w.shape[1]), w)
+
+        def pdf(w: Array) -> Array:
+            sample = hit(w)
+            return np.where(sample.emits, sample.pdf, 0)
+
+        def radiance(w: Array) -> Array:
+            sample = hit(w)
+            return np.where(sample.emits, sample.radiance, 0)
+
+        sample = at(of, u.shape[1]).sample(columns(p, u.shape[1]), u)
+        met = hit(sample.wi)
+        sample.emits &= np.isclose(met.distance, sample.distance, rtol=1e-3)  # others are hidden
+        return DensityView(sample.wi, pdf, sample.emits, place, radiance, sample, hit, "the pdf of hit")
+
+    def at(of: SelectedLights, count: int) -> SelectedLights:
+        return of if of.ng is None else of.seen_from(of.ng[:, :1].repeat(count, axis=1))
+
+    places = ((0.1, 0.2, -0.5), light, "below"), ((0.3, -0.2, 0.0), floor, "on a floor")
+    views = [view(np.array(p), uniforms(COUNT, k), of, place) for k, (p, of, place) in enumerate(places)]
+    corners = [view(np.array(p), CORNERS[:2], of, place) for p, of, place in places]
+    require(run_checks(name, view_checks(views, corners, LEVEL, "the radiance of hit", True)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_hit_finds_the_nearest_light(seed: int) -> None:
+    """Where the composite and its lights disagree, a dark side is nearer; radiance and density are that light's."""
+    scene = random_scene(seed, 40)
+    w, p = square_to_sphere(uniforms(2**14, seed)), columns(np.array([0.1, 0.2, 0.6]), 2**14)
+    hit = composite("even", scene.lights).hit(p, w.copy())  # type: ignore[arg-type]
+    nearest, radiance, pdf = np.full(2**14, np.inf), np.zeros((3, 2**14)), np.zeros(2**14)
+    for light in scene.lights:
+        own = light.hit(p, w)  # type: ignore[attr-defined]
+        closer = own.emits & (own.distance < nearest)
+        nearest[closer], pdf[closer] = own.distance[closer], own.pdf[closer] / 40
+        radiance[:, closer] = np.broadcast_to(own.radiance, w.shape)[:, closer]
+    assert 0.02 < hit.emits.mean() and not (hit.emits & ~np.isfinite(nearest)).any()
+    hidden = np.isfinite(nearest) & ~hit.emits
+    assert hidden.mean() < 0.003 and ((hit.distance < nearest) & (hit.distance > 0))[hidden].all()
+    same = hit.emits
+    np.testing.assert_allclose(hit.distance[same], nearest[same], rtol=1e-4)
+    np.testing.assert_allclose(hit.radiance[:, same], radiance[:, same], rtol=1e-5)
+    np.testing.assert_allclose(hit.pdf[same], pdf[same], rtol=2e-2)
+
+
+def test_lamps_back_to_back() -> None:
+    """Of two lamps in one place a ray meets the one that faces it."""
+    front = QuadLight((-1, -1, 1), (2, 0, 0), (0, 2, 0), (1, 1, 1))
+    mesh = front.mesh()
+    assert mesh is not None
+    back = MeshLight(mesh.vertices, mesh.faces[:, ::-1], (2, 2, 2))
+    disks = DiskLight((0, 0, 3), (0, 0, 1), 1, (3, 3, 3)), DiskLight((0, 0, 3), (0, 0, -1), 1, (4, 4, 4))
+    light = composite("even", (front, back, *disks))
+    down, up = columns(DOWN, 1), columns(-DOWN, 1)
+    for z, w, value in ((5, down, 3), (2, up, 4), (2, down, 1), (0, up, 2)):
+        hit = light.hit(columns(np.array([0.1, 0.2, z]), 1), w.copy())
+        assert hit.emits.all() and (hit.radiance == value).all()
+
+
+def check_against_all_lights(seed: int, name: str, rule: str) -> None:
+    """Camera rays are the same, whatever the lights, so the difference has the noise of direct light only."""
+    scene = random_scene(seed)
+    many, each = (
+        dmis.render(scene, of, 64, seed=1, parallel=1, lights=lights).image
+        for of, lights in ((rule, name), ("balance", "all"))
+    )
+    assert scipy.stats.ttest_1samp((many - each).mean(axis=2).ravel(), 0).pvalue > LEVEL
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_renders_agree_with_all_lights(seed: int) -> None:
+    """Light samples alone, and with BRDF samples, have the mean of sampling every light at every point."""
+    name = tuple(SELECTIONS)[seed % len(SELECTIONS)]
+    check_against_all_lights(seed, name, ("balance", "fixed:1")[seed % 2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12, 62))
+@pytest.mark.parametrize("name", SELECTIONS)
+def test_many_renders_agree_with_all_lights(seed: int, name: str) -> None:
+    check_against_all_lights(seed, name, ("balance", "fixed:1", "fixed:0")[seed % 3])
