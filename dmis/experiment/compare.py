@@ -14,7 +14,7 @@ from dmis.estimator.settings import Settings, make_settings
 from dmis.experiment import alarm
 from dmis.experiment.convergence import MEASURES, gains
 from dmis.experiment.oracle import Oracle
-from dmis.experiment.reference import Reference, crop_area
+from dmis.experiment.reference import Reference
 from dmis.experiment.runs import PINNED, Budget, Run, fallbacks, measure, seed_list
 from dmis.experiment.table import Comparison, Results, conditions, run_by_key
 from dmis.fit.registry import RULES, make_rule
@@ -100,7 +100,7 @@ def compare(
     oracle
         Oracle of the maps of regret; None: there are no such maps.
     crop, progress, options
-        See `dmis.experiment.runs.measure`; the reference has the same integrator and depth.
+        See `dmis.experiment.runs.measure`.
 
     Raises
     ------
@@ -113,7 +113,6 @@ def compare(
     parallel = options.pop("parallel", None)
     settings, folder = make_settings(**options), Path(folder)
     rules, spp, seeds = _check_arguments(scene, rules, spp, seeds, reference, oracle, settings)
-    crop_area(crop, scene.camera.resolution)
     check_output(folder)
     results = Results(folder, conditions(scene, reference, parallel, settings, crop), rules)
     pinned = [(PINNED, n) for n in spp]  # first, because rows are relative to it

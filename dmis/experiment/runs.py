@@ -90,7 +90,6 @@ def measure(
     keep: Callable[[Budget, Result], None] | None = None,
     record: Callable[[Run], None] | None = None,
     progress: Progress | bool | None = None,
-    crop: Sequence[int] | None = None,
     **options: Any,
 ) -> dict[Budget, list[Run]]:
     """Render `scene` with every rule, budget and seed, and measure time and error of each render.
@@ -107,11 +106,10 @@ def measure(
         Called with each budget and its result, then with its run, as soon as it is finished.
     progress
         Called as ``progress(rule, done, total)`` after each render; True for a bar.
-    crop
-        Window ``(x0, y0, x1, y1)`` in pixels, the last two excluded, of which errors are measured; None: the image.
     options
         ``parallel``, ``settings`` and fields of `dmis.Settings` by name, for all renders; see
-        `dmis.pipeline.render.render`. CPU seconds are those of this process, and not of others that ``parallel`` names.
+        `dmis.pipeline.render.render`. ``crop``: window of the errors (`dmis.experiment.reference.crop_area`). CPU
+        seconds are those of this process, and not of others that ``parallel`` names.
 
     Returns
     -------
@@ -126,12 +124,11 @@ def measure(
     turns = list(product(seed_list(seeds), runs))
     finished = {(run.rule, run.spp, run.seed): run for run in done}
     alarmed: set[str] = set()
-    area = crop_area(crop, scene.camera.resolution)
     with reporting(progress, "renders") as report:
         for n, (seed, (rule, spp)) in enumerate(turns, 1):
             run = finished.get((rule, spp, seed))
             if run is None:
-                run, result = _timed_run(scene, (rule, spp), seed, reference, area, **options)
+                run, result = _timed_run(scene, (rule, spp), seed, reference, **options)
                 if keep:
                     keep((rule, spp), result)
                 if record:
@@ -157,11 +154,11 @@ def _timed_run(
     budget: Budget,
     seed: int,
     reference: Reference,
-    area: tuple[slice, slice],
+    crop: Sequence[int] | None = None,
     parallel: Parallel = None,
     **options: Any,
 ) -> tuple[Run, Result]:
-    """Render a budget with the `options` of `measure`; return its time and error in an area, and the result."""
+    """Render a budget with the `options` of `measure`; return its time and error, and the result."""
     rule, spp = budget
     settings = make_settings(**options)
     if rule == PINNED:
@@ -172,6 +169,7 @@ def _timed_run(
     result = render(scene, name, spp, seed=seed, parallel=parallel, settings=settings)
     cpu_seconds = time.process_time() - begin
     pilot, fit, final = (result.seconds[stage] for stage in ("pilot", "fit", "render"))
+    area = crop_area(crop, scene.camera.resolution)
     image, reference = result.image[area], reference.cropped(area)
     mse, mse_error = mean_over_blocks(squared_error(image, reference))
     mean_z = alarm.mean_z(image, reference, spp)

@@ -52,6 +52,7 @@ def conditions(
 ) -> dict[str, Any]:
     """Return what all rows of a table must share: scene, reference, crop, settings, executor, and the code of dmis."""
     settings = resolve_auto(settings or Settings(), scene)
+    crop_area(crop, scene.camera.resolution)  # a bad one is refused before anything is written
     halves = hashlib.sha256(np.stack([reference.first, reference.second]).tobytes())
     return {
         "dmis": __version__,
