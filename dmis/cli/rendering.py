@@ -13,7 +13,7 @@ from pathlib import Path
 
 from dmis.base import malloc
 from dmis.base.atomic_files import check_writable, replacing
-from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
+from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of
 from dmis.estimator.settings import make_settings
 from dmis.image import check_image, write_png
 from dmis.pipeline.checkpoint import remove_checkpoint
@@ -21,6 +21,7 @@ from dmis.pipeline.executor import Parallel, Processes
 from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
+from dmis.pipeline.stopping import Stop
 
 CLUSTER_TIMEOUT = 30.0
 """Seconds to wait for a Dask scheduler to answer, and again for its first worker."""
@@ -36,9 +37,10 @@ def render(options: argparse.Namespace) -> int:
     for path in files:
         check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
     with _executor(options) as parallel, progress_bar(options.quiet) as progress:
-        spp = spp_of(options, scene) if options.spp is None else options.spp
-        job = resolve(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
-        result = render_job(job, parallel, progress, options.checkpoint)
+        spp = scene.suggested.spp if options.spp is None and options.as_in_file else options.spp
+        stop = Stop(options.rule, spp, options.noise, options.seconds)
+        job = resolve(scene, options.rule, stop.first_spp, options.seed, make_settings(**settings_of(options, scene)))
+        result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
     write_image(options.output, result)
     if options.png:
         write_png(options.png, result.image)
@@ -100,7 +102,9 @@ def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
     """Return what was rendered and how fast, why by another rule, and the number of fireflies."""
     rule, seconds = result.provenance["rule"], result.seconds["total"]
     taken = f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
-    about = f"{rule}, {job.spp} spp{taken if options.as_in_file else ''}"
+    about = f"{rule}, {result.provenance['spp']} spp{taken if options.as_in_file else ''}"
+    if noise := result.provenance.get("noise"):
+        about += f" in {result.provenance['rounds']} rounds, noise {noise:.2g}"
     rate = result.rays.get("camera", 0) / seconds / 1e6
     text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{fireflies(result)}"
     if reason := result.provenance.get("fallback"):

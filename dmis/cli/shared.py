@@ -12,10 +12,8 @@ from typing import Any
 from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
 from dmis.pipeline.progress import Progress, reporting
+from dmis.pipeline.stopping import DEFAULT_SPP
 from dmis.scene.scene import Scene
-
-DEFAULT_SPP = 128
-"""Camera samples per pixel where neither an option nor the scene's file says."""
 
 
 def load(options: argparse.Namespace) -> Scene:

@@ -1,0 +1,126 @@
+"""Renders that stop at a noise or a time: the points of one long render, the achieved error, the bias of stopping."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.brdf.materials import plastic
+from dmis.pipeline import stopping
+from dmis.testing.scenes import box_scene
+
+
+def glossy(resolution: tuple[int, int] = (16, 12)) -> dmis.Scene:
+    """Return a glossy floor that reflects a light."""
+    return box_scene(plastic(0.3, 0.3, 0.02), resolution=resolution)
+
+
+@pytest.mark.parametrize("rule", ["balance", "fixed:0.3", "counts", "second-moment:reuse=yes"])
+@pytest.mark.parametrize("sampler", ["sobol", "independent", "stratified", "lowdiscrepancy"])
+def test_doubled_numbers(rule: str, sampler: str) -> None:
+    """Samples of each pixel are those of the rule's rounds, the last ones doubled; rays are those of all rounds."""
+    scene, options = glossy(), {"sampler": sampler, "seed": 3, "parallel": 1}
+    first, result = (dmis.render(scene, rule, spp, noise=0, **options) for spp in (32, 128))
+    pilot = 6 if rule.startswith("second") else 0
+    np.testing.assert_array_equal(result.samples - pilot, 4 * (first.samples - pilot))
+    assert result.provenance["spp"] == pilot + 4 * (32 - pilot)
+    assert result.provenance["rounds"] == first.provenance["rounds"] + 2
+    np.testing.assert_allclose(result.light_samples + result.brdf_samples, result.samples * result.shading_samples)
+    assert result.rays["camera"] > 3 * first.rays["camera"] and (result.variance < first.variance).mean() > 0.7
+
+
+def test_rounds_have_the_points_of_one_render() -> None:
+    """Balance with Sobol points, doubled from 32 to 256 samples, is the render of 256 samples."""
+    long = dmis.render(glossy(), "balance", 256, seed=5, sampler="sobol")
+    result = dmis.render(glossy(), "balance", 256, seed=5, sampler="sobol", noise=0)
+    np.testing.assert_allclose(result.image, long.image, rtol=2e-6)
+    assert result.provenance["rounds"] == 4 and result.provenance["spp"] == 256 and result.rays == long.rays
+
+
+def test_stops_at_the_noise_and_goes_on_from_there(tmp_path: Path) -> None:
+    """A larger noise stops earlier; its checkpoint goes on to a smaller one, bit by bit as in one render."""
+    scene, options = glossy(), {"seed": 1, "sampler": "sobol"}
+    coarse = dmis.render(scene, "auto", noise=0.006, checkpoint=tmp_path / "tiles", **options)
+    fine = dmis.render(scene, "auto", noise=0.002, parallel=1, checkpoint=tmp_path / "tiles", **options)
+    alone = dmis.render(scene, "auto", noise=0.002, parallel=dmis.Processes(2), **options)
+    for name in ("image", "deviation", "samples", "weight"):
+        np.testing.assert_array_equal(getattr(fine, name), getattr(alone, name))
+    assert coarse.provenance["noise"] <= 0.006 and fine.provenance["noise"] <= 0.002
+    assert coarse.provenance["spp"] < fine.provenance["spp"] and fine.provenance == alone.provenance
+    again = dmis.render(scene, "auto", fine.provenance["spp"], noise=0, **options)  # what the provenance says
+    np.testing.assert_array_equal(again.image, fine.image)
+
+
+def test_the_clock_is_read_between_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each round takes as long as all before it, by a clock that rays advance: the last doubling ends in time."""
+    clock = 0.0
+    render = dmis.pipeline.passes.Passes.render
+
+    def timed(passes, round_):
+        nonlocal clock
+        film = render(passes, round_)
+        clock += float(np.mean(round_.spp)) / 32
+        return film
+
+    monkeypatch.setattr("dmis.pipeline.passes.Passes.render", timed)
+    monkeypatch.setattr(stopping.time, "perf_counter", lambda: clock)
+    for seconds, spp in ((0.5, 32), (1.9, 32), (2.0, 64), (15.9, 256), (16.0, 512)):
+        clock = 0.0
+        result = dmis.render(glossy((4, 3)), "balance", seconds=seconds, parallel=1)
+        assert result.provenance["spp"] == spp and clock == spp / 32
+
+
+def test_limits(tmp_path: Path) -> None:
+    """`spp` is the most; a rule's own rounds are as long as it needs; what is no number is refused."""
+    scene = glossy((4, 3))
+    assert [dmis.render(scene, "balance", spp, noise=0).provenance["spp"] for spp in (1, 20, 33, 64)] == [1, 20, 32, 64]
+    assert dmis.render(scene, "balance", 1, noise=0).provenance["noise"] is None
+    assert dmis.render(scene, "thesis:spp=16", noise=1).provenance["spp"] == 64
+    assert "noise" not in dmis.render(scene, "balance", 4).provenance
+    assert dmis.render(scene, "balance").provenance["spp"] == 128
+    for options in ({"noise": -0.1}, {"noise": "x"}, {"seconds": -1}, {"seconds": True}, {"noise": 0.1, "spp": 0}):
+        with pytest.raises(ValueError, match=f"^{list(options)[-1]} must be a "):
+            dmis.render(scene, "balance", **options)
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The summary has the samples, the rounds and the noise that was estimated."""
+    arguments = ["render", "teapot-area-light", "--resolution", "16x12", "-o", str(tmp_path / "a.exr"), "--seed", "2"]
+    assert dmis.cli.commands.main([*arguments, "--noise", "0.05", "--spp", "4096", "--seconds", "600"]) == 0
+    result = dmis.render(dmis.load_scene("teapot-area-light", resolution=(16, 12)), noise=0.05, seed=2)
+    told = result.provenance
+    assert f"auto, {told['spp']} spp in {told['rounds']} rounds, noise {told['noise']:.2g}" in capsys.readouterr().out
+    np.testing.assert_array_equal(dmis.read_exr(tmp_path / "a.exr")[0]["RGB"], result.image)
+
+
+def stopped(resolution: tuple[int, int], noise: float, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return relative bias and standard error of the mean of images that stop, and the roots of their relMSE."""
+    scene = glossy(resolution)
+    exact = np.mean([dmis.render(scene, "balance", 2**14, seed=s, parallel=1).image for s in range(90, 98)], axis=0)
+    results = [dmis.render(scene, "balance", 2**13, noise=noise, seed=s, parallel=1) for s in range(1000, 1000 + seeds)]
+    assert len({result.provenance["spp"] for result in results}) >= 3  # they do not all stop at once
+    means = np.array([result.image.mean() for result in results]) / exact.mean()
+    errors = np.sqrt([dmis.relmse(result, exact) for result in results])
+    return means.mean() - 1, means.std(ddof=1) / np.sqrt(seeds), errors
+
+
+def test_bias_of_stopping() -> None:
+    """Twelve pixels that stop at their own noise have a bias of less than a tenth of it; one pixel, of most of it."""
+    bias, error, errors = stopped((4, 3), 0.008, 400)
+    assert abs(bias) < 0.0008 and 4 * error < 0.0015
+    assert 0.5 < np.sqrt((errors**2).mean()) / 0.008 < 1.2
+    bias, error, _ = stopped((1, 1), 0.01, 400)
+    assert -0.012 < bias < -0.004 and bias < -4 * error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "cornell"])
+def test_achieved_noise(name: str, tmp_path: Path) -> None:
+    """The error is 0.5 to 1.2 times the noise that was asked for: half of that range is the doubling."""
+    width, height = dmis.load_scene(name).camera.resolution
+    scene = dmis.load_scene(name, resolution=(76, round(76 * height / width)))
+    reference = dmis.make_reference(scene, 2048, folder=tmp_path)
+    for seed in range(2):
+        result = dmis.render(scene, noise=0.02, seed=seed)
+        assert 0.5 < np.sqrt(dmis.relmse(result, reference)) / 0.02 < 1.2
