@@ -85,9 +85,9 @@ class Settings:
         ``systematic`` or ``random``, see `dmis.estimator.allocation`.
     lights
         ``all``: every light is sampled at every point; ``one``: one light, picked uniformly; ``pbrt``: all in direct
-        lighting, one at each vertex of a path, as pbrt-v2 does. ``even``, ``power``: the area lights are
-        sampled as if they were one light (`dmis.light.selection`), the light of a sample being selected evenly or by
-        power; the others, such as skies, have samples of their own.
+        lighting, one at each vertex of a path, as pbrt-v2 does. ``tree``, ``power``, ``even``: the area lights
+        are sampled as if they were one light (`dmis.light.selection`); each sample selects one of them by a light tree,
+        by power, or uniformly. The others, such as skies, have samples of their own.
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
         has been scattered by other surfaces too; ``auto``: what the scene's file says, or its
@@ -120,7 +120,7 @@ class Settings:
     lights: str = _option(
         "all",
         "lights sampled at a point: all, one at random, or pbrt: all in direct lighting, one on paths (default all); "
-        "even, power: as if all were one light, by the selection of one",
+        "tree, power, even: as if all were one light, by the selection of one",
         choices=("all", "one", "pbrt", *SELECTIONS),
     )
     integrator: str = _option(

@@ -7,6 +7,7 @@ light sample and one BRDF sample where each of n lights would have two of its ow
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from dmis.base.vectors import Array, Index
 from dmis.light.light import SampledLight
 from dmis.light.light_sample import LightSample
 from dmis.light.pieces import Pieces
+from dmis.light.tree import TreeSelection
 
 
 class Selection(Protocol):
@@ -75,7 +77,11 @@ def power_selection(pieces: Pieces) -> FixedSelection:
     return FixedSelection(pieces.intensity * (1 + pieces.two_sided))
 
 
-SELECTIONS = {"even": even_selection, "power": power_selection}
+SELECTIONS: dict[str, Callable[[Pieces], Selection]] = {
+    "even": even_selection,
+    "power": power_selection,
+    "tree": TreeSelection,
+}
 """Selections by the name of their option."""
 
 

@@ -21,15 +21,22 @@ def compact_order(triangles: Floats) -> Index:
     The surface is halved in area, across the widest axis of the triangles' centres and normals, and each half again,
     until each part is one triangle (a k-d tree, level by level), or a millionth of the area.
     """
-    count = len(triangles)
-    order = np.arange(count)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    twice = np.linalg.norm(cross, axis=1)
-    centre = triangles.mean(axis=1)
+    return halved_order(triangles.mean(axis=1), cross, np.linalg.norm(cross, axis=1))
+
+
+def halved_order(centre: Floats, normal: Floats, weight: Floats) -> Index:
+    """Return the order of `compact_order` of things of any `weight` ``(F,)``, about `centre` ``(F, 3)``.
+
+    The vectors `normal` ``(F, 3)`` are of any length; 0 stands for no direction.
+    """
+    count = len(centre)
+    order = np.arange(count)
     radius = np.linalg.norm(np.ptp(centre, axis=0)) / 2  # of the whole surface: opposite normals are as far apart
-    features = np.concatenate([centre, cross * (radius / np.maximum(twice, 1e-300))[:, None]], axis=1)
-    for level in range(20 if twice.any() else 0):
-        share, ordered = twice[order], features[order]
+    length = np.linalg.norm(normal, axis=1)
+    features = np.concatenate([centre, normal * (radius / np.maximum(length, 1e-300))[:, None]], axis=1)
+    for level in range(20 if weight.any() else 0):
+        share, ordered = weight[order], features[order]
         middle = (np.cumsum(share) - share / 2) / share.sum()
         part = np.minimum((middle * 2**level).astype(np.int64), 2**level - 1)
         first = np.flatnonzero(np.diff(part, prepend=-1))

@@ -145,6 +145,52 @@ def test_lamps_back_to_back() -> None:
         assert hit.emits.all() and (hit.radiance == value).all()
 
 
+@pytest.mark.parametrize("name", SELECTIONS)
+@pytest.mark.parametrize("count", [1, 2, 37])
+def test_select_agrees_with_probability(name: str, count: int) -> None:
+    """Intervals of the uniform number have the probabilities of their pieces, and the rest goes through each evenly."""
+    rng = np.random.default_rng(count)
+    light = composite(name, tuple(lamp(rng, k % 5) for k in range(count)))
+    p, up = columns(np.array([0.1, 0.2, -0.4]), 2**14), columns(-DOWN, 2**14)
+    u = (np.arange(2**14) + 0.5) / 2**14
+    piece, probability, rest = light.selection.select(p, up, u)
+    every = np.arange(len(light.pieces.area))
+    expected = light.selection.probability(p[:, : len(every)], up[:, : len(every)], every)
+    assert 0.95 < expected.sum() < 1 + 1e-5  # a tree's nodes may have importance where their children have none
+    assert np.abs(np.bincount(piece[probability > 0], minlength=len(every)) / 2**14 - expected).max() < 2**-13
+    np.testing.assert_allclose(probability, expected[piece], rtol=1e-4)
+    number, at = np.diff(u)[0], np.flatnonzero((np.diff(piece) == 0) & (probability[1:] > 0))
+    np.testing.assert_allclose(rest[at + 1] - rest[at], number / probability[at], rtol=1e-2)
+
+
+def test_tree_selects_whatever_may_give_light() -> None:
+    """No piece whose sample emits towards the upper side of a surface has the probability 0."""
+    rng = np.random.default_rng(5)
+    light = composite("tree", tuple(lamp(rng, k % 5) for k in range(60)))
+    count, total = len(light.pieces.area), 0
+    for _ in range(40):
+        p, ng = columns(rng.uniform(-2, 2, 3), count), columns(rng.normal(size=3), count)
+        ng /= np.linalg.norm(ng, axis=0)
+        sample = light.pieces.sample(np.arange(count), p, rng.random((2, count), np.float32))
+        lit = sample.emits & ((ng * sample.wi).sum(axis=0) > 1e-6)
+        probability = light.selection.probability(p, ng, np.arange(count))
+        assert (probability[lit] > 0).all()
+        total += np.count_nonzero(lit)
+    assert total > 1000
+
+
+def test_tree_prefers_what_is_near_and_faces_the_point() -> None:
+    """Of equal lamps the near one is selected most, and one that faces away never; brighter ones more often."""
+
+    def down(x: float, radiance: float = 1.0, height: float = 1.0) -> QuadLight:
+        return QuadLight((x, 0, 1), (0, 0.1, 0), (0.1 * height, 0, 0), (radiance,) * 3)
+
+    light = composite("tree", (down(0), down(3), down(3.2, 5), down(0.3, 1, -1)))
+    p, up = columns(np.zeros(3), 4), columns(-DOWN, 4)
+    near, far, bright, away = light.selection.probability(p, up, np.arange(4))
+    assert near > 10 * far and 3 * far < bright < 6 * far and away == 0
+
+
 def check_against_all_lights(seed: int, name: str, rule: str) -> None:
     """Camera rays are the same, whatever the lights, so the difference has the noise of direct light only."""
     scene = random_scene(seed)
