@@ -52,6 +52,27 @@ def test_stops_at_the_noise_and_goes_on_from_there(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.image, fine.image)
 
 
+def test_resumes_inside_of_a_doubled_round(tmp_path: Path) -> None:
+    """Interrupted after each of the last tiles: the same command ends with the same bits."""
+    scene, options = glossy((96, 40)), {"noise": 0, "seed": 4, "parallel": 1}
+    stages: list[tuple[int, int]] = []
+    alone = dmis.render(scene, "auto", 128, progress=lambda _, *tile: stages.append(tile), **options)
+    assert stages[-2][0] < stages[-2][1]  # the last round has several tiles
+
+    def interrupt(_: str, *tile: int) -> None:
+        if tile in stages[-3:-1]:
+            stages.remove(tile)
+            raise KeyboardInterrupt
+
+    options |= {"progress": interrupt, "checkpoint": tmp_path / "tiles"}
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            dmis.render(scene, "auto", 128, **options)
+    result = dmis.render(scene, "auto", 128, **options)
+    np.testing.assert_array_equal(result.image, alone.image)
+    np.testing.assert_array_equal(result.deviation, alone.deviation)
+
+
 def test_the_clock_is_read_between_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each round takes as long as all before it, by a clock that rays advance: the last doubling ends in time."""
     clock = 0.0
