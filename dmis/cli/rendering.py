@@ -104,7 +104,7 @@ def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
     taken = f", sampler {job.settings.sampler}, {job.settings.shading_samples} shading samples"
     about = f"{rule}, {result.provenance['spp']} spp{taken if options.as_in_file else ''}"
     if noise := result.provenance.get("noise"):
-        about += f" in {result.provenance['rounds']} rounds, noise {noise:.2g}"
+        about += f", rounds: {result.provenance['rounds']}, noise {noise:.2g}"
     rate = result.rays.get("camera", 0) / seconds / 1e6
     text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{fireflies(result)}"
     if reason := result.provenance.get("fallback"):

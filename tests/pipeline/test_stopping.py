@@ -111,7 +111,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert dmis.cli.commands.main([*arguments, "--noise", "0.05", "--spp", "4096", "--seconds", "600"]) == 0
     result = dmis.render(dmis.load_scene("teapot-area-light", resolution=(16, 12)), noise=0.05, seed=2)
     told = result.provenance
-    assert f"auto, {told['spp']} spp in {told['rounds']} rounds, noise {told['noise']:.2g}" in capsys.readouterr().out
+    assert f"auto, {told['spp']} spp, rounds: {told['rounds']}, noise {told['noise']:.2g}" in capsys.readouterr().out
     np.testing.assert_array_equal(dmis.read_exr(tmp_path / "a.exr")[0]["RGB"], result.image)
 
 
