@@ -83,16 +83,20 @@ class Round:
             check_weigh("heuristic", self.settings.combiner)
 
     def of_area(self, area: tuple[slice, slice]) -> Round:
-        """Return the round of the pixels of an area of the image, ``(P,)`` in row order; without `before`, `maps`."""
+        """Return the round of the pixels of an area of the image, as views; without `before` and `maps`."""
+        maps = {name: getattr(self, name) for name in ("spp", "begin", "shares", "tilt")}
+        views = {name: a[..., *area] for name, a in maps.items() if np.ndim(a) > 1}
+        patterns = self.patterns and self.patterns.of_area(area)
+        return replace(self, **views, patterns=patterns, before=None, maps={})
+
+    def in_row_order(self) -> Round:
+        """Return the round of pixels in row order: numbers ``(P,)``, shares ``(K, P)``, or ``(K, 1)`` if all equal."""
         return replace(
             self,
-            spp=_of_area(self.spp, area),
-            begin=_of_area(self.begin, area),
-            shares=_shares_of_area(self.shares, area),
-            tilt=None if self.tilt is None else _shares_of_area(self.tilt, area),
-            patterns=None if self.patterns is None else self.patterns.of_area(area),
-            before=None,
-            maps={},
+            spp=_in_row_order(self.spp),
+            begin=_in_row_order(self.begin),
+            shares=_shares_in_row_order(self.shares),
+            tilt=None if self.tilt is None else _shares_in_row_order(self.tilt),
         )
 
     def technique_samples(self) -> tuple[Array, Array, Array]:
@@ -105,15 +109,15 @@ class Round:
         return np.add(self.spp, self.begin), light, brdf
 
 
-def _shares_of_area(shares: Array, area: tuple[slice, slice]) -> Array:
-    """Return the shares of the pixels of an area, ``(K, P)`` in row order, or ``(K, 1)`` if all have the same."""
-    shares = shares[:, None] if shares.ndim == 1 else shares[:, *area].reshape(len(shares), -1)
+def _shares_in_row_order(shares: Array) -> Array:
+    """Return shares ``(K, P)`` in row order, or ``(K, 1)`` if all pixels have the same."""
+    shares = shares.reshape(len(shares), -1)
     return shares[:, :1].copy() if (shares == shares[:, :1]).all() else shares
 
 
-def _of_area(values: Array | int, area: tuple[slice, slice]) -> Array | int:
-    """Return the values of the pixels of an area, ``(P,)`` in row order; one number stays one."""
-    return values if isinstance(values, int) else values[area].reshape(-1)
+def _in_row_order(values: Array | int) -> Array | int:
+    """Return the values of pixels in row order, ``(P,)``; one number stays one."""
+    return values if isinstance(values, int) else values.reshape(-1)
 
 
 @dataclass(frozen=True, eq=False)

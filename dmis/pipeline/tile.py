@@ -146,7 +146,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
     ValueError
         If a pixel is not finite.
     """
-    tile = replace(tile, round=replace(tile.round, settings=resolve_auto(tile.round.settings, scene)))
+    tile = replace(tile, round=replace(tile.round.in_row_order(), settings=resolve_auto(tile.round.settings, scene)))
     rng, rays = stream(tile.seed, tile.pass_, tile.number), Counter[str]()
     timed = TimedCaster(caster or scene.intersector)
     observers = Observers(tile.round, tile.shape)

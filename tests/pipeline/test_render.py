@@ -59,13 +59,14 @@ def test_tiles_have_the_maps_of_their_pixels():
     spp, shares = rng.integers(1, 9, (40, 50)), rng.random((3, 40, 50))
     for tile in make_tiles((50, 40), 1, 0, Round(spp, shares, settings)):
         area = slice(*tile.rows), slice(*tile.columns)
-        np.testing.assert_array_equal(tile.round.spp, spp[area].reshape(-1))
-        np.testing.assert_array_equal(tile.round.shares, [share[area].reshape(-1) for share in shares])
+        row = tile.round.in_row_order()
+        np.testing.assert_array_equal(row.spp, spp[area].reshape(-1))
+        np.testing.assert_array_equal(row.shares, [share[area].reshape(-1) for share in shares])
         assert tile.camera_samples == spp[area].sum()
     of_image = np.array([0.2, 0.3, 0.5])
     for equal in (of_image, np.broadcast_to(of_image[:, None, None], (3, 40, 50))):
-        tile = make_tiles((50, 40), 1, 0, Round(4, equal, settings))[0]
-        assert (tile.round.spp, tile.round.shares.tolist()) == (4, [[0.2], [0.3], [0.5]])
+        row = make_tiles((50, 40), 1, 0, Round(4, equal, settings))[0].round.in_row_order()
+        assert (row.spp, row.shares.tolist()) == (4, [[0.2], [0.3], [0.5]])
 
 
 def test_crop_is_a_part_of_the_image(box):
