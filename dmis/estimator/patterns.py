@@ -39,7 +39,7 @@ class PatternMap:
     patterns
         Light and BRDF samples ``(n_l, n_b)`` of each pattern.
     pattern
-        Index of the pattern of each pixel, ``(H, W)``, or ``(P,)`` in a tile.
+        Index of the pattern of each pixel, ``(H, W)``.
     first
         Light and BRDF samples of the camera samples of earlier rounds.
     """
@@ -49,13 +49,14 @@ class PatternMap:
     first: tuple[int, int]
 
     def of_area(self, area: tuple[slice, slice]) -> PatternMap:
-        """Return the map of an area of the image, in row order."""
-        return replace(self, pattern=self.pattern[area].reshape(-1))
+        """Return the map of an area of the image, as a view."""
+        return replace(self, pattern=self.pattern[area])
 
     def groups(self, samples: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[int, int]]]:
         """Yield the pixels ``(A,)`` of each pattern that have `samples` ``(P,)``, these, and the pattern."""
+        pattern_of_pixel = self.pattern.reshape(-1)
         for number, pattern in enumerate(self.patterns):
-            pixels = np.flatnonzero((self.pattern == number) & (samples > 0))
+            pixels = np.flatnonzero((pattern_of_pixel == number) & (samples > 0))
             if len(pixels):
                 yield pixels, samples.take(pixels), pattern
 
@@ -64,4 +65,5 @@ class PatternMap:
 
         `samples` are its camera samples with its pattern, `before` those of earlier rounds, ``(H, W)`` each.
         """
-        return before * np.reshape(self.first, (2, 1, 1)) + samples * np.transpose(self.patterns)[:, self.pattern]
+        first, pattern = np.reshape(self.first, (2, 1, 1)), np.transpose(self.patterns)
+        return before * first.astype(np.int32) + samples * pattern.astype(np.int32)[:, self.pattern]
