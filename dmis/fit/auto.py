@@ -194,8 +194,9 @@ class Auto(Rule):
         """
         n, shape = int(np.max(first.moments.n)), first.moments.mean.shape[:2]
         # variance of each pixel's mean of n samples
-        variance = sum(np.square(root, dtype=np.float64) for root in np.moveaxis(first.moments.root, 2, 0)) / 3
-        variance = (variance / (n * max(n - 1, 1))).astype(np.float32)
+        variance = np.einsum("yxc,yxc->yx", first.moments.root, first.moments.root, dtype=np.float64)
+        variance /= 3 * n * max(n - 1, 1)
+        variance = variance.astype(np.float32)
         pattern, begin, samples = np.empty(shape, np.uint8), np.empty(shape, np.int32), np.empty(shape, np.int32)
         confidence, patches = np.ones(len(COLOURS)), []
         for colour, at in enumerate(COLOURS):
@@ -210,6 +211,7 @@ class Auto(Rule):
             samples[at] = powers_of_two(decision.density, cost, least, allowance, chance) - begin[at]
             confidence[colour] = decision.confidence
             patches.append(decision.pattern_of_patch)
+            del decision, cost, least, chance  # images
         scale = first.shading_samples // int(SAMPLES_OF[FIRST])
         sizes = tuple((n_l * scale, n_b * scale) for n_l, n_b in PATTERNS)
         return Round(
@@ -282,7 +284,7 @@ class Auto(Rule):
         opposite = len(COLOURS) - 1 - colour
         judge = COLOURS[opposite]
         own = patch_spread(first.sums["halves"][opposite], PATCH, variance.shape, judge)
-        predicted = self._variance(variance, curves, n, COLOURS[colour], judge)[judge]
+        predicted = self._variance(variance, curves, n, COLOURS[colour], judge)[judge].copy()
         if not own.any() or not predicted.any():
             return CONFIDENCES[0]
 
