@@ -250,13 +250,13 @@ class Auto(Rule):
     def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
         """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
         others = [k for k in range(len(COLOURS)) if k != colour]
-        sums = {name: sum(a[k] for k in others) for name, a in first.sums.items() if name != "halves"}
         pixels = np.ones(shape, np.uint8)
         pixels[COLOURS[colour]] = 0
-        sums["pixels"] = np.maximum(patch_sum(pixels, PATCH), 1e-9)
-        features = first.features if self.needs_features else None
-        means, number = pool(sums, shape, PATCH, None if self.filter == "none" else 1.0, 2, features)
-        return PatchCurves(**means, pixels=number, baseline=HALF)
+        number = {"pixels": np.maximum(patch_sum(pixels, PATCH), 1e-9)}
+        sigma, features = None if self.filter == "none" else 1.0, first.features if self.needs_features else None
+        sums = ((name, sum(a[k] for k in others)) for name, a in first.sums.items() if name != "halves")
+        means, effective_number = pool({**dict(sums), **number}, shape, PATCH, sigma, 2, features)
+        return PatchCurves(**means, pixels=effective_number, baseline=HALF)
 
     def _variance(self, variance: Array, curves: PatchCurves, n: int, *colours: tuple[slice, slice]) -> Array:
         """Return V n^-a of the first round around each pixel, from pixels of other `colours`, ``(H, W)``."""

@@ -43,8 +43,9 @@ def pool(
     pixels
         Effective number of pixels in each mean, ``(rows, columns)``.
     """
-    all_sums = sums if "pixels" in sums else {"pixels": patch_sum(np.ones(shape), PATCH), **sums}
-    coarse = {name: patch_sum(a, patch // PATCH) for name, a in all_sums.items()}
+    sums = sums if "pixels" in sums else {"pixels": patch_sum(np.ones(shape), PATCH), **sums}
+    coarse = {name: patch_sum(a, patch // PATCH) for name, a in sums.items()}
+    del sums  # the filtered ones take the place of sums that the caller does not keep
     patches: Array | float = 1.0  # effective number of patches in each mean
     if sigma is not None and features is not None:
         of_patches = {name: patch_mean(a, patch // PATCH) for name, a in features.items()}
