@@ -130,6 +130,7 @@ def _read_tile(path: Path) -> FilmTile:
         arrays = dict(archive)
     about = json.loads(str(arrays["about"]))
     sums = {name: arrays[name] for name in about.pop("sums")}
+    about |= {name: tuple(about[name]) for name in ("rows", "columns")}
     return FilmTile(**about, mean=arrays["mean"], root=arrays["root"], sums=sums)
 
 
