@@ -87,7 +87,8 @@ class Settings:
         ``all``: every light is sampled at every point; ``one``: one light, picked uniformly; ``pbrt``: all in direct
         lighting, one at each vertex of a path, as pbrt-v2 does. ``tree``, ``power``, ``even``: the area lights
         are sampled as if they were one light (`dmis.light.selection`); each sample selects one of them by a light tree,
-        by power, or uniformly. The others, such as skies, have samples of their own.
+        by power, or uniformly. The others, such as skies, have samples of their own. ``auto``: ``all``, or ``tree``
+        for many lights, as `dmis.scene.plan.Plan.selection` decides; a mesh of many triangles has a tree of its own.
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
         has been scattered by other surfaces too; ``auto``: what the scene's file says, or its
@@ -118,10 +119,10 @@ class Settings:
     combiner: str = "balance"
     allocation: str = "systematic"
     lights: str = _option(
-        "all",
-        "lights sampled at a point: all, one at random, or pbrt: all in direct lighting, one on paths (default all); "
-        "tree, power, even: as if all were one light, by the selection of one",
-        choices=("all", "one", "pbrt", *SELECTIONS),
+        "auto",
+        "lights sampled at a point: all, one at random, or pbrt: all in direct lighting, one on paths; tree, power, "
+        "even: as if all were one light, by the selection of one (default auto: all, or tree if there are many)",
+        choices=("auto", "all", "one", "pbrt", *SELECTIONS),
     )
     integrator: str = _option(
         "auto",
@@ -207,7 +208,7 @@ class Settings:
             text = f"scene {scene.name}: the file asks for what dmis does not have: {', '.join(unmet)}"
             warnings.warn(SceneWarning(text), stacklevel=2)
         values = {"shading_samples": min(samples, most), "sampler": suggested.sampler or "auto"}
-        values["lights"] = (suggested.lights or "all") if direct else "one"
+        values["lights"] = (suggested.lights or "auto") if direct else "one"
         if preset := options.get("preset"):  # what it pins stays as it is
             values = {name: value for name, value in values.items() if name in PRESETS[preset].choices}
         return make_settings(**{**values, **options})

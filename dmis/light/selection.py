@@ -7,7 +7,7 @@ light sample and one BRDF sample where each of n lights would have two of its ow
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -83,6 +83,12 @@ SELECTIONS: dict[str, Callable[[Pieces], Selection]] = {
     "tree": TreeSelection,
 }
 """Selections by the name of their option."""
+
+
+def select_lights(name: str, lights: Sequence[Pieces]) -> SelectedLights:
+    """Return the light that stands for several, of these pieces, with a selection by its name in `SELECTIONS`."""
+    pieces = Pieces.joined(lights)
+    return SelectedLights(pieces, SELECTIONS[name](pieces))
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,10 +27,19 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         )
     if left:
         lines.append(f"  {left:,} triangles neither reflect nor emit: they only occlude")
+    selection = plan.selection("auto")
+    if selection is not None:
+        count = sum(len(pieces.area) for pieces in plan.many.values())
+        lines.append(
+            f"  {len(plan.many):,} lights are sampled as one: a {selection} selects one of their {count:,} pieces"
+        )
     for light in plan.sampled:
+        if selection is not None and id(light) in plan.many:
+            continue
         mixed = any(plan.mixes(group, light) for group in plan.groups)
         way = "two techniques, MIS" if mixed else "no surface to sample it for, outside MIS"
-        lines.append(f"  {type(light).__name__}: {way}")
+        tree = ", a tree selects the triangle of a sample" if plan.selects_triangles(light, "auto") else ""
+        lines.append(f"  {type(light).__name__}: {way}{tree}")
     if plan.unseen:
         lines.append(f"  no part has the surface of {_names(plan.unseen)}: invisible to the camera")
     for k, delta in enumerate(plan.deltas):

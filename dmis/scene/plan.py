@@ -20,10 +20,16 @@ from dmis.brdf.materials import Material
 from dmis.light.coincident import original_lights
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
 from dmis.light.pieces import Pieces
-from dmis.light.selection import SELECTIONS, SelectedLights
+from dmis.light.selection import SELECTIONS, select_lights
 from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group
 from dmis.scene.simplify import simplify
+
+MANY_LIGHTS = 200
+"""Number of lights from which on they are sampled as one: samples of each would cost more than 250 camera rays at a
+surface, 1.3 for the two of a light (`dmis.estimator.cost`)."""
+MANY_TRIANGLES = 1000
+"""Triangles of a mesh light from which on a tree over them costs no more than the shadow rays that it saves."""
 
 
 class Plan:
@@ -61,8 +67,8 @@ class Plan:
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
         eye = camera.origin[:, 0]
         self.headlights = frozenset(k for k, light in enumerate(self.deltas) if light.is_at(eye, 0.1 * epsilon))
-        self._selections: dict[str, SelectedLights] = {}
-        keys: dict[Any, list[tuple[Material, AreaLight | None]]] = {}
+        self._sampled: dict[str, tuple[SampledLight, ...]] = {}
+        keys: dict[Any, dict[tuple[int, int], tuple[int, Material, AreaLight | None]]] = {}
         part_keys = []
         simplified = {id(part.material): simplify(part.material) for part in parts}
         self.removed_lobes = sum(
@@ -87,19 +93,18 @@ class Plan:
         for part in parts:
             key = batch_key(part)
             part_keys.append(key)
-            members = keys.setdefault(key, [])
-            if not any(m is part.material and light is part.light for m, light in members):
-                members.append((part.material, part.light))
+            members = keys.setdefault(key, {})
+            members.setdefault((id(part.material), id(part.light)), (len(members), part.material, part.light))
         live = [key for key in keys if key is not None]
         if len(live) >= NO_GROUP:
             raise ValueError(
                 f"a scene may have at most {NO_GROUP - 1} groups of textured or different materials; got {len(live)}"
             )
-        self.groups = tuple(make_group(key, keys[key]) for key in live)
+        self.groups = tuple(make_group(key, [member[1:] for member in keys[key].values()]) for key in live)
         self.part_group = [NO_GROUP if key is None else live.index(key) for key in part_keys]
         face_group, face_row = [], []
         for part, key, group in zip(parts, part_keys, self.part_group, strict=True):
-            row = next(k for k, (m, light) in enumerate(keys[key]) if m is part.material and light is part.light)
+            row = keys[key][id(part.material), id(part.light)][0]
             face_group.append(np.full(len(part.mesh.faces), group, np.uint8))
             face_row.append(np.full(len(part.mesh.faces), row, np.int32))
         # One entry more than there are triangles: the -1 of a miss reads the last one.
@@ -116,30 +121,44 @@ class Plan:
         compensation
             That of infinite lights, see `InfiniteLight.compensated`.
         """
-        selection = self.selection(lights)
-        sampled = self.sampled if selection is None else self._selected(selection)
+        if lights not in self._sampled:
+            self._sampled[lights] = self._with_selections(lights)
+        sampled = self._sampled[lights]
         if not self.environment:
             return sampled
         return tuple(light.compensated(compensation) if light.infinite else light for light in sampled)  # type: ignore[attr-defined]
 
     def selection(self, lights: str) -> str | None:
-        """Return the name of the selection by which one of many lights is sampled; None: each has its own samples."""
-        return lights if lights in SELECTIONS and len(self.many) > 1 else None
+        """Return the name of the selection by which one of `many` is sampled; None: each has its own samples."""
+        if lights == "auto":
+            return "tree" if len(self.many) >= MANY_LIGHTS else None
+        return lights if lights in SELECTIONS and self.many else None
 
     @cached_property
-    def many(self) -> tuple[SampledLight, ...]:
-        """Lights that can be one of many: area lights that consist of pieces and hide what is behind them."""
+    def many(self) -> dict[int, Pieces]:
+        """Pieces of the lights that can be one of many, by `id`: area lights that hide what is behind them."""
         unseen = {id(light) for light in self.unseen}
-        lights = (light for light in self.sampled if not light.infinite and id(light) not in unseen)
-        return tuple(light for light in lights if light.pieces() is not None)  # type: ignore[attr-defined]
+        areas = (light for light in self.sampled if not light.infinite and id(light) not in unseen)
+        pieces = {id(light): light.pieces() for light in areas}  # type: ignore[attr-defined]
+        return {number: of_light for number, of_light in pieces.items() if of_light is not None}
 
-    def _selected(self, name: str) -> tuple[SampledLight, ...]:
-        """Return one light in the place of `many`, and the others, which are sampled by themselves."""
-        if name not in self._selections:
-            pieces = Pieces.joined([light.pieces() for light in self.many])  # type: ignore[attr-defined]
-            self._selections[name] = SelectedLights(pieces, SELECTIONS[name](pieces))
-        many = {id(light) for light in self.many}
-        return (self._selections[name], *(light for light in self.sampled if id(light) not in many))
+    def selects_triangles(self, light: Light, lights: str) -> bool:
+        """Return whether a light is sampled by a tree over its own triangles."""
+        pieces = self.many.get(id(light)) if lights == "auto" and self.selection(lights) is None else None
+        return pieces is not None and len(pieces.area) >= MANY_TRIANGLES
+
+    def _with_selections(self, lights: str) -> tuple[SampledLight, ...]:
+        """Return `sampled` with one light in the place of `many`, or of each that has many triangles."""
+        name = self.selection(lights)
+        if name is not None:
+            alone = (light for light in self.sampled if id(light) not in self.many)
+            return (select_lights(name, list(self.many.values())), *alone)
+        if not any(self.selects_triangles(light, lights) for light in self.sampled):
+            return self.sampled
+        return tuple(
+            select_lights("tree", [self.many[id(light)]]) if self.selects_triangles(light, lights) else light
+            for light in self.sampled
+        )
 
     @cached_property
     def has_light(self) -> bool:

@@ -106,8 +106,9 @@ class Scene:
             raise ValueError("a scene needs at least one part, because there is nothing to see otherwise; got none")
         if not isinstance(self.suggested, Suggestions):
             raise ValueError(f"suggested must be dmis.Suggestions, such as those of a file; got {self.suggested!r}")
+        lights, seen = ({id(light) for light in of} for of in (self.lights, (part.light for part in self.parts)))
         for part in self.parts:
-            if part.light is not None and not any(part.light is light for light in self.lights):
+            if part.light is not None and id(part.light) not in lights:
                 raise ValueError(
                     "a part's light must be among the scene's lights, because it would be seen but not sampled"
                 )
@@ -116,7 +117,7 @@ class Scene:
                 check_lobe_form(lobe)
         for light in self.lights:
             check_light_form(light)
-            if light.hides_itself() and not any(part.light is light for part in self.parts):
+            if light.hides_itself() and id(light) not in seen:
                 raise ValueError(
                     f"a {type(light).__name__} that is not flat must be a part of the scene too, because its triangles "
                     "may hide one another; dmis.light_part makes one of it"

@@ -1,9 +1,14 @@
 """Many lights as one: the composite against its densities, against its lights, and renders against brute force."""
 
+import runpy
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.stats
-from helpers import LEVEL
+from helpers import LEVEL, Z_LIMIT
 
 import dmis
 from dmis.base.vectors import Array
@@ -17,9 +22,11 @@ from dmis.light.light_sample import LightSample
 from dmis.light.mesh_light import MeshLight
 from dmis.light.pieces import Pieces
 from dmis.light.selection import SELECTIONS, SelectedLights
+from dmis.light.tree import TreeSelection
 from dmis.samplers.warp import square_to_sphere
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
+from dmis.scene.plan import MANY_LIGHTS
 from dmis.scene.scene import Scene
 from dmis.testing.density import DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, view_checks
@@ -189,6 +196,46 @@ def test_tree_prefers_what_is_near_and_faces_the_point() -> None:
     p, up = columns(np.zeros(3), 4), columns(-DOWN, 4)
     near, far, bright, away = light.selection.probability(p, up, np.arange(4))
     assert near > 10 * far and 3 * far < bright < 6 * far and away == 0
+
+
+SCENES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "scenes" / "make_many_lights.py")))
+
+
+def test_plan_decides_by_the_number_of_lights() -> None:
+    """Few lights have samples of their own, the same bits as with ``all``; many are one light, and `info` says so."""
+    few, many = (SCENES.many_lights(count=count, resolution=(8, 5)) for count in (MANY_LIGHTS - 1, MANY_LIGHTS))
+    assert few.plan.selection("auto") is None and few.plan.sampled_lights("auto", 0) is few.plan.sampled
+    assert few.plan.selection("power") == "power" and many.plan.selection("all") is None
+    (light,) = many.plan.sampled_lights("auto", 0)
+    assert isinstance(light.selection, TreeSelection)  # type: ignore[attr-defined]
+    assert "  200 lights are sampled as one: a tree selects one of their 200 pieces" in many.describe()
+    scene = random_scene(1)
+    images = [dmis.render(scene, "balance", 4, lights=lights, parallel=1).image for lights in ("auto", "all")]
+    assert np.array_equal(*images)
+
+
+def test_skies_and_hidden_surfaces_are_sampled_by_themselves() -> None:
+    """A lamp without a part does not hide what is behind it, so that rays may meet two; a sky is met where none is."""
+    scene = random_scene(2)
+    bare = QuadLight((0, 0, 1), (0.1, 0, 0), (0, 0.1, 0), (1, 1, 1))
+    sky, sun = dmis.EnvironmentLight(np.ones((4, 8, 3))), dmis.DistantLight((0, 0, 1), (1, 1, 1))
+    plan = replace(scene, lights=(*scene.lights, bare, sky, sun)).plan
+    first, *others = plan.sampled_lights("tree", 0)
+    assert isinstance(first, SelectedLights) and others == [bare, sky] and plan.deltas == (sun,)
+
+
+def test_a_mesh_of_many_triangles_has_a_tree() -> None:
+    """Its image has the mean of uniform samples of its area, and less noise."""
+    scene = SCENES.glowing_knot(100, 10, (16, 10))
+    assert "MeshLight: two techniques, MIS, a tree selects the triangle of a sample" in scene.describe()
+    means = []
+    for lights in ("auto", "all"):
+        images = np.array(
+            [dmis.render(scene, "fixed:1", 4, seed=k, lights=lights, parallel=1).image for k in range(20)]
+        )
+        means.append((images.mean(), images.mean(axis=(1, 2, 3)).std() / 20**0.5, np.median(images.var(axis=0))))
+    (mean, error, variance), (expected, other_error, of_area) = means
+    assert abs(mean - expected) < Z_LIMIT * np.hypot(error, other_error) and variance < 0.7 * of_area
 
 
 def check_against_all_lights(seed: int, name: str, rule: str) -> None:
