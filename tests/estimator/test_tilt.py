@@ -144,10 +144,12 @@ def test_curves_predict_renders(integrator: str) -> None:
     lamp = QuadLight((-1, -1, 2), (0, 2, 0), (2, 0, 0), (4, 4, 4))
     scene = box_scene(matte(checks), (lamp,), (ball,), resolution=(16, 12))
     options = {"integrator": integrator, "max_depth": 3, "sampler": "independent"}
-    statistic = partial(TiltCurves, grid=np.float32([0.1, 0.9, 1]))
+    # along paths the tail of the weights at w = 1 is too heavy for samples at 1/2 in a patch of 16 pixels
+    tilts = ("0.1", "0.9", "1" if integrator == "direct" else "0.97")
+    statistic = partial(TiltCurves, grid=np.float32(tilts))
     round_ = Round(4096, shares_of(0.5)[:, None], dmis.Settings(**options), statistic)
     curve = render_tile(scene, Tile(9, 0, 0, (0, 12), (0, 16), round_)).sums["curve"] / 16
-    for predicted, w in zip(curve, ("0.1", "0.9", "1"), strict=True):
+    for predicted, w in zip(curve, tilts, strict=True):
         result = dmis.render(scene, f"fixed:{w},weigh=heuristic", 4096, seed=1, **options)
         measured = patch_mean(result.variance[..., 0] * 4096, 4)
         np.testing.assert_allclose(measured, predicted, rtol=0.2)
