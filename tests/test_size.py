@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 24_000, "tests": 23_550}
+LINES = {"dmis": 24_150, "tests": 23_650}
 """Lines of Python files."""
 WORDS = 38_700
 """Words of the pages, tables included."""
