@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 
@@ -36,40 +36,46 @@ class Preset:
                 )
 
 
-PRESETS: Mapping[str, Preset] = {
-    "thesis": Preset(
-        values={
-            "shading_samples": 2,
-            "techniques": ("light", "brdf"),
-            "combiner": "balance",
-            "allocation": "systematic",
-            "lights": "pbrt",
-            "integrator": "auto",
-            "max_depth": "auto",
-            "sampler": "independent",
-            "reuse_pilot": None,
-            "compensation": 0.0,
-            "continuation": "own",
-        },
-        choices={
-            "shading_samples": (),
-            "combiner": ("balance", "power"),
-            "integrator": (),
-            "max_depth": (),
-            "sampler": ("independent", "lowdiscrepancy"),
-            "reuse_pilot": (),
-        },
-        rule="thesis",
-    ),
-}
+_THESIS = Preset(
+    values={
+        "shading_samples": 2,
+        "techniques": ("light", "brdf"),
+        "combiner": "balance",
+        "allocation": "systematic",
+        "lights": "pbrt",
+        "integrator": "auto",
+        "max_depth": "auto",
+        "sampler": "independent",
+        "reuse_pilot": None,
+        "compensation": 0.0,
+        "continuation": "own",
+    },
+    choices={
+        "shading_samples": (),
+        "combiner": ("balance", "power"),
+        "integrator": (),
+        "max_depth": (),
+        "sampler": ("independent", "lowdiscrepancy"),
+        "reuse_pilot": (),
+    },
+    rule="thesis",
+)
+
+PRESETS: Mapping[str, Preset] = {"thesis": _THESIS, "thesis-shares": replace(_THESIS, rule="thesis:weigh=samples")}
 """Presets by name.
 
 ``thesis`` is the estimator of Seo's thesis (2014), which stands on pbrt-v2. Pinned: light and BRDF sampling, whose
 counts are rounded systematically to w S on average; all lights in direct lighting, and one, picked uniformly, at each
 vertex of a path; skies sampled by luminance, without compensation for the other technique; independent points, or
 pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of independent points, combined by the balance
+<<<<<<< HEAD
 heuristic; a path continued by one more BRDF sample, beside those of direct lighting. The caller gives S, integrator and
 depth. The rule says whether its pilot is part of the image; if it does not, the pilot is with independent points.
+=======
+heuristic. The caller gives S, integrator and depth. The rule says whether its pilot is part of the image; if it does
+not, the pilot is with independent points. ``thesis-shares`` is the same, and its rule divides samples by w, whatever
+``thesis`` comes to mean.
+>>>>>>> 3bcbe7c (Give shares of samples a preset of their own)
 
 What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; lobes
 of a surface picked uniformly; Russian roulette as in `dmis.estimator.path`. Whoever makes one of these a choice, or

@@ -35,8 +35,8 @@ def test_preset_is_complete(name: str) -> None:
         ({"rule": "thesis:sampler=sobol"}, "preset thesis has sampler"),
         ({"rule": "uniform"}, "preset thesis has techniques"),
         ({"settings": dmis.Settings(integrator="path")}, "a preset takes the place of settings; got preset='thesis'"),
-        ({"preset": "best"}, "preset must be thesis or None; got 'best'"),
-        ({"preset": ["thesis"]}, "preset must be thesis or None"),
+        ({"preset": "best"}, "preset must be thesis or thesis-shares or None; got 'best'"),
+        ({"preset": ["thesis"]}, "preset must be thesis or thesis-shares or None"),
     ],
 )
 def test_pinned_values_are_held(box: dmis.Scene, options: dict, message: str) -> None:
@@ -58,6 +58,13 @@ def test_open_values_are_the_callers(box: dmis.Scene) -> None:
 def test_preset_has_a_rule(box: dmis.Scene) -> None:
     result = dmis.render(box, spp=32, preset="thesis")
     assert result.provenance["rule"] == "thesis" and result.provenance["settings"]["lights"] == "pbrt"
+
+
+def test_shares_have_a_preset(box: dmis.Scene) -> None:
+    """Its rule divides samples, and renders what the rule of that name does."""
+    result = dmis.render(box, spp=32, preset="thesis-shares")
+    assert result.provenance["rule"] == "thesis:weigh=samples"
+    np.testing.assert_array_equal(result.image, dmis.render(box, "thesis:weigh=samples", 32, preset="thesis").image)
 
 
 def test_changed_defaults_are_no_request(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
