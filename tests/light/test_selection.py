@@ -4,6 +4,7 @@ import runpy
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -239,11 +240,11 @@ def test_a_mesh_of_many_triangles_has_a_tree() -> None:
     assert abs(mean - expected) < Z_LIMIT * np.hypot(error, other_error) and variance < 0.7 * of_area
 
 
-def check_against_all_lights(seed: int, name: str, rule: str) -> None:
+def check_against_all_lights(seed: int, name: str, rule: str, **options: Any) -> None:
     """Camera rays are the same, whatever the lights, so the difference has the noise of direct light only."""
     scene = random_scene(seed)
     many, each = (
-        dmis.render(scene, of, 64, seed=1, parallel=1, lights=lights).image
+        dmis.render(scene, of, 64, seed=1, parallel=1, lights=lights, **options).image
         for of, lights in ((rule, name), ("balance", "all"))
     )
     assert scipy.stats.ttest_1samp((many - each).mean(axis=2).ravel(), 0).pvalue > LEVEL
@@ -256,7 +257,23 @@ def test_renders_agree_with_all_lights(seed: int) -> None:
     check_against_all_lights(seed, name, ("balance", "fixed:1")[seed % 2])
 
 
+@pytest.mark.parametrize(
+    ("rule", "options"),
+    [
+        ("auto", {}),
+        ("thesis", {}),
+        ("thesis", {"integrator": "path", "max_depth": 3}),
+        ("simplex:light=0.5,brdf=0.2,resampled=0.3", {}),
+        ("fixed:0.5,combiner=optimal", {"sampler": "independent"}),
+    ],
+)
+def test_rules_and_paths_agree_with_all_lights(rule: str, options: dict[str, Any]) -> None:
+    """Learned shares and counts, paths, resampling and optimal weights see one light and have the same mean."""
+    check_against_all_lights(3, "tree", rule, **options)
+
+
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:scene scene. part:dmis.scene.scene.SceneWarning")  # a lamp in the ball
 @pytest.mark.parametrize("seed", range(12, 62))
 @pytest.mark.parametrize("name", SELECTIONS)
 def test_many_renders_agree_with_all_lights(seed: int, name: str) -> None:
