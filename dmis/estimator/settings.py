@@ -110,8 +110,8 @@ class Settings:
         techniques and covers the rest. None: `dmis.pipeline.job.LEARNED_COMPENSATION` with a rule that learns from the
         samples' densities, else 0.
     continuation
-        ``shared``: one of the BRDF samples of each vertex continues the path, so that one ray finds lights and goes on;
-        ``own``: another BRDF sample does, a ray more.
+        ``own``: another BRDF sample continues the path of each vertex; ``shared``: one of those of direct lighting
+        does, so that one ray finds lights and goes on.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.
@@ -147,9 +147,9 @@ class Settings:
         None, "share of a sky's samples drawn from what exceeds its mean (default: 0.9 if rules learn)", float, "SHARE"
     )
     continuation: str = _option(
-        "shared",
-        "what continues a path: shared, a BRDF sample of direct lighting, or own, a ray more (default shared)",
-        choices=("shared", "own"),
+        "own",
+        "what continues a path: own, a ray of its own, or shared, a BRDF sample of direct lighting (default own)",
+        choices=("own", "shared"),
     )
     preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
 
