@@ -25,6 +25,10 @@ m = n - n_1 later camera samples do not fill the gaps of the n_1 first ones, and
 
 (A technique with one sample has points n_1 to 2 n_1 - 1 of its sequence twice then, which the formula leaves out.)
 
+The error is the sum over pixels of V n^-a, or with ``error=relative`` of V q n^-a, where q = 1 / (I^2 + e) and I is the
+radiance of the pixel whose V it is: neighbours are averaged as V q, because where one of them is bright and another is
+black, a mean V over a mean I^2 has the noise of the first and the weight of the second.
+
 V of a few samples is uncertain: where it is large it was partly luck, and its pixel needs fewer samples than V says.
 So numbers follow V^t with a confidence t from 0 to 1, the one at which they would have made the error of the first
 round least, in pixels of another colour, see `Auto._confidence`.
@@ -41,7 +45,7 @@ import numpy as np
 
 from dmis.base.patches import COLOURS, PATCH, patch_mean, patch_spread, patch_sum, row_blocks
 from dmis.base.validate import one_of
-from dmis.base.vectors import Array
+from dmis.base.vectors import TINY, Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost, rays_of_colours
 from dmis.estimator.mis import combiner_by_name
@@ -63,6 +67,8 @@ CONFIDENCES = (1.0, 0.75, 0.5, 0.25, 0.0)
 """Powers of the variance which numbers of samples may follow; at 0 they are equal."""
 SPIKES = 0.1
 """Share of the variance of independent points that is added to that of a pixel, against spikes not seen yet."""
+DARK = 0.1
+"""Bound of the squared radiance of dark pixels in relative errors, over the squared mean radiance of the image."""
 LEAST_SPP = 16
 """Budget from which on there is a first round."""
 FIRST_ROUNDS = ((32, 4), (64, 8), (256, 16), (1024, 32))
@@ -114,6 +120,8 @@ class Auto(Rule):
         a; 0: by the sampler.
     filter
         Of the statistics that tell patterns: ``gaussian`` or ``none``; or ``joint``, among neighbours that look alike.
+    error
+        What is made least: ``absolute``, the mean squared error, or ``relative``, that over squared radiance.
     guard
         Leave w = 1/2 only where the gain in variance is more than this many standard errors.
     combiner
@@ -128,6 +136,7 @@ class Auto(Rule):
     exponent: float = 0.0
     filter: str = "joint"
     guard: float = 1.5
+    error: str = "absolute"
     combiner: str = "balance"
     sampler: str = ""
     compensation: float | None = None
@@ -233,8 +242,13 @@ class Auto(Rule):
         """
         n, shape, at = int(np.max(first.moments.n)), variance.shape, COLOURS[colour]
         curves, cost = self._curves(first, colour, shape), _costs(first, colour)
-        confidence = self._confidence(first, variance, curves, n, colour)
-        v = self._variance(variance, curves, n, at)
+        spikes = SPIKES * (np.maximum(curves.curve[HALF] / 2, 0) + np.maximum(curves.position, 0)) / n
+        weight = None
+        if self.error == "relative":
+            weight, weight_of_patches = _relative_weight(first, colour)
+            variance, spikes = variance * weight, spikes * weight_of_patches
+        confidence = self._confidence(first, variance, spikes, weight, colour)
+        v = _variance(variance, spikes, at)
         v **= confidence
         of_colour = v[at].copy()
         spent = self._spent(v, cost, first.budget, n)
@@ -258,22 +272,7 @@ class Auto(Rule):
         means, effective_number = pool({**dict(sums), **number}, shape, PATCH, sigma, 2, features)
         return PatchCurves(**means, pixels=effective_number, baseline=HALF)
 
-    def _variance(self, variance: Array, curves: PatchCurves, n: int, *colours: tuple[slice, slice]) -> Array:
-        """Return V n^-a of the first round around each pixel, from pixels of other `colours`, ``(H, W)``."""
-        others = np.ones(variance.shape, bool)
-        for colour in colours:
-            others[colour] = False
-        if not others.any():
-            return np.ones(variance.shape)
-        independent = (np.maximum(curves.curve[HALF] / 2, 0) + np.maximum(curves.position, 0)) / n
-        v = patch_spread(SPIKES * independent, PATCH, variance.shape)
-        for rows in row_blocks(len(v), 64):
-            near = slice(max(rows.start - 2, 0), rows.stop + 2)
-            smooth = gaussian(np.where(others[near], variance[near], np.nan), 1.0, 2)
-            v[rows] += np.maximum(smooth[rows.start - near.start :][: rows.stop - rows.start], 0)
-        return v
-
-    def _confidence(self, first: Pilot, variance: Array, curves: PatchCurves, n: int, colour: int) -> float:
+    def _confidence(self, first: Pilot, variance: Array, spikes: Array, weight: Array | None, colour: int) -> float:
         """Return the power of the variance that the numbers of samples of a colour follow.
 
         It is judged at the pixels of the opposite colour in 2x2 neighbours, for which the other two predict V. Numbers
@@ -283,8 +282,11 @@ class Auto(Rule):
         """
         opposite = len(COLOURS) - 1 - colour
         judge = COLOURS[opposite]
+        n = int(np.max(first.moments.n))
         own = patch_spread(first.sums["halves"][opposite], PATCH, variance.shape, judge)
-        predicted = self._variance(variance, curves, n, COLOURS[colour], judge)[judge].copy()
+        if weight is not None:
+            own = own * weight[judge]
+        predicted = _variance(variance, spikes, COLOURS[colour], judge)[judge].copy()
         if not own.any() or not predicted.any():
             return CONFIDENCES[0]
 
@@ -339,6 +341,39 @@ class Auto(Rule):
         chosen = chosen * np.where(restarts, left, number) ** exponent
         ratio = np.divide(chosen, variance[FIRST], out=np.ones_like(chosen), where=variance[FIRST] > 0)
         return best[0].astype(np.uint8), restarts, ratio
+
+
+def _variance(variance: Array, spikes: Array, *colours: tuple[slice, slice]) -> Array:
+    """Return V n^-a of the first round around each pixel, from pixels of other `colours`, ``(H, W)``.
+
+    `spikes` is added to the pixels of each patch, see `SPIKES`.
+    """
+    others = np.ones(variance.shape, bool)
+    for colour in colours:
+        others[colour] = False
+    if not others.any():
+        return np.ones(variance.shape)
+    v = patch_spread(spikes, PATCH, variance.shape)
+    for rows in row_blocks(len(v), 64):
+        near = slice(max(rows.start - 2, 0), rows.stop + 2)
+        smooth = gaussian(np.where(others[near], variance[near], np.nan), 1.0, 2)
+        v[rows] += np.maximum(smooth[rows.start - near.start :][: rows.stop - rows.start], 0)
+    return v
+
+
+def _relative_weight(first: Pilot, colour: int) -> tuple[Array, Array]:
+    """Return the weight 1 / (I^2 + e) of each pixel, ``(H, W)``, and its mean over pixels of other colours by patch.
+
+    I is the mean of the channels, and e is `DARK` times the square of its mean over these pixels, so that an image that
+    is ten times brighter has the same numbers of samples.
+    """
+    radiance = first.moments.mean.mean(axis=2)
+    others = np.ones(radiance.shape, np.float32)
+    others[COLOURS[colour]] = 0
+    count = max(float(others.sum()), 1.0)
+    bound = DARK * (float(np.vdot(others, radiance)) / count) ** 2
+    weight = 1 / (radiance**2 + np.float32(max(bound, float(TINY))))
+    return weight, patch_sum(weight * others, PATCH) / np.maximum(patch_sum(others, PATCH), 1)
 
 
 def _costs(first: Pilot, colour: int) -> Array:

@@ -139,10 +139,11 @@ def test_guard_holds_uncertain_gains() -> None:
         np.testing.assert_allclose(SHARES[SHARE_OF[second.patterns.pattern]], share)
 
 
+@pytest.mark.parametrize("error", ["absolute", "relative"])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 3), (3, 2), (17, 30)])
-def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int]) -> None:
+def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int], error: str) -> None:
     """Samples of one colour's pixels change: their patterns and numbers do not, those of others do."""
-    first, rule = random_pilot(shape), replace(PLAIN, filter="gaussian")
+    first, rule = random_pilot(shape), replace(PLAIN, filter="gaussian", error=error)
 
     def maps(first: Pilot) -> Array:
         second = second_round(first, rule)
@@ -157,11 +158,28 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int]) -> N
             a[colour] *= np.random.default_rng(2).lognormal(0, 2, a[colour].shape)
         root = first.moments.root.copy()
         root[at] *= 100
+        mean = first.moments.mean.copy()
+        mean[at] *= 10
         rays = {**first.rays, ray_kind_of_colour("brdf", colour): 10**5}
-        changed = maps(replace(first, sums=sums, moments=replace(first.moments, root=root), rays=rays))
+        changed = maps(replace(first, sums=sums, moments=replace(first.moments, mean=mean, root=root), rays=rays))
         np.testing.assert_array_equal(changed[:, *at], expected[:, *at])
         if expected[0].size > 100:
             assert (changed != expected).any(axis=(1, 2)).all()
+
+
+def test_relative_errors_spend_more_on_dark_pixels() -> None:
+    """Half of the image is ten times brighter, with ten times the deviation: its relative error is the same."""
+    bright = np.where(np.arange(32) < 16, 10.0, 1.0)[:, None, None] * np.ones((32, 32, 3))
+    first = pilot(0 * FLAT, root=bright)
+    first = replace(first, moments=replace(first.moments, mean=bright.astype(np.float32)))
+    density = {error: decided(first, replace(PLAIN, error=error))[0] for error in ("absolute", "relative")}
+    ratio = {error: of_pixels[:8].mean() / of_pixels[24:].mean() for error, of_pixels in density.items()}
+    assert ratio["absolute"] == pytest.approx(100 ** (1 / 2.4), rel=1e-3)
+    # (I^2 / (I^2 + e))^(1 / 2.4) of both halves,  e = .1 * 5.5^2
+    assert ratio["relative"] == pytest.approx((100 / 103.025 * 4.025) ** (1 / 2.4), rel=1e-2)
+    brighter = replace(first.moments, mean=10 * first.moments.mean, root=10 * first.moments.root)
+    scaled, _ = decided(replace(first, moments=brighter), replace(PLAIN, error="relative"))
+    np.testing.assert_allclose(scaled, density["relative"], rtol=1e-3)
 
 
 def test_budget_has_the_first_round_too() -> None:
@@ -287,10 +305,10 @@ def z_of(rule: str, spp: int, seeds: int) -> Array:
 def leak(monkeypatch: pytest.MonkeyPatch) -> None:
     """Decide numbers from the variance of each pixel's own samples, with full confidence."""
 
-    def own(rule: Auto, variance: Array, curves: object, n: int, *colours: object) -> Array:
+    def own(variance: Array, spikes: Array, *colours: object) -> Array:
         return variance + 1e-3 * variance.mean()
 
-    monkeypatch.setattr(Auto, "_variance", own)
+    monkeypatch.setattr(auto, "_variance", own)
     monkeypatch.setattr(auto, "CONFIDENCES", (1.0,))
 
 
