@@ -126,24 +126,17 @@ def test_other_figures_are_not_published(options, message, tmp_path, monkeypatch
     assert not (tmp_path / "docs").exists()
 
 
-def test_reproduction_grid_is_resumed(run, tmp_path):
-    """A line for each comparison; a second run makes none again, and its table is the same."""
-    page, results = tmp_path / "page.md", tmp_path / "rows.csv"
-    page.write_text("before\n<!-- grid: begin -->\nstale\n<!-- grid: end -->\nafter\n", "utf-8")
-    script = ROOT / "examples" / "thesis" / "make_reproduction.py"
-    arguments = ("--seeds", "1", "--csv", results, "--page", page, "--scenes", "killeroo-gold")
-    printed = run(script, *arguments)
-    rows = results.read_bytes()
-    assert rows.count(b"\n") == 1 + (2 * 4 + 1) + 2  # header; set-ups, sizes of patches; by paths
+def test_scores_are_resumed(run, tmp_path, monkeypatch):
+    """A row for each reading of the thesis; a second run renders nothing, and its tables are the same."""
+    monkeypatch.setenv("DMIS_CACHE", str(tmp_path))
+    page = tmp_path / "page.md"
+    script = ROOT / "examples" / "thesis" / "make_score.py"
+    readings = ("heuristic-independent-one", "samples-independent-one")
+    printed = run(script, "--seeds", "1", "--large", "1", "--page", page, "--setups", *readings)
     text = page.read_text("utf-8")
-    assert text.startswith("before\n<!-- grid: begin -->\nMade on ") and text.endswith("<!-- grid: end -->\nafter\n")
-    assert (tmp_path / "reproduction.md").read_text("utf-8").count("\n| killeroo-gold ") == 1
-    assert text.count("as in the file, direct |") == 4 and text.count(", path |") == 2
-    assert "stale" not in text and "nan" not in text
-    results.write_bytes(rows[: rows.rindex(b"\n", 0, -1) + 1])  # as if interrupted before the last line
-    assert run(script, *arguments) == printed
-    again = results.read_bytes().splitlines()
-    assert again[:-1] == rows.splitlines()[:-1] and len(again) == len(rows.splitlines())
+    assert text.count("| heuristic, independent, one | ") == text.count("| samples, independent, one | ") == 2
+    assert "nan" not in text and text.count(" ± ") == 16
+    assert run(script, "--finished", "--seeds", "1", "--large", "1", "--page", page, "--setups", *readings) == printed
 
 
 @pytest.mark.parametrize(
