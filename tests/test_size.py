@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 24_150, "tests": 23_650}
+LINES = {"dmis": 24_100, "tests": 23_600}
 """Lines of Python files."""
-WORDS = 38_700
+WORDS = 38_000
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""
@@ -24,7 +24,7 @@ LONGEST_FUNCTION = 60
 """Lines of a function of the package."""
 LONGEST_MODULES = {"pipeline/render.py": 100, "pipeline/job.py": 220}
 """Lines of the modules that tell how a render goes."""
-RENDERS = {"thesis": (38, 2000), "auto": (47, 2470)}
+RENDERS = {"thesis": (38, 2000), "auto": (47, 2480)}
 """Files, and lines with docstrings, that a small render with a rule calls."""
 
 
