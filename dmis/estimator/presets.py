@@ -68,14 +68,9 @@ PRESETS: Mapping[str, Preset] = {"thesis": _THESIS, "thesis-shares": replace(_TH
 counts are rounded systematically to w S on average; all lights in direct lighting, and one, picked uniformly, at each
 vertex of a path; skies sampled by luminance, without compensation for the other technique; independent points, or
 pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of independent points, combined by the balance
-<<<<<<< HEAD
 heuristic; a path continued by one more BRDF sample, beside those of direct lighting. The caller gives S, integrator and
 depth. The rule says whether its pilot is part of the image; if it does not, the pilot is with independent points.
-=======
-heuristic. The caller gives S, integrator and depth. The rule says whether its pilot is part of the image; if it does
-not, the pilot is with independent points. ``thesis-shares`` is the same, and its rule divides samples by w, whatever
-``thesis`` comes to mean.
->>>>>>> 3bcbe7c (Give shares of samples a preset of their own)
+``thesis-shares`` has the same values, and a rule that divides samples by w whatever ``thesis`` comes to mean.
 
 What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; lobes
 of a surface picked uniformly; Russian roulette as in `dmis.estimator.path`. Whoever makes one of these a choice, or
