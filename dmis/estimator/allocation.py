@@ -7,7 +7,7 @@ a point of the simplex. Everywhere below a rule's fit they are an array ``(K, ..
 The shares are rounded to whole samples systematically, with a random offset per pixel: slot ``i`` goes to the first
 technique where ``floor((i+1) w + xi) > floor(i w + xi)``. At w = 1/2 and S = 2 that is exactly one sample of each
 technique per camera sample. Of more than two techniques, those behind the first divide what it leaves in the same way,
-each with an offset of its own. For teaching, each shading sample may pick its technique at random instead.
+each with another random offset. For teaching, each shading sample may pick its technique at random instead.
 
 Estimates are divided by the nominal shares, not by the realised counts: every slot belongs to the first
 technique with probability w over the offset, whatever its neighbours do, so the estimate is unbiased even where a

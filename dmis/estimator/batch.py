@@ -29,7 +29,7 @@ class Batch:
         How many shading samples of each camera sample go to each technique; falling for the first, so that those with
         the same number are a slice at the first surface, and nothing needs to be gathered.
     tilt
-        Shares of the balance heuristic, as `shares`; None: those of the samples.
+        Shares t_k of the balance heuristic, shaped like `shares`; None: the heuristic uses `shares`.
     rng
         For choices that are not two-dimensional draws.
     rays

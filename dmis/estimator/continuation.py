@@ -3,8 +3,8 @@
 At each vertex one of the BRDF samples towards one of the lights gives the path's next direction. Its closest hit says
 whether the light is occluded, and is the next vertex. The light that it meets is counted at this vertex, with its MIS
 weight; what it meets counts no emission. Any of the samples may be the one, because all have the same density. Where a
-vertex has none, because all its samples are light samples or its path goes on by a delta lobe, a ray of its own
-continues the path.
+vertex has none, because all its samples are light samples or its path goes on by a delta lobe, another ray continues
+the path.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class Onward:
         return distance
 
     def remainder(self) -> list[Rays]:
-        """Return the rays of all paths, after those that still wait have a ray of their own."""
+        """Return the rays of all paths, after another ray is traced for each path without a BRDF sample."""
         index = indices(self.waiting)
         if size(index, 1):
             u = self.batch.sampler.draw((CONTINUE,) * (self.depth + 1), compose(self.sample, index))

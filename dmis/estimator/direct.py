@@ -39,7 +39,7 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
         picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)
     # 1 / P(light): a light that is picked with probability 1 / n stands for n
     over_probability = np.float32(1 if picked is None else len(lights))
-    # BRDF samples of one light continue paths; of a sky, if there is one, because all of those are traced
+    # BRDF samples of one light continue paths: of a sky, if there is one, because every such sample is traced
     of_paths = next((k for k, light in enumerate(lights) if light.infinite), 0)
     for number, light in enumerate(lights):
         index = None if picked is None else indices(picked == number)
@@ -50,7 +50,9 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
             _add_delta_light(batch, vertices, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
             continue
         key = (*vertices.path, number + len(lights) * vertices.beyond)
-        of_light = vertices if picked is not None or number == of_paths else replace(vertices, onward=None)
+        of_light = vertices
+        if vertices.onward and picked is None and number != of_paths:
+            of_light = replace(vertices, onward=None)
         for samples in shading_samples(batch, of_light, light, index, key):  # type: ignore[arg-type]
             _add_samples(batch, of_light, samples, over_probability)
 

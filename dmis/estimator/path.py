@@ -2,7 +2,7 @@
 
 *Direct lighting* follows every delta lobe of a surface, each as a batch of its own. *Path tracing* continues with one
 direction per point, picked among the lobes, so that paths do not branch; all that go on from one depth are one batch.
-`bounce` draws directions of its own; BRDF samples of direct lighting may go on instead (`dmis.estimator.continuation`).
+`bounce` draws a new direction; a BRDF sample of direct lighting may serve instead (`dmis.estimator.continuation`).
 Light is gathered at each surface by the same mixture of techniques (next-event estimation with MIS), so what a
 continued ray meets counts as emission only if a delta lobe sent it: other directions had it in their mixture.
 

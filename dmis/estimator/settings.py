@@ -87,8 +87,8 @@ class Settings:
         ``all``: every light is sampled at every point; ``one``: one light, picked uniformly; ``pbrt``: all in direct
         lighting, one at each vertex of a path, as pbrt-v2 does. ``tree``, ``power``, ``even``: the area lights
         are sampled as if they were one light (`dmis.light.selection`); each sample selects one of them by a light tree,
-        by power, or uniformly. The others, such as skies, have samples of their own. ``auto``: ``all``, or ``tree``
-        for many lights, as `dmis.scene.plan.Plan.selection` decides; a mesh of many triangles has a tree of its own.
+        by power, or uniformly. Each of the others, such as skies, is sampled separately. ``auto``: ``all``, or
+        ``tree`` for many lights or a mesh of many triangles, as `dmis.scene.plan.Plan.selection` decides.
     integrator
         ``direct``: light that reaches surfaces from the lights, seen through mirrors and glass; ``path``: light that
         has been scattered by other surfaces too; ``auto``: what the scene's file says, or its
@@ -148,7 +148,7 @@ class Settings:
     )
     continuation: str = _option(
         "own",
-        "what continues a path: own, a ray of its own, or shared, a BRDF sample of direct lighting (default own)",
+        "what continues a path: own, another ray, or shared, a BRDF sample of direct lighting (default own)",
         choices=("own", "shared"),
     )
     preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))

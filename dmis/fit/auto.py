@@ -68,7 +68,7 @@ CONFIDENCES = (1.0, 0.75, 0.5, 0.25, 0.0)
 SPIKES = 0.1
 """Share of the variance of independent points that is added to that of a pixel, against spikes not seen yet."""
 DARK = 0.1
-"""Bound of the squared radiance of dark pixels in relative errors, over the squared mean radiance of the image."""
+"""e in relative errors, over the squared mean radiance of the image: near the .01 of relMSE where that mean is .3."""
 LEAST_SPP = 16
 """Budget from which on there is a first round."""
 FIRST_ROUNDS = ((32, 4), (64, 8), (256, 16), (1024, 32))
@@ -121,7 +121,7 @@ class Auto(Rule):
     filter
         Of the statistics that tell patterns: ``gaussian`` or ``none``; or ``joint``, among neighbours that look alike.
     error
-        What is made least: ``absolute``, the mean squared error, or ``relative``, that over squared radiance.
+        Error to minimise: ``absolute``, the MSE, or ``relative``, the mean of squared errors over I^2 + e.
     guard
         Leave w = 1/2 only where the gain in variance is more than this many standard errors.
     combiner

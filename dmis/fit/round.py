@@ -49,7 +49,7 @@ class Round:
     patterns
         Whole numbers of samples of each technique per pixel, in place of `shares`; None: `shares` divide the samples.
     tilt
-        Shares that the balance heuristic uses, in a form of `shares`; None: those that divide the samples.
+        Shares t_k of the balance heuristic, shaped like `shares`; None: the heuristic uses `shares`.
     begin
         Number in its pixel's sequence of the first camera sample, as `spp`: 0, or where an earlier round ended.
     before

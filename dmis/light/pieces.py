@@ -1,6 +1,6 @@
 """Pieces of lights as one table: triangles, parallelograms, disks and spheres, any of which a sample or a ray may meet.
 
-A thousand lights of their own are a thousand calls for each batch of samples; as rows of one table they are one call.
+A thousand separate lights are a thousand calls for each batch of samples; as rows of one table they are one call.
 Rays are tested by Embree against proxies: a triangle or parallelogram is its own; the square around a disk and the cube
 around a sphere tell which pieces to test exactly.
 """

@@ -2,7 +2,7 @@
 
 The density of a light sample is that of the piece times the probability of its selection, ``p_l = P(piece) p(wi)``,
 and a BRDF sample that meets any piece looks the same product up. So for the estimator there is one light, with one
-light sample and one BRDF sample where each of n lights would have two of its own.
+light sample and one BRDF sample, in place of n of each.
 """
 
 from __future__ import annotations

@@ -48,7 +48,8 @@ def render(
         Double the samples until the image's noise (root of relMSE), as estimated, or its time is reached, see
         `dmis.pipeline.stopping`; `spp` is the most then (None: 2^20).
     settings, options
-        Estimator settings; or fields of `dmis.Settings` by name in their place, but not those that the rule sets.
+        Estimator settings; or fields of `dmis.Settings` by name in their place, such as ``sampler="stratified"``. It is
+        an error to ask for another value than the rule's.
     parallel
         Number of threads (None: one per processor); ``dmis.Processes(n)``; or any `concurrent.futures.Executor`, such
         as Dask's ``Client.get_executor(pure=False)``, which is not shut down.
