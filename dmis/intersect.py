@@ -17,7 +17,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from dmis.base.malloc import keep
-from dmis.base.vectors import Array, Selection, take
+from dmis.base.vectors import Array
 
 CHECK_RAYS = sys.flags.dev_mode
 """Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests."""
@@ -41,10 +41,6 @@ class Hits:
     u: Array
     v: Array
     distance: Array
-
-    def take(self, index: Selection | None) -> Hits:
-        """Return the hits of the rays `index`; None: of all."""
-        return Hits(*(take(values, index) for values in vars(self).values()))
 
 
 class RayCaster(Protocol):

@@ -24,6 +24,7 @@ Options = Mapping[str, Mapping[str, Any]]
 REMOVED_OPTIONS = {
     "--exercise": "run python docs/exercises/checks N FILE.py in a checkout, which checks the solution of an exercise",
     "--ladder": "run benchmarks/print_ladder.py SCENE of a checkout, which prints and plots the ladder of bounds",
+    "--continuation": "leave it out, because paths always continue by another ray",
     "--replicates": "render with several --seed, and average the images (dmis.average in Python)",
 }
 """What takes the place of options that earlier versions had."""

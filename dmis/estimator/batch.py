@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dmis.base.vectors import Array, Selection, take
+from dmis.base.vectors import Array
 from dmis.estimator.allocation import Counts
-from dmis.estimator.cost import ray_kind_of_colour
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.intersect import RayCaster
@@ -51,11 +50,3 @@ class Batch:
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
     colour: np.ndarray | None = None
-
-
-def count_rays(batch: Batch, kind: str, number: int, sample: Selection | None) -> None:
-    """Count so many rays of a kind, one for each of the camera samples `sample`, by colour where a rule asks for it."""
-    batch.rays[kind] += number
-    if batch.colour is not None:
-        for colour, n in enumerate(np.bincount(take(batch.colour, sample)).tolist()):
-            batch.rays[ray_kind_of_colour(kind, colour)] += n

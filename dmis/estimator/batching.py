@@ -14,7 +14,8 @@ import numpy as np
 
 from dmis.base.vectors import Array, Index, Selection, compose, dot, indices, size, take
 from dmis.estimator.allocation import Counts
-from dmis.estimator.batch import Batch, count_rays
+from dmis.estimator.batch import Batch
+from dmis.estimator.cost import ray_kind_of_colour
 from dmis.estimator.samples import Samples, Vertices
 from dmis.estimator.technique import SampledLight, technique_by_name
 from dmis.light.light_sample import LightSample
@@ -64,7 +65,6 @@ def shading_samples(
             continue
         sampling = technique_by_name(name)
         ordered = not vertices.path and (k == 0 or len(per_technique) == 2)  # as camera samples are
-        chosen = vertices.onward.sample_index(index, count) if vertices.onward and name == "brdf" else None
         for merged in merged_samples(batch, count, n, ordered):
             u = [
                 draw_numbers(batch, counts, (key, k, i), compose(camera_sample, points), sampling.numbers)
@@ -78,11 +78,7 @@ def shading_samples(
             seen = light.seen_from(surface.ng)
             light_sample = sampling.sample(surface, seen, u[0] if len(u) == 1 else np.concatenate(u, axis=1))
             tilt_of_samples = take_optional(tilt, points)
-            share = take(shares, points)
-            samples = Samples(k, sample_index, key, vertex, surface, light_sample, share, tilt_of_samples)
-            if chosen is not None:
-                samples.continues = np.concatenate([take(chosen, points) == i for i, points in merged])
-            yield samples
+            yield Samples(k, sample_index, key, vertex, surface, light_sample, take(shares, points), tilt_of_samples)
 
 
 def merged_samples(
@@ -165,23 +161,22 @@ def facing_light(surface: ShadingPoints, light_sample: LightSample) -> Index | N
 
 
 def unoccluded(
-    batch: Batch, kind: str, ray: tuple[Array, Array, Array], sample: Selection | None, hit: Array | None = None
+    batch: Batch, kind: str, origin: Array, wi: Array, distance: Array, sample: Selection | None
 ) -> np.ndarray:
-    """Return V, whether nothing occludes the light, ``(N,)`` bool; `ray` is origin, direction and light's distance.
+    """Return V, whether nothing occludes the light from the points, ``(N,)`` bool.
 
-    Rays are counted as `kind`, and as those of the camera samples `sample`. Where a path went on along the ray, `hit`
-    ``(N,)`` is the distance of what it met, and no ray is needed; -1 elsewhere.
+    Rays are counted as `kind`, and as those of the camera samples `sample`.
     """
-    origin, wi, distance = ray
-    if hit is not None:
-        visible = hit >= distance * SHADOW_END
-        index = np.flatnonzero(hit < 0)
-        if len(index):
-            ray = take(origin, index), take(wi, index), take(distance, index)
-            visible[index] = unoccluded(batch, kind, ray, compose(sample, index))
-        return visible
     count_rays(batch, kind, wi.shape[1], sample)
     return ~batch.caster.occluded(origin, wi, np.broadcast_to(distance * SHADOW_END, wi.shape[1:]))
+
+
+def count_rays(batch: Batch, kind: str, number: int, sample: Selection | None) -> None:
+    """Count so many rays of a kind, one for each of the camera samples `sample`, by colour where a rule asks for it."""
+    batch.rays[kind] += number
+    if batch.colour is not None:
+        for colour, n in enumerate(np.bincount(take(batch.colour, sample)).tolist()):
+            batch.rays[ray_kind_of_colour(kind, colour)] += n
 
 
 def take_optional(values: Array | None, index: Selection | None) -> Array | None:

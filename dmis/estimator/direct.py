@@ -15,8 +15,6 @@ and any other combiner by that of ``W f / (w_k p_k)``, W being its MIS weight of
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from dmis.base.vectors import Selection, compose, dot, indices, size, take
@@ -39,8 +37,6 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
         picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)
     # 1 / P(light): a light that is picked with probability 1 / n stands for n
     over_probability = np.float32(1 if picked is None else len(lights))
-    # BRDF samples of one light continue paths: of a sky, if there is one, because every such sample is traced
-    of_paths = next((k for k, light in enumerate(lights) if light.infinite), 0)
     for number, light in enumerate(lights):
         index = None if picked is None else indices(picked == number)
         if index is not None and len(index) == 0:
@@ -50,11 +46,8 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
             _add_delta_light(batch, vertices, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
             continue
         key = (*vertices.path, number + len(lights) * vertices.beyond)
-        of_light = vertices
-        if vertices.onward and picked is None and number != of_paths:
-            of_light = replace(vertices, onward=None)
-        for samples in shading_samples(batch, of_light, light, index, key):  # type: ignore[arg-type]
-            _add_samples(batch, of_light, samples, over_probability)
+        for samples in shading_samples(batch, vertices, light, index, key):  # type: ignore[arg-type]
+            _add_samples(batch, vertices, samples, over_probability)
 
 
 def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probability: np.float32) -> None:
@@ -62,9 +55,6 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     settings, k, light_sample = batch.settings, samples.technique_index, samples.light_sample
     techniques = [technique_by_name(name) for name in settings.techniques]
     over_s = over_probability / np.float32(settings.shading_samples)
-    hit_distance = None
-    if vertices.onward and samples.continues is not None:
-        hit_distance = vertices.onward.send_samples(samples.vertex, samples.surface, light_sample.wi, samples.continues)
     lit = facing_light(samples.surface, light_sample)  # elsewhere f = 0
     if lit is not None and len(lit) == 0:
         return
@@ -94,8 +84,7 @@ def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probab
     if size(visible, 1):
         shadow_ray = take(surface.p, visible), take(wi, visible), take(take(light_sample.distance, lit), visible)
         camera_sample = compose(vertices.sample, compose(samples.vertex, compose(lit, visible)))
-        hit = take_optional(hit_distance, compose(lit, visible))
-        visible = compose(visible, indices(unoccluded(batch, techniques[k].rays, shadow_ray, camera_sample, hit)))
+        visible = compose(visible, indices(unoccluded(batch, techniques[k].rays, *shadow_ray, camera_sample)))
         lit_and_visible = compose(lit, visible)
 
         # f / p_w / S,  f = f_r L |n.wi| V; L, such as a sky's, is looked up only where V = 1
@@ -122,7 +111,7 @@ def _add_delta_light(
     visible: np.ndarray | bool = True
     if traced and size(lit, 1):
         shadow_ray = take(surface.p, lit), take(light_sample.wi, lit), take(light_sample.distance, lit)
-        visible = unoccluded(batch, "delta", shadow_ray, compose(vertices.sample, compose(index, lit)))
+        visible = unoccluded(batch, "delta", *shadow_ray, compose(vertices.sample, compose(index, lit)))
         if 2 * np.count_nonzero(visible) < len(visible):  # few: to gather them takes less time than to shade all
             lit, visible = compose(lit, np.flatnonzero(visible)), True
     if not size(lit, 1):

@@ -2,7 +2,6 @@
 
 *Direct lighting* follows every delta lobe of a surface, each as a batch of its own. *Path tracing* continues with one
 direction per point, picked among the lobes, so that paths do not branch; all that go on from one depth are one batch.
-`bounce` draws a new direction; a BRDF sample of direct lighting may serve instead (`dmis.estimator.continuation`).
 Light is gathered at each surface by the same mixture of techniques (next-event estimation with MIS), so what a
 continued ray meets counts as emission only if a delta lobe sent it: other directions had it in their mixture.
 
@@ -23,7 +22,6 @@ import numpy as np
 from dmis.base.vectors import Array, Selection, compose, dot, indices, take
 from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import relative_ior
-from dmis.intersect import Hits
 from dmis.samplers.keys import CONTINUE
 from dmis.scene.shading_points import ShadingPoints
 
@@ -49,8 +47,6 @@ class Rays:
         What led here, to tell random numbers apart.
     adds_emission
         Whether lights that they meet count, ``(N,)`` bool, or one for all.
-    hits
-        What they meet; None: they have not been traced.
     """
 
     origin: Array
@@ -60,7 +56,6 @@ class Rays:
     depth: int
     path: tuple[int, ...]
     adds_emission: np.ndarray | bool = True
-    hits: Hits | None = None
 
 
 def scatter(surface: ShadingPoints, lobe: Any) -> tuple[Array, Array, Array]:
@@ -94,24 +89,29 @@ def bounce(
         Whether only lights that a delta lobe shows still count.
     """
     n = len(surface.cos_o)
-    groups = lobe_groups(surface)
+    groups = _lobe_groups(surface)
     if not groups:
         return None
     if len(groups) == 1:  # nothing to choose, nothing to put together
-        origin, direction, factor = follow(surface, groups[0], u)
+        origin, direction, factor = _follow(surface, groups[0], u)
         adds_emission: np.ndarray | bool = isinstance(groups[0], int)
     else:
         origin, direction, factor = np.empty((3, 3, n), np.float32)
         adds_emission = np.zeros(n, bool)
-        for group, index, chance in choose(surface, groups, n, rng):
+        for group, index, chance in _choose(surface, groups, n, rng):
             at: Any = slice(None) if index is None else index
-            p, wi, group_factor = follow(surface.take(index), group, take(u, index))
+            p, wi, group_factor = _follow(surface.take(index), group, take(u, index))
             for out, value in zip((origin, direction, factor), (p, wi, group_factor / chance), strict=True):
                 out[:, at] = value
             adds_emission[at] = isinstance(group, int)
     if throughput is not None:
         factor = factor * throughput
-    factor, alive = roulette(surface, direction, factor, depth, rng)
+    largest = factor.max(axis=0)
+    alive = largest > 0
+    if depth + 1 >= ROULETTE:
+        survival = np.minimum(largest * _scaled(surface, direction), np.float32(1))
+        alive &= rng.random(n, dtype=np.float32) < survival
+        factor = factor / np.maximum(survival, np.float32(1e-30))
     if last:
         alive &= adds_emission
     index = indices(alive)
@@ -120,19 +120,6 @@ def bounce(
     origin, direction, factor = (take(a, index) for a in (origin, direction, factor))
     adds_emission = adds_emission if isinstance(adds_emission, bool) else take(adds_emission, index)
     return Rays(origin, direction, compose(sample, index), factor, depth + 1, (CONTINUE,) * (depth + 1), adds_emission)
-
-
-def roulette(
-    surface: ShadingPoints, direction: Array, factor: Array, depth: int, rng: np.random.Generator
-) -> tuple[Array, np.ndarray]:
-    """Return throughputs ``(3, N)``, and whether their paths go on ``(N,)``, after Russian roulette where it is due."""
-    largest = factor.max(axis=0)
-    alive = largest > 0
-    if depth + 1 >= ROULETTE:
-        survival = np.minimum(largest * _scaled(surface, direction), np.float32(1))
-        alive &= rng.random(len(largest), dtype=np.float32) < survival
-        factor = factor / np.maximum(survival, np.float32(1e-30))
-    return factor, alive
 
 
 def _scaled(surface: ShadingPoints, direction: Array) -> Array | np.float32:
@@ -145,7 +132,7 @@ def _scaled(surface: ShadingPoints, direction: Array) -> Array | np.float32:
     return np.where(inside, np.float32(eta * eta), np.float32(1))
 
 
-def lobe_groups(surface: ShadingPoints) -> list[LobeGroup]:
+def _lobe_groups(surface: ShadingPoints) -> list[LobeGroup]:
     """Return the groups of lobes that can continue a path at the surface."""
     groups: list[LobeGroup] = list(range(len(surface.delta)))
     if surface.reflection:
@@ -155,14 +142,14 @@ def lobe_groups(surface: ShadingPoints) -> list[LobeGroup]:
     return groups
 
 
-def follow(surface: ShadingPoints, group: LobeGroup, u: Array) -> tuple[Array, Array, Array]:
+def _follow(surface: ShadingPoints, group: LobeGroup, u: Array) -> tuple[Array, Array, Array]:
     """Return origins, directions and factors, each ``(3, N)``, of rays that a group of lobes sends on."""
     if isinstance(group, int):
         return scatter(surface, surface.delta[group])
     if group == "transmission":
         surface = surface.beyond()
     wi = surface.sample(u)
-    return surface.p, wi, reflected(surface, wi)
+    return surface.p, wi, _reflected(surface, wi)
 
 
 def merge(parts: Sequence[Rays], samples: int) -> Rays:
@@ -176,17 +163,14 @@ def merge(parts: Sequence[Rays], samples: int) -> Rays:
     adds_emission = parts[0].adds_emission
     if not isinstance(adds_emission, bool) or any(p.adds_emission is not adds_emission for p in parts):
         adds_emission = np.concatenate([np.broadcast_to(p.adds_emission, p.origin.shape[1]) for p in parts])
-    hits = None
-    if parts[0].hits is not None:
-        hits = Hits(*map(np.concatenate, zip(*(vars(p.hits).values() for p in parts), strict=True)))
-    return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, adds_emission, hits)
+    return Rays(origin, direction, sample, throughput, parts[0].depth, parts[0].path, adds_emission)
 
 
 def _throughput(rays: Rays) -> Array:
     return np.ones(rays.origin.shape, np.float32) if rays.throughput is None else rays.throughput
 
 
-def reflected(surface: ShadingPoints, wi: Array) -> Array:
+def _reflected(surface: ShadingPoints, wi: Array) -> Array:
     """Return ``f_r |n.wi| / pdf``, ``(3, N)``; 0 for directions that the surface rejects."""
     directions = Directions(surface, wi)
     if len(surface.reflection) == 1 and (weight := surface.reflection[0].weight()) is not None:
@@ -198,7 +182,7 @@ def reflected(surface: ShadingPoints, wi: Array) -> Array:
     return np.broadcast_to(surface.eval(directions) * factor, wi.shape)
 
 
-def choose(
+def _choose(
     surface: ShadingPoints, groups: list[LobeGroup], n: int, rng: np.random.Generator
 ) -> list[tuple[LobeGroup, Selection | None, Array | np.float32]]:
     """Divide the points among the groups of lobes; returns each group with its points and its probability.

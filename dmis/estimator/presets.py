@@ -48,7 +48,6 @@ _THESIS = Preset(
         "sampler": "independent",
         "reuse_pilot": None,
         "compensation": 0.0,
-        "continuation": "own",
     },
     choices={
         "shading_samples": (),
@@ -68,14 +67,14 @@ PRESETS: Mapping[str, Preset] = {"thesis": _THESIS, "thesis-shares": replace(_TH
 counts are rounded systematically to w S on average; all lights in direct lighting, and one, picked uniformly, at each
 vertex of a path; skies sampled by luminance, without compensation for the other technique; independent points, or
 pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of independent points, combined by the balance
-heuristic; a path continued by one more BRDF sample, beside those of direct lighting. The caller gives S, integrator and
-depth. The rule says whether its pilot is part of the image; if it does not, the pilot is with independent points.
-``thesis-shares`` has the same values, and a rule that divides samples by w whatever ``thesis`` comes to mean.
+heuristic. The caller gives S, integrator and depth. The rule says whether its pilot is part of the image; if it does
+not, the pilot is with independent points. ``thesis-shares`` has the same values, and a rule that divides samples by w
+whatever ``thesis`` comes to mean.
 
 What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; lobes
-of a surface picked uniformly; Russian roulette as in `dmis.estimator.path`. Whoever makes one of these a choice, or
-changes it, adds a field to `Settings` whose value in this preset is the old behaviour. Images of the preset are held by
-`tests/estimator/test_presets.py`. Not pinned: the order in which a sample goes through the triangles of a
-`dmis.light.mesh_light.MeshLight`, which no scene of the thesis has. It changes which number gives which point, and no
-density.
+of a surface picked uniformly; a path continued by one more BRDF sample, beside those of direct lighting; Russian
+roulette as in `dmis.estimator.path`. Whoever makes one of these a choice, or changes it, adds a field to `Settings`
+whose value in this preset is the old behaviour. Images of the preset are held by `tests/estimator/test_presets.py`.
+Not pinned: the order in which a sample goes through the triangles of a `dmis.light.mesh_light.MeshLight`, which no
+scene of the thesis has. It changes which number gives which point, and no density.
 """

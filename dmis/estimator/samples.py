@@ -8,7 +8,6 @@ import numpy as np
 
 from dmis.base.vectors import Array, Selection, compose, take
 from dmis.estimator.batch import Batch
-from dmis.estimator.continuation import Onward
 from dmis.estimator.records import Record
 from dmis.light.light_sample import LightSample
 from dmis.scene.shading_points import ShadingPoints
@@ -30,8 +29,6 @@ class Vertices:
         Radiance reflected or emitted towards the vertex before, ``(3, N)``, added to.
     beyond
         Whether `surface` is seen from the other side, see `ShadingPoints.beyond`.
-    onward
-        The paths that go on from the side of `surface`, if BRDF samples continue them; None: none.
     """
 
     surface: ShadingPoints
@@ -40,7 +37,6 @@ class Vertices:
     path: tuple[int, ...]
     radiance: Array
     beyond: bool = False
-    onward: Onward | None = None
 
 
 @dataclass(eq=False)
@@ -65,8 +61,6 @@ class Samples:
         Shares w_k of the techniques, as in `dmis.estimator.batch.Batch.shares`.
     tilt
         Shares of the heuristic, as in `dmis.estimator.batch.Batch.tilt`.
-    continues
-        Which of them continue the paths of their vertices, ``(N,)`` bool; None: none.
     """
 
     technique_index: int
@@ -77,7 +71,6 @@ class Samples:
     light_sample: LightSample
     shares: Array
     tilt: Array | None
-    continues: np.ndarray | None = None
 
 
 def record_samples(

@@ -21,7 +21,10 @@ from dmis.scene.scene import Scene, SceneWarning
 
 MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
-REMOVED_SETTINGS = {"replicates": "Render with several seeds, and take dmis.average of the results"}
+REMOVED_SETTINGS = {
+    "replicates": "Render with several seeds, and take dmis.average of the results",
+    "continuation": "Leave it out: paths always continue by another ray",
+}
 """Settings of earlier versions, and what to do in their place."""
 
 
@@ -109,9 +112,6 @@ class Settings:
         (`dmis.light.environment.EnvironmentLight`, whose own value comes first), where BRDF sampling is among the
         techniques and covers the rest. None: `dmis.pipeline.job.LEARNED_COMPENSATION` with a rule that learns from the
         samples' densities, else 0.
-    continuation
-        ``own``: another BRDF sample continues the path of each vertex; ``shared``: one of those of direct lighting
-        does, so that one ray finds lights and goes on.
     preset
         Name of the preset whose values these are, see `dmis.estimator.presets.PRESETS`; None: there is none.
         `make_settings` makes settings of a preset.
@@ -145,11 +145,6 @@ class Settings:
     reuse_pilot: bool | None = None
     compensation: float | None = _option(
         None, "share of a sky's samples drawn from what exceeds its mean (default: 0.9 if rules learn)", float, "SHARE"
-    )
-    continuation: str = _option(
-        "own",
-        "what continues a path: own, another ray, or shared, a BRDF sample of direct lighting (default own)",
-        choices=("own", "shared"),
     )
     preset: str | None = _option(None, "settings that no later version changes (default none)", choices=tuple(PRESETS))
 

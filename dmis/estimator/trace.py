@@ -12,9 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, compose, indices, size, take
-from dmis.estimator.batch import Batch, count_rays
-from dmis.estimator.batching import accumulate, point_chunks, take_optional
-from dmis.estimator.continuation import onward
+from dmis.estimator.batch import Batch
+from dmis.estimator.batching import accumulate, count_rays, point_chunks, take_optional
 from dmis.estimator.cost import UNTRACED
 from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
@@ -66,14 +65,13 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
     Rays that continue the paths are appended to `following`.
     """
     scene, plan, path = batch.scene, batch.scene.plan, batch.settings.integrator == "path"
-    hits = batch.caster.closest(rays.origin, rays.direction) if rays.hits is None else rays.hits
-    if rays.depth and rays.hits is None:
+    hits = batch.caster.closest(rays.origin, rays.direction)
+    if rays.depth:
         count_rays(batch, f"bounce {rays.depth}" if path else "specular", len(hits.prim), rays.sample)
     group_of = plan.face_group.take(hits.prim)
     if plan.environment and rays.adds_emission is not False:
         yield from _sky(batch, rays, hits)
     last = rays.depth >= batch.settings.deepest
-    shares_rays = batch.settings.continuation == "shared" and path and rays.depth + 1 < batch.settings.deepest
     for number, group in enumerate(plan.groups):
         emits = group.emission is not None and rays.adds_emission is not False
         if not emits and (last or not group.reflects):
@@ -85,19 +83,15 @@ def _shade(batch: Batch, rays: Rays, following: list[Rays]) -> Iterator[tuple[Ar
             out = np.zeros(surface.wo.shape, np.float32)
             if emits and emission is not None:
                 out += emission * take(np.asarray(rays.adds_emission), index)
-            paths = onward(batch, rays.depth, surface, sample, throughput) if shares_rays else {}
             if group.reflection and not last:
-                vertices = Vertices(surface, sample, throughput, rays.path, out, onward=paths.get("reflection"))
-                add_direct_light(batch, vertices)
+                add_direct_light(batch, Vertices(surface, sample, throughput, rays.path, out))
             if group.transmission and not last:
-                far, by = surface.beyond(), paths.get("transmission")
-                add_direct_light(batch, Vertices(far, sample, throughput, rays.path, out, beyond=True, onward=by))
+                far = surface.beyond()
+                add_direct_light(batch, Vertices(far, sample, throughput, rays.path, out, beyond=True))
             if throughput is not None:
                 out *= throughput
             yield out, sample
-            if shares_rays:
-                following += [part for of_group in paths.values() for part in of_group.remainder()]
-            elif path and not last:
+            if path and not last:
                 following += _path_ray(batch, rays, surface, sample, throughput)
             elif group.delta and not last:
                 following += _delta_rays(batch, rays, surface, sample, throughput)

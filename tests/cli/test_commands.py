@@ -207,6 +207,7 @@ def test_bench_prints_a_table(scene, capsys):
         ("render SCENE -o a.exr --samples 4", "render does not take --samples 4; python -m dmis render --help"),
         ("oracle SCENE -o a --ladder", "run benchmarks/print_ladder.py SCENE"),
         ("render SCENE -o a.exr --replicates 2", "average the images"),
+        ("render SCENE -o a.exr --continuation own", "leave it out"),
         ("render SCENE", "-o"),
         ("", "COMMAND"),
     ],

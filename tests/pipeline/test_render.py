@@ -346,6 +346,7 @@ def test_every_part_of_a_scene_is_in_its_hash(box):
         ({"combiner": "controlled"}, "combiner controlled was removed. Use balance"),
         ({"combiner": "optimal-progressive"}, "combiner optimal-progressive was removed. Use optimal"),
         ({"replicates": 2}, r"replicates was removed. Render with several seeds, and take dmis.average"),
+        ({"continuation": "shared"}, r"continuation was removed. Leave it out"),
     ],
 )
 def test_bad_arguments(box, options, message):
