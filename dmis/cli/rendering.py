@@ -38,8 +38,11 @@ def render(options: argparse.Namespace) -> int:
         check_writable(path, BYTES_OF_PIXEL * math.prod(scene.camera.resolution) + BYTES_OF_DESCRIPTION)
     with _executor(options) as parallel, progress_bar(options.quiet) as progress:
         spp = scene.suggested.spp if options.spp is None and options.as_in_file else options.spp
-        stop = Stop(options.rule, spp, options.noise, options.seconds)
-        job = resolve(scene, options.rule, stop.first_spp, options.seed, make_settings(**settings_of(options, scene)))
+        stop = None
+        if options.noise is not None or options.seconds is not None:
+            stop = Stop(options.rule, spp, options.noise, options.seconds)
+            spp = stop.first_spp
+        job = resolve(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
         result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
     write_image(options.output, result)
     if options.png:

@@ -11,8 +11,8 @@ from typing import Any
 
 from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
+from dmis.pipeline.job import DEFAULT_SPP
 from dmis.pipeline.progress import Progress, reporting
-from dmis.pipeline.stopping import DEFAULT_SPP
 from dmis.scene.scene import Scene
 
 

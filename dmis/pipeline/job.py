@@ -27,6 +27,8 @@ from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 from dmis.pipeline.tile import layout
 from dmis.scene.scene import Scene, SceneWarning
 
+DEFAULT_SPP = 128
+"""Camera samples per pixel of a render that nothing else ends."""
 MAX_SPP = 2**20
 """Largest number of camera samples per pixel."""
 LEARNED_COMPENSATION = 0.9
@@ -114,7 +116,7 @@ class Job:
         return {**self.provenance, **hashes, "tiles": layout(self.settings), "package_hash": package_hash()}
 
 
-def resolve(scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings: Settings) -> Job:
+def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, settings: Settings) -> Job:
     """Return the job of the arguments of `dmis.pipeline.render.render`, with a value in place of every default.
 
     Raises
@@ -124,7 +126,7 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int, seed: int, settings
     """
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
-    spp, seed = whole("spp", spp, 1, MAX_SPP), whole("seed", seed, 0)
+    spp, seed = whole("spp", DEFAULT_SPP if spp is None else spp, 1, MAX_SPP), whole("seed", seed, 0)
     float32_scene, gain = scene.in_float32
     if not float32_scene.plan.has_light:
         _warn_of_darkness(scene)

@@ -7,6 +7,7 @@ are part of it, with weights that are fixed beforehand: unbiased, although the s
 from __future__ import annotations
 
 import os
+import time
 from contextlib import nullcontext
 from typing import Any
 
@@ -66,8 +67,8 @@ def render(
     OSError
         If the checkpoint cannot be written; a ``ChildProcessError`` if workers keep dying.
     """
-    stop = Stop(rule, spp, noise, seconds)
-    job = resolve(scene, rule, stop.first_spp, seed, make_settings(settings, **options))
+    stop = None if noise is None and seconds is None else Stop(rule, spp, noise, seconds)
+    job = resolve(scene, rule, stop.first_spp if stop else spp, seed, make_settings(settings, **options))
     return render_job(job, parallel, progress, checkpoint, stop=stop)
 
 
@@ -83,18 +84,17 @@ def render_job(
 
     Parameters and errors are those of `render`; `observer` gets the tiles of each round before they are rendered.
     """
-    image, stop, bar = [], stop or Stop(), reporting(progress) if progress else nullcontext()
+    image, bar, began = [], reporting(progress) if progress else nullcontext(), time.perf_counter()
     with bar as report, Passes(job, parallel, report, checkpoint, observer) as passes:
-        rounds = stop.rounds(job)
-        requested = next_round(rounds, None)
-        while requested is not None:
-            film = passes.render(requested)  # samples
-            if requested.image_weight:
-                image.append((film.moments, requested.image_weight))
-                image = [part for part in image if part[0] is not requested.before]  # which is in the film, too
-            requested = next_round(rounds, film)  # variance, fit, filter
-            del film  # its statistics are large
+        rounds, film = stop.rounds(job) if stop else job.rule.rounds(job.budget), None
+        while (requested := next_round(rounds, film)) is not None:  # variance, fit, filter
+            final, film = requested, None  # its statistics are large
+            film = passes.render(final)  # samples
+            if final.image_weight:
+                image.append((film.moments, final.image_weight))
+                image = [part for part in image if part[0] is not final.before]  # which is in the film, too
     if not image:
         raise ValueError(f"rule {job.rule_text} must yield a Round with an image_weight; got none")
     image.reverse()  # the final film first, whose arrays the average overwrites
-    return make_result(stop.job, stop.final, average_films(image, job.gain), passes, stop.seconds)
+    job, final = (stop.job, stop.final) if stop else (job, final)
+    return make_result(job, final, average_films(image, job.gain), passes, time.perf_counter() - began)

@@ -33,8 +33,6 @@ from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.job import MAX_SPP, Job
 from dmis.samplers.streams import is_sequence
 
-DEFAULT_SPP = 128
-"""Camera samples per pixel of a render that nothing else ends."""
 FIRST_SPP = 32
 """Camera samples per pixel of the rule's own rounds."""
 EXPONENT = 1.3
@@ -54,13 +52,10 @@ class Stop:
         The job with the samples that were spent, and with the number of rounds and the estimated noise in its notes.
     final
         The rule's last round, with all samples that went on behind it.
-    seconds
-        Wall seconds of all rounds.
     """
 
     job: Job
     final: Round
-    seconds: float
 
     def __init__(
         self,
@@ -69,10 +64,6 @@ class Stop:
         noise: float | None = None,
         seconds: float | None = None,
     ) -> None:
-        self._doubles = noise is not None or seconds is not None
-        if not self._doubles:
-            self.first_spp = DEFAULT_SPP if spp is None else spp
-            return
         self._most = MAX_SPP if spp is None else whole("spp", spp, 1, MAX_SPP)
         self._noise = -inf if noise is None else number("noise", noise, 0)
         self._limit = inf if seconds is None else number("seconds", seconds, 0)
@@ -88,8 +79,8 @@ class Stop:
         while (requested := next_round(own, film)) is not None:
             self.final, film = requested, None  # its statistics are large
             film = yield requested
-            count, self.seconds = count + 1, time.perf_counter() - began
-        if not self._doubles or film is None:
+            count, self._seconds = count + 1, time.perf_counter() - began
+        if film is None:
             return
         final, n = self.final, film.moments.n
         a = EXPONENT if is_sequence(final.settings.sampler) else 1.0
@@ -100,7 +91,7 @@ class Stop:
             n = n if isinstance(n, int) else n[..., 0]
             weight = 2 * self.final.image_weight
             film = yield replace(final, spp=n, begin=n, before=film.moments, image_weight=weight)
-            count, self.seconds = count + 1, time.perf_counter() - began
+            count, self._seconds = count + 1, time.perf_counter() - began
             noise = sqrt(self._relative(np.square(film.moments.mean - before), film.moments.mean) / (2**a - 1))
             self.final = replace(final, spp=2 * n - final.begin, image_weight=weight)
             self.job = replace(job, spp=job.spp + weight - final.image_weight)
@@ -109,7 +100,7 @@ class Stop:
 
     def _goes_on(self, noise: float) -> bool:
         """Return whether to double once more: it takes as long as all rounds before, and as many samples."""
-        in_time = 2 * self.seconds <= self._limit
+        in_time = 2 * self._seconds <= self._limit
         return in_time and self.job.spp + self.final.image_weight <= self._most and not noise <= self._noise
 
     def _relative(self, square: Array, mean: Array) -> float:
