@@ -19,11 +19,14 @@ class Preset:
         Fields that may have another value, with all values that they may have; an empty tuple stands for any.
     rule
         Rule of a render that names none.
+    weigh
+        What w of the rule ``thesis`` is, one of `dmis.fit.round.WEIGH`.
     """
 
     values: Mapping[str, Any]
     choices: Mapping[str, tuple[Any, ...]]
     rule: str
+    weigh: str
 
     def check(self, settings: Any) -> None:
         """Raise a ValueError if a field of the settings has a value that the preset does not allow."""
@@ -58,18 +61,19 @@ _THESIS = Preset(
         "reuse_pilot": (),
     },
     rule="thesis",
+    weigh="heuristic",
 )
 
-PRESETS: Mapping[str, Preset] = {"thesis": _THESIS, "thesis-shares": replace(_THESIS, rule="thesis:weigh=samples")}
+PRESETS: Mapping[str, Preset] = {"thesis": _THESIS, "thesis-shares": replace(_THESIS, weigh="samples")}
 """Presets by name.
 
 ``thesis`` is the estimator of Seo's thesis (2014), which stands on pbrt-v2. Pinned: light and BRDF sampling, whose
-counts are rounded systematically to w S on average; all lights in direct lighting, and one, picked uniformly, at each
-vertex of a path; skies sampled by luminance, without compensation for the other technique; independent points, or
-pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of independent points, combined by the balance
-heuristic. The caller gives S, integrator and depth. The rule says whether its pilot is part of the image; if it does
-not, the pilot is with independent points. ``thesis-shares`` has the same values, and a rule that divides samples by w
-whatever ``thesis`` comes to mean.
+counts are rounded systematically to their shares of S on average; all lights in direct lighting, and one, picked
+uniformly, at each vertex of a path; skies sampled by luminance, without compensation for the other technique;
+independent points, or pbrt-v2's ``lowdiscrepancy`` ones; balance or power heuristic; a pilot of independent points,
+combined by the balance heuristic. The caller gives S, integrator and depth. The rule says whether its pilot is part of
+the image; if it does not, the pilot is with independent points. Its w weighs the heuristic, with one light sample for
+each BRDF sample; ``thesis-shares`` has the same values, and w divides the samples.
 
 What has no field in `Settings` yet is pinned as the code has it: lights sampled by area, spheres by their cone; lobes
 of a surface picked uniformly; a path continued by one more BRDF sample, beside those of direct lighting; Russian

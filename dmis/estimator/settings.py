@@ -185,6 +185,11 @@ class Settings:
         return self.compensation or 0.0 if "brdf" in self.techniques else 0.0
 
     @property
+    def weigh(self) -> str:
+        """What w is, one of `dmis.fit.round.WEIGH`, where a rule leaves it open: shares without balance."""
+        return PRESETS[self.preset or "thesis"].weigh if self.combiner == "balance" else "samples"
+
+    @property
     def one_light(self) -> bool:
         """Whether one light is picked at each point; `integrator` must not be ``auto`` any more."""
         return self.lights == "one" or (self.lights == "pbrt" and self.integrator == "path")

@@ -45,7 +45,7 @@ class Rule:
         Camera samples per pixel from which on the rule learns; smaller budgets are rendered with equal shares.
         Default: 0.
     weigh
-        What weights are, see `dmis.fit.round.WEIGH`. Default: shares of the samples.
+        What weights are, see `dmis.fit.round.WEIGH`; empty: what the preset says. Default: shares of the samples.
     """
 
     if TYPE_CHECKING:  # read-only, so that rules may have a field or a property of the name
@@ -176,7 +176,7 @@ def merge_settings(rule: Rule, text: str, settings: Settings) -> Settings:
         for share in w if isinstance(w, tuple) else (w,):
             number(f"shares of the pilot of rule {text}", share, 0, 1)
     merged = replace(settings, **rule.settings)
-    check_weigh(rule.weigh, merged.combiner)
+    check_weigh(rule.weigh or merged.weigh, merged.combiner)
     return merged
 
 

@@ -56,8 +56,9 @@ class Thesis(Rule):
     combiner, sampler
         Of the final samples; an empty sampler is that of the settings.
     weigh
-        What w is: the share of light ``samples``, or the share that the ``heuristic`` uses, with as many light as BRDF
-        samples at every vertex (docs/theory.md, Eq. 8a).
+        What w is: the share that the ``heuristic`` uses, with as many light as BRDF samples at every vertex
+        (docs/theory.md, Eq. 8a), or the share of light ``samples``. Empty: the first, unless the preset is
+        ``thesis-shares`` or the combiner is not ``balance``.
 
     Notes
     -----
@@ -67,10 +68,10 @@ class Thesis(Rule):
 
     Eqs. 3.2-3.4 call v_i the variance and y_i the value; by Eq. 3.5 v_i must be the weight and y_i the variance. The
     thesis does not say what happens without a minimum in [0, 1] (here: `STATUS`), which variance of a colour is meant,
-    what the sigma of the Gaussian is, or whether the pilot's samples enter the image: hence the options. With
-    their defaults, in direct lighting with independent points and one light and one BRDF sample, the rule wins on two
-    scenes at equal samples as in the thesis's Table 4.1, and draws on the two that it loses there. With other patches,
-    points or numbers of samples it loses on these, too: ``docs/reproduction.md``.
+    what the sigma of the Gaussian is, what w weighs, or whether the pilot's samples enter the image: hence the options.
+    With their defaults, in direct lighting with independent points and one light and one BRDF sample, the rule wins on
+    two scenes at equal samples and loses on two, the same as in the thesis's Table 4.1. Shares of samples have less
+    error on all four: ``docs/reproduction.md``.
     """
 
     patch: int | Literal["auto"] = 16
@@ -84,7 +85,7 @@ class Thesis(Rule):
     reuse: bool = False
     combiner: str = "balance"
     sampler: str = ""
-    weigh: str = "samples"
+    weigh: str = ""
     shares_only = True
 
     def __post_init__(self) -> None:
@@ -95,7 +96,8 @@ class Thesis(Rule):
         one_of("filter", self.filter, ("gaussian", "none"))
         one_of("no_signal", self.no_signal, ("half", "skip"))
         one_of("ragged", self.ragged, ("equal", "area"))
-        check_weigh(self.weigh, self.combiner)
+        if self.weigh:
+            check_weigh(self.weigh, self.combiner)
         check_taps(self.size)
         positive("sigma", self.sigma)
 

@@ -74,7 +74,7 @@ class Job:
     def budget(self) -> Budget:
         """What the rule makes its rounds with."""
         width, height = self.scene.camera.resolution
-        return Budget(self.spp, (height, width), self.settings, self.seed, self.rule.weigh)
+        return Budget(self.spp, (height, width), self.settings, self.seed, self.rule.weigh or self.settings.weigh)
 
     @cached_property
     def provenance(self) -> Mapping[str, Any]:

@@ -60,11 +60,22 @@ def test_preset_has_a_rule(box: dmis.Scene) -> None:
     assert result.provenance["rule"] == "thesis" and result.provenance["settings"]["lights"] == "pbrt"
 
 
-def test_shares_have_a_preset(box: dmis.Scene) -> None:
-    """Its rule divides samples, and renders what the rule of that name does."""
-    result = dmis.render(box, spp=32, preset="thesis-shares")
-    assert result.provenance["rule"] == "thesis:weigh=samples"
-    np.testing.assert_array_equal(result.image, dmis.render(box, "thesis:weigh=samples", 32, preset="thesis").image)
+@pytest.mark.parametrize(
+    ("options", "weigh"),
+    [
+        ({}, "heuristic"),
+        ({"preset": "thesis"}, "heuristic"),
+        ({"preset": "thesis-shares"}, "samples"),
+        ({"preset": "thesis", "combiner": "power"}, "samples"),
+    ],
+)
+def test_what_w_is(box: dmis.Scene, options: dict, weigh: str) -> None:
+    """The preset says it, and the tilt without one; a rule that says it wins."""
+    default = dmis.render(box, "thesis:patch=8", 16, **options)
+    assert (default.weight == default.light_share).all() == (weigh == "samples")
+    for preset in ("thesis", "thesis-shares") if "preset" in options else (None,):
+        told = dmis.render(box, f"thesis:patch=8,weigh={weigh}", 16, **{**options, "preset": preset})
+        np.testing.assert_array_equal(told.image, default.image)
 
 
 def test_changed_defaults_are_no_request(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,7 +140,7 @@ def stored() -> dict[str, np.ndarray]:
 def test_images_are_the_pinned_ones(stored: dict[str, np.ndarray], scenes: tuple[str, ...], step: int) -> None:
     """A part of the configurations that has each rule, sampler and integrator; the slow test renders all."""
     images = pin_preset.render_all(scenes, step)
-    assert len(stored) == len(list(pin_preset.configurations())) == 60
+    assert len(stored) == len(list(pin_preset.configurations())) == 80
     assert list(pin_preset.differences({name: stored[name] for name in images}, images)) == []
 
 
