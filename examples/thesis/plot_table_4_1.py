@@ -49,7 +49,7 @@ SPP, SEEDS = opts.spp, range(3 if opts.size == "full" else 1)
 def measure(name):
     """Compare the rule and the balance heuristic on one scene: a row of the table."""
     scene = opts.scene(name)
-    reference = opts.reference(scene)
+    reference = opts.reference(scene, 64 if opts.size == "full" else None)
     errors = Errors(reference)
     more = {
         "preset": "thesis",
