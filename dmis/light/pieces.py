@@ -128,6 +128,11 @@ class Pieces:
         return TwoSided(caster, triangles[kept], kept, np.searchsorted(kept, twin[kept]))
 
     @cached_property
+    def _shapes(self) -> list[int]:
+        """The shapes that pieces have."""
+        return np.unique(self.shape).tolist()
+
+    @cached_property
     def _table(self) -> Array:
         """Rows, area and radiance of each piece, ``(F, 16)`` float32: one gather instead of several."""
         return np.concatenate([self.rows, [self.area], self.radiance]).T.astype(np.float32, order="C")
@@ -138,7 +143,7 @@ class Pieces:
     def _by_shape(self, piece: Index) -> Iterator[tuple[int, Selection | None]]:
         """Yield each shape among the pieces `piece` ``(N,)``, and which of them have it; None: all."""
         shape = self.shape.take(piece)
-        for kind in np.unique(self.shape).tolist():
+        for kind in self._shapes:
             index = indices(shape == kind)
             if index is None or len(index):
                 yield kind, index
