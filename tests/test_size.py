@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 24_100, "tests": 23_600}
+LINES = {"dmis": 24_140, "tests": 23_620}
 """Lines of Python files."""
 WORDS = 38_000
 """Words of the pages, tables included."""

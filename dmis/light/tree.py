@@ -1,185 +1,228 @@
-"""Selection of one of many lights by a light tree: near, bright pieces that face the receiver are selected most.
+"""Selection of one of many lights by nodes of a light tree: near, bright ones that face the receiver are selected most.
 
-A node of the tree bounds the light below it: by a sphere, a cone of normals and an intensity. A light sample descends
-from the root and goes to one of four children in proportion to the child's importance for the receiver, a point p with
-the normal n, as in Conty Estevez and Kulla 2018, with bounds of the cosines that need no angles::
+Pieces that are close and face the same side follow each other in an order whose halves, quarters and so on are the
+nodes of a tree (`dmis.light.triangle_order.halved_order`). A light sample selects one of up to `NODES` nodes of one
+level, and then one of its pieces in proportion to intensity. A node bounds the light of its pieces: by a sphere, a cone
+of normals and an intensity. Its importance for receivers around a point p with normals around n is, as in Conty Estevez
+and Kulla 2018, with bounds of the cosines that need no angles::
 
     I min(x, d) min(y, d) / d^4,    x = max(d s - a . t + r, 0),    y = max(n . t + r, 0)
 
-t leads from p to the centre of the sphere and has the length d, at least the radius r; I is the intensity, a the axis
-of the cone and s = 2 sin(h / 2) with its half angle h. For h = r = 0 the two factors are the cosines at the lamp and at
-p. A turn by h adds at most s to a cosine, a step by r at most r / d, so a node has the importance 0 only if no light
-from it can arrive.
+t leads from p to the centre of the sphere and has the length d, at least r, the sum of the radii of the sphere and of
+the receivers; I is the intensity, a the axis of the cone and s = 2 sin(h / 2) with its half angle h. For h = r = 0 the
+two factors are the cosines at the lamp and at p. A turn by h adds at most s to a cosine, a step by r at most r / d, so
+a node has the importance 0 only if no light from it can arrive.
 
-The tree is complete. Pieces that are close and face the same side follow each other in an order whose quarters, their
-quarters and so on are its nodes (`dmis.light.triangle_order.halved_order`), so a whole batch descends as many levels,
-and the digits of a piece's place to the base 4 are its way from the root. At each level the
-uniform number is stretched to the interval of the chosen child, so that low-discrepancy points stay so.
+All receivers in a cell of space and a bin of normals use the same importances, as in pbrt-v3 all in a voxel do. They
+are computed when a receiver is in the cell for the first time, and kept as a table of slots, each of which belongs to a
+node. A uniform number picks a slot; the probability of a node is its share of the slots, rounded but never to 0. Slots
+of a node are neighbours, so low-discrepancy points stay so. A selection takes the same time for any number of nodes. A
+descent of the tree for each receiver takes longer, and its choices near the root are worse: with 1,000 lamps it has 4
+times the relMSE x CPU time (``benchmarks/many_lights.py``).
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 
 import numpy as np
 
-from dmis.base.vectors import TINY, Array, Index, dot
+from dmis.base.vectors import Array, Index, dot
 from dmis.light.pieces import SPHERE, Pieces
 from dmis.light.triangle_order import halved_order
 
-BLOCK = 8192
-"""Points that descend at a time: their arrays stay in the cache."""
+NODES = 4096
+"""Largest number of nodes; a table of as many takes 40 kB."""
+MOST_TABLES = 2**13
+"""Number of tables above which all are forgotten, and made again as needed."""
+BLOCK = 4096
+"""Receivers whose tables are looked up at a time."""
+CELLS = 32
+"""Cells along each axis: half of them divide the box around the lights, the others grow with the distance from it."""
+BINS = 3
+"""Bins of normals along each axis: a component is near -1, 0 or 1. A receiver without a normal is in bin (0, 0, 0)."""
+BIN_FACTOR = np.float32(1.49)
+"""Factor of a normal's components before they are rounded, for which the 26 bins of unit vectors have similar sizes."""
+BIN_RADIUS = 0.54
+"""Largest distance of a unit vector from the centre of its bin."""
+BACK_WEIGHT = 0.1
+"""Weight of light that arrives behind a surface with the normal at the centre of a bin, but before others of the bin.
+"""
 MARGIN = 1e-3
 """Relative margin of radii, and margin of cones in radians: rounding must not lose a piece that sends light."""
-Bounds = tuple[Array, Array, Array, Array, Array]
-"""Bounds of M nodes: least and largest coordinates ``(M, 3)``, axis ``(M, 3)``, half angle and intensity ``(M,)``."""
+Tables = tuple[Array, Array]
+"""M distributions of K outcomes: the outcome of each of S slots, ``(M, S)``, and outcomes' first slots, ``(M, K + 1)``.
+"""
 
 
 class TreeSelection:
-    """Selection by a light tree, see `dmis.light.selection.Selection`."""
+    """Selection by nodes of a light tree, see `dmis.light.selection.Selection`."""
 
     def __init__(self, pieces: Pieces) -> None:
-        bounds = _piece_bounds(pieces)
-        count = len(pieces.area)
-        order = halved_order((bounds[0] + bounds[1]) / 2, bounds[2], np.ones(count))
-        places = 4 ** (((count - 1).bit_length() + 1) // 2)
-        self._place = np.empty(count, np.int64)
-        self._place[order] = ((np.arange(count) + 0.5) / count * places).astype(np.int64)
-        self._piece = np.zeros(places, np.int64)
-        self._piece[self._place] = np.arange(count)
-        leaves = tuple(np.zeros((places, *values.shape[1:])) for values in bounds)
-        for leaf, values in zip(leaves, bounds, strict=True):
-            leaf[self._place] = values
-        self._levels = list(_tables(leaves))[::-1]  # type: ignore[arg-type]
+        low, high, axis, angle = _piece_bounds(pieces)
+        count = len(low)
+        self._order = halved_order((low + high) / 2, axis, np.ones(count))
+        nodes = min(count, NODES)
+        node = ((np.arange(count) + 0.5) * nodes / count).astype(np.int64)
+        self._first = np.flatnonzero(np.diff(node, prepend=-1))
+        place = np.arange(count) - self._first[node]
+        self._rows = _node_rows((low, high, axis, angle, pieces.intensity), self._order, self._first, node)
+        self._node, self._place = np.empty((2, count), np.int64)
+        self._node[self._order], self._place[self._order] = node, place
+        weight = np.zeros((nodes, place.max() + 1))
+        weight[node, place] = pieces.intensity[self._order]
+        self._within = _slot_tables(weight, max(64, 4 * weight.shape[1]))
+        box = low.min(axis=0), high.max(axis=0)
+        self._centre = ((box[0] + box[1])[:, None] / 2).astype(np.float32)
+        self._half = max(float((box[1] - box[0]).max()) / 2, 1e-15)
+        self._lock = threading.Lock()
+        self._forget()
 
     def select(self, p: Array, ng: Array | None, u: Array) -> tuple[Index, Array, Array]:
         """See `dmis.light.selection.Selection.select`."""
-        place, probability, rest = np.zeros(len(u), np.int64), np.ones(len(u), np.float32), u.copy()
-        for block, receiver in _blocks(p, ng, len(u)):
-            node, v = place[block], rest[block]
-            for table in self._levels:
-                edges = _edges(table, node, receiver)
-                along = v * edges[4]
-                child = (along >= edges[1]).astype(np.int64)
-                child += along >= edges[2]
-                child += along >= edges[3]
-                low, width = _interval(edges, child)
-                v[:] = (along - low) / np.maximum(width, TINY)
-                probability[block] *= width / np.maximum(edges[4], TINY)
-                node *= 4
-                node += child
-        return self._piece.take(place), probability, rest
+        piece, probability, rest = np.empty(len(u), np.int64), np.empty(len(u), np.float32), np.empty(len(u))
+        for block, cell, tables in self._cells(p, ng, len(u)):
+            node, of_node, v = _pick(tables, cell, u[block])
+            place, within, rest[block] = _pick(self._within, node, v)
+            piece[block] = self._order.take(self._first.take(node) + place)
+            probability[block] = of_node * within
+        return piece, probability, rest
 
     def probability(self, p: Array, ng: Array | None, piece: Index) -> Array:
         """See `dmis.light.selection.Selection.probability`."""
-        place, probability = self._place.take(piece), np.ones(len(piece), np.float32)
-        for block, receiver in _blocks(p, ng, len(piece)):
-            for below, table in zip(range(len(self._levels))[::-1], self._levels, strict=True):
-                child = place[block] >> 2 * below
-                edges = _edges(table, child >> 2, receiver)
-                probability[block] *= _interval(edges, child & 3)[1] / np.maximum(edges[4], TINY)
-        return probability
+        node, probability = self._node.take(piece), np.empty(len(piece), np.float32)
+        for block, cell, tables in self._cells(p, ng, len(piece)):
+            probability[block] = _interval(tables, cell, node[block])[1] / np.float32(tables[0].shape[1])
+        width = _interval(self._within, node, self._place.take(piece))[1]
+        return probability * (width / np.float32(self._within[0].shape[1]))
+
+    def _forget(self) -> None:
+        """Begin without tables."""
+        self._table = np.zeros((CELLS * BINS) ** 3, np.int32)  # number of each cell's table; 0: there is none yet
+        self._tables, self._count = _slot_tables(np.zeros((1, len(self._first))), max(4096, 4 * len(self._first))), 1
+
+    def _cells(self, p: Array, ng: Array | None, count: int) -> Iterator[tuple[slice, Index, Tables]]:
+        """Yield parts of `count` receivers, the numbers of their tables, and all tables."""
+        for begin in range(0, count, BLOCK):
+            block = slice(begin, begin + BLOCK)
+            cell = self._cell(p[:, block], None if ng is None else ng[:, block])
+            with self._lock:
+                table = self._table.take(cell)
+                if not table.all():
+                    new = np.unique(cell[table == 0])
+                    if self._count + len(new) > MOST_TABLES:
+                        self._forget()
+                        new = np.unique(cell)
+                    self._add(new)
+                    table = self._table.take(cell)
+                tables = self._tables
+            yield block, table.astype(np.int64), tables
+
+    def _cell(self, p: Array, ng: Array | None) -> Index:
+        """Return the cells of receivers: of space, by ``z / (1 + |z|)`` in half sizes of the box, and of normals."""
+        z = (p - self._centre) * np.float32(1 / self._half)
+        z /= np.abs(z) + 1
+        z *= np.float32(0.49999 * CELLS)
+        z += np.float32(0.5 * CELLS)
+        n = np.zeros((3, 1), np.float32) if ng is None else np.rint(ng * BIN_FACTOR)
+        cell = np.zeros(p.shape[1], np.float32)
+        for digits, base in ((np.floor(z), CELLS), (n + BINS // 2, BINS)):
+            for digit in digits:
+                cell *= base
+                cell += digit
+        return cell.astype(np.int64)
+
+    def _add(self, cells: Index) -> None:
+        """Add the tables of cells."""
+        end = self._count + len(cells)
+        if end > len(self._tables[0]):
+            self._tables = tuple(  # type: ignore[assignment]
+                np.concatenate([x, np.empty((min(2 * end, MOST_TABLES) - len(x), x.shape[1]), x.dtype)])
+                for x in self._tables
+            )
+        for begin in range(0, len(cells), 16):
+            part = cells[begin : begin + 16]
+            new = _slot_tables(self._importance(part), self._tables[0].shape[1])
+            for x, values in zip(self._tables, new, strict=True):
+                x[self._count + begin : self._count + begin + len(part)] = values
+        self._table[cells] = np.arange(self._count, end)
+        self._count = end
+
+    def _importance(self, cells: Index) -> Array:
+        """Return the importance of K nodes for receivers of M cells, ``(M, K)``, by the formula of this module."""
+        place = np.array(np.unravel_index(cells, 3 * (CELLS,) + 3 * (BINS,)), float)[..., None]
+        q = (place[:3] + [0, 1] - 0.5 * CELLS) / (0.49999 * CELLS)
+        q = np.clip(q, 1e-6 - 1, 1 - 1e-6)
+        corners = q / (1 - np.abs(q)) * self._half + self._centre[..., None]
+        size = np.linalg.norm(corners[..., 1] - corners[..., 0], axis=0)[:, None] / 2
+        n = place[3:] - BINS // 2
+        length = np.linalg.norm(n, axis=0)
+        centre, axis, (radius, s, intensity) = self._rows[:3, None], self._rows[3:6, None], self._rows[6:]
+        radius = radius + (1 + MARGIN) * size
+        to = centre - corners.mean(axis=2, keepdims=True)
+        distance = np.sqrt(dot(to, to))
+        farthest = np.maximum(distance, radius)
+        x = distance * s - dot(axis, to) + radius
+        y = dot(n / np.maximum(length, 1), to) + radius
+        # the cosine at a normal n' of the bin is n' . t / d <= n . t / d + |n' - n|; without a normal, all light counts
+        y = np.maximum(y, np.where(length > 0, BACK_WEIGHT * (y + BIN_RADIUS * distance), distance))
+        return intensity * np.clip(x, 0, farthest) * np.clip(y, 0, farthest) / farthest**4
 
 
-def _blocks(p: Array, ng: Array | None, count: int) -> Iterator[tuple[slice, tuple[Array, Array | None]]]:
-    """Yield parts of `count` points, and the points and normals of each, four times in a row: once for each child."""
-    for begin in range(0, count, BLOCK):
-        block = slice(begin, begin + BLOCK)
-        yield block, (p[:, block].repeat(4, axis=1), None if ng is None else ng[:, block].repeat(4, axis=1))
+def _slot_tables(weight: Array, slots: int) -> Tables:
+    """Return distributions in proportion to weights ``(M, K)``, rounded; each that is not 0 has a slot at least."""
+    positive, total = weight > 0, np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    shared = (slots - positive.sum(axis=1, keepdims=True)) / total
+    first = np.zeros((len(weight), weight.shape[1] + 1), np.int64)
+    first[:, 1:] = np.floor(np.cumsum(weight, axis=1) * shared + 0.5) + np.cumsum(positive, axis=1)
+    number = np.diff(first)
+    number[:, -1] += slots - first[:, -1]  # where all weights are 0, the slots are of an outcome of probability 0
+    outcome = np.repeat(np.tile(np.arange(weight.shape[1]), len(weight)), number.ravel())
+    return outcome.reshape(-1, slots).astype(np.uint16), first.astype(np.uint16)
 
 
-def _edges(table: Array, node: Index, receiver: tuple[Array, Array | None]) -> Array:
-    """Return the cumulative importance of the four children of each `node` ``(N,)`` from 0 on, ``(5, N)``."""
-    importance = _importance(table.take(node, axis=1).view(np.float32), *receiver).reshape(-1, 4)
-    edges = np.zeros((5, len(node)), np.float32)
-    for k in range(4):
-        np.add(edges[k], importance[:, k], out=edges[k + 1])
-    return edges
+def _pick(tables: Tables, table: Index, u: Array) -> tuple[Index, Array, Array]:
+    """Return outcomes by the numbers `u` ``(N,)``, their probabilities, and the numbers stretched to [0, 1) again."""
+    outcomes, slots = tables[0].ravel(), tables[0].shape[1]
+    along = u * slots
+    outcome = outcomes.take(table * slots + along.astype(np.int64)).astype(np.int64)
+    first, number = _interval(tables, table, outcome)
+    return outcome, number * np.float32(1 / slots), (along - first) / np.maximum(number, 1)
 
 
-def _interval(edges: Array, child: Index) -> tuple[Array, Array]:
-    """Return the beginning and the width of the interval of a child, ``(N,)`` each."""
-    at = child * edges.shape[1] + np.arange(edges.shape[1])
-    low = edges.ravel().take(at)
-    return low, edges.ravel().take(at + edges.shape[1]) - low
+def _interval(tables: Tables, table: Index, outcome: Index) -> tuple[Array, Array]:
+    """Return the first slots and the numbers of slots of outcomes, ``(N,)`` each."""
+    first, at = tables[1].ravel(), table * tables[1].shape[1] + outcome
+    begin = first.take(at)
+    return begin, first.take(at + 1) - begin
 
 
-def _piece_bounds(pieces: Pieces) -> Bounds:
-    """Return the bounds of pieces; one that emits to all sides has the half angle pi."""
+def _piece_bounds(pieces: Pieces) -> tuple[Array, Array, Array, Array]:
+    """Return least and largest coordinates ``(F, 3)``, axis ``(F, 3)`` and half angle ``(F,)`` of pieces.
+
+    One that emits to all sides has the half angle pi.
+    """
     triangles, owner = pieces.proxies
     low, high = np.full((len(pieces.area), 3), np.inf), np.full((len(pieces.area), 3), -np.inf)
     np.minimum.at(low, owner, triangles.min(axis=1))
     np.maximum.at(high, owner, triangles.max(axis=1))
     everywhere = pieces.two_sided | (pieces.shape == SPHERE)
     axis = np.where(pieces.shape == SPHERE, np.array([[0.0], [0.0], [1.0]]), pieces.rows[9:]).T
-    return low, high, axis, np.where(everywhere, np.pi, 0.0), pieces.intensity
+    return low, high, axis, np.where(everywhere, np.pi, 0.0)
 
 
-def _tables(nodes: Bounds) -> Iterator[Array]:
-    """Yield, level by level up to the root, the numbers of the four children of each of M nodes, ``(9, M)``.
+def _node_rows(bounds: tuple[Array, ...], order: Index, first: Index, node: Index) -> Array:
+    """Return centre, axis, radius, s and intensity of nodes, ``(9, K)``, from the bounds and intensities of pieces.
 
-    Numbers are the centre, r, a, s and I. Each entry is those of four children, float32, in one of complex128: NumPy
-    gathers 16 bytes as fast as 4.
+    A node has the pieces from `first` ``(K,)`` on in their `order` ``(F,)``; `node` ``(F,)`` has the node of each.
     """
-    while len(nodes[0]) > 1:
-        low, high, axis, angle, intensity = nodes
-        radius = np.maximum((1 + MARGIN) / 2 * np.linalg.norm(high - low, axis=1), 1e-9)
-        cone = np.minimum(angle + MARGIN, np.pi)
-        rows = np.stack([*((low + high) / 2).T, radius, *axis.T, 2 * np.sin(cone / 2), intensity])
-        yield rows.astype(np.float32, order="C").view(np.complex128)
-        nodes = _parents(_parents(nodes))
-
-
-def _parents(nodes: Bounds) -> Bounds:
-    """Return the bounds of the parents of nodes, each of which has two that follow each other."""
-    empty = nodes[4] == 0
-    # an empty node has the bounds of the other one
-    first, second = (
-        tuple(np.where(_like(empty[k::2], x[k::2]), x[1 - k :: 2], x[k::2]) for x in nodes[:4]) for k in (0, 1)
-    )
-    cos = np.clip((first[2] * second[2]).sum(axis=1), -1, 1)
-    between = np.arccos(cos)
-    angle = (first[3] + between + second[3]) / 2
-    # the axis of the cone around both, from the first towards the second
-    turn, sine = np.clip(angle - first[3], 0, between), np.maximum(np.sin(between), 1e-9)
-    axis = (np.sin(between - turn) / sine)[:, None] * first[2] + (np.sin(turn) / sine)[:, None] * second[2]
-    for large, small in ((first, second), (second, first)):
-        inside = between + small[3] <= large[3]
-        axis, angle = np.where(inside[:, None], large[2], axis), np.where(inside, large[3], angle)
-    axis = np.where(sine[:, None] > 1e-6, axis, first[2])
-    angle = np.where(sine > 1e-6, angle, np.where(cos > 0, np.maximum(first[3], second[3]) + 1e-6, np.pi))
-    axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-300)
-    low, high = np.minimum(first[0], second[0]), np.maximum(first[1], second[1])
-    return low, high, axis, np.minimum(angle, np.pi), nodes[4][::2] + nodes[4][1::2]
-
-
-def _like(mask: Array, values: Array) -> Array:
-    """Return a mask ``(M,)`` that broadcasts to `values` ``(M,)`` or ``(M, 3)``."""
-    return mask if values.ndim == 1 else mask[:, None]
-
-
-def _importance(rows: Array, p: Array, ng: Array | None) -> Array:
-    """Return the importance of nodes with the numbers `rows` ``(9, M)`` by the formula of this module, ``(M,)``."""
-    radius = rows[3]
-    to = rows[:3] - p
-    distance = np.sqrt(dot(to, to))
-    farthest = np.maximum(distance, radius)
-    # x
-    importance = distance * rows[7]
-    importance -= dot(rows[4:7], to)
-    importance += radius
-    np.maximum(importance, 0, out=importance)
-    np.minimum(importance, farthest, out=importance)
-    over_square = 1 / (farthest * farthest)
-    if ng is None:
-        importance *= farthest
-    else:
-        cosine = dot(ng, to)  # y
-        cosine += radius
-        np.maximum(cosine, 0, out=cosine)
-        np.minimum(cosine, farthest, out=cosine)
-        importance *= cosine
-    importance *= over_square
-    importance *= over_square
-    importance *= rows[8]
-    return importance
+    low, high, axis, angle, intensity = (values[order] for values in bounds)
+    low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
+    middle = np.add.reduceat(axis, first)
+    middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
+    angle = angle + np.arccos(np.clip((axis * middle[node]).sum(axis=1), -1, 1))
+    cone = np.minimum(np.maximum.reduceat(angle, first) + MARGIN, np.pi)
+    radius = np.maximum((1 + MARGIN) / 2 * np.linalg.norm(high - low, axis=1), 1e-9)
+    total = np.add.reduceat(intensity, first)
+    return np.stack([*((low + high) / 2).T, *middle.T, radius, 2 * np.sin(cone / 2), total])

@@ -17,6 +17,7 @@ from dmis.brdf.materials import matte, plastic
 from dmis.formats.load_scene import light_part
 from dmis.geometry.shapes import quad, sphere
 from dmis.geometry.transforms import translate
+from dmis.light import tree
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.light import AreaLight
 from dmis.light.light_sample import LightSample
@@ -155,8 +156,9 @@ def test_lamps_back_to_back() -> None:
 
 @pytest.mark.parametrize("name", SELECTIONS)
 @pytest.mark.parametrize("count", [1, 2, 37])
-def test_select_agrees_with_probability(name: str, count: int) -> None:
+def test_select_agrees_with_probability(name: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Intervals of the uniform number have the probabilities of their pieces, and the rest goes through each evenly."""
+    monkeypatch.setattr(tree, "NODES", 16)
     rng = np.random.default_rng(count)
     light = composite(name, tuple(lamp(rng, k % 5) for k in range(count)))
     p, up = columns(np.array([0.1, 0.2, -0.4]), 2**14), columns(-DOWN, 2**14)
@@ -164,7 +166,7 @@ def test_select_agrees_with_probability(name: str, count: int) -> None:
     piece, probability, rest = light.selection.select(p, up, u)
     every = np.arange(len(light.pieces.area))
     expected = light.selection.probability(p[:, : len(every)], up[:, : len(every)], every)
-    assert 0.95 < expected.sum() < 1 + 1e-5  # a tree's nodes may have importance where their children have none
+    assert abs(expected.sum() - 1) < 1e-5
     selected = probability > 0
     assert np.abs(np.bincount(piece[selected], minlength=len(every)) / 2**14 - expected).max() < 2**-13
     np.testing.assert_allclose(probability[selected], expected[piece[selected]], rtol=1e-4)
@@ -177,8 +179,8 @@ def test_tree_selects_whatever_may_give_light() -> None:
     rng = np.random.default_rng(5)
     light = composite("tree", tuple(lamp(rng, k % 5) for k in range(60)))
     count, total = len(light.pieces.area), 0
-    for _ in range(40):
-        p, ng = columns(rng.uniform(-2, 2, 3), count), columns(rng.normal(size=3), count)
+    for k in range(400):
+        p, ng = columns(rng.uniform(-2, 2, 3) * 10 ** (k % 3), count), columns(rng.normal(size=3), count)
         ng /= np.linalg.norm(ng, axis=0)
         sample = light.pieces.sample(np.arange(count), p, rng.random((2, count), np.float32))
         lit = sample.emits & ((ng * sample.wi).sum(axis=0) > 1e-6)
@@ -186,6 +188,19 @@ def test_tree_selects_whatever_may_give_light() -> None:
         assert (probability[lit] > 0).all()
         total += np.count_nonzero(lit)
     assert total > 1000
+
+
+def test_tables_are_made_again_after_they_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    light = composite("tree", tuple(lamp(rng, k % 5) for k in range(9)))
+    p, ng = rng.normal(size=(2, 3, 2000)).astype(np.float32)
+    piece = rng.integers(9, size=2000)
+    probability = light.selection.probability(p, ng, piece)
+    monkeypatch.setattr(tree, "MOST_TABLES", 300)
+    monkeypatch.setattr(tree, "BLOCK", 200)
+    selection = TreeSelection(light.pieces)
+    assert np.array_equal(selection.probability(p, ng, piece), probability)
+    assert len(selection._tables[0]) <= 300
 
 
 def test_tree_prefers_what_is_near_and_faces_the_point() -> None:
