@@ -61,20 +61,20 @@ def test_preset_has_a_rule(box: dmis.Scene) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "weigh"),
+    ("rule", "preset", "weigh"),
     [
-        ({}, "heuristic"),
-        ({"preset": "thesis"}, "heuristic"),
-        ({"preset": "thesis-shares"}, "samples"),
-        ({"preset": "thesis", "combiner": "power"}, "samples"),
+        ("thesis:patch=8", None, "heuristic"),
+        ("thesis:patch=8", "thesis", "heuristic"),
+        ("thesis:patch=8", "thesis-shares", "samples"),
+        ("thesis:patch=8,combiner=power", "thesis", "samples"),
     ],
 )
-def test_what_w_is(box: dmis.Scene, options: dict, weigh: str) -> None:
+def test_what_w_is(box: dmis.Scene, rule: str, preset: str | None, weigh: str) -> None:
     """The preset says it, and the tilt without one; a rule that says it wins."""
-    default = dmis.render(box, "thesis:patch=8", 16, **options)
+    default = dmis.render(box, rule, 16, preset=preset)
     assert (default.weight == default.light_share).all() == (weigh == "samples")
-    for preset in ("thesis", "thesis-shares") if "preset" in options else (None,):
-        told = dmis.render(box, f"thesis:patch=8,weigh={weigh}", 16, **{**options, "preset": preset})
+    for other in ("thesis", "thesis-shares") if preset else (None,):
+        told = dmis.render(box, f"{rule},weigh={weigh}", 16, preset=other)
         np.testing.assert_array_equal(told.image, default.image)
 
 
