@@ -188,7 +188,9 @@ def _pick(tables: Tables, table: Index, u: Array) -> tuple[Index, Array, Array]:
     along = u * slots
     outcome = outcomes.take(table * slots + along.astype(np.int64)).astype(np.int64)
     first, number = _interval(tables, table, outcome)
-    return outcome, number * np.float32(1 / slots), (along - first) / np.maximum(number, 1)
+    # below 1, also where the probability is 0
+    rest = np.minimum((along - first) / np.maximum(number, 1), 1 - 2.0**-40)
+    return outcome, number * np.float32(1 / slots), rest
 
 
 def _interval(tables: Tables, table: Index, outcome: Index) -> tuple[Array, Array]:
