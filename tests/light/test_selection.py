@@ -213,7 +213,8 @@ def test_tree_prefers_what_is_near_and_faces_the_point() -> None:
     p, up = columns(np.zeros(3), 4), columns(-DOWN, 4)
     near, far, bright, away = light.selection.probability(p, up, np.arange(4))
     assert near > 10 * far and 3 * far < bright < 6 * far and away == 0
-    piece, nothing, rest = light.selection.select(p, -up, np.array([0, 0.3, 0.7, 1 - 2.0**-48]))  # lamps are behind
+    u = np.array([0, 0.3, 0.7, 1 - 2.0**-48])
+    piece, nothing, rest = light.selection.select(p - 6 * up, -up, u)  # all lamps are far behind the surface
     assert (piece < 4).all() and not nothing.any() and ((rest >= 0) & (rest < 1)).all()
 
 
