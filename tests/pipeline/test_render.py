@@ -102,7 +102,8 @@ def test_pilot_counts_in_the_budget(box):
 def test_reused_pilot_is_averaged_by_sample_counts(box):
     """The image is (6 pilot + 10 final) / 16, pixel by pixel: fixed weights, so nothing is biased."""
     both, final = (
-        dmis.render(box, f"thesis:reuse={reuse}", 16, seed=4, sampler="independent") for reuse in ("yes", "no")
+        dmis.render(box, f"thesis:weigh=samples,reuse={reuse}", 16, seed=4, sampler="independent")
+        for reuse in ("yes", "no")
     )
     pilot = (both.image.astype(float) * 16 - final.image.astype(float) * 10) / 6
     direct = np.mean(_rounds(box, (0.0, 0.5, 1.0), 2, seed=4), axis=0)  # what rounds of their own give
