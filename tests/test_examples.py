@@ -109,20 +109,21 @@ def test_contact_sheet(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("script", "options", "message"),
     [
-        (["--quick"], "default size; got --quick"),
-        (["--scene-dir", "."], "got the scene folder .. Unset DMIS_PBRT_SCENES"),
+        ("make_figures", ["--publish", "docs", "--quick"], "default size; got --quick"),
+        ("make_figures", ["--publish", "docs", "--scene-dir", "."], "got the scene folder .. Unset DMIS_PBRT_SCENES"),
+        ("thesis/make_score", ["--scene-dir", "."], "got the scene folder .. Unset DMIS_PBRT_SCENES"),
     ],
 )
-def test_other_figures_are_not_published(options, message, tmp_path, monkeypatch):
-    """The pages of the project show figures of the default size, of the scenes that come with dmis."""
-    script = str(ROOT / "examples" / "make_figures.py")
-    folders = "-o", str(tmp_path / "any.png"), "--publish", str(tmp_path / "docs")
-    monkeypatch.setattr(sys, "argv", [script, *folders, *options])
+def test_other_scenes_are_not_published(script, options, message, tmp_path, monkeypatch):
+    """Pages show figures of the default size, and figures and scores of the scenes that come with dmis."""
+    script = ROOT / "examples" / f"{script}.py"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(script), *options])
     monkeypatch.delenv("DMIS_QUICK", raising=False)
     with pytest.raises(SystemExit, match=re.escape(message)):
-        run_alone(lambda: runpy.run_path(script, run_name="__main__"), ROOT / "examples", monkeypatch)
+        run_alone(lambda: runpy.run_path(str(script), run_name="__main__"), script.parent, monkeypatch)
     assert not (tmp_path / "docs").exists()
 
 

@@ -60,6 +60,11 @@ opts, given = options(
     finished={"action": "store_true", "help": "render nothing"},
     page={"type": Path, "help": "gets the table between its marks 'score'"},
 )
+if opts.scene_dir is not None:
+    sys.exit(
+        "kept errors are named by scenes that come with dmis; got the scene folder"
+        f" {opts.scene_dir}. Unset DMIS_PBRT_SCENES, and leave out --scene-dir."
+    )
 PATCHES = (4, 8, 16, 32)
 BLOCK = 32
 """Side of the blocks of pixels that the bootstrap draws."""
