@@ -71,9 +71,11 @@ def weights(axis: Axes, w: Array, title: str = "", window: Window | None = None)
     return heat(axis, w, title, window, cmap="RdBu", vmin=0, vmax=1)
 
 
-def weight_bar(figure: Figure, mappable: Any, axes: Any, **options: Any) -> None:
+def weight_bar(
+    figure: Figure, mappable: Any, axes: Any, label: str = "share of light samples w", **options: Any
+) -> None:
     """Draw the colour bar of `weights` beside `axes`; `mappable` is what `weights` returns."""
-    bar = figure.colorbar(mappable, ax=axes, label="share of light samples w", **options)
+    bar = figure.colorbar(mappable, ax=axes, label=label, **options)
     bar.set_ticks([0, 0.25, 0.5, 0.75, 1], labels=["0 BRDF", "0.25", "0.5", "0.75", "1 light"])
 
 

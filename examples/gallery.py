@@ -56,6 +56,9 @@ SCENES = {
 }  # fmt: skip
 """By name. The original TT is not available: the killeroo under an environment map, ``env.pbrt``, stands in for it."""
 
+WEIGHT = "weight w of the heuristic"
+"""What the colours of maps mean where w does not divide samples."""
+
 SHRINK = {"quick": 32, "default": 5, "full": 1}
 """The thesis's size is divided by this."""
 REFERENCE_SPP = {"quick": 32, "default": 256, "full": 128}

@@ -3,9 +3,9 @@ Figure 3.1: the pilot
 =====================
 
 The thesis's precomputation, called pilot here. The rule first renders the scene with
-two samples per pixel of each of three strategies: BRDF sampling alone (share of light
-samples w = 0), both techniques with the balance heuristic (w = 1/2), and light sampling
-alone (w = 1). It learns from the noise of these images and from nothing else.
+two samples per pixel of each of three strategies: BRDF sampling alone (weight w = 0),
+both techniques with the balance heuristic (w = 1/2), and light sampling alone (w = 1).
+It learns from the noise of these images and from nothing else.
 """
 
 import numpy as np
@@ -27,13 +27,15 @@ STRATEGIES = {
 }
 
 # %%
-# **Step 1, the pilot.** A camera sample takes S = 2 directions at a surface. Light
-# sampling draws a share w of them, BRDF sampling the share 1 - w. The balance heuristic
-# combines both: a direction with the contribution f counts f / (w p_l + (1 - w) p_b),
-# with the densities p_l and p_b of the two techniques.
+# **Step 1, the pilot.** A camera sample takes one light and one BRDF sample at each
+# vertex, whatever w is: w only weighs the heuristic that combines them. With the
+# densities p_l and p_b of the two techniques and p_w = w p_l + (1 - w) p_b, a light
+# sample of contribution f counts w f / p_w, a BRDF sample (1 - w) f / p_w.
 scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in NAMES}
 pilots = {
-    (name, w): dmis.render(scene, f"fixed:{w}", 2, seed=k, preset="thesis")
+    (name, w): dmis.render(
+        scene, f"fixed:{w},weigh=heuristic", 2, seed=k, preset="thesis"
+    )
     for name, scene in scenes.items()
     for k, w in enumerate(STRATEGIES, 1)
 }

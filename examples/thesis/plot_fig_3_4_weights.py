@@ -2,8 +2,8 @@
 Figure 3.4: the learned weights
 ===============================
 
-The weight map of each scene before the filter. Red patches give their samples to BRDF
-sampling, blue ones to light sampling, white ones half to each. The parabola has a
+The weight map of each scene before the filter. In red patches BRDF samples count, in
+blue ones light samples, in white ones both alike. The parabola has a
 minimum inside [0, 1] only in some of the patches. The thesis does not say what to do in
 the others. dmis takes the nearer end, or, if the parabola is not convex, the best of
 the three pilots.
@@ -16,20 +16,21 @@ from dmis import plot
 from dmis.base.color import luminance
 from dmis.base.patches import patch_mean, patch_spread
 from dmis.fit.thesis import STATUS, parabola_minimum
-from examples.gallery import SCENES, name_rows, options, print_canvas
+from examples.gallery import SCENES, WEIGHT, name_rows, options, print_canvas
 
 opts, _ = options("plot_fig_3_4_weights", __doc__)
 PATCH = opts.pick(4, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
-# = 0, 1/2, 1: an image of BRDF sampling, of the balance heuristic, and of light
-# sampling. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
+# **Step 1, the pilot.** Two camera samples per pixel for each weight w = 0, 1/2, 1.
+# Each takes one light and one BRDF sample, and w only weighs them: with p_w = w p_l +
+# (1 - w) p_b, a light sample of contribution f counts w f / p_w, a BRDF sample (1 - w)
+# f / p_w.
 scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in SCENES}
 pilots = {
     name: [
-        dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
+        dmis.render(scene, f"fixed:{w:g},weigh=heuristic", 2, seed=k, preset="thesis")
         for k, w in enumerate(STRATEGIES, 1)
     ]
     for name, scene in scenes.items()
@@ -70,12 +71,12 @@ for line, (name, (weight, status)) in zip(axes, fits.items(), strict=True):
     shown = plot.weights(line[1], per_pixel, inside)
 axes[0, 0].set_title("mean of the three pilots")
 name_rows(axes, [about.title for about in SCENES.values()])
-plot.weight_bar(figure, shown, axes, shrink=0.4, location="bottom", pad=0.01)
+plot.weight_bar(figure, shown, axes, WEIGHT, shrink=0.4, location="bottom", pad=0.01)
 opts.save_for_print(
     figure,
     "Figure 3.4: learned weights",
-    f"""Left: mean of the three pilots of 2 camera samples per pixel. Right: the share w
-    of light samples that the thesis's rule learns from them in patches of
+    f"""Left: mean of the three pilots of 2 camera samples per pixel. Right: the
+    heuristic's weight w that the thesis's rule learns from them in patches of
     {PATCH}x{PATCH} pixels, before the filter; above, the percentage of patches whose
     parabola has its minimum inside [0, 1].""",
     panel=axes[2, 1],

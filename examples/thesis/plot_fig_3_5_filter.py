@@ -17,7 +17,7 @@ from dmis.base.patches import patch_mean, patch_spread
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
-from examples.gallery import SCENES, name_rows, options, print_canvas, window
+from examples.gallery import SCENES, WEIGHT, name_rows, options, print_canvas, window
 
 opts, _ = options("plot_fig_3_5_filter", __doc__)
 PATCH = opts.pick(4, 16)
@@ -29,12 +29,14 @@ CROPS = {  # rows and columns, in shares of the image
 }
 
 # %%
-# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
-# = 0, 1/2, 1. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
+# **Step 1, the pilot.** Two camera samples per pixel for each weight w = 0, 1/2, 1.
+# Each takes one light and one BRDF sample, and w only weighs them: with p_w = w p_l +
+# (1 - w) p_b, a light sample of contribution f counts w f / p_w, a BRDF sample (1 - w)
+# f / p_w.
 scenes = {name: opts.scene(name, opts.pick(32, 2, 1)) for name in CROPS}
 pilots = {
     name: [
-        dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
+        dmis.render(scene, f"fixed:{w:g},weigh=heuristic", 2, seed=k, preset="thesis")
         for k, w in enumerate(STRATEGIES, 1)
     ]
     for name, scene in scenes.items()
@@ -60,11 +62,10 @@ raw = {name: parabola_minimum(STRATEGIES, y)[0] for name, y in variances.items()
 filtered = {name: gaussian(weight, sigma=1, radius=2) for name, weight in raw.items()}
 
 # %%
-# **Step 5, the final pass.** Each pixel takes the weight of its patch. Of S = 2 samples
-# at a surface, n_l = w S are light samples on average, and n_b = (1 - w) S are BRDF
-# samples. The balance heuristic with these numbers adds f / (n_l p_l + n_b p_b) for
-# each. The rule has 122 of the 128 camera samples left. The other image, with w = 1/2
-# everywhere, needs no pilot and takes all of them.
+# **Step 5, the final pass.** Each pixel takes the weight of its patch, with one light
+# and one BRDF sample at each vertex, as in the pilot. The rule has 122 of the 128
+# camera samples left. The other image, with w = 1/2 everywhere, needs no pilot and
+# takes all of them.
 SHAPES = {name: scene.camera.resolution[::-1] for name, scene in scenes.items()}
 maps = {
     (name, title): patch_spread(weight[name], PATCH, SHAPES[name])
@@ -73,7 +74,11 @@ maps = {
 }
 final = {
     (name, title): dmis.render(
-        scenes[name], dmis.Given(weight=weight), opts.spp - 6, seed=4, preset="thesis"
+        scenes[name],
+        dmis.Given(weight=weight, weigh="heuristic"),
+        opts.spp - 6,
+        seed=4,
+        preset="thesis",
     )
     for (name, title), weight in maps.items()
 }
@@ -103,7 +108,7 @@ for name, scene in scenes.items():
 # %%
 # The thesis's four panels: (a, b) the maps without and with the filter, (c, d) the
 # framed part of them. Then that part of the images: where the lamp shines on a patch
-# that takes BRDF samples only, bright dots stay without the filter.
+# in which BRDF samples alone count, bright dots stay without the filter.
 figure, axes = print_canvas(3, 6, 4, height_ratios=[1, 0.75, 0.75])
 for line, name in zip(axes, scenes, strict=True):
     part = window(scenes[name], *CROPS[name])
@@ -124,7 +129,9 @@ titles = (
 for axis, title in zip(axes[0], titles, strict=True):
     axis.set_title(title)
 name_rows(axes, [SCENES[name].title.replace(" ", "\n", 1) for name in scenes])
-plot.weight_bar(figure, shown, axes, shrink=0.5, aspect=40, location="bottom", pad=0.03)
+plot.weight_bar(
+    figure, shown, axes, WEIGHT, shrink=0.5, aspect=40, location="bottom", pad=0.03
+)
 told = [
     " and ".join(
         f"{value:.2f} ± {half:.2f}"

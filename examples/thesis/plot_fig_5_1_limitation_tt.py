@@ -21,7 +21,7 @@ from dmis.base.patches import patch_mean, patch_spread
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.filter import gaussian
 from dmis.fit.thesis import parabola_minimum
-from examples.gallery import options, print_canvas, window
+from examples.gallery import WEIGHT, options, print_canvas, window
 
 opts, _ = options("plot_fig_5_1_limitation_tt", __doc__)
 PATCH = opts.pick(4, 16)
@@ -29,11 +29,13 @@ SEEDS = range(5, 5 + opts.pick(3, 6))
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# **Step 1, the pilot.** Two camera samples per pixel for each share of light samples w
-# = 0, 1/2, 1. A direction of contribution f counts as f / (w p_l + (1 - w) p_b).
+# **Step 1, the pilot.** Two camera samples per pixel for each weight w = 0, 1/2, 1.
+# Each takes one light and one BRDF sample, and w only weighs them: with p_w = w p_l +
+# (1 - w) p_b, a light sample of contribution f counts w f / p_w, a BRDF sample (1 - w)
+# f / p_w.
 scene = opts.scene("tt", opts.pick(32, 2, 1))
 pilots = [
-    dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
+    dmis.render(scene, f"fixed:{w:g},weigh=heuristic", 2, seed=k, preset="thesis")
     for k, w in enumerate(STRATEGIES, 1)
 ]
 
@@ -54,20 +56,23 @@ raw, status = parabola_minimum(STRATEGIES, variances)
 filtered = gaussian(raw, sigma=1, radius=2)
 
 # %%
-# **Step 5, the final pass.** Each pixel takes the weight of its patch. Of S = 2 samples
-# at a surface, n_l = w S are light samples on average, and n_b = (1 - w) S are BRDF
-# samples. The balance heuristic with these numbers adds f / (n_l p_l + n_b p_b) for
-# each. The pilot has used 6 of the 128 camera samples.
+# **Step 5, the final pass.** Each pixel takes the weight of its patch, with one light
+# and one BRDF sample at each vertex, as in the pilot, which has used 6 of the 128
+# camera samples.
 height, width = pilots[0].image.shape[:2]
 weight = patch_spread(filtered, PATCH, (height, width))
 final = dmis.render(
-    scene, dmis.Given(weight=weight), opts.spp - 6, seed=4, preset="thesis"
+    scene,
+    dmis.Given(weight=weight, weigh="heuristic"),
+    opts.spp - 6,
+    seed=4,
+    preset="thesis",
 ).image
 
 # %%
-# **The baseline**: w = 1/2 everywhere, n_l = n_b = 1, with all 128 camera samples. Six
-# renders with different random numbers tell what chance alone does. The squared error
-# of a pixel is (x - r₁)(x - r₂), with two independent halves r₁, r₂ of a reference.
+# **The baseline**: w = 1/2 everywhere, with all 128 camera samples. Six renders with
+# different random numbers tell what chance alone does. The squared error of a pixel is
+# (x - r₁)(x - r₂), with two independent halves r₁, r₂ of a reference.
 reference = opts.reference(scene, opts.pick(32, 128))
 ours = squared_error(final, reference.first, reference.second)
 balance = [
@@ -135,7 +140,7 @@ plot.weights(
 )
 shown = plot.weights(axes[0, 2], weight, "(c) after the 5x5 Gaussian")
 plot.weight_bar(
-    figure, shown, axes[0], location="bottom", shrink=0.5, aspect=40, pad=0.02
+    figure, shown, axes[0], WEIGHT, location="bottom", shrink=0.5, aspect=40, pad=0.02
 )
 for axis, letter, (name, compared) in zip(axes[1], "de", pairs.items(), strict=False):
     one, base = compared[0]
