@@ -1,11 +1,11 @@
 """
-The demo: learn where the light samples should go
-=================================================
+The demo: learn where light samples should count
+================================================
 
-Renders TEAPOT AREA LIGHT twice with 128 camera samples per pixel: with the balance heuristic (one light and one BRDF
-sample each time), and with the thesis's rule, which spends 6 of the 128 samples on a pilot and divides the rest as the
-pilot advises. Samples are independent, as in the thesis. Prints what each costs and how far each is from the reference,
-and draws the picture.
+Renders TEAPOT AREA LIGHT twice with 128 camera samples per pixel, which take one light and one BRDF sample each: with
+the balance heuristic, and with the thesis's rule, which spends 6 of the 128 samples on a pilot and weighs light against
+BRDF samples in the rest as the pilot advises. Samples are independent, as in the thesis. Prints what each costs and how
+far each is from the reference, and draws the picture.
 
 The reference, ``data/teapot-area-light-400x400.exr``, comes from `make_reference.py`.
 """
@@ -75,13 +75,13 @@ for rule, result in results.items():
     )
 
 # %%
-# The picture: what was rendered, where the light samples went, and how far each rule is from the reference.
+# The picture: what was rendered, what was learned, and how far each rule is from the reference.
 figure, ((*axes,),) = plot.canvas(1, 4, 17, 4.6)
 axes[0].imshow(tonemap(results["thesis"].image))
 axes[0].set_title(f"thesis's rule, {spp} spp")
 weights = axes[1].imshow(results["thesis"].weight, cmap="RdBu", vmin=0, vmax=1)
 axes[1].set_title("learned weight")
-figure.colorbar(weights, ax=axes[1], shrink=0.85, label="share of light samples w  (0: BRDF only, 1: light only)")
+figure.colorbar(weights, ax=axes[1], shrink=0.85, label="weight w of the heuristic  (0: BRDF only, 1: light only)")
 top = np.quantile(np.sqrt(np.abs(squared["balance"])), 0.995)
 for axis, rule in zip(axes[2:], ("balance", "thesis"), strict=True):
     errors = axis.imshow(np.sqrt(np.abs(squared[rule])), cmap="magma", vmin=0, vmax=top)
