@@ -11,7 +11,7 @@ The rule ``thesis`` takes its steps in one call here, so that their time is meas
 together: pilot, variance, fit w = -a₁ / (2 a₂), filter, final pass. Figure 3.5 takes
 them one by one, with a formula for each.
 
-The balance heuristic takes one light and one BRDF sample per camera sample. Small
+Both take one light and one BRDF sample per camera sample; w only weighs them. Small
 images change the ratios, so ``--full`` measures them at the thesis's resolution, in
 an hour, and keeps them in ``data/table_4_1.json``. Without an option the figure is
 drawn from there. ``--quick`` measures tiny images and keeps nothing.
