@@ -2,10 +2,10 @@
 The rules at the thesis's resolution
 ====================================
 
-The thesis's rule, the second-moment rule and auto against the balance heuristic with one light and one BRDF sample, at
-the size that the thesis rendered (``--full``): at equal camera samples (128, pilot included; auto: equal shading
-samples), with the time of that one render beside it. Samples are independent. A quarter of an hour, and some minutes
-for the references, which are kept; the result is kept with the project.
+The thesis's rule with w a share, the second-moment rule and auto against the balance heuristic with one light and one
+BRDF sample, at the size that the thesis rendered (``--full``): at equal camera samples (128, pilot included; auto:
+equal shading samples), with the time of that one render beside it. Samples are independent. A quarter of an hour, and
+some minutes for the references, which are kept; the result is kept with the project.
 """
 
 import sys
@@ -25,7 +25,7 @@ opts, given = options(
     seeds={"type": int, "default": 1, "help": "number of seeds (default 1)"},
     page={"type": Path, "default": ROOT / "docs" / "measurements.md", "help": "the page whose table is replaced"},
 )
-BASE, *RULES = "balance", "thesis", "second-moment", "auto"
+BASE, *RULES = "balance", "thesis:weigh=samples", "second-moment", "auto"
 
 # %%
 # A million pixels need no second seed: the spread of their squared errors, in blocks that learn together, tells how

@@ -2,10 +2,10 @@
 The parabola of docs/thesis.md, with exact and with estimated variances
 =======================================================================
 
-Does the thesis's rule lose because V(w) is no parabola, or because three variances from two samples per pixel are
-wrong? Both are read off the oracle's curves V(w): the weights of parabolas through three *exact* variances of each
-patch, and those of the rule's pilots. No image is finished. Takes some minutes, most of them for the oracles, which are
-kept; the result is kept with the project.
+Does the thesis's rule, with w the share of light samples, lose because V(w) is no parabola, or because three variances
+from two samples per pixel are wrong? Both are read off the oracle's curves V(w): the weights of parabolas through three
+*exact* variances of each patch, and those of the rule's pilots. No image is finished. Takes some minutes, most of them
+for the oracles, which are kept; the result is kept with the project.
 """
 
 import sys
@@ -44,7 +44,7 @@ lines = [
 ]
 for name in SCENES:
     scene = opts.scene(name, opts.pick(32, 8))
-    more = {"preset": "thesis", "parallel": opts.threads}
+    more = {"preset": "thesis-shares", "parallel": opts.threads}
     oracle = make_oracle(scene, opts.pick(16, 512), progress=show(f"{name}: oracle"), **more)
     height, width = oracle.shape
     area = patch_sum(np.ones((height, width)), oracle.patch)

@@ -180,7 +180,7 @@ def starting(repeats: int) -> Iterator[Target]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="speed beside the Embree floor, and the targets")
-    parser.add_argument("--rules", default="balance,thesis,auto", help="separated by commas")
+    parser.add_argument("--rules", default="balance,thesis:weigh=samples,auto", help="separated by commas")
     parser.add_argument("--spp", type=int, default=32)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "performance.md")

@@ -29,7 +29,7 @@ opts, given = options(
     page={"type": Path, "help": "the page to write (default report.html beside the folder)"},
     docs={"type": Path, "help": "also replace the tables of this page, and the picture in its folder images"},
 )
-RULES = ("balance", "pbrt", "thesis", "second-moment", "auto")
+RULES = ("balance", "pbrt", "thesis:weigh=samples", "second-moment", "auto")
 BUDGETS = opts.pick((8, 32), (16, 32, 64, 128))
 folder = opts.output.parent / "report"
 page = given.page or opts.output.parent / "report.html"

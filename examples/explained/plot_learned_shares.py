@@ -2,9 +2,9 @@
 What three rules learn on one scene
 ===================================
 
-The share of light samples that the thesis's rule, the second-moment rule and auto learn
-on KILLEROO GOLD, and the camera samples per pixel that auto takes. The first two learn
-shares alone; auto divides camera samples, too.
+The share of light samples that the thesis's rule (``weigh=samples``), the second-moment
+rule and auto learn on KILLEROO GOLD, and the camera samples per pixel that auto takes.
+The first two learn shares alone; auto divides camera samples, too.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from examples.gallery import options
 opts, _ = options("plot_learned_shares", __doc__)
 scene = opts.scene("killeroo-gold", opts.pick(24, 4, 1))
 TITLES = {
-    "thesis": "share, thesis",
+    "thesis:weigh=samples": "share, thesis",
     "second-moment": "share, second-moment",
     "auto": "share, auto",
 }

@@ -2,11 +2,11 @@
 Shares and low-discrepancy points
 =================================
 
-Why the thesis's rule can lose although its shares have less variance. Low-discrepancy
-points fill each other's gaps, best in powers of two: 8 light and 8 BRDF samples are
-better stratified than 10 and 6. So another share than w = 1/2 also costs
-stratification. A pilot does not show that, because the spread of single samples is the
-same.
+Why the thesis's rule (``weigh=samples``) can lose although its shares have less
+variance. Low-discrepancy points fill each other's gaps, best in powers of two: 8 light
+and 8 BRDF samples are better stratified than 10 and 6. So another share than w = 1/2
+also costs stratification. A pilot does not show that, because the spread of single
+samples is the same.
 
 The figure has the error of TT with fixed shares, with independent points and with
 pbrt-v2's low-discrepancy points, under a sky without and with a sun.

@@ -25,10 +25,10 @@ PATCHES = (4, 8, 16)
 STRATEGIES = np.array([0, 0.5, 1])
 
 # %%
-# The thesis's rule on TT, step by step, with three sizes of patches. **Step 1, the
-# pilot**, is the same for all: two camera samples per pixel for each share of light
-# samples w = 0, 1/2, 1. A direction of contribution f counts as f / (w p_l + (1 - w)
-# p_b).
+# The thesis's rule on TT, step by step, with three sizes of patches; w is a share here,
+# as with ``weigh=samples``. **Step 1, the pilot**, is the same for all: two camera
+# samples per pixel for each share of light samples w = 0, 1/2, 1. A direction of
+# contribution f counts as f / (w p_l + (1 - w) p_b).
 scene = opts.scene("tt", opts.pick(16, 4, 1))
 pilots = [
     dmis.render(scene, f"fixed:{w:g}", 2, seed=k, preset="thesis")
@@ -160,7 +160,7 @@ told = ", ".join(f"{value:.2f} ± {half:.2f}" for value, half in ratios.values()
 opts.save_for_print(
     figure,
     "Why the parabola fails",
-    f"""Top: weights of the thesis's rule on TT ({width}x{height} pixels) from one pilot
+    f"""Top: shares of the thesis's rule on TT ({width}x{height} pixels) from one pilot
     of 2 + 2 + 2 camera samples per pixel, with patches of three sizes, and mean squared
     error over that of the balance heuristic, {told} (one seed, {opts.spp} samples).
     Middle: the framed part of the image. Dark red patches get almost only BRDF samples,

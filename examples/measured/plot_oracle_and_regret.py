@@ -15,7 +15,7 @@ from examples.gallery import SCENES, options
 
 opts, _ = options("plot_oracle_and_regret", __doc__)
 RULES = {
-    "thesis": "thesis",
+    "thesis, shares": "thesis:weigh=samples",
     "second-moment": "second-moment:cost=no",
     "unguarded": "second-moment:cost=no,guard=0",
 }

@@ -5,8 +5,8 @@ Patch size and pilot size
 The thesis tries patches from 4x4 to 32x32 pixels and pilots of 2 or 4 samples per
 strategy, and reports one choice. Here is the experiment: small patches follow the
 image, but know little; large ones know more, of places that differ. Larger pilots know
-more, and leave less to use it for. The budget is always the same, pilot included, and
-samples are independent.
+more, and leave less to use it for. The budget is always the same, pilot included,
+samples are independent, and w is the share of light samples.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ for name in SCENES:
     scene = opts.scene(name, 2 * opts.shrink)
     reference = opts.reference(scene)
     budgets = {
-        (patch, pilot): (f"thesis:patch={patch},spp={pilot}", opts.spp)
+        (patch, pilot): (f"thesis:weigh=samples,patch={patch},spp={pilot}", opts.spp)
         for patch in PATCHES
         for pilot in PILOTS
     }
@@ -86,10 +86,10 @@ axes[0, 0].set_ylabel("MSE / MSE of the balance heuristic")
 opts.save(
     figure,
     "Patch size and pilot size",
-    f"""Error of the thesis's rule over that of the balance heuristic at {opts.spp}
-    camera samples per pixel, pilot included, against the side of the patches, for
-    pilots of {", ".join(map(str, PILOTS))} samples per strategy; the 5x5 Gaussian is
-    over patches, so it reaches further where they are larger. One seed; bars are ± 2
-    standard errors over pixels of the rule's own error. Images of half the usual size
-    in each direction.""",
+    f"""Error of the thesis's rule, w a share, over that of the balance heuristic at
+    {opts.spp} camera samples per pixel, pilot included, against the side of the
+    patches, for pilots of {", ".join(map(str, PILOTS))} samples per strategy; the 5x5
+    Gaussian is over patches, so it reaches further where they are larger. One seed;
+    bars are ± 2 standard errors over pixels of the rule's own error. Images of half the
+    usual size in each direction.""",
 )

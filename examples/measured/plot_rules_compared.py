@@ -18,8 +18,8 @@ from examples.gallery import SCENES, options
 
 opts, _ = options("plot_rules_compared", __doc__)
 RULES = (
-    "one-sample", "pbrt", "thesis", "inverse-variance", "neyman", "representativity",
-    "taylor", "kl", "tsallis", "second-moment", "auto",
+    "one-sample", "pbrt", "thesis:weigh=samples", "inverse-variance", "neyman",
+    "representativity", "taylor", "kl", "tsallis", "second-moment", "auto",
 )  # fmt: skip
 SEEDS = range(opts.pick(1, 1, 5))
 
