@@ -97,7 +97,7 @@ def test_marks_are_filled_and_tags_match(page):
 def test_pictures_decode(page):
     """Every data URI is a PNG of some pixels."""
     found = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
-    assert len(found) == 1 + 5 * 3 + 6  # oracle; weight, variance, regret of five rules; images with the reference
+    assert len(found) == 1 + 5 * 3 - 1 + 6  # oracle; weight, variance, regret (not of thesis) of five rules; images
     for text in found:
         with Image.open(io.BytesIO(base64.b64decode(text, validate=True))) as image:
             image.load()
