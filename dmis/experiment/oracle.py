@@ -194,7 +194,7 @@ def make_oracle(
     patch
         Side of a patch in pixels, a multiple of 4.
     weigh
-        What w is, see `dmis.fit.round.WEIGH`; the cost of ``heuristic`` is the same at every w.
+        What w is, see `dmis.fit.round.WEIGH`; ``heuristic``, as of ``thesis``, has the same cost at every w.
     settings, folder, parallel, progress, options
         See `dmis.experiment.reference.make_reference`. The curves of skies depend on `compensation`, whose default is
         that of rules that learn; give 0 to judge ``thesis``, or to predict the error of ``balance``.
