@@ -76,6 +76,6 @@ opts.save_for_print(
     "Figure 3.1: the pilot",
     f"""Pilots of 2 camera samples per pixel with each strategy; second row: sample
     variances of the teapot, averaged over patches of {PATCH}x{PATCH} pixels (darkest:
-    0.0001 or less). Light sampling is the least noisy nearly everywhere there.""",
+    0.0001 or less). BRDF sampling is far noisier there than the other two.""",
     panel=axes[1, 0],
 )
