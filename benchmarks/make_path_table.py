@@ -33,6 +33,8 @@ RULES = {
     "auto:sampler=sobol": "auto",
 }
 """Rules, and what the table calls them."""
+ABSOLUTE = {rule: f"{rule},error=absolute" for rule in ("counts:sampler=sobol", "auto:sampler=sobol")}
+"""Rules whose MSE is measured in place of these rules'."""
 MORE_SEEDS = {"cornell": 3, "killeroo-gold": 3}
 """Seeds more than for other scenes, where few paths have most of the error."""
 
@@ -57,7 +59,7 @@ for name in ("cornell", *TABLES):
     about = {"settings": PATHS, "parallel": 1}
     reference = dmis.make_reference(scene, opts.pick(32, 512), progress=show("reference"), **about)
     seeds = range(given.seeds + MORE_SEEDS.get(name, 0))
-    budgets = [(rule, SPP) for rule in (PINNED, *RULES)]
+    budgets = [(rule, SPP) for rule in (PINNED, *RULES, *ABSOLUTE.values())]
     runs = measure(scene, budgets, seeds, reference, progress=show(name), **about)
     efficiency = {
         (rule, measure): np.array([getattr(run, measure) * run.cpu_seconds for run in runs[rule, spp]])
@@ -66,7 +68,7 @@ for name in ("cornell", *TABLES):
     }
     width, height = scene.camera.resolution
     row = f"| {scene.name} {width}×{height} |"
-    columns = [(rule, measure) for rule in RULES for measure in MEASURES]
+    columns = [(ABSOLUTE.get(rule, rule) if m == "mse" else rule, m) for rule in RULES for m in MEASURES]
     cells = [f"{bold(*ratio(efficiency[rule, m], efficiency[PINNED, m]))} |" for rule, m in columns]
     efficient.append(" ".join([row, *cells]))
     print(efficient[-1], flush=True)
