@@ -25,8 +25,8 @@ m = n - n_1 later camera samples do not fill the gaps of the n_1 first ones, and
 
 (A technique with one sample has points n_1 to 2 n_1 - 1 of its sequence twice then, which the formula leaves out.)
 
-The error is the sum over pixels of V n^-a, or with ``error=relative`` of V q n^-a, where q = 1 / (I^2 + e) and I is the
-radiance of the pixel whose V it is: neighbours are averaged as V q, because where one of them is bright and another is
+The error is the sum over pixels of V q n^-a, where q = 1 / (I^2 + e) and I is the radiance of the pixel whose V it is,
+or with ``error=absolute`` q = 1. Neighbours are averaged as V q, because where one of them is bright and another is
 black, a mean V over a mean I^2 has the noise of the first and the weight of the second.
 
 V of a few samples is uncertain: where it is large it was partly luck, and its pixel needs fewer samples than V says.
@@ -121,7 +121,7 @@ class Auto(Rule):
     filter
         Of the statistics that tell patterns: ``gaussian`` or ``none``; or ``joint``, among neighbours that look alike.
     error
-        Error to minimise: ``absolute``, the MSE, or ``relative``, the mean of squared errors over I^2 + e.
+        Error to minimise: ``relative``, the mean of squared errors over I^2 + e, or ``absolute``, the MSE.
     guard
         Leave w = 1/2 only where the gain in variance is more than this many standard errors.
     combiner
@@ -136,7 +136,7 @@ class Auto(Rule):
     exponent: float = 0.0
     filter: str = "joint"
     guard: float = 1.5
-    error: str = "absolute"
+    error: str = "relative"
     combiner: str = "balance"
     sampler: str = ""
     compensation: float | None = None
