@@ -4,7 +4,9 @@ A light sample takes the difference of two renders' CPU time, with 12 and with 4
 over the number of samples: selection, sampling, shading, shadow ray. Errors are variances of 8 seeds, relative to
 I^2 + .01 (mean I)^2; seeds of lamps other than 0 are for choosing constants.
 
-Run: python benchmarks/many_lights.py [SEED]        (five minutes)
+With numbers of lamps it compares a tree with samples of each lamp, at equal CPU time.
+
+Run: python benchmarks/many_lights.py [SEED [COUNT ...]]        (two minutes)
 """
 
 from __future__ import annotations
@@ -25,10 +27,10 @@ SCENES = runpy.run_path(str(Path(__file__).parent.parent / "scenes" / "make_many
 RESOLUTION, SPP, SEEDS = (96, 60), 32, 8
 
 
-def timed(scene: dmis.Scene, rule: str, **options: Any) -> tuple[np.ndarray, float]:
+def timed(scene: dmis.Scene, rule: str, spp: int = SPP, **options: Any) -> tuple[np.ndarray, float]:
     """Return the image of a render in this thread, and its CPU seconds."""
     begin = time.process_time()
-    image = dmis.render(scene, rule, SPP, parallel=1, **options).image
+    image = dmis.render(scene, rule, spp, parallel=1, **options).image
     return image, time.process_time() - begin
 
 
@@ -54,7 +56,32 @@ def divided(scene: dmis.Scene, cells: int = 7) -> dmis.Scene:
     return replace(scene, parts=parts, lights=tuple(lights.values()))
 
 
-def main(seed: int = 1) -> None:
+def errors(scene: dmis.Scene, rule: str, lights: str, spp: int = SPP) -> np.ndarray:
+    """Return relMSE, MSE and CPU seconds of a render."""
+    images, seconds = zip(*(timed(scene, rule, spp, lights=lights, seed=k) for k in range(SEEDS)), strict=True)
+    mean, variance = np.mean(images, axis=0), np.var(images, axis=0, ddof=1)
+    relative = variance / (mean**2 + 0.01 * mean.mean() ** 2)
+    return np.array([relative.mean(), variance.mean(), np.median(seconds)])
+
+
+def compare_with_all(seed: int, count: int, rule: str) -> None:
+    """Print errors of a tree over those of samples of each lamp, by as many camera samples as take as long."""
+    scene = SCENES["many_lights"](seed, count, RESOLUTION)
+    each, spp = errors(scene, rule, "all", 8), 8
+    timed(scene, rule, spp, lights="tree")
+    while 1.4 * timed(scene, rule, spp, lights="tree")[1] < each[2]:
+        spp *= 2
+    tree = errors(scene, rule, "tree", spp)
+    relative, absolute = (tree * tree[2] / each / each[2])[:2]
+    print(f"{count} lamps, {rule}: tree / all, relMSE x s {relative:.2f}, MSE x s {absolute:.2f}", flush=True)
+
+
+def main(seed: int = 1, *counts: int) -> None:
+    for count in counts:
+        for rule in ("balance", "auto"):
+            compare_with_all(seed, count, rule)
+    if counts:
+        return
     for lights, count in (("even", 10), ("tree", 10), ("tree", 100), ("tree", 1000), ("tree", 98_000)):
         scene = SCENES["many_lights"](seed, min(count, 1000), RESOLUTION)
         if count > 1000:
@@ -67,11 +94,8 @@ def main(seed: int = 1) -> None:
     scene = SCENES["many_lights"](seed, 1000, RESOLUTION)
     for rule in ("balance", "auto"):
         for lights in ("even", "power", "tree"):
-            images, seconds = zip(*(timed(scene, rule, lights=lights, seed=k) for k in range(SEEDS)), strict=True)
-            mean, variance = np.mean(images, axis=0), np.var(images, axis=0, ddof=1)
-            error = (variance / (mean**2 + 0.01 * mean.mean() ** 2)).mean()
-            cost = float(np.median(seconds))
-            print(f"{rule}, {lights}: relMSE x s {error * cost:.4g}, MSE x s {variance.mean() * cost:.4g}", flush=True)
+            relative, absolute, cost = errors(scene, rule, lights)
+            print(f"{rule}, {lights}: relMSE x s {relative * cost:.4g}, MSE x s {absolute * cost:.4g}", flush=True)
 
 
 if __name__ == "__main__":

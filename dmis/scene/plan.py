@@ -25,9 +25,9 @@ from dmis.scene.camera import Camera
 from dmis.scene.groups import NO_GROUP, Group, Part, batch_key, has_texture, make_group
 from dmis.scene.simplify import simplify
 
-MANY_LIGHTS = 200
-"""Number of lights from which on they are sampled as one: samples of each would cost more than 250 camera rays at a
-surface, 1.3 for the two of a light (`dmis.estimator.cost`)."""
+MANY_LIGHTS = 128
+"""Number of lights from which on they are sampled as one. At equal CPU time, relMSE is that of samples of each with
+about 90 lights by the balance heuristic, with 130 by ``auto`` (``benchmarks/many_lights.py``, seeds 2 to 6)."""
 MANY_TRIANGLES = 1000
 """Triangles of a mesh light from which on a tree over them costs no more than the shadow rays that it saves."""
 

@@ -228,7 +228,10 @@ def test_plan_decides_by_the_number_of_lights() -> None:
     assert few.plan.selection("power") == "power" and many.plan.selection("all") is None
     (light,) = many.plan.sampled_lights("auto", 0)
     assert isinstance(light.selection, TreeSelection)  # type: ignore[attr-defined]
-    assert "  200 lights are sampled as one: a tree selects one of their 200 pieces" in many.describe()
+    assert (
+        f"  {MANY_LIGHTS} lights are sampled as one: a tree selects one of their {MANY_LIGHTS} pieces"
+        in many.describe()
+    )
     scene = random_scene(1)
     images = [dmis.render(scene, "balance", 4, lights=lights, parallel=1).image for lights in ("auto", "all")]
     assert np.array_equal(*images)
