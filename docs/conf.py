@@ -100,6 +100,7 @@ CONTENTS = {
         "tables",
         "performance",
         "stability",
+        "does-not-pay",
         "generated/figures/index",
     ],
     "Look up": [
