@@ -198,7 +198,7 @@ class Budget:
     seed
         Seed of the render.
     weigh
-        What weights are, one of `WEIGH`.
+        What weights are, one of `WEIGH`; of a rule that leaves it open, what its preset says (`Settings.weigh`).
     """
 
     spp: int
@@ -313,7 +313,7 @@ def check_weigh(weigh: str, combiner: str) -> None:
     """Raise a ValueError unless weights can be what `weigh` says, with this combiner."""
     one_of("weigh", weigh, WEIGH)
     if weigh == "heuristic" and combiner != "balance":
-        raise ValueError(f"weigh=heuristic needs combiner balance, whose shares it changes; got combiner {combiner}")
+        raise ValueError(f"weigh=heuristic needs combiner balance; got {combiner}. Leave weigh out, or use balance")
 
 
 def check_shares(name: str, weight: Array) -> None:

@@ -160,7 +160,7 @@ def test_refusals() -> None:
     """Words that are none, and combiners other than balance, are refused before the first ray."""
     with pytest.raises(ValueError, match="weigh must be samples or heuristic; got 'heuristics'"):
         dmis.make_rule("thesis:weigh=heuristics")
-    message = "weigh=heuristic needs combiner balance, whose shares it changes; got combiner power"
+    message = "weigh=heuristic needs combiner balance; got power. Leave weigh out, or use balance"
     for rule in ("fixed:0.5,combiner=power,weigh=heuristic", "thesis:weigh=heuristic,combiner=power"):
         with pytest.raises(ValueError, match=message):
             dmis.make_rule(rule)
