@@ -33,7 +33,7 @@ def options(script: str, description: str, **more: dict) -> tuple[Options, argpa
     if page is not None:
         page.parent.mkdir(parents=True, exist_ok=True)
         check_writable(page)
-        if opts.size == "quick" and page == more["page"].get("default"):
+        if opts.size == "quick" and page.resolve().is_relative_to(ROOT / "docs"):
             given.page = opts.output.parent / page.name  # numbers of tiny images are not for the pages of the project
     return opts, given
 
