@@ -92,9 +92,8 @@ for label, tried in (("as it is", scene), ("floor without texture", plain)):
         rule = f"thesis:weigh={weigh}"
         images = [render(tried, rule, 38, k)[0] for k in range(given.seeds)]
         cells.append(cell(variance(images) * (128 / 122), base))
-    lines.append(
-        f"| KILLEROO DIFFUSE, {label} | {base.mean():.2e} | {' | '.join(cells)} |"
-    )
+    label = f"KILLEROO DIFFUSE, {label} (32 spp)"
+    lines.append(f"| {label} | {base.mean():.2e} | {' | '.join(cells)} |")
 
 # %%
 # The teapot, averaged over each pixel and by the Gaussian from the same samples.

@@ -269,7 +269,8 @@ for setup in SETUPS:
     best = [1 + int(e.sum(axis=(0, 2))[1:].argmin()) for e in errors]
     own = scores(draws([e[:, [0, k]] for e, k in zip(errors, best, strict=True)]))
     sizes = ", ".join(str(patches[k - 1]) for k in best)
-    lines.append(f"{line} {sizes} | {interval(own)} |")
+    cells = ("–", "–") if len(patches) == 1 else (sizes, interval(own))
+    lines.append(f"{line} {' | '.join(cells)} |")
     print(lines[-1], flush=True)
 about = f"{given.seeds} seeds at half of the thesis's side length"
 smaller = "; low-discrepancy points at a quarter, the file's numbers with one seed"

@@ -4,9 +4,8 @@ Figure 5.1: noisy weights, TT
 
 The thesis names TT as the limit of its method. With two samples per pixel the variances
 are noisy, so the weights are noisy, and the filter does not repair them. This figure
-has the thesis's three panels. At half of the thesis's size the rule is a draw with the
-balance heuristic, so the figure also asks: in which patches does it lose more than
-chance alone would?
+has the thesis's three panels. It also asks: in which patches does the rule lose more
+than chance alone would?
 """
 
 import itertools
