@@ -71,7 +71,7 @@ class Thesis(Rule):
     what the sigma of the Gaussian is, what w weighs, or whether the pilot's samples enter the image: hence the options.
     With their defaults, in direct lighting with independent points and one light and one BRDF sample, the rule wins on
     two scenes at equal samples and loses on two, the same as in the thesis's Table 4.1. Shares of samples have less
-    error on all four: ``docs/reproduction.md``.
+    error there: ``docs/reproduction.md``.
     """
 
     patch: int | Literal["auto"] = 16
