@@ -16,7 +16,7 @@ import count_lines  # noqa: E402
 
 LINES = {"dmis": 24_140, "tests": 23_620}
 """Lines of Python files."""
-WORDS = 38_500
+WORDS = 39_000
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""
