@@ -100,7 +100,7 @@ axes[0].legend()
 #
 # But on this side of 1/2 the curve is lower than at 1/2. Where a curve falls all the
 # way (or rises), the exact parabola cannot lose. It only misses a part of the gain. The
-# theory page has the proof.
+# page "Theory: proofs and extensions" has the proof.
 half = curve[HALF]
 for name, value in (
     ("at the parabola's minimum", np.interp(minimum, GRID, curve)),
@@ -183,8 +183,8 @@ for rule in rules[1:]:
     print(f"{rule:28} mean squared error over that of balance {value:.2f} ± {half:.2f}")
 
 # %%
-# ``second-moment`` wins. ``thesis``, here by shares, loses, although the page "Why the
-# rule wins and loses" counts this scene among its gains. There it has 128 samples and
+# ``second-moment`` wins. ``thesis``, here by shares, loses, although the page "The
+# thesis in short" counts this scene among its gains. There it has 128 samples and
 # larger patches; here six of only 32 samples are the pilot, so that with equal shares
 # the error would already be 32/26 = 1.23. And patches of 8 by 8 pixels miss spikes.
 # With patches of 16 by 16 it is 1.14 ± 0.05, and from 128 samples 0.95 ± 0.03.
