@@ -63,8 +63,12 @@ HALF = int(np.flatnonzero(SHARES == 0.5)[0])
 """Index of w = 1/2 in `dmis.estimator.patterns.SHARES`."""
 EXPONENT = 1.4
 """a of low-discrepancy points; of independent ones it is 1."""
-CONFIDENCES = (1.0, 0.75, 0.5, 0.25, 0.0)
-"""Powers of the variance which numbers of samples may follow; at 0 they are equal."""
+CONFIDENCES = {"absolute": (1.0, 0.75, 0.5, 0.25, 0.0), "relative": (0.75, 0.5, 0.25, 0.0)}
+"""Powers of the variance which numbers of samples may follow, by the error that is made least; at 0 they are equal.
+
+At 1 relMSE is 38 % larger where dark pixels have rare highlights (killeroo-gold), 8 % on veach-mis, and 1 to 9 %
+smaller on four other scenes.
+"""
 SPIKES = 0.1
 """Share of the variance of independent points that is added to that of a pixel, against spikes not seen yet."""
 DARK = 0.1
@@ -288,14 +292,14 @@ class Auto(Rule):
             own = own * weight[judge]
         predicted = _variance(variance, spikes, COLOURS[colour], judge)[judge].copy()
         if not own.any() or not predicted.any():
-            return CONFIDENCES[0]
+            return CONFIDENCES[self.error][0]
 
         def error(confidence: float) -> float:
             number = self._density(predicted**confidence, 1.0)
             number = np.maximum(number * (first.budget / number.mean()), n)
             return float(np.vdot(own, (number / number.mean()) ** -self.exponent))
 
-        return min(CONFIDENCES, key=error)
+        return min(CONFIDENCES[self.error], key=error)
 
     def _density(self, variance: Array, cost: Array | float) -> Array:
         """Return numbers of samples in proportion, ``(V / C)^(1 / (1 + a))``, in the place of `variance`."""

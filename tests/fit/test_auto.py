@@ -175,8 +175,8 @@ def test_relative_errors_spend_more_on_dark_pixels() -> None:
     density = {error: decided(first, replace(PLAIN, error=error))[0] for error in ("absolute", "relative")}
     ratio = {error: of_pixels[:8].mean() / of_pixels[24:].mean() for error, of_pixels in density.items()}
     assert ratio["absolute"] == pytest.approx(100 ** (1 / 2.4), rel=1e-3)
-    # (I^2 / (I^2 + e))^(1 / 2.4) of both halves,  e = .1 * 5.5^2
-    assert ratio["relative"] == pytest.approx((100 / 103.025 * 4.025) ** (1 / 2.4), rel=1e-2)
+    # (I^2 / (I^2 + e))^(t / 2.4) of both halves,  e = .1 * 5.5^2,  t = .75
+    assert ratio["relative"] == pytest.approx((100 / 103.025 * 4.025) ** (0.75 / 2.4), rel=1e-2)
     brighter = replace(first.moments, mean=10 * first.moments.mean, root=10 * first.moments.root)
     scaled, _ = decided(replace(first, moments=brighter), replace(PLAIN, error="relative"))
     np.testing.assert_allclose(scaled, density["relative"], rtol=1e-3)
@@ -198,17 +198,19 @@ def test_budget_has_the_first_round_too() -> None:
         assert 0.98 * first.budget < spent <= first.budget
 
 
-@pytest.mark.parametrize("confidence", [1.0, 0.5, 0.0])
-def test_numbers_follow_the_variance_as_far_as_it_predicts(confidence: float) -> None:
+@pytest.mark.parametrize(
+    ("error", "confidence"), [("absolute", 1.0), ("relative", 0.75), ("relative", 0.5), ("relative", 0.0)]
+)
+def test_numbers_follow_the_variance_as_far_as_it_predicts(error: str, confidence: float) -> None:
     """n ~ V^(t / (1 + a)) at equal costs, far from the edge of a half image with 32 times the V of the neighbours.
 
     The squared differences of halves are 32^t times as large there.
     """
     root = np.ones((32, 32, 3))
     root[:, 16:] *= np.sqrt(32)
-    first = pilot(0 * FLAT, 0.0, root, root**confidence)
-    np.testing.assert_array_equal(second_round(first).maps["confidence"], [confidence] * 4)
-    density, _ = decided(first)
+    first, rule = pilot(0 * FLAT, 0.0, root, root**confidence), replace(PLAIN, error=error)
+    np.testing.assert_array_equal(second_round(first, rule).maps["confidence"], [confidence] * 4)
+    density, _ = decided(first, rule)
     np.testing.assert_allclose(density[:, 24:].mean() / density[:, :8].mean(), 32 ** (confidence / 2.4), rtol=1e-3)
 
 
@@ -309,7 +311,7 @@ def leak(monkeypatch: pytest.MonkeyPatch) -> None:
         return variance + 1e-3 * variance.mean()
 
     monkeypatch.setattr(auto, "_variance", own)
-    monkeypatch.setattr(auto, "CONFIDENCES", (1.0,))
+    monkeypatch.setattr(auto, "CONFIDENCES", {"relative": (1.0,)})
 
 
 def test_images_of_few_samples_are_unbiased() -> None:
