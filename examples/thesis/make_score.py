@@ -173,7 +173,7 @@ def reference_of(name: str, shrink: int) -> dmis.Reference:
     settings = dmis.Settings(integrator="direct")
     return dmis.make_reference(
         scene,
-        opts.pick(16, 256 if shrink > 1 else 64),
+        opts.pick(256, 256 if shrink > 1 else 64),
         settings=settings,
         parallel=opts.threads,
         progress=progress,
