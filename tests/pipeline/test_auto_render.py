@@ -92,7 +92,7 @@ def test_samplers_and_integrators(sampler: str, integrator: str) -> None:
 
 def test_more_shading_samples() -> None:
     """Numbers are whole and even in every camera sample: in all of a pixel, or behind its first round of 4 with 4:4."""
-    result = checked(glossy((16, 12)), "auto", 32, sampler="sobol", shading_samples=4)
+    result = checked(glossy((16, 12)), "auto:error=absolute", 32, sampler="sobol", shading_samples=4)
     total, n = np.array([result.light_samples, result.brdf_samples]), result.samples
 
     def are_even(numbers: np.ndarray) -> np.ndarray:
