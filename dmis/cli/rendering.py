@@ -108,7 +108,7 @@ def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
     about = f"{rule}, {result.provenance['spp']} spp{taken if options.as_in_file else ''}"
     if noise := result.provenance.get("noise"):
         about += f", rounds: {result.provenance['rounds']}, noise {noise:.2g}"
-        about += f" (not {options.noise:g} before its limit)" if options.noise and noise > options.noise else ""
+        about += f" ({options.noise:g} was not reached)" if options.noise and noise > options.noise else ""
     rate = result.rays.get("camera", 0) / seconds / 1e6
     text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{fireflies(result)}"
     if reason := result.provenance.get("fallback"):

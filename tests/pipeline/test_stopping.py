@@ -114,7 +114,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert f"auto, {told['spp']} spp, rounds: {told['rounds']}, noise {told['noise']:.2g}" in capsys.readouterr().out
     np.testing.assert_array_equal(dmis.read_exr(tmp_path / "a.exr")[0]["RGB"], result.image)
     assert dmis.cli.commands.main([*arguments, "--noise", "0.001", "--spp", "32"]) == 0
-    assert "(not 0.001 before its limit)" in capsys.readouterr().out
+    assert "(0.001 was not reached)" in capsys.readouterr().out
 
 
 def stopped(resolution: tuple[int, int], noise: float, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
