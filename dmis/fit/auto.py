@@ -66,8 +66,7 @@ EXPONENT = 1.4
 CONFIDENCES = {"absolute": (1.0, 0.75, 0.5, 0.25, 0.0), "relative": (0.75, 0.5, 0.25, 0.0)}
 """Powers of the variance which numbers of samples may follow, by the error that is made least; at 0 they are equal.
 
-At 1 relMSE is 38 % larger where dark pixels have rare highlights (killeroo-gold), 8 % on veach-mis, and 1 to 9 %
-smaller on four other scenes.
+At 1 relMSE is larger where dark pixels have rare highlights, as on killeroo-gold, and a little smaller elsewhere.
 """
 SPIKES = 0.1
 """Share of the variance of independent points that is added to that of a pixel, against spikes not seen yet."""
