@@ -186,7 +186,7 @@ class Settings:
 
     @property
     def weigh(self) -> str:
-        """What w is, one of `dmis.fit.round.WEIGH`, where a rule leaves it open: shares without balance."""
+        """What w is, one of `dmis.fit.round.WEIGH`, if a rule leaves it open: shares if `combiner` is not balance."""
         return PRESETS[self.preset or "thesis"].weigh if self.combiner == "balance" else "samples"
 
     @property

@@ -74,8 +74,8 @@ def test_what_w_is(box: dmis.Scene, rule: str, preset: str | None, weigh: str) -
     default = dmis.render(box, rule, 16, preset=preset)
     assert (default.weight == default.light_share).all() == (weigh == "samples")
     for other in ("thesis", "thesis-shares") if preset else (None,):
-        told = dmis.render(box, f"{rule},weigh={weigh}", 16, preset=other)
-        np.testing.assert_array_equal(told.image, default.image)
+        stated = dmis.render(box, f"{rule},weigh={weigh}", 16, preset=other)
+        np.testing.assert_array_equal(stated.image, default.image)
 
 
 def test_changed_defaults_are_no_request(box: dmis.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
