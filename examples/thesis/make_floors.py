@@ -67,7 +67,7 @@ def variance(images):
 
 
 def cell(errors, base):
-    """Return a ratio of mean errors with its interval, equal samples of 128 assumed."""
+    """Return a ratio of mean errors with its interval."""
     ratio, half = ratio_over_blocks(errors, base)
     return f"{ratio:.3f} ± {half:.3f}"
 
@@ -131,12 +131,12 @@ for k, label in enumerate(("mean over a pixel", "splatted Gaussian")):
 
 # %%
 # Publish the table.
-told = " and ".join(
+ratios = " and ".join(
     f"{SCENES[name].equal_samples:.3f}"
     for name in ("killeroo-diffuse", "teapot-area-light")
 )
 about = f"Made on {date.today()} on {machine()}: {given.seeds} seeds, half of the"
-about += f" thesis's side length; the thesis has {told}."
+about += f" thesis's side length; the thesis has {ratios}."
 head = "| scene | MSE of balance | heuristic / balance | samples / balance |"
 table = [about, "", head, "|---|---|---|---|", *lines]
 print("", *table, sep="\n")
