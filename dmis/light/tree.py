@@ -16,9 +16,8 @@ a node has the importance 0 only if no light from it can arrive.
 All receivers in a cell of space and a bin of normals use the same importances, as in pbrt-v3 all in a voxel do. They
 are computed when a receiver is in the cell for the first time, and kept as a table of slots, each of which belongs to a
 node. A uniform number picks a slot; the probability of a node is its share of the slots, rounded but never to 0. Slots
-of a node are neighbours, so low-discrepancy points stay so. A selection takes the same time for any number of nodes. A
-descent of the tree for each receiver takes longer, and its choices near the root are worse: with 1,000 lamps it has 4
-times the relMSE x CPU time (``benchmarks/many_lights.py``).
+of a node are neighbours, so low-discrepancy points stay so. A selection takes the same time for any number of nodes,
+where a descent of the tree takes longer for more of them, and chooses worse near the root, whose bounds are wide.
 """
 
 from __future__ import annotations
