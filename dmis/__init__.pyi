@@ -46,6 +46,7 @@ from dmis.geometry.mesh_files import load_mesh as load_mesh
 from dmis.geometry.subdivision import loop_subdivide as loop_subdivide
 from dmis.image import read_exr as read_exr
 from dmis.image import write_exr as write_exr
+from dmis.image_reader import load_image as load_image
 from dmis.light.area import DiskLight as DiskLight
 from dmis.light.area import QuadLight as QuadLight
 from dmis.light.area import SphereLight as SphereLight

@@ -102,15 +102,7 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
                 raise ValueError(f"an image must have one part; it has {len(file.parts)}")
             (low, high), channels = file.header()["dataWindow"], len(file.header()["channels"])
         width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
-        if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
-            raise ValueError(
-                f"an image must have 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS}; got {width}x{height}"
-            )
-        if channels > MAX_CHANNELS or channels * width * height > 16 * MAX_PIXELS:
-            raise ValueError(
-                f"an image must have at most {MAX_CHANNELS} channels, and {16 * MAX_PIXELS} values in them; "
-                f"got {channels} of {width}x{height}"
-            )
+        check_size(width, height, channels)
         with OpenEXR.File(os.fspath(path)) as file:
             attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
             layers = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
@@ -119,6 +111,24 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
     if "RGBA" in layers:
         layers["RGB"] = np.ascontiguousarray(layers.pop("RGBA")[..., :3])
     return layers, attributes
+
+
+def check_size(width: int, height: int, channels: int) -> None:
+    """Refuse the size that the header of an image file has, before memory is taken for it."""
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
+        raise ValueError(
+            f"an image must have 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS}; got {width}x{height}"
+        )
+    if not 1 <= channels <= MAX_CHANNELS or channels * width * height > 16 * MAX_PIXELS:
+        raise ValueError(
+            f"an image must have at most {MAX_CHANNELS} channels, and {16 * MAX_PIXELS} values in them; "
+            f"got {channels} of {width}x{height}"
+        )
+
+
+def srgb_to_linear(values: Array) -> Array:
+    """Return linear values of sRGB values in [0, 1] (IEC 61966-2-1)."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
 def tonemap(image: Array, exposure: float = 1.0) -> Array:

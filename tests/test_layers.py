@@ -22,6 +22,7 @@ LEVELS = (
     ("scene",),
     ("light",),
     ("brdf", "plot"),
+    ("image_reader",),
     ("samplers", "geometry", "intersect", "filter", "image"),
     ("base",),
 )

@@ -2,7 +2,7 @@
 literature's.
 
 A parameter out of its range is a ValueError that names it. The following have one meaning in all materials; numbers,
-RGB triples and `dmis.brdf.texture.Image` will do, but where only some of them are named:
+RGB triples, `dmis.brdf.texture.Image` and paths of image files will do, but where only some of them are named:
 
 kd, ks, kr, kt
     Reflectance of the diffuse lobe, the glossy lobe and the mirror, and transmittance: in [0, 1], but for those of pbrt
@@ -35,7 +35,7 @@ from dmis.brdf.fresnel import Conductor, Dielectric, check_ior, check_metal_inde
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
-from dmis.brdf.texture import FLOAT32_MAX, Image, check_number, check_values, scale
+from dmis.brdf.texture import FLOAT32_MAX, Image, check_number, check_values, reads_images, scale
 
 COPPER_ETA: Rgb = (0.200438, 0.924033, 1.102212)
 COPPER_K: Rgb = (3.912949, 2.452848, 2.142188)
@@ -79,24 +79,28 @@ def assemble(name: str, *lobes: tuple[str, Any, Lobe]) -> Material:
     return Material(tuple(lobe for parameter, value, lobe in lobes if not is_black(parameter, value)), name)
 
 
+@reads_images
 def matte(kd: Any = 0.5, sigma: float = 0.0) -> Material:
     """Make a Lambert material, or Oren-Nayar if `sigma`, the spread of facet slopes (0 to 90 degrees), is not 0."""
     sigma = check_number("sigma", sigma, "in [0, 90] degrees", "it is the spread of facet slopes", 0, 90)
     return assemble("matte", ("kd", kd, OrenNayar(kd, sigma) if sigma else Lambert(kd)))
 
 
+@reads_images
 def plastic(kd: Any = 0.25, ks: Any = 0.25, roughness: Any = 0.1, eta: float = 1.5) -> Material:
     """Make a material of Lambert plus a Blinn microfacet coat of relative index `eta`; `ks` does not dim `kd`."""
     coat = Microfacet(ks, blinn(roughness), Dielectric(check_ior("eta", eta)))
     return assemble("plastic", ("kd", kd, Lambert(kd)), ("ks", ks, coat))
 
 
+@reads_images
 def metal(eta: Rgb = COPPER_ETA, k: Rgb = COPPER_K, roughness: Any = 0.01) -> Material:
     """Make a metal, a Blinn microfacet conductor; copper by default."""
     fresnel = Conductor(check_metal_index("eta", eta), check_metal_index("k", k))
     return Material((Microfacet(1.0, blinn(roughness), fresnel),), "metal")
 
 
+@reads_images
 def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
     """Make a glossy and a mirror lobe of conductors whose reflectance at normal incidence is `ks`, `kr`, no images."""
     is_black("ks", ks), is_black("kr", kr)
@@ -104,6 +108,7 @@ def shiny_metal(ks: Any = 1.0, kr: Any = 1.0, roughness: Any = 0.1) -> Material:
     return assemble("shinymetal", ("ks", ks, glossy), ("kr", kr, SpecularReflection(1.0, _conductor_of("kr", kr))))
 
 
+@reads_images
 def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness: Any = 0.1) -> Material:
     """Make Ashikhmin and Shirley's diffuse base under a glossy coat, of a roughness along each of the two tangents.
 
@@ -116,6 +121,7 @@ def substrate(kd: Any = 0.5, ks: Any = 0.5, u_roughness: Any = 0.1, v_roughness:
     return Material((BlendBase(kd, ks), BlendCoat(ks, coat)), "substrate")
 
 
+@reads_images
 def uber(
     kd: Any = 0.25, ks: Any = 0.25, kr: Any = 0, kt: Any = 0, roughness: Any = 0.1, eta: float = 1.5, opacity: Any = 1
 ) -> Material:
@@ -135,11 +141,13 @@ def uber(
     )
 
 
+@reads_images
 def mirror(kr: Any = 0.9) -> Material:
     """Make a perfect mirror of reflectance `kr`, which is followed as a ray of its own and takes no part in MIS."""
     return assemble("mirror", ("kr", kr, SpecularReflection(kr)))
 
 
+@reads_images
 def glass(kr: Any = 1.0, kt: Any = 1.0, eta: float = 1.5) -> Material:
     """Make smooth glass: mirror reflection and refraction, divided by Fresnel."""
     eta = check_ior("eta", eta)

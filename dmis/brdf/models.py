@@ -32,15 +32,17 @@ from dmis.brdf.microfacet import GGX, Microfacet
 from dmis.brdf.phong import BlinnPhong, Lafortune
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
 from dmis.brdf.specular import SpecularReflection
-from dmis.brdf.texture import FLOAT32_TINY, Image, check_number, check_values
+from dmis.brdf.texture import FLOAT32_TINY, Image, check_number, check_values, reads_images
 from dmis.brdf.ward import Ward
 
 
+@reads_images
 def phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
     """Make Phong's cosine lobe about the mirror direction, normalised; see `dmis.brdf.phong.Lafortune`."""
     return _over(kd, ks, Lafortune(ks, _power("exponent", exponent)), "phong")
 
 
+@reads_images
 def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -1.0, c_n: float = 0.9) -> Material:
     """Make Lafortune's cosine lobe about wo with its tangential part times `c_t`, its normal part times `c_n`.
 
@@ -53,16 +55,19 @@ def lafortune(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0, c_t: float = -
     return _over(kd, ks, Lafortune(ks, _power("exponent", exponent), c_t, c_n), "lafortune")
 
 
+@reads_images
 def blinn_phong(kd: Any = 0.0, ks: Any = 0.5, exponent: Any = 50.0) -> Material:
     """Make a cosine lobe of the half vector without masking, normalised; see `dmis.brdf.phong.BlinnPhong`."""
     return _over(kd, ks, BlinnPhong(ks, Blinn(_power("exponent", exponent))), "blinnphong")
 
 
+@reads_images
 def ward(kd: Any = 0.0, ks: Any = 0.5, alpha: Any = 0.15, alpha_v: Any = None) -> Material:
     """Make Ward's Gaussian lobe with bounded albedo; `alpha_v` makes it anisotropic; see `dmis.brdf.ward.Ward`."""
     return _over(kd, ks, Ward(ks, Beckmann(facet_roughness(alpha, alpha_v))), "ward")
 
 
+@reads_images
 def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any = None) -> Material:
     """Make Ashikhmin and Shirley's model as in their paper: diffuse base, and a coat of normal reflectance `ks`.
 
@@ -75,11 +80,13 @@ def ashikhmin_shirley(kd: Any = 0.5, ks: Any = 0.05, n_u: Any = 100.0, n_v: Any 
     return Material((BlendBase(kd, ks), AshikhminShirley(ks, distribution)), "ashikhminshirley")
 
 
+@reads_images
 def torrance_sparrow(kd: Any = 0.0, ks: Any = 1.0, exponent: Any = 50.0, fresnel: Fresnel | None = None) -> Material:
     """Make V-shaped facets with Blinn's distribution; see `dmis.brdf.microfacet.Microfacet`."""
     return _over(kd, ks, Microfacet(ks, Blinn(_power("exponent", exponent)), fresnel), "torrancesparrow")
 
 
+@reads_images
 def cook_torrance(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
@@ -87,6 +94,7 @@ def cook_torrance(
     return _over(kd, ks, Microfacet(ks, Beckmann(facet_roughness(alpha, alpha_v)), fresnel), "cooktorrance")
 
 
+@reads_images
 def ggx(
     kd: Any = 0.0, ks: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, fresnel: Fresnel | None = None
 ) -> Material:
@@ -94,6 +102,7 @@ def ggx(
     return _over(kd, ks, GGX(ks, facet_roughness(alpha, alpha_v), fresnel), "ggx")
 
 
+@reads_images
 def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = None, eta: float = 1.5) -> Material:
     """Make glass with facets of the distribution of Trowbridge and Reitz; see `dmis.brdf.rough_glass`.
 
@@ -108,6 +117,7 @@ def rough_glass(kr: Any = 1.0, kt: Any = 1.0, alpha: Any = 0.15, alpha_v: Any = 
     return assemble("glass", ("kr", kr, reflection), ("kt", kt, transmission))
 
 
+@reads_images
 def coated_diffuse(
     kd: Any = 0.5, alpha: float = 0.0, eta: float = 1.5, thickness: float = 0.0, bounces: int | None = None
 ) -> Material:
@@ -158,7 +168,7 @@ def _over(kd: Any, ks: Any, lobe: Lobe, name: str) -> Material:
             f"{name} reflects up to {reflected.max():.3g} of the light, kd = {_largest(kd).max():g} beside ks = "
             f"{_largest(ks).max():g}, and no surface reflects more than it gets; lower one of them"
         )
-        warnings.warn(text, stacklevel=3)
+        warnings.warn(text, stacklevel=4)
     return material
 
 

@@ -7,18 +7,26 @@ than an image.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Literal
+from functools import cached_property, wraps
+from inspect import signature
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 
 from dmis.base.validate import one_of
 from dmis.base.vectors import Array
+from dmis.image_reader import load_image
 
+P = ParamSpec("P")
+R = TypeVar("R")
 Wrap = Literal["repeat", "black", "clamp"]
 FLOAT32_TINY, FLOAT32_MAX = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 """Smallest positive and largest number of float32, in which lobes are computed: the bounds of parameters."""
+COLOURS = "kd", "ks", "kr", "kt", "opacity"
+"""Parameters of materials whose image files are decoded from sRGB."""
 MAX_UV_SCALE = 1e15
 """Largest scale and offset of texture coordinates: times coordinates of a mesh (`dmis.base.validate.FARTHEST`) and
 texels they are below 3e38 still."""
@@ -31,19 +39,22 @@ class Image:
     Parameters
     ----------
     texels
-        ``(H, W, C)`` linear values, C = 1 or 3, row 0 at t = 0. Three equal channels are stored as one.
+        ``(H, W, C)`` linear values, C = 1 or 3, row 0 at t = 0; three equal channels are stored as one. Or the path of
+        an image file, which is read by `dmis.load_image` and turned over: its bottom is at t = 0, as in OBJ files.
     scale, offset
         ``(s, t) = uv * scale + offset``; within `MAX_UV_SCALE`.
     wrap
         What lies outside [0, 1): ``repeat``, ``black`` or ``clamp``.
     """
 
-    texels: Array
+    texels: Any
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
     wrap: Wrap = "repeat"
 
     def __post_init__(self) -> None:
+        if isinstance(self.texels, str | os.PathLike):
+            object.__setattr__(self, "texels", load_image(self.texels)[::-1])
         given = np.asarray(self.texels)
         if given.dtype.kind in "ui" and given.size and given.max() > 1:
             raise ValueError(
@@ -111,6 +122,29 @@ class Image:
 
 Parameter = float | tuple[float, ...] | Array | Image
 """What a lobe's parameter may be in a scene description."""
+
+
+def reads_images(make: Callable[P, R]) -> Callable[P, R]:
+    """Let arguments of a function that makes a material be paths of image files, in place of `Image`.
+
+    Files are decoded from sRGB where they are the colours `COLOURS`, and else taken as they are.
+    """
+    names = signature(make)
+
+    @wraps(make)
+    def make_with_images(*args: P.args, **kwargs: P.kwargs) -> R:
+        if not any(isinstance(value, str | os.PathLike) for value in (*args, *kwargs.values())):
+            return make(*args, **kwargs)
+        bound = names.bind(*args, **kwargs)
+        for name, value in bound.arguments.items():
+            if isinstance(value, str | os.PathLike):
+                if not os.path.isfile(value):
+                    what = "a number, an RGB triple, an Image or the path of an image file"
+                    raise ValueError(f"{name} must be {what}; there is no file {str(value)!r}")
+                bound.arguments[name] = Image(load_image(value, linear=name not in COLOURS)[::-1])
+        return make(*bound.args, **bound.kwargs)
+
+    return make_with_images
 
 
 def scale(a: Parameter, b: Parameter) -> Parameter:

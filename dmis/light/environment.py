@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +13,7 @@ import numpy as np
 from dmis.base.color import LUMINANCE
 from dmis.base.vectors import Array, Selection, take
 from dmis.brdf.texture import Image
+from dmis.image_reader import load_image
 from dmis.light.light import InfiniteLight
 from dmis.light.light_sample import INFINITE_DISTANCE, LightSample, Rgb, check_compensation, rgb
 from dmis.samplers.warp import INV_PI, TWO_PI, atan2
@@ -50,6 +52,8 @@ class EnvironmentLight(InfiniteLight):
     ----------
     texels
         ``(H, W, 3)`` linear radiance; row 0 is +z, column 0 begins at azimuth 0 (the +x axis), bilinear in between.
+        Or the path of an image file, see `dmis.load_image`. Azimuths grow with the columns, as in pbrt, whose world is
+        left-handed: so that a panorama is not seen mirrored, give ``to_world=numpy.diag((1, -1, 1))``.
     to_world
         3x3 rotation from the map's frame to the world.
     scale
@@ -67,7 +71,7 @@ class EnvironmentLight(InfiniteLight):
     wherever the radiance is. ``p(wi) = p(u, v) / (2 pi^2 sin theta)``.
     """
 
-    texels: Array
+    texels: Any
     to_world: Array | None = None
     scale: Rgb = (1.0, 1.0, 1.0)
     compensation: float | None = None
@@ -75,6 +79,9 @@ class EnvironmentLight(InfiniteLight):
     radiances: ClassVar[tuple[str, ...]] = ("scale",)
 
     def __post_init__(self) -> None:
+        if isinstance(self.texels, str | os.PathLike):
+            texels = load_image(self.texels)
+            object.__setattr__(self, "texels", texels.repeat(3 // texels.shape[2], axis=2))
         texels = np.asarray(self.texels, np.float32)
         if texels.ndim != 3 or texels.shape[2] != 3 or texels.size == 0:
             raise ValueError(f"texels must have shape (H, W, 3); got {texels.shape}")

@@ -122,7 +122,7 @@ def test_eight_bits_are_not_linear_values() -> None:
     with pytest.raises(ValueError, match="texels must be linear values"):
         Image(np.full((2, 2, 3), 200, np.uint8))
     with pytest.raises(ValueError, match="texels must be an array of numbers"):
-        Image("wood.png")
+        Image(["wood.png"])  # type: ignore[arg-type]
     assert Image(np.array([[[1], [0]]])).texels.sum() == 1
 
 

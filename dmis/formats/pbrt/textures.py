@@ -1,8 +1,8 @@
 """Textures of pbrt files, made from parameter lists, and images.
 
-The first row of an image is t = 0 in pbrt-v2, and t = 1 in v3 and v4. A texel is (scale * texel) ^ gamma in v2; in v3
-and v4 gamma is about files of 8 bits, which are not read. A float texture takes the luminance of an image, in v4 its
-mean.
+The first row of an image is t = 0 in pbrt-v2, and t = 1 in v3 and v4. A texel is (scale * texel) ^ gamma in v2. Files
+of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is linear, and in textures of v3, unless
+``gamma`` is false, but not in v2 and in skies of v3. A float texture takes the luminance of an image, in v4 its mean.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from dmis.base.vectors import Array
 from dmis.brdf.texture import Image, scale
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.tokens import Token, blame
-from dmis.image import read_exr
+from dmis.image_reader import IMAGE_SUFFIXES, load_image
 
-_ENCODINGS: dict[str, dict[str, Any]] = {"v3": {"gamma": False}, "v4": {"encoding": "linear"}}
-"""Parameters of images whose texels are linear, by dialect."""
+_WHOLE = ".png", ".tga", ".jpg", ".jpeg"
+"""Extensions of image files that hold whole numbers; the others are linear."""
+_FORMATS = {"v2": (".exr", ".tga", ".pfm"), "v3": (".exr", ".tga", ".pfm", ".png"), "v4": IMAGE_SUFFIXES}
+"""Extensions of the image files that each version of pbrt reads."""
 
 
 def make_texture(kind: str, name: Token, p: Parameters) -> Any:
@@ -46,8 +48,7 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
     offset = p.number("udelta", 0), p.number("vdelta", 0)
     factor, v4 = p.number("scale", 1), p.dialect == "v4"
     gamma = p.number("gamma", 1) if p.dialect == "v2" else 1.0
-    p.require(_ENCODINGS.get(p.dialect, {}))
-    texels = image(p, "filename").astype(np.float64)
+    texels = image(p, "filename", _is_encoded(p)).astype(np.float64)
     if name.source.dialect.t_up:
         texels = texels[::-1]
     if kind == "float":
@@ -61,17 +62,27 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
         return Image(texels.astype(np.float32), size, offset, wrap)  # type: ignore[arg-type]
 
 
-def image(p: Parameters, name: str) -> Array:
-    """Read the EXR file that the string parameter `name` names, (H, W, 3) float32; alpha is dropped."""
+def _is_encoded(p: Parameters) -> bool:
+    """Return whether the whole numbers of the image of a texture are sRGB."""
+    if not p.string("filename").lower().endswith(_WHOLE):
+        p.require({"gamma": False} if p.dialect == "v3" else {"encoding": "linear"} if p.dialect == "v4" else {})
+        return False
+    if p.dialect == "v4":
+        return p.string("encoding", "sRGB", ("sRGB", "linear")) == "sRGB"
+    return p.dialect == "v3" and p.boolean("gamma", True)
+
+
+def image(p: Parameters, name: str, encoded: bool | None = None) -> Array:
+    """Read the image file that the string parameter `name` names, (H, W, 3) float32; alpha is dropped.
+
+    Whole numbers are decoded from sRGB if `encoded`; by default in v4 only, as those of skies.
+    """
     file = p.string(name)
     token = p.items[name].token
     path = token.file(file)
-    if path.suffix.lower() != ".exr":
-        raise token.error(f"images must be EXR files, so that their values are linear; convert {file!r} to .exr")
+    if path.suffix.lower() not in _FORMATS[p.dialect]:
+        known = ", ".join(suffix[1:].upper() for suffix in _FORMATS[p.dialect])
+        raise token.error(f"images of pbrt-{p.dialect} must be {known}; convert {file!r} to .exr, with linear values")
     with blame(token):
-        layers, _ = read_exr(path)
-    if "RGB" in layers:
-        return layers["RGB"]
-    if "Y" not in layers:
-        raise token.error(f"the image needs the channels R, G, B or Y; it has {', '.join(layers)}")
-    return layers["Y"][..., None].repeat(3, axis=2)
+        texels = load_image(path, linear=not (p.dialect == "v4" if encoded is None else encoded))
+    return texels.repeat(3 // texels.shape[2], axis=2)

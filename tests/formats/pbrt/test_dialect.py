@@ -705,3 +705,38 @@ def test_v4_refuses_an_rgb_reflectance_out_of_range(tmp_path, material, value):
     path.write_text(f'{HEAD["v4"]}WorldBegin\nMaterial "{material}" "rgb reflectance" [{value}] Shape "sphere"')
     with pytest.raises(PbrtError, match=r"scene\.pbrt:5: .*'reflectance' must be from 0 to 1 in pbrt-v4; got \["):
         read_pbrt(path)
+
+
+# Images of whole numbers ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "dialect, more, expected",
+    [
+        ("v3", "", 0.21404),
+        ("v3", '"bool gamma" "false"', 0.5),
+        ("v4", "", 0.21404),
+        ("v4", '"string encoding" "linear"', 0.5),
+    ],
+)
+def test_encoding_of_textures(read, tmp_path, dialect, more, expected):
+    """The value 127.5 of 255 is 0.5, or 0.21404 by the sRGB curve; v3 and v4 read TGA files."""
+    pytest.importorskip("OpenImageIO")
+    header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([2, 0, 1, 0, 24, 0])
+    (tmp_path / "a.tga").write_bytes(header + bytes([127] * 3 + [128] * 3))
+    kind, material = ("spectrum", "diffuse") if dialect == "v4" else ("color", "matte")
+    name = "reflectance" if dialect == "v4" else "Kd"
+    text = (
+        f'Texture "a" "{kind}" "imagemap" "string filename" "a.tga" {more} Material "{material}" "texture {name}" "a"'
+    )
+    image = lobes(read(dialect, text, add=TEXTURED))[0].reflectance
+    assert image.texels.mean() == pytest.approx(expected, abs=2e-4)
+
+
+def test_encoding_of_skies(read, tmp_path):
+    """v3 takes the whole numbers of a sky as they are."""
+    pytest.importorskip("OpenImageIO")
+    header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([2, 0, 1, 0, 24, 0])
+    (tmp_path / "a.tga").write_bytes(header + bytes([127] * 3 + [128] * 3))
+    (light,) = read("v3", 'LightSource "infinite" "string mapname" "a.tga"').lights
+    assert light.texels.mean() == pytest.approx(0.5, abs=1e-6)

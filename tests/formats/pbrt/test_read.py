@@ -489,6 +489,17 @@ def test_float_image_takes_the_luminance_and_roughness_is_capped(read, tmp_path)
     np.testing.assert_allclose(lobe.distribution.exponent(centres)[0], [2, 10_000, 1 / 0.212671], rtol=1e-4)
 
 
+def test_tga_is_linear_but_for_gamma(read, tmp_path):
+    """pbrt-v2 does not decode whole numbers."""
+    pytest.importorskip("OpenImageIO")
+    header = b"\0\0\2\0\0\0\0\0\0\0\0\0" + bytes([2, 0, 1, 0, 24, 0])
+    (tmp_path / "a.tga").write_bytes(header + bytes([51] * 3 + [204] * 3))
+    texture = (
+        'Texture "a" "color" "imagemap" "string filename" "a.tga" "float gamma" 2 Material "matte" "texture Kd" "a"'
+    )
+    close(kd(read(texture, add=TEXTURED)).texels[0, :, 0], [0.04, 0.64])
+
+
 def test_alpha_and_half_floats_are_read(read, tmp_path):
     import OpenEXR
 
@@ -783,7 +794,7 @@ BAD_WORLDS = [
     ('Texture "x" "point" "constant"', 1, 'token "point": the type of a texture must be float, color'),
     ('Texture "x" "color" "checkerboard"', 1, "a texture must be constant, scale or imagemap"),
     ('Texture "x" "color" "imagemap"', 1, 'needs the parameter "string filename"'),
-    ('Texture "x" "color" "imagemap" "string filename" "a.png"', 1, "images must be EXR files"),
+    ('Texture "x" "color" "imagemap" "string filename" "a.png"', 1, "images of pbrt-v2 must be EXR, TGA, PFM"),
     ('Texture "x" "color" "imagemap" "string filename" "bad.exr"', 1, "cannot read"),
     ('Texture "x" "color" "imagemap" "string mapping" "planar"', 1, "mapping must be uv"),
     ('Texture "x" "color" "imagemap" "string wrap" "mirror"', 1, "wrap must be repeat, black or clamp"),

@@ -1,0 +1,117 @@
+"""Reader of image files: EXR, and by OpenImageIO PNG, JPG, TGA, HDR and PFM."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from dmis.base.atomic_files import check_package
+from dmis.base.vectors import Array
+from dmis.image import check_size, read_exr, srgb_to_linear
+
+IMAGE_SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".tga", ".hdr", ".pfm")
+"""Extensions of the image files that are read."""
+_SIGNATURES = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"#?": ".hdr", b"PF": ".pfm", b"Pf": ".pfm"}
+"""First bytes of a file of each format; TGA files have none, so that their extension names them."""
+
+
+def load_image(path: str | os.PathLike[str], *, linear: bool = False, alpha: bool = False) -> Array:
+    """Read an EXR, PNG, JPG, TGA, HDR or PFM file as linear values.
+
+    Whole numbers (PNG, JPG and TGA of 8 bits, PNG of 16) become [0, 1] and are decoded from sRGB; floating-point
+    numbers (EXR, HDR, PFM) are linear already, and taken as they are.
+
+    Parameters
+    ----------
+    path
+        The file; its first bytes tell its format, but that of a TGA file. Formats other than EXR need the package
+        OpenImageIO, ``pip install 'dmis[images]'``.
+    linear
+        Whether whole numbers are data, such as roughness, which the sRGB curve is not applied to.
+    alpha
+        Whether a last channel, of opacity, is kept as it is; it is 1 where the file has none. Default: dropped.
+
+    Returns
+    -------
+    image
+        ``(H, W, 1)`` or ``(H, W, 3)`` float32, with `alpha` a channel more, row 0 on top.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file is of another format, too large or damaged, or if OpenImageIO is needed and missing.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such image: {path}")
+    with path.open("rb") as file:
+        is_exr = file.read(4) == b"\x76\x2f\x31\x01"
+    if is_exr or path.suffix.lower() == ".exr":
+        return _opacity(_exr(path), alpha)
+    return decode_image(path.read_bytes(), str(path), linear=linear, alpha=alpha)
+
+
+def decode_image(data: bytes, name: str, *, linear: bool = False, alpha: bool = False) -> Array:
+    """Return the image of the bytes of a file that is not EXR; `name` is for messages. See `load_image`."""
+    tga = ".tga" if name.lower().endswith(".tga") else None
+    suffix = next((suffix for signature, suffix in _SIGNATURES.items() if data.startswith(signature)), tga)
+    if suffix is None:
+        raise ValueError(f"an image must be EXR, PNG, JPG, TGA, HDR or PFM; {name} begins with {data[:8]!r}")
+    check_package("OpenImageIO", f"reading {suffix[1:].upper()}", "pip install 'dmis[images]', or convert it to EXR")
+    try:
+        pixels = _decode(data, suffix)
+    except (RuntimeError, ValueError) as error:
+        raise ValueError(f"cannot read {name} as {suffix[1:].upper()}: {' '.join(str(error).split())}") from error
+    if pixels.dtype.kind == "f":
+        return _opacity(pixels.astype(np.float32, copy=False), alpha)
+    steps = np.arange(np.iinfo(pixels.dtype).max + 1) / np.iinfo(pixels.dtype).max
+    curve = (steps if linear else srgb_to_linear(steps)).astype(np.float32)
+    if pixels.shape[2] in (1, 3) or not alpha:
+        return _opacity(curve[pixels[..., : 3 if pixels.shape[2] > 2 else 1]], alpha)
+    return np.concatenate([curve[pixels[..., :-1]], steps.astype(np.float32)[pixels[..., -1:]]], axis=2)
+
+
+def _decode(data: bytes, suffix: str) -> np.ndarray:
+    """Return the pixels ``(H, W, 1 to 4)`` as the file has them, integers or floating-point numbers."""
+    import OpenImageIO
+
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"image{suffix}"  # it reads files only, and takes a ? in a name for an option
+        file.write_bytes(data)
+        image = OpenImageIO.ImageInput.open(str(file), config)
+        if image is None:
+            raise ValueError(OpenImageIO.geterror().replace(str(file), "the file") or "it is damaged")
+        about = image.spec()
+        check_size(about.width, about.height, about.nchannels)
+        pixels = image.read_image(0, 0, 0, min(about.nchannels, 4), about.format)
+        if image.has_error or pixels is None:  # also where the end of the file is missing
+            raise ValueError(image.geterror().replace(str(file), "the file") or "it is damaged")
+        image.close()
+    if not np.isfinite(pixels).all():
+        raise ValueError("its values must be finite")
+    return pixels
+
+
+def _exr(path: Path) -> Array:
+    """Return the channels R, G and B of an EXR file, ``(H, W, 3)``, or Y, ``(H, W, 1)``."""
+    layers, _ = read_exr(path)
+    if "RGB" in layers:
+        return layers["RGB"]
+    if "Y" not in layers:
+        raise ValueError(f"image {path} must have the channels R, G, B or Y; it has {', '.join(layers)}")
+    return layers["Y"][..., None]
+
+
+def _opacity(image: Array, alpha: bool) -> Array:
+    """Return an image of colours or grey with the channel of opacity that is asked for, or without the one it has."""
+    colours = image[..., : 3 if image.shape[2] > 2 else 1]
+    if not alpha or image.shape[2] in (2, 4):
+        return image if alpha else np.ascontiguousarray(colours)
+    return np.concatenate([colours, np.ones((*image.shape[:2], 1), np.float32)], axis=2)
