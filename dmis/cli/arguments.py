@@ -121,7 +121,7 @@ SCENE = {
     "--resolution": _option("pixels (default: as the scene says)", resolution, metavar="WxH"),
     "--dialect": _option("version of pbrt files (default: recognised by their words)", choices=("v2", "v3", "v4")),
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
-    "--up": _option("axis of a mesh file that is up (default: z; GLB: y)", choices=("y", "z")),
+    "--up": _option("axis of a mesh file that is up (default: y; PLY and STL: z)", choices=("y", "z")),
 }
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say")}
 WORKERS, SEED = _whole(MAX_WORKERS), _whole(2**63, 0)

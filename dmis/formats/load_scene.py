@@ -18,8 +18,11 @@ import numpy as np
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
-from dmis.geometry.mesh import Mesh, without_degenerate
-from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes, read_mesh
+from dmis.formats.model import DEFAULT_MATERIAL, Model
+from dmis.formats.obj import read_obj_materials
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes, read_mesh, reading
+from dmis.geometry.wavefront import read_obj
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import AreaLight, Light
@@ -64,18 +67,18 @@ def load_scene(
     camera
         Default: looks down at the whole mesh from an oblique angle, 640x480, with `up`.
     lights
-        Area lights also get a visible surface that blocks light and reflects none. Default: an even sky and a
-        square lamp behind the camera, to the upper left, see `default_lights`.
+        Area lights also get a visible surface that blocks light and reflects none. Default: those of the file, else an
+        even sky and a square lamp behind the camera, to the upper left, see `default_lights`. Surfaces of a file that
+        emit do so in any case.
     material
-        One for all, or, for a trimesh scene, by the names of its geometries. Default: matte grey, with a warning that
-        names the materials, textures, colours and lights of a mesh file, which are not read.
+        One for all, or a dict of them by name: of the file's materials, the others being the file's, or of the
+        geometries of a trimesh scene. Default: those of an OBJ file, see `dmis.formats.obj`, else matte grey.
     dialect
         Dialect of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: detected from the words of the file.
     outside
-        Whether a pbrt file may name files outside of its folder.
+        Whether a file may name files outside of its folder.
     up
-        Axis of a mesh that is up for the default camera, ``y`` or ``z``. Default: y in a GLB file, as glTF has it, else
-        z.
+        Axis of a mesh that is up for the default camera, ``y`` or ``z``. Default: y in GLB and OBJ files, else z.
 
     Raises
     ------
@@ -88,8 +91,8 @@ def load_scene(
     Warns
     -----
     SceneWarning
-        If a mesh file holds materials and none is given, or triangles without area, or an image is to be on a mesh
-        without texture coordinates. `dmis.formats.pbrt.notes.PbrtWarning` is one of these.
+        If something of a mesh file is left out and no material is given, or it holds triangles without area, or an
+        image is to be on a mesh without texture coordinates. `dmis.formats.pbrt.notes.PbrtWarning` is one of these.
     """
     if (path := _pbrt_file(source)) is not None:
         for name, value in (("camera", camera), ("lights", lights), ("material", material), ("up", up)):
@@ -100,46 +103,73 @@ def load_scene(
         return read_pbrt(path, resolution, dialect=dialect, outside=outside)
     if up not in (None, "y", "z"):
         raise ValueError(f"up must be y or z, the axis of the default camera; got {up!r}")
-    return _mesh_scene(source, resolution, camera, lights, material, up)
+    return _mesh_scene(source, resolution, camera, lights, material, up, outside)
 
 
-def _mesh_scene(source: Any, resolution: Any, camera: Camera | None, lights: Any, material: Any, up: Any) -> Scene:
+def _mesh_scene(source: Any, resolution: Any, camera: Any, lights: Any, material: Any, up: Any, outside: bool) -> Scene:
     """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
-    named, title, file_up, unread = _named_meshes(source, material)
-    parts = [Part(mesh, _material_of(name, material)) for name, mesh in named]
-    bounds = np.array([mesh.bounds for _, mesh in named])
+    if isinstance(source, str | os.PathLike):
+        model = _read_file(Path(source), outside)
+        parts, name = _with_materials(model, material), model.path.stem
+    else:
+        model = Model(Path())
+        named = [("", source)] if isinstance(source, Mesh) else _trimeshes(source)
+        parts, name = [Part(mesh, _material_of(geometry, material)) for geometry, mesh in named], "scene"
+    if model.flat:
+        total = model.flat + sum(part.mesh.triangles for part in parts)
+        text = f"{model.path}: {model.flat:,} of {total:,} triangles have no area and are left out"
+        warnings.warn(SceneWarning(text), stacklevel=3)
+    unread = model.summaries()
+    if unread and material is None:
+        warnings.warn(SceneWarning(f"{model.path}: left out: {', '.join(unread)}"), stacklevel=3)  # of load_scene
+    bounds = np.array([part.mesh.bounds for part in parts])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     if camera is None:
-        camera = _look_at_all(low, high, up or file_up)
+        camera = _look_at_all(low, high, up or _UP.get(model.path.suffix.lower(), "z"))
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
     if lights is None:
-        lights = default_lights(camera, low, high)
-    parts += [light_part(light) for light in lights if light.mesh() is not None]
-    return Scene(camera, tuple(parts), tuple(lights), title, source={"unread": list(unread)} if unread else {})
+        lights = model.lights or default_lights(camera, low, high)
+    else:
+        lights = [*lights, *(part.light for part in parts if part.light is not None)]
+    of_parts = {id(part.light) for part in parts}
+    parts += [light_part(light) for light in lights if light.mesh() is not None and id(light) not in of_parts]
+    return Scene(camera, tuple(parts), tuple(lights), name, source={"unread": list(unread)} if unread else {})
 
 
-def _named_meshes(source: Any, material: Any) -> tuple[list[tuple[str, Mesh]], str, str, tuple[str, ...]]:
-    """Return named meshes of a file or an object, the scene's name, the axis that is up, and what is not read."""
-    if isinstance(source, Mesh):
-        return [("", source)], "scene", "z", ()
-    if not isinstance(source, str | os.PathLike):
-        return _trimeshes(source), "scene", "z", ()
-    path = Path(source)
-    if isinstance(material, Mapping):
+_UP = {".glb": "y", ".obj": "y"}
+"""Axis that is up in files of a format; z in others."""
+
+
+def _read_file(path: Path, outside: bool) -> Model:
+    """Return the contents of a mesh file."""
+    model = Model(path, outside)
+    if path.suffix.lower() == ".obj":
+        with reading(path) as data:
+            read_obj_materials(read_obj(data), model)
+    else:
+        mesh, unread = read_mesh(path)
+        model.unread.update(unread)
+        if (mesh_with_area := model.drop_flat(mesh)) is not None:
+            model.add(mesh_with_area)
+    if not model.parts:
         raise ValueError(
-            f"material must be one Material for {path}, because the geometries of a file are joined; "
-            f"load_scene(trimesh.load(...)) takes one for each name"
+            f"{path}: mesh must have a triangle with an area, because no ray hits others; got {model.flat} without"
         )
-    mesh, unread = read_mesh(path)
-    mesh, dropped = without_degenerate(mesh)
-    if dropped:
-        text = f"{path}: {dropped:,} of {dropped + mesh.triangles:,} triangles have no area and are left out"
-        warnings.warn(SceneWarning(text), stacklevel=4)
-    if unread and material is None:
-        text = f"{path}: {', '.join(unread)} ignored, all is matte grey; give load_scene a material"
-        warnings.warn(SceneWarning(text), stacklevel=4)  # the caller of load_scene
-    return [("", mesh)], path.stem, "y" if path.suffix.lower() == ".glb" else "z", unread
+    return model
+
+
+def _with_materials(model: Model, material: Any) -> list[Part]:
+    """Return the parts of a file with a caller's material, one for all or by the names of the file's."""
+    if material is None:
+        return model.parts
+    if not isinstance(material, Mapping):
+        return [replace(part, material=_material_of("", material)) for part in model.parts]
+    names = sorted({part.material.name for part in model.parts})
+    for name in material:
+        if name not in names:
+            raise ValueError(f"material must have names of materials in {model.path}: {names}; got {name!r}")
+    return [replace(part, material=material.get(part.material.name, part.material)) for part in model.parts]
 
 
 def light_part(light: AreaLight) -> Part:
@@ -177,16 +207,13 @@ def _trimeshes(source: Any) -> list[tuple[str, Mesh]]:
 def _material_of(name: str, material: Any) -> Material:
     """Return the material of the geometry `name`."""
     if material is None or isinstance(material, Material):
-        return material or _DEFAULT
+        return material or DEFAULT_MATERIAL
     if not isinstance(material, Mapping):
         raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
     if name not in material:
         names = ", ".join(map(repr, material)) or "none"
         raise ValueError(f"material must have an entry for the geometry {name!r}; given are: {names}")
     return material[name]
-
-
-_DEFAULT = matte()
 
 
 def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:

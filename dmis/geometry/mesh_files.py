@@ -7,6 +7,8 @@ import json
 import os
 import re
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,31 +88,36 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     return read_mesh(path, smooth)[0]
 
 
-def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple[Mesh, tuple[str, ...]]:
-    """Read a mesh file, see `load_mesh`, and return summaries of its ignored contents: "3 materials"."""
+def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple[Mesh, dict[str, int]]:
+    """Read a mesh file, see `load_mesh`, and return numbers of what is not read of a PLY file: materials, textures."""
     path = Path(path)
+    suffix = path.suffix.lower()
+    with reading(path) as data:
+        mesh = wavefront.read_obj(data).mesh() if suffix == ".obj" else _load(data, suffix)
+        unread = _unread(suffix, data)
+    if smooth is None or smooth == (mesh.normals is not None):
+        return mesh, unread
+    normals = None
+    if smooth:
+        same = weld(mesh.vertices)
+        normals = vertex_normals(mesh.vertices, same[mesh.faces])[same]
+    return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv), unread
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[bytes]:
+    """Give the bytes of a mesh file; errors of the block become a ValueError that names the file."""
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(f"mesh file {path} must have one of the extensions {' '.join(MESH_SUFFIXES)}; got {suffix!r}")
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
     try:
-        data = path.read_bytes()
-        if suffix == ".obj":
-            mesh, unread = wavefront.read_obj(data)
-        else:
-            mesh, unread = _load(data, suffix), _unread(suffix, data)
+        yield path.read_bytes()
     except Exception as error:  # trimesh's readers let errors of any type through
         damaged = "it is empty, damaged, or of a form that is not read; export it again"
         reason = str(error) if type(error) is ValueError else damaged
         raise ValueError(f"mesh file {path} cannot be read as {suffix[1:].upper()}: {reason}") from error
-    if smooth is None or smooth == (mesh.normals is not None):
-        return mesh, _summaries(unread)
-    normals = None
-    if smooth:
-        same = weld(mesh.vertices)
-        normals = vertex_normals(mesh.vertices, same[mesh.faces])[same]
-    return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv), _summaries(unread)
 
 
 def _load(data: bytes, suffix: str) -> Mesh:
@@ -174,21 +181,15 @@ def _check_ply(header: str, body: bytes) -> None:
 
 
 def _unread(suffix: str, data: bytes) -> dict[str, int]:
-    """Return the numbers of materials, textures and lights of a GLB, PLY or STL file, and of colours."""
+    """Return the numbers of materials, textures and lights of a GLB or PLY file, and whether it has colours."""
     if suffix == ".glb":
         gltf = _glb_json(data)
         lights = gltf.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
         numbers = {kind: len(gltf.get(f"{kind}s", [])) for kind in ("material", "texture")}
-        return numbers | {"light": len(lights), "colour": json.dumps(gltf).count('"COLOR_0"')}
+        return numbers | {"light": len(lights), "vertex colours": json.dumps(gltf).count('"COLOR_0"')}
     header = data[: data.find(b"end_header")] if suffix == ".ply" else b""
     numbers = {"material": header.count(b"element material"), "texture": header.count(b"comment TextureFile")}
-    return numbers | {"colour": len(re.findall(rb"property \w+ (?:diffuse_)?red\s", header))}
-
-
-def _summaries(numbers: dict[str, int]) -> tuple[str, ...]:
-    """Return the number of things of each kind with at least one, "3 materials"; of colours their name only."""
-    texts = {kind: f"{number} {kind}{'s' if number > 1 else ''}" for kind, number in numbers.items() if number}
-    return tuple("colours" if kind == "colour" else text for kind, text in texts.items())
+    return numbers | {"vertex colours": len(re.findall(rb"property \w+ (?:diffuse_)?red\s", header))}
 
 
 def _check_glb(data: bytes) -> None:

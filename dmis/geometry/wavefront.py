@@ -1,13 +1,15 @@
 """Reader of Wavefront OBJ files: positions, texture coordinates, normals, polygons and names of materials.
 
-`read_obj` reads the statements ``v``, ``vt``, ``vn``, ``f`` and ``usemtl``, and refuses those that make other surfaces
-or read other files; all others, such as ``o`` and ``s``, do not change the triangles. Source: Wavefront Technologies,
-*Advanced Visualizer Manual*, appendix B1.
+`read_obj` reads the statements ``v``, ``vt``, ``vn``, ``f``, ``usemtl`` and ``mtllib``, and refuses those that make
+other surfaces or read other geometry; all others, such as ``o`` and ``s``, do not change the triangles. Source:
+Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,13 +26,49 @@ _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
 """Statements that are refused, because they make surfaces or read other files."""
 
 
-def read_obj(data: bytes) -> tuple[Mesh, dict[str, int]]:
-    """Return the triangles of the bytes of an OBJ file, and what is not read of it.
+@dataclass(frozen=True, eq=False)
+class Wavefront:
+    """Triangles of an OBJ file.
 
-    A polygon is a fan about its first corner. If some faces have normals, the others have their geometric normal; if
-    some have texture coordinates, those of the others are 0. Not read are the names after ``usemtl``, whose number is
-    ``material``, and ``colour``: whether vertices have one. A ValueError if it is not text, has no faces, or a line
-    cannot be read; the message begins with the line's number.
+    Attributes
+    ----------
+    tables
+        Positions ``(N, 3)``, texture coordinates ``(N, 2)`` and normals ``(N, 3)``.
+    corners
+        Indices into the tables of the three corners of each triangle, ``(F, 3, 3)``; -1 if absent.
+    material
+        Index into `names` of each triangle's material, ``(F,)``.
+    names
+        Names of materials; the first is "", that of triangles above any ``usemtl``.
+    libraries
+        What follows ``mtllib``: names of files with the materials.
+    coloured
+        Whether vertices have a colour, which is not read.
+    """
+
+    tables: tuple[Floats, Floats, Floats]
+    corners: Ints
+    material: Ints
+    names: tuple[str, ...]
+    libraries: tuple[str, ...]
+    coloured: bool
+
+    def mesh(self) -> Mesh:
+        """Return the mesh of all triangles."""
+        return _mesh(self.tables, self.corners.copy())
+
+    def meshes(self) -> Iterator[tuple[str, Mesh]]:
+        """Yield the mesh of each material that has triangles, with its name."""
+        for number in np.unique(self.material):
+            yield self.names[number], _mesh(self.tables, self.corners[self.material == number])
+
+
+def read_obj(data: bytes) -> Wavefront:
+    """Return the triangles of the bytes of an OBJ file.
+
+    A polygon is a fan about its first corner. If some faces of a mesh have normals, the others have their geometric
+    normal; if some have texture coordinates, those of the others are 0. A ValueError if the file is not text, has no
+    faces, or a line cannot be read; the message begins with the line's number.
     """
     lines = _lines(data)
     heads = np.array([(line.lstrip()[:8].split() or [""])[0] for line in lines])
@@ -38,9 +76,14 @@ def read_obj(data: bytes) -> tuple[Mesh, dict[str, int]]:
         raise _fault(lines, int(np.argmax(unread)), "is not supported; export triangles, to one file")
     positions, coloured = _numbers(lines, heads, "v", 3, 3)
     tables = positions, _numbers(lines, heads, "vt", 1, 2)[0], _numbers(lines, heads, "vn", 3, 3)[0]
-    corners, sides = _corners(lines, heads)
-    names = {" ".join(lines[k].split()[1:]) for k in np.flatnonzero(heads == "usemtl")} - {""}
-    return _mesh(tables, corners[_fans(sides)]), {"material": len(names), "colour": int(coloured)}
+    corners, sides, rows = _corners(lines, heads)
+    uses = np.flatnonzero(heads == "usemtl")
+    used = ["", *(" ".join(lines[k].split()[1:]) for k in uses)]
+    names = {name: number for number, name in enumerate(dict.fromkeys(used))}
+    material = np.array([names[name] for name in used])[np.searchsorted(uses, rows)]
+    libraries = tuple(dict.fromkeys(" ".join(lines[k].split()[1:]) for k in np.flatnonzero(heads == "mtllib")))
+    corners, material = corners[_fans(sides)], np.repeat(material, sides - 2)
+    return Wavefront(tables, corners, material, tuple(names), libraries, coloured)
 
 
 def _lines(data: bytes) -> list[str]:
@@ -77,8 +120,9 @@ def _numbers(lines: list[str], heads: Any, word: str, least: int, columns: int) 
     return flat[np.where(np.arange(columns) < counts[:, None], place, -1)], bool((counts >= 6).any())
 
 
-def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints]:
-    """Return the indices of the corners of all faces into the tables of v, vt and vn, (C, 3), and the faces' sides.
+def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints, Ints]:
+    """Return the indices of the corners of all faces into the tables of v, vt and vn, (C, 3); and the faces' numbers of
+    sides and rows.
 
     Indices count from 0; -1 stands for one that a corner of the face lacks, or whose table is empty. A negative index
     of the file counts back from the face's line: -1 is the last one above.
@@ -111,7 +155,7 @@ def _corners(lines: list[str], heads: Any) -> tuple[Ints, Ints]:
             raise _fault(lines, row[k], f"has the {what} {index[k]}, but there are {there}")
         corners[:, j] = np.where(index == _ABSENT, -1, absolute)
     whole = np.logical_and.reduceat(corners >= 0, np.cumsum(sides) - sides)
-    return np.where(np.repeat(whole, sides, axis=0), corners, -1), sides
+    return np.where(np.repeat(whole, sides, axis=0), corners, -1), sides, np.fromiter(faces, np.int64)
 
 
 def _fans(sides: Ints) -> Ints:

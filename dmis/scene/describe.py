@@ -51,7 +51,7 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         lines.append("  nothing to mix: no light can be reached by two techniques, so rules learn no shares")
     if unread:
         lines.append(f"  not read from the file: {', '.join(unread)}")
-    lines.append(f"  left out: {'; '.join(_left_out(plan, unread)) or 'nothing'}")
+    lines.append(f"  left out: {'; '.join(_left_out(plan)) or 'nothing'}")
     return "\n".join(lines)
 
 
@@ -95,7 +95,7 @@ def _sampling(plan: Plan, group: Group) -> str:
     return "; ".join(ways) or "no light: no samples"
 
 
-def _left_out(plan: Plan, unread: Sequence[str]) -> Iterator[str]:
+def _left_out(plan: Plan) -> Iterator[str]:
     """Yield what the plan leaves out, and why."""
     if plan.removed_lights:
         yield f"{_count(plan.removed_lights, 'light')} that emit{'s' * (plan.removed_lights == 1)} nothing"
@@ -107,8 +107,7 @@ def _left_out(plan: Plan, unread: Sequence[str]) -> Iterator[str]:
     needs.append(("mirrored and refracted rays", any(group.delta for group in plan.groups)))
     unneeded = [name for name, needed in needs if not needed]
     if unneeded:
-        why = "nothing needs them" if not unread else "the materials in place of the file's do not need them"
-        yield f"{', '.join(unneeded)}, because {why}"
+        yield f"{', '.join(unneeded)}, because nothing needs them"
 
 
 def _count(number: int, noun: str) -> str:

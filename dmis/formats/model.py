@@ -1,0 +1,101 @@
+"""What the readers of models share: the contents of a file, and the files that it names."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmis.brdf.materials import Material, matte
+from dmis.geometry.mesh import Mesh, without_degenerate
+from dmis.light.light import Light
+from dmis.light.mesh_light import MeshLight
+from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+
+DEFAULT_MATERIAL = matte()
+
+
+@dataclass
+class Model:
+    """The contents of a file of a model.
+
+    Attributes
+    ----------
+    path
+        The file.
+    outside
+        Whether it may name files outside of its folder.
+    parts, lights
+        Those of a scene; a light with a surface is that of a part, too.
+    cameras
+        By name.
+    unread
+        Numbers of things that are left out, by kind: ``{"normal map": 2}``.
+    flat
+        Number of triangles without area, which are left out.
+    """
+
+    path: Path
+    outside: bool = False
+    parts: list[Part] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
+    cameras: dict[str, Camera] = field(default_factory=dict)
+    unread: Counter[str] = field(default_factory=Counter)
+    flat: int = 0
+
+    def add(self, mesh: Mesh, material: Material = DEFAULT_MATERIAL, light: MeshLight | None = None) -> None:
+        """Add a mesh with its material, and the light of its triangles; those without area are left out."""
+        self.parts.append(Part(mesh, material, light))
+        if light is not None:
+            self.lights.append(light)
+
+    def drop_flat(self, mesh: Mesh) -> Mesh | None:
+        """Return a mesh without its triangles that have no area, which are counted; None if all are such."""
+        try:
+            mesh, dropped = without_degenerate(mesh)
+        except ValueError:
+            self.flat += mesh.triangles
+            return None
+        self.flat += dropped
+        return mesh
+
+    def file(self, name: str) -> Path | None:
+        """Return the path of a file that this one names; None if there is none, which is counted as left out.
+
+        Raises a ValueError if it is outside of the folder of the model, unless that is allowed.
+        """
+        name = name.strip().replace("\\", "/")
+        folder = self.path.parent
+        path = folder / name
+        try:
+            missing = "\0" in name or not path.is_file()
+        except OSError:  # a name that is too long
+            missing = True
+        if missing:
+            self.unread[f"missing file {name[-60:]!r}"] += 1
+            return None
+        if not self.outside and not path.resolve().is_relative_to(folder.resolve()):
+            raise ValueError(
+                f"the file {name!r} is outside of the folder {folder}, which a model must not reach unless that is "
+                "allowed (outside=True, --allow-outside)"
+            )
+        return path
+
+    def summaries(self) -> tuple[str, ...]:
+        """Return what is left out in words: "2 normal maps"."""
+        return tuple(
+            kind
+            if kind.endswith(("'", "colours"))
+            else f"{number} {kind}"
+            if number == 1
+            else f"{number} {_plural(kind)}"
+            for kind, number in self.unread.items()
+            if number
+        )
+
+
+def _plural(kind: str) -> str:
+    """Return the plural of a kind of things: that of its first noun, "materials without a definition"."""
+    head, middle, rest = kind.partition(" without" if " without" in kind else " of ")
+    return f"{head}s{middle}{rest}"

@@ -1,0 +1,141 @@
+"""Materials of OBJ files: the statements ``Kd Ks Ns Ke d Tr map_Kd`` of MTL files.
+
+`Kd` is the reflectance of a matte surface, which ``map_Kd``, an image, multiplies. With `Ks` it has a coat of index
+1.5, times `Ks`, whose Blinn exponent is `Ns`; a black one with `Ks` is a metal of reflectance `Ks`. `Ke` is the
+radiance that the triangles emit on the side of their normal. A share ``1 - d`` (`Tr`) of light goes straight through.
+Ambient colours, ``illum`` and ``Ni`` are no part of this and are ignored; other statements are named as left out.
+Source: Wavefront Technologies, *Advanced Visualizer Manual*, MTL material format.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmis.brdf.cosines import MAX_LOBE_EXPONENT
+from dmis.brdf.materials import Material, matte, plastic, shiny_metal, uber
+from dmis.brdf.texture import Image, scale
+from dmis.formats.model import Model
+from dmis.geometry.mesh import Mesh
+from dmis.geometry.wavefront import Wavefront
+from dmis.light.mesh_light import MeshLight
+
+READ = "Kd", "Ks", "Ns", "Ke", "d", "Tr", "map_Kd"
+"""Statements of MTL files that are read."""
+IGNORED = "Ka", "map_Ka", "illum", "Ni", "sharpness", "Tf"
+"""Statements that say nothing about the light of a scene here."""
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+Statements = dict[str, tuple[int, str]]
+"""The line and the argument of each statement of a material."""
+
+
+def read_obj_materials(obj: Wavefront, model: Model) -> None:
+    """Add the triangles of an OBJ file to a model, with the materials of the MTL files that it names."""
+    materials: dict[str, tuple[Path, Statements]] = {}
+    for names in obj.libraries:
+        # one name with spaces, or several
+        several = [] if (model.path.parent / names).is_file() else names.split()
+        for name in several or [names]:
+            if (path := model.file(name)) is not None:
+                materials |= {material: (path, said) for material, said in _read_mtl(path).items()}
+    model.unread["vertex colours"] += obj.coloured
+    images: dict[str, Image | None] = {}
+    for name, flat in obj.meshes():
+        if (mesh := model.drop_flat(flat)) is None:
+            continue
+        if name not in materials:
+            model.unread["material without a definition"] += bool(name)
+            model.add(mesh)
+            continue
+        path, said = materials[name]
+        try:
+            _add(name, said, mesh, model, images)
+        except _LineError as error:
+            raise ValueError(f"material file {path}, {error}") from error
+
+
+class _LineError(ValueError):
+    """A statement that cannot be read, with its line."""
+
+
+def _read_mtl(path: Path) -> dict[str, Statements]:
+    """Return the statements of each material of an MTL file; of those with one name the last one counts."""
+    materials: dict[str, Statements] = {}
+    said: Statements = {}
+    for number, line in enumerate(path.read_text("utf-8", "replace").splitlines(), 1):
+        word, _, argument = " ".join(line.split()).partition(" ")
+        if word == "newmtl":
+            said = materials[argument] = {}
+        elif word and not word.startswith("#"):
+            said[word] = number, argument
+    return materials
+
+
+def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[str, Image | None]) -> None:
+    """Add triangles with the material `name` to a model."""
+    for word in said:
+        model.unread[f"{word} of a material"] += word not in (*READ, *IGNORED)
+    kd: Any = _colour(said, "Kd", 0.5 if "map_Kd" not in said else 1.0)
+    if "map_Kd" in said:
+        image = _image(*said["map_Kd"], model, images)
+        kd = kd if image is None else scale(kd if any(kd) else 1.0, image)
+    ks, emission = _colour(said, "Ks", 0.0), _colour(said, "Ke", 0.0, np.inf)
+    opacity = 1 - _number(said, "Tr", 0.0, 0, 1) if "Tr" in said else _number(said, "d", 1.0, 0, 1)
+    roughness = 1 / min(max(_number(said, "Ns", 10.0, 0, np.inf), 1), MAX_LOBE_EXPONENT)
+    if opacity < 1:
+        material = uber(kd, ks, roughness=roughness, opacity=opacity)
+    elif not any(ks):
+        material = matte(kd)
+    elif isinstance(kd, Image) or any(kd):
+        material = plastic(kd, ks, roughness)
+    else:
+        material = shiny_metal(ks, 0.0, roughness)
+    light = MeshLight(mesh.vertices, mesh.faces, emission) if any(emission) else None
+    model.add(mesh, Material(material.lobes, name), light)
+
+
+def _number(said: Statements, word: str, default: float, least: float, most: float) -> float:
+    """Return the number of a statement."""
+    number, argument = said.get(word, (0, str(default)))
+    words = argument.split()
+    words = words[1:] if words[:1] == ["-halo"] else words
+    if len(words) != 1 or not _NUMBER.fullmatch(words[0]) or not least <= float(words[0]) <= most:
+        raise _LineError(f"line {number}: {word} must be a number from {least} to {most}; got {argument[:60]!r}")
+    return float(words[0])
+
+
+def _colour(said: Statements, word: str, default: float, most: float = 1.0) -> tuple[float, float, float]:
+    """Return the colour of a statement: three numbers, or one for all channels."""
+    number, argument = said.get(word, (0, str(default)))
+    words = argument.split()
+    fits = len(words) in (1, 3) and all(map(_NUMBER.fullmatch, words))
+    if not fits or not all(0 <= float(x) <= most and np.isfinite(float(x)) for x in words):
+        raise _LineError(f"line {number}: {word} must be one or three numbers from 0 to {most}; got {argument[:60]!r}")
+    r, g, b = (float(words[k % len(words)]) for k in range(3))
+    return r, g, b
+
+
+def _image(number: int, argument: str, model: Model, images: dict[str, Image | None]) -> Image | None:
+    """Return the image of ``map_Kd``; its options ``-s`` and ``-o`` place it, others are named as left out."""
+    words, options = argument.split(" "), {"-s": [1.0, 1.0], "-o": [0.0, 0.0]}
+    while len(words) > 1 and words[0].startswith("-"):
+        name = words.pop(0)
+        values = []
+        while len(words) > 1 and (_NUMBER.fullmatch(words[0]) or words[0] in ("on", "off", "")):
+            values.append(words.pop(0))
+        given = [float(x) for x in values if _NUMBER.fullmatch(x)]
+        options[name] = [*given, *options.get(name, [])[len(given) :]]
+        model.unread[f"{name} of map_Kd"] += name not in ("-s", "-o")
+    file = " ".join(words)
+    if file not in images:
+        path = model.file(file)
+        images[file] = None if path is None else Image(path)
+    image, (s, t, *_), (u, v, *_) = images[file], options["-s"], options["-o"]
+    try:
+        return None if image is None else replace(image, scale=(s, t), offset=(u, v))
+    except ValueError as error:
+        raise _LineError(f"line {number}: {error}") from error

@@ -1,0 +1,134 @@
+"""OBJ files with their MTL files: which material each triangle gets, and what is named as left out."""
+
+import re
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.brdf.diffuse import Lambert
+from dmis.brdf.fresnel import Conductor
+from dmis.brdf.microfacet import Microfacet
+from dmis.brdf.specular import SpecularTransmission
+from dmis.image import write_exr
+from dmis.scene.scene import SceneWarning
+
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 0 -1\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+FACE = "f 1/1 2/2 3/3\n"
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(mtl, obj="usemtl a\n" + FACE, name="a.mtl", **options):
+        (tmp_path / name).write_text(mtl)
+        (tmp_path / "a.obj").write_text(f"mtllib {name}\n{CORNERS}{obj}")
+        return dmis.load_scene(tmp_path / "a.obj", (8, 8), **options)
+
+    return load
+
+
+def lobes(scene, part=0):
+    return scene.parts[part].material.lobes
+
+
+def test_each_material_is_a_part(load):
+    """Triangles of one name are one part, wherever they stand; those without a name are grey."""
+    mtl = "newmtl a\nKd 1 0 0\nKa 1 1 1\nillum 2\nnewmtl b c\nKd 0 .5 0\n"
+    scene = load(mtl, f"{FACE}usemtl b c\n{FACE}usemtl a\n{FACE}usemtl  b  c\n{FACE}")
+    names = {part.material.name: (part.mesh.triangles, part.material.lobes[0].reflectance) for part in scene.parts[:3]}
+    assert names == {"matte": (1, 0.5), "b c": (2, (0, 0.5, 0)), "a": (1, (1, 0, 0))}
+    assert scene.source == {}
+
+
+def test_coats_and_metals(load):
+    diffuse, coat = lobes(load("newmtl a\nKd .5 .4 .3\nKs .5 .5 .5\nNs 40\n"))
+    assert isinstance(diffuse, Lambert) and diffuse.reflectance == (0.5, 0.4, 0.3)
+    assert isinstance(coat, Microfacet) and coat.distribution.exponent == pytest.approx(40)
+    assert (coat.reflectance, coat.fresnel.eta) == ((0.5, 0.5, 0.5), 1.5)
+    (metal,) = lobes(load("newmtl a\nKd 0 0 0\nKs .9 .6 .2\nNs 1000\n"))
+    assert isinstance(metal.fresnel, Conductor) and metal.distribution.exponent == pytest.approx(1000)
+    np.testing.assert_allclose(metal.fresnel(np.ones(1, np.float32))[:, 0], [0.9, 0.6, 0.2], rtol=1e-5)
+
+
+@pytest.mark.parametrize("statement", ["d 0.25", "Tr 0.75", "d -halo 0.25"])
+def test_opacity(load, statement):
+    clear, diffuse = lobes(load(f"newmtl a\nKd .8\n{statement}\n"))
+    assert isinstance(clear, SpecularTransmission) and clear.transmittance == (0.75,)
+    np.testing.assert_allclose(diffuse.reflectance, [0.2] * 3)
+
+
+def test_images(load, tmp_path):
+    """The bottom row is at v = 0, Kd multiplies it, and -s and -o place it; a black Kd is an exporter's habit."""
+    texels = np.random.default_rng(1).random((2, 3, 3), np.float32)
+    (tmp_path / "sub").mkdir()
+    write_exr(tmp_path / "sub/my wood.exr", {"RGB": texels})
+    for kd, factor in (("", 1), ("Kd 0 0 0", 1), ("Kd 1 .5 .25", [1, 0.5, 0.25])):
+        (lobe,) = lobes(load(f"newmtl a\n{kd}\nmap_Kd -s 2 3 1 -o .5 sub\\my wood.exr\n"))
+        np.testing.assert_allclose(lobe.reflectance.texels, texels[::-1] * factor, rtol=1e-6)
+        assert (lobe.reflectance.scale, lobe.reflectance.offset) == ((2, 3), (0.5, 0))
+
+
+def test_lamps(load):
+    """Triangles that emit are lights; the default sky is for models without any."""
+    scene = load("newmtl a\nKd 0\nKe 2 3 4\n", f"{FACE}usemtl a\n{FACE}")
+    (light,) = scene.lights
+    assert light.radiance == (2, 3, 4) and [part.light for part in scene.parts] == [None, light]
+    sky = dmis.EnvironmentLight(np.ones((1, 2, 3)))
+    assert load("newmtl a\nKe 2\n", lights=[sky]).lights[0] is sky and len(load("newmtl a\nKe 2\n").lights) == 1
+
+
+def test_materials_by_name(load):
+    red = dmis.matte((1, 0, 0))
+    scene = load("newmtl a\nKd .2\nnewmtl b\nKd .4\n", f"usemtl a\n{FACE}usemtl b\n{FACE}", material={"b": red})
+    assert scene.parts[1].material is red and scene.parts[0].material.name == "a"
+    with pytest.raises(ValueError, match=r"material must have names of materials in .*: \['a'\]; got 'c'"):
+        load("newmtl a\nKd .2\n", material={"c": red})
+
+
+@pytest.mark.parametrize(
+    "mtl, obj, named",
+    [
+        ("newmtl a\nbump b.png\nmap_Ks s.png\n", "usemtl a\n" + FACE, "1 bump of a material, 1 map_Ks of a material"),
+        ("newmtl a\nmap_Kd none.png\n", "usemtl a\n" + FACE, "missing file 'none.png'"),
+        ("newmtl a\nKd 1\n", "mtllib gone.mtl\nusemtl a\n" + FACE, "missing file 'gone.mtl'"),
+        ("newmtl a\nKd 1\n", f"usemtl b\n{FACE}usemtl c\n{FACE}", "2 materials without a definition"),
+    ],
+)  # fmt: skip
+def test_what_is_left_out_is_named(load, tmp_path, mtl, obj, named):
+    with pytest.warns(SceneWarning, match=f"left out: {re.escape(named)}$") as caught:
+        scene = load(mtl, obj)
+    assert len(caught) == 1 and caught[0].filename == __file__
+    assert ", ".join(scene.source["unread"]) == named
+
+
+@pytest.mark.parametrize(
+    "line, message",
+    [
+        ("Kd 1 2 3", "line 2: Kd must be one or three numbers from 0 to 1.0; got '1 2 3'"),
+        ("Kd red", "line 2: Kd must be"),
+        ("Ks 1 2", "line 2: Ks must be"),
+        ("Ke 1e999", "line 2: Ke must be"),
+        ("d 2", "line 2: d must be a number from 0 to 1; got '2'"),
+        ("Ns nan", "line 2: Ns must be"),
+    ],
+)
+def test_bad_statements(load, line, message):
+    with pytest.raises(
+        ValueError, match=r"a\.obj cannot be read as OBJ: material file .*a\.mtl, " + re.escape(message)
+    ):
+        load(f"newmtl a\n{line}\n")
+
+
+def test_files_outside_of_the_folder(load, tmp_path):
+    """Images and MTL files, also by a link, only if that is allowed."""
+    model = tmp_path / "model"
+    model.mkdir()
+    write_exr(tmp_path / "a.exr", {"RGB": np.ones((1, 1, 3), np.float32)})
+    (model / "link.exr").symlink_to(tmp_path / "a.exr")
+    (tmp_path / "b.mtl").write_text("newmtl a\nKd 1\n")
+    for mtl, library in (("map_Kd ../a.exr", "a.mtl"), ("map_Kd link.exr", "a.mtl"), ("Kd 1", "../b.mtl")):
+        (model / "a.mtl").write_text(f"newmtl a\n{mtl}\n")
+        (model / "a.obj").write_text(f"mtllib {library}\n{CORNERS}usemtl a\n{FACE}")
+        with pytest.raises(ValueError, match=r"is outside of the folder .* allowed .outside=True, --allow-outside"):
+            dmis.load_scene(model / "a.obj")
+        assert dmis.load_scene(model / "a.obj", outside=True).parts[0].material.name == "a"
