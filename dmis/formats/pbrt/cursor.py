@@ -32,6 +32,13 @@ class Cursor:
         self.index += token.kind != "end"
         return token
 
+    def skip(self) -> None:
+        """Step over the arguments of a directive, whatever they are."""
+        while (token := self.peek()).kind != "end" and (
+            token.kind != "word" or not token.text[0].isalpha() or token.text in ("true", "false")
+        ):
+            self.index += 1
+
     def string(self, directive: Token, what: str) -> Token:
         """Read a quoted string; `what` names it in the error that the directive needs it."""
         token = self.next()

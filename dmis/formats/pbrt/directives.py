@@ -6,6 +6,7 @@ The other directives are in `dmis.formats.pbrt.world`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -29,11 +30,16 @@ MAX_INCLUDES = 32
 _ADDED = {"Shape": "shape", "LightSource": "light", "AreaLightSource": "light"}
 _ADDED |= {"Material": "material", "Texture": "texture"}
 """Kinds of objects to which Attribute lines add parameters, by directive."""
+_STRUCTURE = "Begin", "End", "Include", "Import"
+"""Ends of the names of directives that others depend on."""
 _PLACES = {"options": "before WorldBegin", "world": "between WorldBegin and WorldEnd"}
 
 
 def carry_out(reader: Reader, source: Source) -> None:
-    """Execute the directives of a file on `reader`."""
+    """Execute the directives of a file on `reader`.
+
+    A directive that fails is noted and left out, unless others depend on it: files, blocks and objects.
+    """
     reader.including.append(source.path.resolve())
     cursor = Cursor(source)
     while (token := cursor.next()).kind != "end":
@@ -41,14 +47,17 @@ def carry_out(reader: Reader, source: Source) -> None:
         if token.kind != "word" or not token.text[0].isalpha():
             raise token.error("a directive is expected here, such as Shape or Translate")
         if token.text not in _DIRECTIVES or token.text in _SPECIAL - reader.dialect.directives:
-            raise token.error(_unknown(token.text, reader.dialect.name))
+            reader.refusals.add(token.error(_unknown(token.text, reader.dialect.name)))
+            cursor.skip()
+            continue
         phase, run, takes = _DIRECTIVES[token.text]
         if reader.phase == "end":
             raise token.error("nothing may follow WorldEnd, because one file makes one image")
         if phase not in ("any", reader.phase):
             raise token.error(f"{token.text} must stand {_PLACES[phase]}")
         arguments = [_argument(reader, cursor, kind) for kind in takes]
-        run(reader, *arguments)
+        with nullcontext() if token.text.endswith(_STRUCTURE) else reader.refusals.collect():
+            run(reader, *arguments)
         if takes[-1:] == (PARAMETERS,):
             reader.notes.add_unread(arguments[-1])
     reader.including.pop()

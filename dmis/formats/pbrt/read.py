@@ -54,7 +54,7 @@ from dmis.formats.pbrt.dialect import DIALECTS, Dialect, detect
 from dmis.formats.pbrt.directives import MAX_FILES, carry_out
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.reader import Reader
-from dmis.formats.pbrt.tokens import Source, Token, tokens_of
+from dmis.formats.pbrt.tokens import PbrtError, Source, Token, tokens_of
 from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene
 
@@ -72,9 +72,9 @@ def read_pbrt(
     one. If the words of the file fit several dialects, it is read by the first of them, with a warning. Links to files
     count as where they lead. The scene's `source` says which dialect the file was read by, and why.
 
-    A PbrtError, whose message begins ``FILE:LINE: token TOKEN:``, if the file is malformed or asks for what is not
-    supported. One PbrtWarning each if something in it was not used, if reflectances exceed 1, and if the dialect is a
-    guess or not that of the file's words.
+    A PbrtError if the file is malformed or asks for what is not supported; it lists all that is not, each a line
+    ``FILE:LINE: token TOKEN: REASON`` with the number of places. One PbrtWarning each if something in it was not used,
+    if reflectances exceed 1, and if the dialect is a guess or not that of the file's words.
     """
     path, resolution = _checked(path, resolution, dialect)
     source = Source.read(path, outside)
@@ -84,7 +84,11 @@ def read_pbrt(
         warnings.warn(PbrtWarning(_contradicted(path, dialect, fits)), stacklevel=2)
     reader = Reader(replace(source, dialect=chosen), resolution)
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
-        carry_out(reader, reader.source)
+        try:
+            carry_out(reader, reader.source)
+        except PbrtError as error:
+            reader.refusals.add(error)
+            raise reader.refusals.error() from None
         scene = reader.scene()
     reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
     if reason == "guess":

@@ -20,6 +20,7 @@ from dmis.formats.pbrt.notes import Notes
 from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
+from dmis.formats.pbrt.refusals import Refusals
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.suggestions import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame
@@ -102,6 +103,7 @@ class Reader:
         self.lights: list[Light | None] = []
         self._materials: dict[tuple[int, int], tuple[Material, object]] = {}
         self.notes = Notes(source)
+        self.refusals = Refusals()
 
     def change(self, **changes: Any) -> None:
         """Change the graphics state."""
@@ -167,17 +169,23 @@ class Reader:
             raise self.token.error(f"a scene must have at most {most} triangles, because instances are copied")
 
     def scene(self) -> Scene:
-        """Return the scene, after all files are read."""
-        camera = self._camera()
+        """Return the scene, after all files are read; raise a `PbrtError` that lists all that is not supported."""
+        with self.refusals.collect():
+            camera = self._camera()
+        if self.refusals:
+            raise self.refusals.error()
         placed = [*(shape for _, shape, *_ in self.emitters), *(shape for shape, _ in self.shapes)]
         placed, quadrics = tessellate_quadrics(placed, len(self.emitters), camera, MAX_SCENE_TRIANGLES)
         self.triangles["world"] = 0
         self.count(*placed)
         bright, lights = [], list(self.lights)
         for shape, (place, _, material, emits) in zip(placed, self.emitters, strict=False):
-            lamp, lights[place] = make_light_part(shape, material, emission(emits))
-            bright.append(lamp)
-        others = zip(placed[len(bright) :], (material for _, material in self.shapes), strict=True)
+            with self.refusals.collect():
+                lamp, lights[place] = make_light_part(shape, material, emission(emits))
+                bright.append(lamp)
+        if self.refusals:
+            raise self.refusals.error()
+        others = zip(placed[len(self.emitters) :], (material for _, material in self.shapes), strict=True)
         parts = bright + merge(others)
         finished = tuple(light for light in lights if light is not None)
         suggested = self.samples.suggestions(self.integrator, lights)

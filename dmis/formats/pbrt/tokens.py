@@ -32,7 +32,14 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 class PbrtError(ValueError):
-    """Error about a pbrt file that is malformed or not supported; the message names file, line and token."""
+    """Error about a pbrt file that is malformed or not supported; the message names file, line and token.
+
+    `reason` is the message without file and line.
+    """
+
+    def __init__(self, message: str, reason: str = "") -> None:
+        super().__init__(message)
+        self.reason = reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +104,8 @@ class Token(NamedTuple):
         text = " ".join(self.text[:200].split()) or "end of file"
         if len(text) > 60:
             text = f"{text[:57]}..."
-        return PbrtError(f"{self.source.path}:{self.line}: token {text}: {message}")
+        reason = f"token {text}: {message}"
+        return PbrtError(f"{self.source.path}:{self.line}: {reason}", reason)
 
     def file(self, name: str) -> Path:
         """Return the path of the existing file `name`, relative to the folders of this token's file."""

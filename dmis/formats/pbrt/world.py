@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from dmis.base.vectors import Floats
+from dmis.brdf.materials import Material
 from dmis.formats.pbrt.dialect import V2
 from dmis.formats.pbrt.lights import emission, make_light
 from dmis.formats.pbrt.materials import MATERIALS
@@ -26,7 +28,9 @@ def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parame
     key = ("float" if kind.name == "float" else "color"), name.name
     if reader.dialect.global_names and key in reader.state.textures:
         raise name.error("there is a texture of this name; it must have another, because v4 has one of each")
-    value = make_texture(key[0], made_of, p)
+    value: Any = 0.5 if key[0] == "float" else (0.5, 0.5, 0.5)  # stands for one that is refused
+    with reader.refusals.collect():
+        value = make_texture(key[0], made_of, p)
     reader.change(textures={**reader.state.textures, key: value})
 
 
@@ -38,9 +42,11 @@ def _material(reader: Reader, name: Token, p: Parameters) -> None:
 def _make_named_material(reader: Reader, name: Token, p: Parameters) -> None:
     kind = p.string("type")
     token = p.items["type"].token._replace(text=f'"{kind}"')
-    token.among("a material", MATERIALS[token.dialect])
     lists = (p, reader.state.material[1]) if reader.dialect is V2 else (p,)
-    material = reader.make_material(token, lists)
+    material = Material(())  # stands for one that is refused
+    with reader.refusals.collect():
+        token.among("a material", MATERIALS[token.dialect])
+        material = reader.make_material(token, lists)
     state = replace(reader.state, named_materials={**reader.state.named_materials, name.name: material})
     if reader.dialect is not V2 and reader.dialect.overrides:
         state = replace(state, recipes={**state.recipes, name.name: (token, p)})
