@@ -51,6 +51,7 @@ def camera_sample_cost(
     pilot_samples: int = 4,
     shading_samples: float = 2,
     techniques: Sequence[str] = ("light", "brdf"),
+    lights: int = 1,
 ) -> Array:
     """Return the cost of a camera sample at `shares` of K techniques, ``(G,)``, from the rays of a pilot at equal ones.
 
@@ -65,13 +66,15 @@ def camera_sample_cost(
         ``(K, G)``, at G points.
     pilot_samples, shading_samples
         Shading samples of each camera sample, in the pilot and in the final pass.
+    lights
+        Lights that have so many each.
     """
     camera, points = count_camera_samples(rays), surface_points(rays)
     per_technique = camera * points * pilot_samples / len(techniques)  # samples of each technique
     mixed: Array | float = 0
     for share, technique in zip(shares, map(technique_by_name, techniques), strict=True):
         mixed = mixed + share * (
-            (SHADING if technique.exact else RESAMPLED) + RAY * rays.get(technique.rays, 0) / per_technique
+            (SHADING if technique.exact else RESAMPLED) * lights + RAY * rays.get(technique.rays, 0) / per_technique
         )
     always = points * CAMERA + (SHADING + RAY) * rays.get("delta", 0) / camera
     return np.asarray(always + points * shading_samples * mixed)

@@ -16,6 +16,8 @@ takes the place of w in p_w alone, while shares of samples stay (docs/theory.md,
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dmis.base.vectors import Selection, compose, dot, indices, size, take
@@ -38,17 +40,26 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
         picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)
     # 1 / P(light): a light that is picked with probability 1 / n stands for n
     over_probability = np.float32(1 if picked is None else len(lights))
+    looks = None if vertices.path or vertices.beyond else batch.looks
     for number, light in enumerate(lights):
-        index = None if picked is None else indices(picked == number)
+        index, to = None if picked is None else indices(picked == number), vertices
+        seldom = looks and looks.at(min(number, len(sampled)), vertices.sample)
+        if seldom:
+            index, to = seldom[0], replace(vertices, radiance=np.zeros_like(vertices.radiance))
         if index is not None and len(index) == 0:
             continue
         if light.delta:
             headlight = not vertices.path and number - len(sampled) in plan.headlights
-            _add_delta_light(batch, vertices, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
-            continue
-        key = (*vertices.path, number + len(lights) * vertices.beyond)
-        for samples in shading_samples(batch, vertices, light, index, key):  # type: ignore[arg-type]
-            _add_samples(batch, vertices, samples, over_probability)
+            _add_delta_light(batch, to, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
+        else:
+            key = (*vertices.path, number + len(lights) * vertices.beyond)
+            for samples in shading_samples(batch, to, light, index, key):  # type: ignore[arg-type]
+                _add_samples(batch, to, samples, over_probability)
+        if seldom:
+            assert batch.seldom is not None
+            chosen, weight, block = seldom
+            values = to.radiance.take(chosen, axis=1) * weight
+            batch.seldom[block, :, compose(vertices.sample, chosen)] += values.T
 
 
 def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probability: np.float32) -> None:

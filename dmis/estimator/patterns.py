@@ -3,6 +3,10 @@
 Low-discrepancy points are even only if every camera sample takes the same number of points, and most even if that is a
 power of two. So where they are used, a share w of light samples is one of few: that of a pattern ``n_l : n_b``, with
 ``w = n_l / (n_l + n_b)``.
+
+Of several lights, weak and smooth ones need fewer samples. A light that is halved e times is sampled by the first
+``m / 2^e`` of the m camera samples of a round, points as even as all of them, with ``2^e`` times the weight. As m of
+them are in sub-blocks (`dmis.variance.moments`), so are these, which tells the variance of their mean.
 """
 
 from __future__ import annotations
@@ -11,6 +15,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+from dmis.base.vectors import Array, Selection, take
+from dmis.estimator.settings import Settings
+from dmis.scene.plan import Plan
 
 ENDS = ((1, 0), (2, 0), (4, 0), (0, 1), (0, 2), (0, 4))
 """Patterns of one technique alone."""
@@ -29,6 +37,23 @@ SHARE_OF = np.array([int(np.argmin(np.abs(SHARES - n_l / (n_l + n_b)))) for n_l,
 SAMPLES_OF = np.array([n_l + n_b for n_l, n_b in PATTERNS])
 """Shading samples of each pattern."""
 
+BLOCKS = 4
+"""Sub-blocks of the camera samples of a pixel; a pixel of fewer samples has one for each."""
+MOST_HALVINGS = 3
+"""How often the camera samples that look at a light are halved at most: one in eight does."""
+FEW_LIGHTS = 32
+"""Largest number of lights that have halvings of their own, because statistics of each take memory."""
+
+
+def separate_lights(plan: Plan, settings: Settings) -> int:
+    """Return L, the lights of two techniques that camera samples may look at seldom; 0: there is nothing to choose.
+
+    That is so with one light, and by paths, where light of later surfaces has most of the variance and of the cost.
+    """
+    lights = len(plan.sampled_lights(settings.lights, settings.sky_compensation))
+    several = lights <= FEW_LIGHTS and lights + len(plan.deltas) > 1
+    return lights if several and settings.integrator == "direct" and not settings.one_light else 0
+
 
 @dataclass(frozen=True, eq=False)
 class PatternMap:
@@ -42,15 +67,33 @@ class PatternMap:
         Index of the pattern of each pixel, ``(H, W)``.
     first
         Light and BRDF samples of the camera samples of earlier rounds.
+    halvings
+        How often the camera samples that look at each light are halved, lights of a single direction together in the
+        last place, ``(L + 1, H, W)`` uint8; None: all look at all lights.
     """
 
     patterns: tuple[tuple[int, int], ...]
     pattern: np.ndarray
     first: tuple[int, int]
+    halvings: np.ndarray | None = None
 
     def of_area(self, area: tuple[slice, slice]) -> PatternMap:
         """Return the map of an area of the image, as a view."""
-        return replace(self, pattern=self.pattern[area])
+        halvings = None if self.halvings is None else self.halvings[:, *area]
+        return replace(self, pattern=self.pattern[area], halvings=halvings)
+
+    def looks(self, pixel: np.ndarray, number: np.ndarray, samples: np.ndarray) -> Looks:
+        """Return which of the camera samples ``(N,)`` look at which lights, where there are `halvings`.
+
+        Parameters
+        ----------
+        pixel, number
+            Pixel of each, and its number among the pixel's camera samples of the round.
+        samples
+            Camera samples of each pixel of the map, ``(P,)``.
+        """
+        assert self.halvings is not None
+        return Looks(self.halvings.reshape(len(self.halvings), -1).take(pixel, axis=1), number, samples.take(pixel))
 
     def groups(self, samples: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[int, int]]]:
         """Yield the pixels ``(A,)`` of each pattern that have `samples` ``(P,)``, these, and the pattern."""
@@ -67,3 +110,37 @@ class PatternMap:
         """
         first, pattern = np.reshape(self.first, (2, 1, 1)), np.transpose(self.patterns)
         return before * first.astype(np.int32) + samples * pattern.astype(np.int32)[:, self.pattern]
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """Which of the N camera samples of a batch look at each light.
+
+    Attributes
+    ----------
+    halvings
+        As in `PatternMap`, ``(L + 1, N)``.
+    number
+        Number of each among its pixel's camera samples of the round, ``(N,)``.
+    samples
+        Those camera samples, ``(N,)``.
+    """
+
+    halvings: np.ndarray
+    number: np.ndarray
+    samples: np.ndarray
+
+    def at(self, light: int, sample: Selection | None) -> tuple[np.ndarray, Array, np.ndarray] | None:
+        """Return which of the camera samples `sample` look at a light, their weights, and sub-blocks, ``(M,)`` each.
+
+        None if all of them do, with weight 1.
+        """
+        halvings = take(self.halvings[light], sample)
+        if not halvings.any():
+            return None
+        samples, number = take(self.samples, sample), take(self.number, sample)
+        blocks = np.minimum(samples, BLOCKS)
+        looking = np.maximum(-(-samples >> halvings), blocks)  # rounded up
+        chosen = np.flatnonzero(number < looking)
+        samples, number, blocks, looking = (a.take(chosen) for a in (samples, number, blocks, looking))
+        return chosen, (samples / looking).astype(np.float32), number * blocks // looking

@@ -49,14 +49,14 @@ from dmis.base.vectors import TINY, Array
 from dmis.estimator.allocation import shares_of
 from dmis.estimator.cost import camera_sample_cost, rays_of_colours
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES, PatternMap
+from dmis.estimator.patterns import EQUAL, FIRST, PATTERNS, SAMPLES_OF, SHARE_OF, SHARES, PatternMap, separate_lights
 from dmis.estimator.records import Statistic
 from dmis.filter import gaussian
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.fit.pooling import pool
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import Rule, final_settings
-from dmis.fit.sample_numbers import powers_of_two
+from dmis.fit.sample_numbers import light_halvings, powers_of_two
 from dmis.variance.pattern_curves import PatternCurves
 
 HALF = int(np.flatnonzero(SHARES == 0.5)[0])
@@ -98,6 +98,10 @@ class Decision:
         Power of the variance that the density follows.
     pattern_of_patch
         Index of the pattern of each patch of the image.
+    cost_ratio
+        Cost of a camera sample over that of one that looks at all lights, ``(A, B)`` or 1.
+    halvings
+        See `dmis.estimator.patterns.PatternMap`, ``(L + 1, A, B)``; None: all camera samples look at all lights.
     """
 
     pattern: np.ndarray
@@ -106,6 +110,8 @@ class Decision:
     cost: Array
     confidence: float
     pattern_of_patch: np.ndarray
+    cost_ratio: Array | float = 1.0
+    halvings: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -190,7 +196,9 @@ class Auto(Rule):
         """Yield the first round, which is the same for all pixels, and the second one that it decides."""
         exponent = self.exponent or (1.0 if budget.settings.sampler == "independent" else EXPONENT)
         rule = replace(self, exponent=exponent)
-        first_round = budget.pilot(0.5, self.pilot_samples(budget.spp), self.statistic, self.needs_features)
+        lights = 0 if budget.plan is None else separate_lights(budget.plan, budget.settings)
+        statistic = partial(PatternCurves, combiner=self.combiner, lights=lights)
+        first_round = budget.pilot(0.5, self.pilot_samples(budget.spp), statistic, self.needs_features)
         # the points of the second round go on from those of the first
         settings = replace(first_round.settings, sampler=budget.settings.sampler)
         first = yield replace(first_round, settings=settings)
@@ -210,18 +218,24 @@ class Auto(Rule):
         variance /= 3 * n * max(n - 1, 1)
         variance = variance.astype(np.float32)
         pattern, begin, samples = np.empty(shape, np.uint8), np.empty(shape, np.int32), np.empty(shape, np.int32)
+        halvings = np.zeros((first.sums["lights"].shape[1], *shape), np.uint8) if "lights" in first.sums else None
         confidence, patches = np.ones(len(COLOURS)), []
         for colour, at in enumerate(COLOURS):
             if not pattern[at].size:
                 continue
             decision = self.decide(first, variance, colour)
             pattern[at], begin[at] = decision.pattern, np.where(decision.restarts, 0, n)
-            cost, least = decision.cost[pattern[at]], np.where(decision.restarts, 2, n)  # one sample has no variance
+            cost, least = (
+                decision.cost[pattern[at]] * decision.cost_ratio,
+                np.where(decision.restarts, 2, n),
+            )  # one sample has no variance
             # in units of camera samples of the pattern 1:1; the first round counts as if it had the pixel's own cost
             allowance = (float(budget.spp) - decision.cost[FIRST] * n + begin[at] * cost).sum()
             chance = budget.generator(1).random(shape)[at].copy()  # of the whole image, which is large
             samples[at] = powers_of_two(decision.density, cost, least, allowance, chance) - begin[at]
             confidence[colour] = decision.confidence
+            if halvings is not None:
+                halvings[:, *at] = decision.halvings
             patches.append(decision.pattern_of_patch)
             del decision, cost, least, chance  # images
         scale = first.shading_samples // int(SAMPLES_OF[FIRST])
@@ -230,7 +244,7 @@ class Auto(Rule):
             samples,
             shares_of(0.5),
             budget.settings,
-            patterns=PatternMap(sizes, pattern, sizes[FIRST]),
+            patterns=PatternMap(sizes, pattern, sizes[FIRST], halvings),
             begin=begin,
             before=first.moments,
             image_weight=budget.spp,
@@ -244,7 +258,8 @@ class Auto(Rule):
         `variance` is that of each pixel's mean of the first round, ``(H, W)``.
         """
         n, shape, at = int(np.max(first.moments.n)), variance.shape, COLOURS[colour]
-        curves, cost = self._curves(first, colour, shape), _costs(first, colour)
+        curves, lights = self._curves(first, colour, shape)
+        cost, of_lights = _costs(first, colour)
         spikes = SPIKES * (np.maximum(curves.curve[HALF] / 2, 0) + np.maximum(curves.position, 0)) / n
         weight = None
         if self.error == "relative":
@@ -261,11 +276,22 @@ class Auto(Rule):
         blocks = [self._best_patterns(curves.rows(r), cost, spent[r], allowed) for r in row_blocks(len(spent), 4)]
         of_patches = [np.concatenate(maps) for maps in zip(*blocks, strict=True)]
         pattern, restarts, ratio = (patch_spread(a, PATCH, shape, at) for a in of_patches)
-        density = self._density(of_colour * ratio, cost[pattern])
-        return Decision(pattern, restarts, density, cost, confidence, of_patches[0])
+        cost_ratio: Array | float = 1.0
+        halvings = None
+        if lights is not None:
+            of_light = of_lights[:, of_patches[0]]
+            chosen = light_halvings(lights, of_light, cost[of_patches[0]] - of_light.sum(axis=0), self.exponent)
+            of_pixels = (patch_spread(a, PATCH, shape, at) for a in (*chosen[0], *chosen[1:]))
+            *halving, variance_ratio, cost_ratio = of_pixels
+            halvings, ratio = np.stack(halving), ratio * variance_ratio
+        density = self._density(of_colour * ratio, cost[pattern] * cost_ratio)
+        return Decision(pattern, restarts, density, cost, confidence, of_patches[0], cost_ratio, halvings)
 
-    def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> PatchCurves:
-        """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours."""
+    def _curves(self, first: Pilot, colour: int, shape: tuple[int, int]) -> tuple[PatchCurves, Array | None]:
+        """Return the curves of patches at `SHARES`, for two shading samples, from the samples of the other colours.
+
+        And the variance of what is reflected of each light, and of the rest; None if it was not gathered.
+        """
         others = [k for k in range(len(COLOURS)) if k != colour]
         pixels = np.ones(shape, np.uint8)
         pixels[COLOURS[colour]] = 0
@@ -273,7 +299,8 @@ class Auto(Rule):
         sigma, features = None if self.filter == "none" else 1.0, first.features if self.needs_features else None
         sums = ((name, sum(a[k] for k in others)) for name, a in first.sums.items() if name != "halves")
         means, effective_number = pool({**dict(sums), **number}, shape, PATCH, sigma, 2, features)
-        return PatchCurves(**means, pixels=effective_number, baseline=HALF)
+        lights = means.pop("lights", None)
+        return PatchCurves(**means, pixels=effective_number, baseline=HALF), lights
 
     def _confidence(self, first: Pilot, variance: Array, spikes: Array, weight: Array | None, colour: int) -> float:
         """Return the power of the variance that the numbers of samples of a colour follow.
@@ -379,16 +406,27 @@ def _relative_weight(first: Pilot, colour: int) -> tuple[Array, Array]:
     return weight, patch_sum(weight * others, PATCH) / np.maximum(patch_sum(others, PATCH), 1)
 
 
-def _costs(first: Pilot, colour: int) -> Array:
+def _costs(first: Pilot, colour: int) -> tuple[Array, Array]:
     """Return the cost of a camera sample with each pattern, over that of `EQUAL`, for pixels of a colour.
 
+    And what each light adds to it, lights of a single direction together in the last place, ``(L + 1, patterns)``.
     Rays are those of the other colours, so that a pixel's own samples do not decide how many it gets.
     """
     rays = rays_of_colours(first.rays, [k for k in range(len(COLOURS)) if k != colour])
     shares = np.array([SHARES[SHARE_OF], 1 - SHARES[SHARE_OF]])
     samples = SAMPLES_OF * (first.shading_samples // int(SAMPLES_OF[FIRST]))
-    costs = [
-        camera_sample_cost(rays, shares[:, k, None], first.shading_samples, s, first.techniques)
-        for k, s in enumerate(samples)
-    ]
-    return np.concatenate(costs) / costs[EQUAL]
+    lights = len(first.sums["lights"][0]) - 1 if "lights" in first.sums else 1
+
+    def costs(samples: np.ndarray, rays: Mapping[str, int]) -> Array:
+        """Return the cost with these numbers of shading samples."""
+        return np.concatenate(
+            [
+                camera_sample_cost(rays, shares[:, k, None], first.shading_samples, s, first.techniques, lights)
+                for k, s in enumerate(samples)
+            ]
+        )
+
+    every, unlit = costs(samples, rays), costs(0 * samples, rays)
+    of_light = (every - unlit) / lights
+    of_deltas = unlit - costs(0 * samples, {**rays, "delta": 0})
+    return every / every[EQUAL], np.stack([*[of_light] * lights, of_deltas]) / every[EQUAL]

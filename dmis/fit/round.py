@@ -20,6 +20,7 @@ from dmis.estimator.records import Statistic
 from dmis.estimator.settings import Settings
 from dmis.fit.sample_numbers import whole_samples
 from dmis.samplers.streams import stream
+from dmis.scene.plan import Plan
 from dmis.variance.moments import Film
 
 _ROUNDING = 1e-6
@@ -199,6 +200,8 @@ class Budget:
         Seed of the render.
     weigh
         What weights are, one of `WEIGH`; of a rule that leaves it open, what its preset says (`Settings.weigh`).
+    plan
+        Plan of the scene; None: unknown.
     """
 
     spp: int
@@ -206,6 +209,7 @@ class Budget:
     settings: Settings
     seed: int = 0
     weigh: str = "samples"
+    plan: Plan | None = None
 
     def pilot(
         self,

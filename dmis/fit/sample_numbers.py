@@ -1,10 +1,11 @@
-"""Whole numbers of camera samples of each pixel, from the proportions that a rule fitted."""
+"""Whole numbers of camera samples of each pixel, from the proportions that a rule fitted, and parts for each light."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from dmis.base.vectors import Array
+from dmis.base.vectors import TINY, Array
+from dmis.estimator.patterns import MOST_HALVINGS
 
 LEVELS = np.array(sorted({round(2 ** (k / 2)) for k in range(33)}))
 """Numbers of camera samples that a pixel may have where they differ, a factor of about 1.4 apart."""
@@ -45,6 +46,43 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
         row_samples[:] = LEVELS[np.minimum(low + np.diff(np.floor(steps).astype(int)), len(LEVELS) - 1)]
         offset = steps[-1]
     return samples
+
+
+def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float) -> tuple[np.ndarray, Array, Array]:
+    """Return how often the camera samples that look at each light are halved, and what becomes of variance and cost.
+
+    If a part f_k of the camera samples looks at light k, their error and their cost are in proportion to::
+
+        sum V_k f_k^-a,    C + sum C_k f_k
+
+    and error times cost^a is least where ``f_k^(1 + a) = V_k / C_k / (sum V_j f_j^-a / (C + sum C_j f_j))``.
+
+    Parameters
+    ----------
+    variance, cost
+        V_k and C_k of a camera sample, not negative, ``(K, ...)``.
+    camera
+        C, cost of a camera sample without lights.
+    exponent
+        a, see `dmis.fit.auto`.
+
+    Returns
+    -------
+    halvings
+        ``-log2 f_k``, rounded, from 0 to `MOST_HALVINGS`, ``(K, ...)`` uint8.
+    variance_ratio, cost_ratio
+        Over those where all camera samples look at all lights.
+    """
+    part, halvings = np.ones(variance.shape), np.zeros(variance.shape)
+    for _ in range(3):
+        price = (variance * part**-exponent).sum(axis=0) / (camera + (cost * part).sum(axis=0))
+        wanted = variance / np.maximum(cost * price, TINY)
+        halvings = np.rint(np.clip(-np.log2(np.maximum(wanted, TINY)) / (1 + exponent), 0, MOST_HALVINGS))
+        halvings[cost <= 0] = 0
+        part = 2.0**-halvings
+    total = np.maximum(variance.sum(axis=0), TINY)
+    cost_ratio = (camera + (cost * part).sum(axis=0)) / (camera + cost.sum(axis=0))
+    return halvings.astype(np.uint8), np.maximum((variance * part**-exponent).sum(axis=0), TINY) / total, cost_ratio
 
 
 def powers_of_two(density: Array, cost: Array, least: Array, budget: float, chance: Array) -> np.ndarray:

@@ -36,7 +36,9 @@ class Observers:
     def __init__(self, round_: Round, shape: tuple[int, int]) -> None:
         pixels, settings = shape[0] * shape[1], round_.settings
         self._shape, self._shading_samples = shape, settings.shading_samples  # without those of `Round.patterns`
-        self._moments = SubBlocks(round_.spp, pixels) if is_sequence(settings.sampler) else PixelMoments(pixels)
+        seldom = round_.patterns is not None and round_.patterns.halvings is not None
+        in_blocks = seldom or is_sequence(settings.sampler)
+        self._moments = SubBlocks(round_.spp, pixels) if in_blocks else PixelMoments(pixels)
         self._statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
         samples = round_.spp * np.full(pixels, self._shading_samples)
         self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
@@ -56,9 +58,17 @@ class Observers:
         return None if self._colour is None else self._colour.take(pixel)
 
     def add(
-        self, blocks: Sequence[SampleBlock], samples: CameraSamples, records: list[Record] | None, values: Array
+        self,
+        blocks: Sequence[SampleBlock],
+        samples: CameraSamples,
+        records: list[Record] | None,
+        values: Array,
+        seldom: Array | None = None,
     ) -> None:
-        """Add the camera samples of one batch, their radiance ``(3, N)`` and their shading samples."""
+        """Add the camera samples of one batch, their radiance ``(3, N)`` and their shading samples.
+
+        `seldom` is radiance of the sub-blocks ``(B, 3, N)``, whichever camera sample found it.
+        """
         if self._collector is not None:
             first = np.broadcast_to(samples.counts.first, len(samples.pixel))
             self._collector.add(records or [], samples.pixel, first, self._shading_samples)
@@ -71,6 +81,10 @@ class Observers:
             end = begin + block.count * len(block.pixels)
             of_block = values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
             self._moments.add(of_block, block.pixels, block.first)
+            if seldom is not None:
+                assert isinstance(self._moments, SubBlocks)
+                sums = seldom[..., begin:end].reshape(*seldom.shape[:2], block.count, -1).sum(axis=2, dtype=np.float64)
+                self._moments.add_sums(sums, block.pixels)
             begin = end
 
     def moments(self) -> Moments:

@@ -73,8 +73,8 @@ class Job:
     @property
     def budget(self) -> Budget:
         """What the rule makes its rounds with."""
-        width, height = self.scene.camera.resolution
-        return Budget(self.spp, (height, width), self.settings, self.seed, self.rule.weigh or self.settings.weigh)
+        shape, weigh = self.scene.camera.resolution[::-1], self.rule.weigh or self.settings.weigh
+        return Budget(self.spp, shape, self.settings, self.seed, weigh, self.scene.plan)
 
     @cached_property
     def provenance(self) -> Mapping[str, Any]:

@@ -10,9 +10,10 @@ import numpy as np
 
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array, indices, take
-from dmis.estimator.allocation import SampleAllocation, sample_batches
+from dmis.estimator.allocation import CameraSamples, SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import take_optional
+from dmis.estimator.patterns import BLOCKS, Looks
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
@@ -86,6 +87,14 @@ class Tile:
         for pixels, n, (n_l, n_b) in patterns.groups(np.broadcast_to(spp, self.pixels)):
             shares = np.array([[n_l], [n_b]], np.float32) / np.float32(n_l + n_b)
             yield pixels, n, shares, replace(settings, shading_samples=n_l + n_b)
+
+
+def _looks(round_: Round, samples: CameraSamples, pixels: int) -> Looks | None:
+    """Return which camera samples of a batch look at which lights; None if all look at all."""
+    if round_.patterns is None or round_.patterns.halvings is None:
+        return None
+    begin = round_.begin if isinstance(round_.begin, int) else round_.begin.take(samples.pixel)
+    return round_.patterns.looks(samples.pixel, samples.number - begin, np.broadcast_to(round_.spp, pixels))
 
 
 def batch_size(settings: Settings) -> int:
@@ -162,10 +171,12 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
             tilt = take_optional(tile.round.tilt, samples.pixel)
             batch = Batch(scene, timed, settings, sampler, rng, shares_of_samples, samples.counts, tilt, rays, records)
             batch.colour = observers.colours(samples.pixel)
+            batch.looks = _looks(tile.round, samples, tile.pixels)
+            batch.seldom = None if batch.looks is None else np.zeros((BLOCKS, 3, len(samples.pixel)), np.float32)
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))
             values = radiance(batch, *_camera_rays(scene, sampler, corners, samples.pixel), may_see)
-            observers.add(blocks, samples, records, values)
+            observers.add(blocks, samples, records, values, batch.seldom)
     mean, root = _pixel_moments(observers.moments(), tile)
     sums, place = observers.patch_sums(), (tile.pass_, tile.number, tile.rows, tile.columns)
     return FilmTile(*place, mean, root, rays, sums, timed.seconds)

@@ -21,9 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmis.base.vectors import Array
-
-BLOCKS = 4
-"""Number of sub-blocks; a pixel of fewer samples has one for each."""
+from dmis.estimator.patterns import BLOCKS
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +135,10 @@ class SubBlocks:
                 within = part[max(begin, 0) : max(end, 0)]
                 if len(within):
                     block[:, of] += within.sum(axis=0, dtype=np.float64)
+
+    def add_sums(self, sums: Array, pixels: np.ndarray) -> None:
+        """Add to the sums of the sub-blocks of the `pixels` ``(A,)``; `sums` are ``(B, 3, A)``."""
+        self._sum[:, :, pixels] += sums
 
     def total(self) -> Moments:
         """Return mean and n of the samples, with the m2 that independent samples of the variance v would have."""

@@ -13,7 +13,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.estimator.patterns import SHARES
 from dmis.estimator.records import Record
-from dmis.variance.curves import Curves
+from dmis.variance.curves import Curves, summed_variance
 
 
 class PatternCurves(Curves):
@@ -23,12 +23,15 @@ class PatternCurves(Curves):
     ----------
     pixels, shading_samples, combiner
         See `dmis.variance.curves.Curves`.
+    lights
+        L, lights whose variances are told apart, see `dmis.estimator.patterns`; 0: none.
     """
 
     by_colour = True
 
-    def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance") -> None:
+    def __init__(self, pixels: int, shading_samples: int, combiner: str = "balance", lights: int = 0) -> None:
         super().__init__(pixels, shading_samples, combiner, SHARES)
+        self._lights = np.zeros((lights + 1, pixels)) if lights else None
         self._rounding_variance = np.zeros(len(SHARES))
         self._halves = np.zeros(pixels)
 
@@ -39,13 +42,32 @@ class PatternCurves(Curves):
         samples = radiance.reshape(3, count, -1)
         first, second = (a.mean(axis=1, dtype=np.float64) for a in (samples[:, :half], samples[:, half : 2 * half]))
         self._halves += np.square(second - first).mean(axis=0)
+        if self._lights is not None:
+            *lights, rest = self._lights
+            left = radiance.copy()
+            for total, of_light in zip(lights, self._take_lights(records, len(lights), left), strict=True):
+                total += summed_variance(of_light, count)
+            rest += summed_variance(left, count)
+
+    def _take_lights(self, records: Sequence[Record], lights: int, radiance: Array) -> Array:
+        """Return what the first surface reflects of each light, ``(L, 1, N)``, and take it from `radiance`."""
+        of_lights = np.zeros((lights, 1, radiance.shape[1]), np.float32)
+        for record in records:
+            if len(record.key) == 1 and record.key[0] < lights:
+                where = slice(None) if record.sample is None else record.sample
+                value = record.value / np.float32(2 * self._s)
+                radiance[:, where] -= value
+                of_lights[record.key[0], 0, where] += value.mean(axis=0)
+        return of_lights
 
     def sums(self) -> dict[str, Array]:
         """Return the sums per pixel, see `dmis.variance.curves.Curves.sums`.
 
         Those of rounding are left out. In their place are `halves`, squared differences between the means of the first
-        and of the second half of the samples, ``(P,)``.
+        and of the second half of the samples, ``(P,)``, and `lights`, the variance of what the first surface reflects
+        of each light, and of all the rest, ``(L + 1, P)``.
         """
         sums = super().sums()
         del sums["pattern"]
-        return sums | {"halves": self._halves}
+        lights = {} if self._lights is None else {"lights": self._lights / max(self._n, 1)}
+        return sums | {"halves": self._halves} | lights

@@ -25,6 +25,8 @@ EVEN = np.ones((16, 16, 3))
 FLAT = np.ones(len(SHARES))
 N = 8
 """Camera samples of a first round."""
+LIGHTS = 2
+"""Lights of a random first round."""
 Z_LIMIT = 4.5
 
 
@@ -51,7 +53,8 @@ def random_pilot(shape: tuple[int, int]) -> Pilot:
     rng = np.random.default_rng(1)
     patches = tuple(-(-n // PATCH) for n in shape)
     curve, position = rng.lognormal(0, 1, (4, len(SHARES), *patches)), rng.lognormal(0, 1, (4, *patches))
-    return pilot(curve, position, rng.lognormal(0, 2, (*shape, 3)), budget=64)
+    first = pilot(curve, position, rng.lognormal(0, 2, (*shape, 3)), budget=64)
+    return replace(first, sums={**first.sums, "lights": rng.lognormal(0, 2, (4, LIGHTS + 1, *patches))})
 
 
 def second_round(first: Pilot, rule: Auto = PLAIN) -> Round:
@@ -147,8 +150,9 @@ def test_decisions_of_a_colour_come_from_the_others(shape: tuple[int, int], erro
 
     def maps(first: Pilot) -> Array:
         second = second_round(first, rule)
-        assert second.patterns is not None
-        return np.array([*decided(first, rule), second.patterns.pattern, second.begin, second.spp])
+        assert second.patterns is not None and second.patterns.halvings is not None
+        halvings = second.patterns.halvings.sum(axis=0)
+        return np.array([*decided(first, rule), second.patterns.pattern, halvings, second.begin, second.spp])
 
     expected = maps(first)
     assert np.isfinite(expected).all() and (expected >= 0).all()

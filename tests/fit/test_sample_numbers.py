@@ -5,7 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from dmis.fit.sample_numbers import LEVELS, MOST_ADAPTIVE, powers_of_two, whole_samples
+from dmis.base.vectors import Array
+from dmis.fit.sample_numbers import LEVELS, MOST_ADAPTIVE, light_halvings, powers_of_two, whole_samples
 
 FIRST = 8
 """Least number of pixels that do not begin anew; those that do have cost 1.5 in place of 3."""
@@ -84,3 +85,28 @@ def test_errors() -> None:
     for bad in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match="samples of a fit must be positive and finite"):
             whole_samples(np.array([[1, bad]]), 8, rng)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.4])
+def test_light_halvings_are_near_the_best(exponent: float) -> None:
+    """Against all combinations of three lights' parts, for random variances and costs."""
+    rng = np.random.default_rng(0)
+    variance, cost, camera = rng.lognormal(0, 3, (3, 200)), rng.lognormal(0, 0.5, (3, 200)), rng.lognormal(0, 0.5, 200)
+    halvings, of_variance, of_cost = light_halvings(variance, cost, camera, exponent)
+
+    def error(part: Array) -> Array:
+        parts = part.reshape(3, -1)
+        return (variance * parts**-exponent).sum(axis=0) * (camera + (cost * parts).sum(axis=0)) ** exponent
+
+    best = np.min([error(2.0 ** -np.array(parts)) for parts in product(range(4), repeat=3)], axis=0)
+    found, without = error(2.0 ** -halvings.astype(float)), error(np.ones(3))
+    np.testing.assert_allclose(of_variance * of_cost**exponent, found / without)
+    assert (found / best).max() < 1.25 and np.median(found / best) < 1.03 and (found / without).max() < 1.1
+
+
+def test_lights_without_variance_or_cost() -> None:
+    zero = np.zeros((3, 2))
+    halvings, of_variance, of_cost = light_halvings(zero, np.ones((3, 2)), np.ones(2), 1.4)
+    assert (halvings == 3).all() and np.isfinite(of_variance).all() and (of_cost == (1 + 3 / 8) / 4).all()
+    halvings, of_variance, of_cost = light_halvings(np.ones((3, 2)), zero, np.ones(2), 1.4)
+    assert not halvings.any() and (of_variance == 1).all() and (of_cost == 1).all()

@@ -1,0 +1,97 @@
+"""Lights that few camera samples look at: which do, with which weights, and that images keep their mean."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.base.vectors import Array
+from dmis.estimator.allocation import shares_of
+from dmis.estimator.patterns import BLOCKS, FEW_LIGHTS, MOST_HALVINGS, Looks, PatternMap, separate_lights
+from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.rule import Rule
+from tests.helpers import images_z_score, shared_scene
+
+LIGHTS = 8
+"""Lights of two techniques in ten-lights; two more have a single direction."""
+
+
+@dataclass(frozen=True)
+class Halved(Rule):
+    """One round of equal numbers; `halvings` of all lights, or random ones; None: all camera samples look at all."""
+
+    halvings: int | None = None
+    at_random: bool = False
+
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        shape, pattern = (LIGHTS + 1, *budget.shape), np.zeros(budget.shape, np.uint8)
+        halvings = None if self.halvings is None else np.full(shape, self.halvings, np.uint8)
+        if self.at_random:
+            halvings = np.random.default_rng(1).integers(0, MOST_HALVINGS + 1, shape).astype(np.uint8)
+        patterns = PatternMap(((1, 1),), pattern, (1, 1), halvings)
+        yield Round(budget.spp, shares_of(0.5), budget.settings, patterns=patterns, image_weight=budget.spp)
+
+
+def lamps() -> dmis.Scene:
+    return shared_scene("ten-lights", (32, 24))
+
+
+def images(rule: Rule, seeds: range, **options: object) -> list[Array]:
+    return [dmis.render(lamps(), rule, 16, seed=seed, parallel=1, **options).image for seed in seeds]
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 8, 24, 56, 64])
+@pytest.mark.parametrize("halvings", range(1, MOST_HALVINGS + 1))
+def test_weights_add_up_in_all_sub_blocks(samples: int, halvings: int) -> None:
+    """A light counts as if all camera samples looked at it, in each sub-block as far as they can be divided evenly."""
+    number = np.arange(samples)
+    looks = Looks(np.full((1, samples), halvings, np.uint8), number, np.full(samples, samples, np.int32))
+    at = looks.at(0, None)
+    assert at is not None
+    chosen, weight, block = at
+    least = min(samples, BLOCKS)
+    assert len(chosen) == max(-(-samples // 2**halvings), least)
+    np.testing.assert_array_equal(chosen, np.arange(len(chosen)))
+    assert weight.sum() == pytest.approx(samples)
+    of_blocks = np.bincount(block, weight, BLOCKS)
+    assert (of_blocks > 0).sum() == least and np.ptp(of_blocks[:least]) <= weight[0] + 1e-6
+
+
+def test_lights_that_all_look_at_cost_nothing() -> None:
+    """No halvings and halvings of 0 are the same image, to the bit."""
+    expected, found = images(Halved(), range(1)), images(Halved(0), range(1))
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("rule", "sampler"), [(Halved(MOST_HALVINGS), "sobol"), (Halved(0, at_random=True), "independent")]
+)
+def test_mean_does_not_depend_on_halvings(rule: Halved, sampler: str) -> None:
+    found, expected = images(rule, range(4), sampler=sampler), images(Halved(), range(4, 8), sampler=sampler)
+    assert abs(images_z_score(found, expected)) < 4
+
+
+def test_fewer_rays() -> None:
+    every, halved = (dmis.render(lamps(), rule, 16, parallel=1).rays for rule in (Halved(), Halved(2)))
+    for kind in ("shadow", "brdf", "delta"):
+        assert halved[kind] == pytest.approx(every[kind] / 4, rel=0.1)
+    assert halved["camera"] == every["camera"]
+
+
+def test_deviation_has_lights_that_few_look_at() -> None:
+    """Errors of images are those that their deviations say, with independent points."""
+    renders = [dmis.render(lamps(), Halved(2), 16, seed=k, sampler="independent", parallel=1) for k in range(6)]
+    variance = np.var([render.image for render in renders], axis=0, ddof=1, dtype=float).mean()
+    said = np.mean([np.square(render.deviation, dtype=float) for render in renders])
+    assert said == pytest.approx(variance, rel=0.15)
+
+
+def test_where_there_is_a_choice() -> None:
+    settings = dmis.Settings(integrator="direct", sampler="sobol")
+    assert separate_lights(lamps().plan, settings) == LIGHTS <= FEW_LIGHTS
+    assert separate_lights(lamps().plan, dmis.Settings(integrator="path", max_depth=3)) == 0
+    assert separate_lights(lamps().plan, dmis.Settings(integrator="direct", lights="one")) == 0
+    assert separate_lights(lamps().plan, dmis.Settings(integrator="direct", lights="tree")) == 1
+    assert separate_lights(shared_scene("cornell", (8, 8)).plan, settings) == 0
