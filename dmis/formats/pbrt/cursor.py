@@ -9,7 +9,8 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import SAME_TYPE
-from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameter, Parameters
+from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, Parameter
+from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.tokens import Source, Token, either, is_number, number_of, numbers_of, tokens_of
 
 _WORDS = ("bool", "string", "texture")
@@ -71,7 +72,7 @@ class Cursor:
         items: dict[str, Parameter] = {}
         while self.peek().kind == "string":
             parameter = self._parameter(directive, self.next())
-            if parameter.name in items:
+            if parameter.name in items and directive.dialect == "v4":  # elsewhere the last one counts
                 raise parameter.error("is given twice; it must be given once")
             items[parameter.name] = parameter
         return Parameters(directive, items)

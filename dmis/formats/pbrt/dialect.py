@@ -36,7 +36,13 @@ class Dialect:
     film_size
         Width and height where the Film line has none.
     required
-        Parameters that change the image, by directive, with the only supported value; None if they must be absent.
+        Parameters that change the image, by directive, with the only supported value.
+    unapplied
+        Parameters whose effect on the image is left out with a warning, by directive, with the value that has no
+        effect; None: each has one.
+    integrators
+        Integrators whose expected image is that of paths, and those whose own image is biased and is replaced by paths
+        with a warning.
     radius
         Names of a pixel filter's half widths.
     filter
@@ -63,6 +69,8 @@ class Dialect:
     film: tuple[str, ...] = ("image",)
     film_size: tuple[int, int] = (1280, 720)
     required: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    unapplied: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    integrators: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     radius: tuple[str, str] = ("xwidth", "ywidth")
     filter: PixelFilter | None = None
     levels: tuple[str, ...] = ("levels",)
@@ -79,6 +87,7 @@ V2 = Dialect(
     types=_NUMERIC | _SPECTRAL,
     directives=frozenset({"SurfaceIntegrator", "VolumeIntegrator", "Renderer", "Volume"}),
     film_size=(640, 480),
+    integrators=(("path",), ("photonmap", "exphotonmap", "igi", "irradiancecache")),
     levels=("nlevels",),
     t_up=False,
     beyond=1,
@@ -87,7 +96,8 @@ V3 = Dialect(
     "v3",
     types=_NUMERIC | _SPECTRAL | _LATER,
     directives=frozenset({"Integrator", "MakeNamedMedium", "MediumInterface"}),
-    required={"Film": {"scale": 1.0, "maxsampleluminance": None}},
+    unapplied={"Film": {"scale": [1.0], "maxsampleluminance": None}},
+    integrators=(("path", "volpath", "bdpt", "mlt"), ("sppm",)),
     levels=("levels", "nlevels"),
 )
 V4 = Dialect(
@@ -95,11 +105,15 @@ V4 = Dialect(
     types=_NUMERIC | _LATER | {"blackbody": 1},
     directives=frozenset({*V3.directives, "Attribute", "ColorSpace", "Import", "Option"}),
     film=("rgb", "gbuffer", "spectral"),
+    integrators=(("path", "volpath", "bdpt", "mlt", "simplepath", "simplevolpath", "randomwalk"), ("sppm",)),
     required={
-        "Film": {"iso": 100.0, "sensor": "cie1931", "whitebalance": 0.0, "maxcomponentvalue": None},
-        "Camera": {"shutteropen": 0.0, "shutterclose": 1.0},
-        "Integrator": {"regularize": False},
+        "Film": {"sensor": "cie1931", "whitebalance": 0.0},
         "Option": {"disablepixeljitter": False, "forcediffuse": False, "disabletexturefiltering": False},
+    },
+    unapplied={
+        "Film": {"iso": [100.0], "maxcomponentvalue": None},
+        "Camera": {"shutteropen": [0.0], "shutterclose": [1.0]},
+        "Integrator": {"regularize": ["false"]},
     },
     radius=("xradius", "yradius"),
     filter=PixelFilter("gaussian", (1.5, 1.5), 0.5),
@@ -118,7 +132,10 @@ IRRELEVANT = {
     "Option": frozenset({"seed", "quiet", "pixelstats", "wavefront", "rendercoordsys", "disablewavelengthjitter"}),
     **dict.fromkeys(
         ("Integrator", "SurfaceIntegrator"),
-        frozenset({"lightsamplestrategy", "lightsampler", "rrthreshold", "pixelbounds", "nsamples"}),
+        frozenset(
+            "lightsamplestrategy lightsampler rrthreshold pixelbounds nsamples mutationsperpixel chains sigma radius "
+            "samplebsdf bootstrapsamples largestepprobability samplelights photonsperiteration iterations".split()
+        ),
     ),
 }
 """Parameters that do not change the expected image, by directive; those of Sampler and Renderer never do."""
@@ -146,9 +163,10 @@ v2 v3 : Sampler        : lowdiscrepancy random
 v2 v3 : Material       : matte plastic metal mirror glass substrate uber
 v2 v3 : AreaLightSource: area
 v3    : Sampler        : 02sequence maxmindist
-v3    : Integrator     : directlighting
+v3    : Integrator     : directlighting whitted
 v3 v4 : Sampler        : sobol
-v3 v4 : Integrator     : volpath
+v3 v4 : Integrator     : volpath bdpt mlt sppm
+v4    : Integrator     : simplepath simplevolpath randomwalk
 v3 v4 : Shape          : plymesh
 v4    : Film           : rgb gbuffer spectral
 v4    : Sampler        : independent paddedsobol pmj02bn zsobol

@@ -1,6 +1,6 @@
-"""Execution of pbrt's directives on a `dmis.formats.pbrt.reader.Reader`: of files, transforms, blocks and options.
+"""Execution of pbrt's directives on a `dmis.formats.pbrt.reader.Reader`: of files, transforms and blocks.
 
-The other directives are in `dmis.formats.pbrt.world`.
+The other directives are in `dmis.formats.pbrt.options` and `dmis.formats.pbrt.world`.
 """
 
 from __future__ import annotations
@@ -14,14 +14,12 @@ import numpy as np
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.cursor import Cursor
-from dmis.formats.pbrt.dialect import DIALECTS, IRRELEVANT, V2, V4
-from dmis.formats.pbrt.parameters import Parameters
-from dmis.formats.pbrt.reader import KEPT, MATRIX, OPTIONAL, PARAMETERS, WORD, Directive, Reader, inverse
+from dmis.formats.pbrt.dialect import DIALECTS
+from dmis.formats.pbrt.options import OPTIONS
+from dmis.formats.pbrt.reader import KEPT, MATRIX, OPTIONAL, PARAMETERS, WORD, Directive, Reader
 from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.formats.pbrt.world import WORLD
 from dmis.geometry import transforms
-from dmis.samplers.pixel_filter import PixelFilter
-from dmis.scene.defaults import MAX_DEPTH
 
 MAX_FILES = 10_000
 """Most inclusions of files; a file that is included twice counts twice."""
@@ -59,6 +57,7 @@ def carry_out(reader: Reader, source: Source) -> None:
         with nullcontext() if token.text.endswith(_STRUCTURE) else reader.refusals.collect():
             run(reader, *arguments)
         if takes[-1:] == (PARAMETERS,):
+            reader.notes.add_findings(arguments[-1])
             reader.notes.add_unread(arguments[-1])
     reader.including.pop()
     if not reader.including and reader.phase == "world" and not reader.dialect.ends:
@@ -122,11 +121,6 @@ def _import(reader: Reader, name: Token) -> None:
 
 def _set_transform(reader: Reader, matrix: Floats) -> None:
     """Make `matrix` (4, 4) the current transform."""
-    if not np.isfinite(matrix).all() or np.linalg.cond(matrix[:3, :3]) > 1e12:
-        raise reader.token.error(f"the current transform must be invertible and finite; it becomes {matrix.tolist()}")
-    if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
-        raise reader.token.error(f"a transform must be affine, with last row 0 0 0 1; it has {matrix[3].tolist()}")
-    matrix[3] = 0, 0, 0, 1
     reader.change(to_world=matrix)
 
 
@@ -161,90 +155,9 @@ def _world_end(reader: Reader) -> None:
     reader.phase = "end"
 
 
-def _camera(reader: Reader, name: Token, p: Parameters) -> None:
-    name.among("the camera", ("perspective",))
-    reader.camera, reader.to_camera = p, reader.state.to_world
-    reader.systems["camera"] = inverse(reader.state.to_world)
-
-
-def _film(reader: Reader, name: Token, p: Parameters) -> None:
-    name.among("the film", reader.dialect.film)
-    reader.film = p
-
-
-def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
-    v4 = reader.dialect is V4
-    usual = {"box": 0.5, "gaussian": 1.5 if v4 else 2.0}.get(name.name, 2.0)
-    x, y = (p.number(half, usual) for half in reader.dialect.radius)
-    sigma = p.number("sigma", 0.5) if name.name == "gaussian" and v4 else 0.5
-    if name.name == "gaussian" and not v4:  # exp(-alpha x^2)
-        alpha = p.number("alpha", 2)
-        if not alpha > 0:
-            raise p.items["alpha"].token.error(f"alpha must be positive, or the filter has no width; got {alpha:g}")
-        sigma = (2 * alpha) ** -0.5
-    with blame(name):
-        pixel_filter = PixelFilter(name.name, (x, y), sigma)
-    reader.filter = None if pixel_filter == PixelFilter("box", (0.5, 0.5)) else pixel_filter
-
-
-def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
-    dialect = reader.dialect
-    p.require(dialect.required.get("Integrator", {}))
-    paths = ("path",) if dialect is V2 else ("path", "volpath")
-    name.among("the integrator", paths if dialect is V4 else ("directlighting", *paths))
-    depth = p.integer("maxdepth", 5)
-    if name.name == "directlighting":
-        reader.samples.strategy = p.string("strategy", "all", ("all", "one"))
-        depth = max(depth, 1)  # none is left out at depth 0 either
-    else:
-        # In pbrt-v2 the light at vertices 0 to maxdepth is gathered before the loop is left (integrators/path.cpp), in
-        # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
-        # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike).
-        reader.samples.strategy, depth = "one", depth + dialect.beyond
-    if not 1 <= depth <= MAX_DEPTH:
-        rule = f"must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen"
-        raise p.items["maxdepth"].token.error(f"maxdepth {rule}; here it is {depth}")
-    reader.integrator = ("direct" if name.name == "directlighting" else "path"), depth
-
-
-def _option(reader: Reader, p: Parameters) -> None:
-    p.require(reader.dialect.required["Option"])
-    for item in p.items.values():
-        item.token.find("option", item.name, dict.fromkeys([*p.read_names, *IRRELEVANT["Option"]]))
-
-
-def _make_named_medium(reader: Reader, name: Token, p: Parameters) -> None:
-    empty = p.string("type", "") == "homogeneous" and all(
-        (coefficient := p.get(key, "color", "rgb", "spectrum")) is not None and not any(coefficient.colour())
-        for key in ("sigma_a", "sigma_s")
-    )
-    reader.vacuums = reader.vacuums | {name.name} if empty else reader.vacuums - {name.name}
-    _unused(reader)
-
-
-def _medium_interface(reader: Reader, *names: Token | None) -> None:
-    for name in names:
-        if name is not None and name.text != '""' and name.name not in reader.vacuums:
-            raise name.error("a medium changes the image, and media are not supported; remove it to render a vacuum")
-    _unused(reader)
-
-
 def _active_transform(reader: Reader, which: Token) -> None:
     if which.text != "All":
         raise which.error("ActiveTransform must be All, because motion is not supported; remove the line")
-
-
-def _unused(reader: Reader, *arguments: object) -> None:
-    reader.notes.add_unused(reader.token)
-
-
-def _only(what: str, supported: str) -> Callable[..., None]:
-    """Return a directive that does nothing, and whose string, `what`, must be the one that is supported."""
-    return lambda reader, name, *others: name.among(what, (supported,))
-
-
-def _volume(reader: Reader) -> None:
-    raise reader.token.error("volumes are not supported")
 
 
 _DIRECTIVES: dict[str, Directive] = {
@@ -260,7 +173,6 @@ _DIRECTIVES: dict[str, Directive] = {
     "CoordinateSystem": ("any", _name_system, ("a name",)),
     "CoordSysTransform": ("any", _return_to_system, ("a name",)),
     "ActiveTransform": ("any", _active_transform, (WORD,)),
-    "TransformTimes": ("options", _unused, (2,)),
     "ReverseOrientation": ("world", lambda reader: reader.change(reverse=not reader.state.reverse), ()),
     "WorldBegin": ("options", _world_begin, ()),
     "WorldEnd": ("world", _world_end, ()),
@@ -269,19 +181,6 @@ _DIRECTIVES: dict[str, Directive] = {
     "TransformBegin": ("world", Reader.open_block, ()),
     "TransformEnd": ("world", Reader.close_block, ()),
     **WORLD,
-    "Volume": ("world", _volume, ()),
-    "Option": ("options", _option, (PARAMETERS,)),
-    "ColorSpace": ("any", _only("the colour space", "srgb"), ("a name",)),
-    "MakeNamedMedium": ("any", _make_named_medium, ("a name", KEPT)),
-    "MediumInterface": ("any", _medium_interface, ("the name of a medium", OPTIONAL)),
-    "Camera": ("options", _camera, ("a kind of camera", KEPT)),
-    "Film": ("options", _film, ("a kind of film", KEPT)),
-    "PixelFilter": ("options", _pixel_filter, ("a kind of filter", PARAMETERS)),
-    "Sampler": ("options", lambda reader, *line: reader.samples.read_sampler(*line), ("a kind of sampler", PARAMETERS)),
-    "SurfaceIntegrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
-    "Integrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
-    "VolumeIntegrator": ("options", _unused, ("a kind", KEPT)),
-    "Renderer": ("options", _only("the renderer", "sampler"), ("a kind of renderer", PARAMETERS)),
-    "Accelerator": ("options", _unused, ("a kind", KEPT)),
+    **OPTIONS,
 }
 _SPECIAL = frozenset().union(*(dialect.directives for dialect in DIALECTS.values()))

@@ -23,7 +23,8 @@ from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image, scale
 from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
-from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures, rgb
+from dmis.formats.pbrt.parameter import Parameter, rgb
+from dmis.formats.pbrt.parameters import Parameters, Textures
 from dmis.formats.pbrt.spectra import SPECTRA
 from dmis.formats.pbrt.tokens import Token, blame
 

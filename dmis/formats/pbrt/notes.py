@@ -6,7 +6,8 @@ import warnings
 
 from dmis.base.validate import did_you_mean
 from dmis.formats.pbrt.dialect import IRRELEVANT
-from dmis.formats.pbrt.parameters import SPECTRUM_TYPES, Parameters
+from dmis.formats.pbrt.parameter import SPECTRUM_TYPES
+from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.tokens import Source, Token
 from dmis.scene.scene import SceneWarning
 
@@ -14,15 +15,13 @@ MIN_LIKENESS = 0.8
 """Similarity, 0 to 1, from which on an unknown parameter may be a misspelt one."""
 _UNUSED = "not used, because it does not change the expected image"
 _UNKNOWN = "not used, because it is unknown there"
-_BRIGHT = "reflectance above 1, which adds light, taken as it is, as pbrt does"
-_NEGATIVE = "reflectance below 0, taken as 0, as pbrt does"
 
 
 class PbrtWarning(SceneWarning):
     """Warning about lines of a pbrt file that were not used, probably have another meaning, or are too bright.
 
-    Lines are not used if they do not change the expected image or are unknown. Reflectances above 1 are too bright;
-    below 0 they are taken as 0.
+    Lines are not used if they do not change the expected image or are unknown; what changes it and is not applied is
+    named as such. Reflectances above 1 are too bright; below 0 they are taken as 0.
     """
 
 
@@ -32,15 +31,15 @@ class Notes:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.warnings: list[str] = []
-        kinds = _UNUSED, _UNKNOWN, _BRIGHT, _NEGATIVE
-        self._notes: dict[str, dict[str, dict[int, Token]]] = {kind: {} for kind in kinds}
+        self._notes: dict[str, dict[str, dict[int, Token]]] = {_UNUSED: {}, _UNKNOWN: {}}
 
-    def _add(self, kind: str, what: str, token: Token) -> None:
-        self._notes[kind].setdefault(what, {})[id(token)] = token
+    def add(self, kind: str, what: str, token: Token) -> None:
+        """Note what a warning that begins with `kind` says of a token."""
+        self._notes.setdefault(kind, {}).setdefault(what, {})[id(token)] = token
 
     def add_unused(self, directive: Token) -> None:
         """Note a directive that does not change the expected image."""
-        self._add(_UNUSED, directive.text, directive)
+        self.add(_UNUSED, directive.text, directive)
 
     def add_unread(self, p: Parameters) -> None:
         """Note the parameters that were not read."""
@@ -50,19 +49,18 @@ class Notes:
                 continue
             what = f"parameter {name!r} of {directive}"
             if directive in ("Sampler", "Renderer") or name in IRRELEVANT.get(directive, ()):
-                self._add(_UNUSED, what, item.token)
+                self.add(_UNUSED, what, item.token)
                 continue
             hint = did_you_mean(name, p.read_names, MIN_LIKENESS)
             if directive in ("LightSource", "AreaLightSource") and item.kind in SPECTRUM_TYPES:
                 meant = "I" if "I" in p.read_names else "L"
                 hint = "" if meant in p.items else f", did you mean {meant!r}?"
-            self._add(_UNKNOWN, what + hint, item.token)
+            self.add(_UNKNOWN, what + hint, item.token)
 
-    def add_reflectances(self, p: Parameters) -> None:
-        """Note the reflectances outside of [0, 1]."""
-        for kind, items in ((_BRIGHT, p.bright), (_NEGATIVE, p.negative)):
-            for item in items:
-                self._add(kind, f"{item.name!r} of {item.directive.text}", item.token)
+    def add_findings(self, p: Parameters) -> None:
+        """Note what was found of parameters."""
+        for kind, item in p.findings:
+            self.add(kind, f"{item.name!r} of {item.directive.text}", item.token)
 
     def warn(self, stacklevel: int) -> None:
         """Issue a warning for each text and each kind of note, with the first places of what it is about."""

@@ -9,75 +9,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dmis.base.color import Rgb, read_spd, spectrum_to_rgb, xyz_to_rgb
+from dmis.base.color import Rgb
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
-from dmis.formats.pbrt.spectra import SPECTRA, luminous
-from dmis.formats.pbrt.tokens import PbrtError, Token, blame, either
+from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, Parameter, rgb
+from dmis.formats.pbrt.tokens import Token, either
 
-SPECTRUM_TYPES = ("color", "rgb", "xyz", "blackbody", "spectrum")
-"""Types of parameters whose values are spectra."""
 Textures = Mapping[tuple[str, str], Any]
 """Textures by their type, "float" or "color", and their name."""
+BRIGHT = "reflectance above 1, which adds light, taken as it is, as pbrt does"
+NEGATIVE = "reflectance below 0, taken as 0, as pbrt does"
+UNDEFINED = "texture that is not defined, its parameter's default taken, as pbrt does"
+UNAPPLIED = "not applied, so that the image differs by it from pbrt's"
+"""What warnings say of a parameter."""
 BRIGHT_REFLECTANCE = 1.001
 """Reflectance above which a warning names the parameter; it is above 1 because spectra of 1 are rounded."""
 DARK_REFLECTANCE = -0.001
 """Reflectance below which a warning names the parameter; it is below 0 because spectra are rounded."""
-
-
-@dataclass(frozen=True, eq=False)
-class Parameter:
-    """A parameter as written; its values are numbers ``(n,)`` or strings, depending on its type.
-
-    `token` is its declaration, for errors, and `directive` is the line that it stands in.
-    """
-
-    kind: str
-    name: str
-    values: Floats | tuple[str, ...]
-    token: Token
-    directive: Token
-
-    @property
-    def numbers(self) -> Floats:
-        """Values of a parameter whose type is numeric."""
-        assert isinstance(self.values, np.ndarray)
-        return self.values
-
-    def error(self, rule: str) -> PbrtError:
-        """Return the error that the parameter breaks a rule: "must be positive; got 0"."""
-        return self.token.error(f"parameter {self.name!r} {rule}")
-
-    def single(self, count: int = 1) -> Sequence[Any]:
-        """Return the values of a parameter that must hold `count` of them."""
-        if len(self.values) != count:
-            what = ("string" if isinstance(self.values, tuple) else "number") + "s" * (count > 1)
-            raise self.error(f"must be {'one' if count == 1 else count} {what}; got {len(self.values)}")
-        return self.values if isinstance(self.values, tuple) else self.values.tolist()
-
-    def colour(self, light: bool = False) -> Rgb:
-        """Return the linear RGB of a spectrum, of any of `SPECTRUM_TYPES`, of a surface or a `light`.
-
-        In v4 a light's spectrum is brought to luminance 1, unless it is of type rgb.
-        """
-        spectra = SPECTRA[self.token.dialect]
-        luminance = light and self.kind == "spectrum" and self.token.dialect == "v4"
-        sampled = spectrum_to_rgb if luminance else spectra.sampled
-        with blame(self.token):
-            if isinstance(self.values, tuple):
-                (name,), named = self.values, spectra.named()
-                if named and "." not in name:
-                    rgb = self.token.find("spectrum of the name", name, named)
-                else:
-                    rgb = sampled(*read_spd(self.token.file(name)))
-            elif self.kind == "spectrum":
-                rgb = sampled(self.values[::2], self.values[1::2])
-            elif self.kind == "blackbody":
-                rgb = spectra.blackbody(*self.values.tolist())
-            else:
-                rgb = xyz_to_rgb(self.values) if self.kind == "xyz" else self.values.tolist()
-            r, g, b = luminous(rgb) if luminance else rgb
-        return r, g, b
 
 
 @dataclass(eq=False)
@@ -97,16 +45,15 @@ class Parameters:
         Textures that values may name.
     read_names
         Names of the parameters that were read, absent ones too.
-    bright, negative
-        Reflectances above 1 and below 0.
+    findings
+        Parameters of which a warning must say something, with what it says.
     """
 
     directive: Token
     items: Mapping[str, Parameter]
     textures: Textures = field(default_factory=dict)
     read_names: set[str] = field(default_factory=set)
-    bright: set[Parameter] = field(default_factory=set)
-    negative: set[Parameter] = field(default_factory=set)
+    findings: list[tuple[str, Parameter]] = field(default_factory=list)
 
     @property
     def dialect(self) -> str:
@@ -196,16 +143,23 @@ class Parameters:
     def real(self, name: str, default: float | Image) -> float | Image:
         """Return the float or float texture `name`."""
         parameter = self.get(name, "texture", "float")
-        if parameter is None:
+        if parameter is None or self._undefined("float", parameter):
             return default
         return self._texture("float", parameter) if parameter.kind == "texture" else float(parameter.single()[0])
 
     def colour(self, name: str, default: float | Rgb) -> Rgb | Image:
         """Return the spectrum or spectrum texture `name`, as linear RGB."""
         parameter = self.get(name, "texture", *SPECTRUM_TYPES)
-        if parameter is None:
+        if parameter is None or self._undefined("color", parameter):
             return default if isinstance(default, tuple) else (default, default, default)
         return self._texture("color", parameter) if parameter.kind == "texture" else parameter.colour()
+
+    def _undefined(self, kind: str, parameter: Parameter) -> bool:
+        """Return whether a parameter names a texture that is not defined, which is no error in v2 and v3."""
+        if parameter.kind != "texture" or self.dialect == "v4" or (kind, parameter.single()[0]) in self.textures:
+            return False
+        self.findings.append((UNDEFINED, parameter))
+        return True
 
     def _texture(self, kind: str, parameter: Parameter) -> Any:
         named = {name: texture for (type_, name), texture in self.textures.items() if type_ == kind}
@@ -225,10 +179,10 @@ class Parameters:
         """
         value = self.colour(name, default)
         texels = value.texels if isinstance(value, Image) else np.asarray(value)
-        if texels.min() < DARK_REFLECTANCE:
-            self.negative.add(self.items[name])
         if texels.max() > BRIGHT_REFLECTANCE and most == np.inf:
-            self.bright.add(self.items[name])
+            self.findings.append((BRIGHT, self.items[name]))
+        if texels.min() < DARK_REFLECTANCE:
+            self.findings.append((NEGATIVE, self.items[name]))
         clipped = np.clip(texels, 0, most)
         return replace(value, texels=clipped) if isinstance(value, Image) else rgb(clipped)
 
@@ -258,15 +212,16 @@ class Parameters:
                     raise self.items[name].error(f"must be {value}, because another makes another image")
             self.read_names.add(name)
 
+    def note_unapplied(self, defaults: Mapping[str, Any]) -> None:
+        """Note those of the parameters with `defaults` that have another value; None means that each is another."""
+        for name, default in defaults.items():
+            self.read_names.add(name)
+            if name in self.items and list(self.items[name].values) != default:
+                self.findings.append((UNAPPLIED, self.items[name]))
+
     def refuse(self, reason: str, *names: str) -> None:
         """Raise a `PbrtError` with `reason` if there is a parameter of one of the `names`."""
         for name in names:
             self.read_names.add(name)
             if name in self.items:
                 raise self.items[name].token.error(reason)
-
-
-def rgb(values: Any) -> Rgb:
-    """Return three numbers (3,) as a tuple of Python floats."""
-    x, y, z = np.asarray(values, np.float64).tolist()
-    return x, y, z

@@ -21,7 +21,7 @@ from dmis.brdf.distributions import Anisotropic, Elliptic
 from dmis.brdf.materials import Material
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.lights import similarity
-from dmis.formats.pbrt.parameters import rgb
+from dmis.formats.pbrt.parameter import rgb
 from dmis.formats.pbrt.shapes import Shape, mirrors
 from dmis.formats.pbrt.tokens import blame
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals

@@ -34,8 +34,9 @@ File names are relative to the folder of the file that they stand in, else to th
 lead out of the latter unless the caller allows it.
 
 The modules, by the way of a line: text (`tokens`, `cursor`, `dialect`), values (`parameters`, `spectra`), directives as
-tables (`directives`, `world`), what they make (`textures`, `materials`, `materials_v2`, `lights`,
-`shapes`, `quadrics`, `parts`, `suggestions`), and the scene with its warnings (`reader`, `notes`).
+tables (`directives`, `options`, `world`), what they make (`cameras`, `textures`, `materials`, `materials_v2`,
+`lights`, `shapes`, `quadrics`, `parts`, `suggestions`), and the scene with its warnings and errors (`reader`, `notes`,
+`refusals`).
 """
 
 from __future__ import annotations
@@ -50,11 +51,12 @@ from pathlib import Path
 import numpy as np
 
 from dmis.base.validate import did_you_mean
+from dmis.formats.pbrt.cameras import make_camera
 from dmis.formats.pbrt.dialect import DIALECTS, Dialect, detect
 from dmis.formats.pbrt.directives import MAX_FILES, carry_out
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.reader import Reader
-from dmis.formats.pbrt.tokens import PbrtError, Source, Token, tokens_of
+from dmis.formats.pbrt.tokens import Source, Token, tokens_of
 from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene
 
@@ -84,12 +86,12 @@ def read_pbrt(
         warnings.warn(PbrtWarning(_contradicted(path, dialect, fits)), stacklevel=2)
     reader = Reader(replace(source, dialect=chosen), resolution)
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
-        try:
+        with reader.refusals.collect():
             carry_out(reader, reader.source)
-        except PbrtError as error:
-            reader.refusals.add(error)
-            raise reader.refusals.error() from None
-        scene = reader.scene()
+            camera = make_camera(reader)
+        if reader.refusals:
+            raise reader.refusals.error()
+        scene = reader.scene(camera)
     reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
     if reason == "guess":
         warnings.warn(PbrtWarning(_guessed(path, chosen, fits)), stacklevel=2)

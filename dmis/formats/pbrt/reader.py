@@ -17,7 +17,8 @@ from dmis.brdf.materials import Material
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.notes import Notes
-from dmis.formats.pbrt.parameters import Parameter, Parameters, Textures
+from dmis.formats.pbrt.parameter import Parameter
+from dmis.formats.pbrt.parameters import Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.refusals import Refusals
@@ -88,6 +89,8 @@ class Reader:
         self.including: list[Path] = []
         self.files = 0
         self.integrator = "direct" if self.dialect.name == "v2" else "path", DEFAULT_DEPTH
+        self.metropolis = False
+        """Whether a Renderer line decides about the integrator."""
         self.samples = SampleRequests(self.dialect.name)
         self.filter = self.dialect.filter
         self.vacuums: set[str] = set()
@@ -150,10 +153,19 @@ class Reader:
         return self.make_material(name, (shape, parameters))
 
     def make_material(self, name: Token, lists: Sequence[Parameters]) -> Material:
-        """Return the material `name` made from the parameter `lists`; note reflectances outside of [0, 1]."""
+        """Return the material `name` made from the parameter `lists`; note what was found of parameters."""
         material = make_material(name, lists, self.state.textures, self.state.named_materials)
-        self.notes.add_reflectances(lists[0])
+        self.notes.add_findings(lists[0])
         return material
+
+    def to_world(self) -> Floats:
+        """Return the current transform (4, 4), which must be invertible, finite and affine where it is used."""
+        matrix = self.state.to_world
+        if not np.isfinite(matrix).all() or np.linalg.cond(matrix[:3, :3]) > 1e12:
+            raise self.token.error(f"the current transform must be invertible and finite; it is {matrix.tolist()}")
+        if not np.allclose(matrix[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
+            raise self.token.error(f"a transform must be affine, with last row 0 0 0 1; it has {matrix[3].tolist()}")
+        return matrix
 
     def add(self, shape: Shape, material: Material) -> None:
         """Add a shape to the world, or to the object that is being defined."""
@@ -168,12 +180,8 @@ class Reader:
             most = MAX_SCENE_TRIANGLES
             raise self.token.error(f"a scene must have at most {most} triangles, because instances are copied")
 
-    def scene(self) -> Scene:
+    def scene(self, camera: Camera) -> Scene:
         """Return the scene, after all files are read; raise a `PbrtError` that lists all that is not supported."""
-        with self.refusals.collect():
-            camera = self._camera()
-        if self.refusals:
-            raise self.refusals.error()
         placed = [*(shape for _, shape, *_ in self.emitters), *(shape for shape, _ in self.shapes)]
         placed, quadrics = tessellate_quadrics(placed, len(self.emitters), camera, MAX_SCENE_TRIANGLES)
         self.triangles["world"] = 0
@@ -198,45 +206,6 @@ class Reader:
         with blame(self.token):
             source = {} if quadrics is None else {"quadrics": quadrics}
             return Scene(camera, tuple(parts), finished, self.source.path.stem, suggested, source=source)
-
-    def _camera(self) -> Camera:
-        film, p = self.film, self.camera
-        wide, high = self.dialect.film_size
-        size = film.integer("xresolution", wide), film.integer("yresolution", high)
-        film.refuse("pixelbounds is not supported; use cropwindow", "pixelbounds")
-        film.require(self.dialect.required.get("Film", {}))
-        p.require({"lensradius": 0.0, **self.dialect.required.get("Camera", {})})
-        crop = film.table("cropwindow", "float", 4)
-        if self.resolution is None:
-            with blame(film.directive):
-                Camera(np.eye(4), 90.0, size)
-        width, height = self.resolution or size
-        half, fov = p.number("halffov", 0), p.number("fov", 90)
-        ratio = width / height
-        x, y = max(ratio, 1), max(1 / ratio, 1)
-        for name, square in (("frameaspectratio", [ratio]), ("screenwindow", [-x, x, -y, y])):
-            if (table := p.table(name, "float", len(square))) is not None and not np.allclose(table, square, rtol=1e-6):
-                text = " ".join(f"{number:g}" for number in square)
-                raise p.items[name].error(f"must be that of square pixels, [{text}]; use fov instead")
-        self.notes.add_unread(film)
-        self.notes.add_unread(p)
-        with blame(p.directive):
-            camera = Camera(inverse(self.to_camera), 2 * half if half > 0 else fov, (width, height), filter=self.filter)
-        if crop is None:
-            return camera
-        if crop.shape != (1, 4) or not ((crop >= 0) & (crop <= 1)).all():
-            got = crop.tolist()
-            raise film.items["cropwindow"].error(f"must be four shares of the image, 0 to 1: x, x, y, y; got {got}")
-        left, right, top, bottom = np.ceil(crop[0] * [width, width, height, height]).astype(int).tolist()
-        with blame(film.items["cropwindow"].token):
-            return camera.crop((top, bottom), (left, right))
-
-
-def inverse(matrix: Floats) -> Floats:
-    """Return the inverse of an affine matrix (4, 4)."""
-    result = np.asarray(np.linalg.inv(matrix), np.float64)
-    result[3] = 0, 0, 0, 1
-    return result
 
 
 Directive = tuple[str, Callable[..., None], tuple[int | str, ...]]

@@ -19,11 +19,11 @@ from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import V2, Dialect
 
 _TOKEN = re.compile(
-    r"""(?: \s++ | \#[^\n]*+ )*+                                        # blanks and comments
-    (?: (?P<list> \[ (?: [-+.0-9eE\s]++ | \#[^\n]*+ )*+ \] )            # of numbers alone
+    r"""(?: [\s,]++ | \#[^\n]*+ )*+                                        # blanks, commas (of v3), comments
+    (?: (?P<list> \[ (?: [-+.0-9eE,\s]++ | \#[^\n]*+ )*+ \] )            # of numbers alone
       | (?P<string> "[^"\n]*+" )
       | (?P<open> \[ ) | (?P<close> \] )
-      | (?P<word> [^\s"\[\]\#]++ )
+      | (?P<word> [^\s,"\[\]\#]++ )
       | (?P<broken> "[^\n]*+ )                                          # a string without an end
       | (?P<end> \Z ) )""",
     re.VERBOSE,
@@ -171,7 +171,7 @@ def number_of(token: Token) -> float:
 
 def numbers_of(token: Token) -> Floats:
     """Return the values of a list token."""
-    text = token.text[1:-1]
+    text = token.text[1:-1].replace(",", " ")
     if "#" in text:
         text = re.sub(r"#[^\n]*", "", text)
     try:

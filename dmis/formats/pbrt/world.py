@@ -7,7 +7,7 @@ from typing import Any
 
 from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
-from dmis.formats.pbrt.dialect import V2
+from dmis.formats.pbrt.dialect import V2, V4
 from dmis.formats.pbrt.lights import emission, make_light
 from dmis.formats.pbrt.materials import MATERIALS
 from dmis.formats.pbrt.parameters import Parameters
@@ -54,6 +54,9 @@ def _make_named_material(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _named_material(reader: Reader, name: Token) -> None:
+    if reader.dialect is not V4 and name.name not in reader.state.named_materials:
+        reader.notes.add("material that is not defined, the Material line taken, as pbrt does", name.text, name)
+        return
     name.find("material", name.name, reader.state.named_materials)
     if name.name in reader.state.recipes:  # as if its line stood here, so that Shape lines may change it
         reader.change(material=reader.state.recipes[name.name], named=None)
@@ -62,7 +65,7 @@ def _named_material(reader: Reader, name: Token) -> None:
 
 
 def _light_source(reader: Reader, name: Token, p: Parameters) -> None:
-    reader.lights.append(make_light(name, p, reader.state.to_world))
+    reader.lights.append(make_light(name, p, reader.to_world()))
     reader.samples.light_samples.append(reader.samples.of_light(p))
 
 
@@ -76,8 +79,12 @@ def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
 
 
 def _shape(reader: Reader, name: Token, p: Parameters) -> None:
-    state = reader.state
-    shape = make_shape(name, p, state.to_world, state.reverse)
+    state, corners = reader.state, p.items.get("indices")
+    if corners is not None and not len(corners.values) and reader.dialect is not V4:
+        reader.notes.add("mesh without triangles, left out, as pbrt does", "Shape", reader.token)
+        p.read_names |= set(p.items)
+        return
+    shape = make_shape(name, p, reader.to_world(), state.reverse)
     material = reader.material_for(p)
     if state.area_light is None:
         reader.add(shape, material)
@@ -108,7 +115,7 @@ def _object_instance(reader: Reader, name: Token) -> None:
     members = name.find("object", name.name, reader.objects)
     placed: dict[int, Floats] = {}
     for shape, material in members:
-        to_world = placed.setdefault(id(shape.to_world), reader.state.to_world @ shape.to_world)
+        to_world = placed.setdefault(id(shape.to_world), reader.to_world() @ shape.to_world)
         reader.add(replace(shape, to_world=to_world), material)
 
 

@@ -1,0 +1,129 @@
+"""The directives of pbrt files that do not change the scene, as a table: camera, film, integrator, options, media."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dmis.formats.pbrt.cameras import inverse
+from dmis.formats.pbrt.dialect import IRRELEVANT, V4
+from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader
+from dmis.formats.pbrt.tokens import Token, blame
+from dmis.samplers.pixel_filter import PixelFilter
+from dmis.scene.defaults import MAX_DEPTH
+
+
+def _camera(reader: Reader, name: Token, p: Parameters) -> None:
+    name.among("the camera", ("perspective",))
+    reader.camera, reader.to_camera = p, reader.to_world()
+    reader.systems["camera"] = inverse(reader.to_camera)
+
+
+def _film(reader: Reader, name: Token, p: Parameters) -> None:
+    name.among("the film", reader.dialect.film)
+    reader.film = p
+
+
+def _pixel_filter(reader: Reader, name: Token, p: Parameters) -> None:
+    v4 = reader.dialect is V4
+    usual = {"box": 0.5, "gaussian": 1.5 if v4 else 2.0}.get(name.name, 2.0)
+    x, y = (p.number(half, usual) for half in reader.dialect.radius)
+    sigma = p.number("sigma", 0.5) if name.name == "gaussian" and v4 else 0.5
+    if name.name == "gaussian" and not v4:  # exp(-alpha x^2)
+        alpha = p.number("alpha", 2)
+        if not alpha > 0:
+            raise p.items["alpha"].token.error(f"alpha must be positive, or the filter has no width; got {alpha:g}")
+        sigma = (2 * alpha) ** -0.5
+    kind = name.name
+    if kind == "mitchell":  # of B = C = 1/3, whose variance is B / 3 in units of half its radius
+        reader.notes.add("negative filter, a Gaussian of the same variance taken", name.text, name)
+        kind, sigma = "gaussian", max(x, y) / 6
+    with blame(name):
+        pixel_filter = PixelFilter(kind, (x, y), sigma)
+    reader.filter = None if pixel_filter == PixelFilter("box", (0.5, 0.5)) else pixel_filter
+
+
+def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
+    dialect = reader.dialect
+    unbiased, biased = dialect.integrators
+    direct = () if dialect is V4 else ("directlighting", "whitted")
+    p.note_unapplied(dialect.unapplied.get("Integrator", {}))
+    name.among("the integrator", (*direct, *unbiased, *biased))
+    depth = p.integer("maxdepth", 5)
+    if name.name in biased:
+        reader.notes.add("rendered as path, because pbrt's own image is biased", f"integrator {name.text}", name)
+    if name.name in direct:
+        reader.samples.strategy = p.string("strategy", "all", ("all", "one"))
+        depth = max(depth, 1)  # none is left out at depth 0 either
+    else:
+        # In pbrt-v2 the light at vertices 0 to maxdepth is gathered before the loop is left (integrators/path.cpp), in
+        # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
+        # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike). Bidirectional paths have s + t - 2
+        # surfaces between camera and light, which `bdpt` and `mlt` bound by maxdepth.
+        reader.samples.strategy, depth = "one", depth + dialect.beyond
+    if not 1 <= depth <= MAX_DEPTH:
+        rule = f"must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen"
+        raise p.items["maxdepth"].token.error(f"maxdepth {rule}; here it is {depth}")
+    if not reader.metropolis:
+        reader.integrator = ("direct" if name.name in direct else "path"), depth
+
+
+def _renderer(reader: Reader, name: Token, p: Parameters) -> None:
+    name.among("the renderer", ("sampler", "metropolis"))
+    if name.name == "metropolis":  # of paths of v2 with at most maxdepth surfaces, whatever the SurfaceIntegrator
+        reader.metropolis, reader.integrator = True, ("path", min(max(p.integer("maxdepth", 7), 1), MAX_DEPTH))
+
+
+def _option(reader: Reader, p: Parameters) -> None:
+    p.require(reader.dialect.required["Option"])
+    for item in p.items.values():
+        item.token.find("option", item.name, dict.fromkeys([*p.read_names, *IRRELEVANT["Option"]]))
+
+
+def _make_named_medium(reader: Reader, name: Token, p: Parameters) -> None:
+    empty = p.string("type", "") == "homogeneous" and all(
+        (coefficient := p.get(key, "color", "rgb", "spectrum")) is not None and not any(coefficient.colour())
+        for key in ("sigma_a", "sigma_s")
+    )
+    reader.vacuums = reader.vacuums | {name.name} if empty else reader.vacuums - {name.name}
+    _unused(reader)
+
+
+def _medium_interface(reader: Reader, *names: Token | None) -> None:
+    for name in names:
+        if name is not None and name.text != '""' and name.name not in reader.vacuums:
+            raise name.error("a medium changes the image, and media are not supported; remove it to render a vacuum")
+    _unused(reader)
+
+
+def _unused(reader: Reader, *arguments: object) -> None:
+    reader.notes.add_unused(reader.token)
+
+
+def _only(what: str, supported: str) -> Callable[..., None]:
+    """Return a directive that does nothing, and whose string, `what`, must be the one that is supported."""
+    return lambda reader, name, *others: name.among(what, (supported,))
+
+
+def _volume(reader: Reader) -> None:
+    raise reader.token.error("volumes are not supported")
+
+
+OPTIONS: dict[str, Directive] = {
+    "TransformTimes": ("options", _unused, (2,)),
+    "Volume": ("world", _volume, ()),
+    "Option": ("options", _option, (PARAMETERS,)),
+    "ColorSpace": ("any", _only("the colour space", "srgb"), ("a name",)),
+    "MakeNamedMedium": ("any", _make_named_medium, ("a name", KEPT)),
+    "MediumInterface": ("any", _medium_interface, ("the name of a medium", OPTIONAL)),
+    "Camera": ("options", _camera, ("a kind of camera", KEPT)),
+    "Film": ("options", _film, ("a kind of film", KEPT)),
+    "PixelFilter": ("options", _pixel_filter, ("a kind of filter", PARAMETERS)),
+    "Sampler": ("options", lambda reader, *line: reader.samples.read_sampler(*line), ("a kind of sampler", PARAMETERS)),
+    "SurfaceIntegrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
+    "Integrator": ("options", _integrator, ("a kind of integrator", PARAMETERS)),
+    "VolumeIntegrator": ("options", _unused, ("a kind", KEPT)),
+    "Renderer": ("options", _renderer, ("a kind of renderer", PARAMETERS)),
+    "Accelerator": ("options", _unused, ("a kind", KEPT)),
+}
+"""Directives by name."""

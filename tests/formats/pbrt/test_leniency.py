@@ -1,0 +1,124 @@
+"""What the pbrt reader takes as pbrt does, with a warning where the image may not be the one that was meant."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from dmis.formats.pbrt.read import read_pbrt
+from dmis.samplers.pixel_filter import PixelFilter
+from tests.formats.pbrt.test_read import TRIANGLE
+
+HEADS = {
+    "v2": 'SurfaceIntegrator "path"',
+    "v3": 'Film "image" Integrator "path"',
+    "v4": 'Film "rgb" Integrator "path" PixelFilter "box"',
+}
+AS_PBRT = ", as pbrt does: "
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads options and a world in a dialect; returns the scene and the texts of the warnings."""
+
+    def read(dialect, options="", world="", add=TRIANGLE):
+        path = tmp_path / "scene.pbrt"
+        path.write_text(f"{HEADS[dialect]} {options}\nWorldBegin {world} {add}")
+        if dialect != "v4":
+            path.write_text(path.read_text() + "WorldEnd")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            scene = read_pbrt(path, dialect=dialect)
+        return scene, [str(w.message).replace(f"{path}: ", "") for w in caught if "words of the file" not in str(w)]
+
+    return read
+
+
+BIASED = "rendered as path, because pbrt's own image is biased: integrator "
+
+
+@pytest.mark.parametrize(
+    "dialect, line, expected, warned",
+    [
+        ("v2", 'SurfaceIntegrator "whitted" "integer maxdepth" 3', ("direct", 3), ""),
+        ("v2", 'SurfaceIntegrator "photonmap"', ("path", 6), f'{BIASED}"photonmap" (line 1)'),
+        ("v2", 'SurfaceIntegrator "igi" "integer maxdepth" 2', ("path", 3), f'{BIASED}"igi" (line 1)'),
+        ("v2", 'Renderer "metropolis" "integer maxdepth" 4 SurfaceIntegrator "directlighting"', ("path", 4), ""),
+        ("v3", 'Integrator "whitted"', ("direct", 5), ""),
+        ("v3", 'Integrator "bdpt" "integer maxdepth" 7', ("path", 7), ""),
+        ("v3", 'Integrator "mlt"', ("path", 5), ""),
+        ("v3", 'Integrator "sppm" "integer maxdepth" 9', ("path", 9), f'{BIASED}"sppm" (line 1)'),
+        ("v4", 'Integrator "mlt" "integer maxdepth" 20', ("path", 20), ""),
+        ("v4", 'Integrator "simplepath"', ("path", 5), ""),
+    ],
+)
+def test_integrators(read, dialect, line, expected, warned):
+    scene, texts = read(dialect, line)
+    assert (scene.suggested.integrator, scene.suggested.max_depth) == expected
+    assert texts == [warned] * bool(warned)
+
+
+UNAPPLIED = "not applied, so that the image differs by it from pbrt's: "
+
+
+@pytest.mark.parametrize(
+    "dialect, line, what",
+    [
+        ("v3", 'Film "image" "float scale" 2', "'scale' of Film"),
+        ("v3", 'Film "image" "float maxsampleluminance" 9', "'maxsampleluminance' of Film"),
+        ("v4", 'Film "rgb" "float iso" 200', "'iso' of Film"),
+        ("v4", 'Film "rgb" "float maxcomponentvalue" 9', "'maxcomponentvalue' of Film"),
+        ("v4", 'Camera "perspective" "float shutterclose" .5', "'shutterclose' of Camera"),
+        ("v4", 'Integrator "path" "bool regularize" true', "'regularize' of Integrator"),
+        ("v3", 'Film "image" "float scale" 1', None),
+        ("v4", 'Integrator "path" "bool regularize" false', None),
+    ],
+)
+def test_parameters_that_are_not_applied(read, dialect, line, what):
+    _, texts = read(dialect, line)
+    assert texts == ([] if what is None else [f"{UNAPPLIED}{what} (line 1)"])
+
+
+def test_mitchell_becomes_a_gaussian_of_its_variance(read):
+    scene, texts = read("v2", 'PixelFilter "mitchell"')
+    assert texts == ['negative filter, a Gaussian of the same variance taken: "mitchell" (line 1)']
+    assert scene.camera.filter == PixelFilter("gaussian", (2, 2), 1 / 3)
+    x = np.linspace(-2, 2, 4001)
+    a = np.abs(x)
+    near, far = 7 * a**3 - 12 * a**2 + 16 / 3, -7 / 3 * a**3 + 12 * a**2 - 20 * a + 32 / 3
+    values = np.where(a < 1, near, far)  # of B = C = 1/3, times 6
+    assert np.isclose(np.sqrt((values * x * x).sum() / values.sum()), 1 / 3, rtol=1e-3)
+
+
+@pytest.mark.parametrize("dialect", ["v2", "v3"])
+def test_last_of_two_equal_parameters_counts(read, dialect):
+    scene, _ = read(dialect, 'Film "image" "integer xresolution" 7 "integer xresolution" 9 "integer yresolution" 3')
+    assert scene.camera.resolution == (9, 3)
+
+
+def test_commas_between_numbers(read):
+    scene, _ = read("v3", "", "Translate 1, 2, 3", add=TRIANGLE.replace("0 0 0  1", "0,0, 0 ,1"))
+    assert scene.parts[0].mesh.vertices.tolist() == [[1, 2, 3], [2, 2, 3], [1, 3, 3]]
+
+
+@pytest.mark.parametrize("dialect", ["v2", "v3"])
+def test_what_is_not_defined(read, dialect):
+    scene, texts = read(dialect, "", 'Material "mirror" NamedMaterial "a"')
+    assert scene.parts[0].material.name == "mirror"
+    assert texts == [f'material that is not defined, the Material line taken{AS_PBRT}"a" (line 2)']
+    scene, texts = read(dialect, "", 'Material "matte" "texture Kd" "a" "texture sigma" "b"')
+    assert scene.parts[0].material.lobes[0].reflectance == (0.5, 0.5, 0.5)
+    begin = f"texture that is not defined, its parameter's default taken{AS_PBRT}"
+    assert texts == [f"{begin}'Kd' of Material (line 2), 'sigma' of Material (line 2)"]
+
+
+def test_empty_meshes_are_left_out(read):
+    for empty in ('"point P" []', '"point P" [0 0 0]'):
+        scene, texts = read("v2", "", f'Shape "trianglemesh" "integer indices" [] {empty}')
+        assert len(scene.parts) == 1
+        assert texts == [f"mesh without triangles, left out{AS_PBRT}Shape (line 2)"]
+
+
+def test_transforms_count_where_they_are_used(read):
+    scene, texts = read("v3", "", "TransformBegin Scale 1 0 1 TransformEnd")
+    assert scene.parts and not texts
