@@ -2,21 +2,22 @@
 dmis beside Mitsuba 3
 =====================
 
-Speed and error against Mitsuba's `direct` integrator: the same camera, meshes, lights and materials, one thread each.
-All contestants take turns, seed by seed, so that whatever slows the machine down slows all of them; times are medians,
-wall and CPU. Loading, compiling (Mitsuba's kernels, by a first render) and building are not part of any time.
+Speed and error against Mitsuba's `direct` and `path` integrators: the same camera, meshes, lights and materials, one
+thread each. All contestants take turns, seed by seed, so that whatever slows the machine down slows all of them; times
+are medians, wall and CPU. Loading, compiling (Mitsuba's kernels, by a first render) and building are not part of any
+time.
 
 *Speed*: the light that MIS samples, alone, so that the work is the same: one light and one BRDF sample per camera
 sample, balance heuristic in dmis, power heuristic in Mitsuba. ``LLVM`` has the lobes of dmis (`mitsuba_lobes`), ``own``
 has the nearest of Mitsuba's BSDFs, which makes another image; ``scalar`` has these too.
 
-*Error*: mean squared error times CPU seconds of rules of dmis, pilot and fit included, over that of the best set-up of
+*Error*: relMSE and MSE times CPU seconds of rules of dmis, pilot and fit included, over those of the best set-ups of
 Mitsuba ``LLVM``: a sampler, lights picked evenly or by power, an environment map with `mis_compensation` or without.
 All lights of the scene shine; Mitsuba picks one for each sample, dmis samples all. First every set-up of Mitsuba
 renders with two seeds. The best then takes turns with Mitsuba's default and dmis, with other seeds. Mitsuba's
 independent sampler gets as many samples as take the CPU time of dmis's balance heuristic with Sobol points, the others
 the nearest number that they allow. Renders are kept in the cache folder of dmis: an interrupted run is resumed, and the
-turns are taken again when dmis, the rules or the samplers have changed.
+turns are taken again when dmis, the rules or the samplers have changed. ``--tables paths`` has the same by paths.
 
 Needs ``pip install mitsuba``; the LLVM columns also an LLVM library that it can find (Debian: libllvm19).
 """
@@ -48,14 +49,21 @@ from front_table import write_front_table
 
 import dmis
 from dmis.base.atomic_files import replacing
+from dmis.experiment.convergence import MEASURES, Measure
 from dmis.experiment.metrics import ratio_over_blocks, squared_error
 from dmis.experiment.reference import cache_folder
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import digest, fingerprint, package_hash
 
-PAGE = ROOT / "docs" / "performance.md"
-SEEDS = {"killeroo-gold": 8}
-"""Seeds of scenes whose errors scatter more; five of others."""
+PAGES = {
+    kind: ROOT / "docs" / page
+    for kind, page in (("speed", "performance.md"), ("errors", "performance.md"), ("paths", "paths.md"))
+}
+"""Page of each table."""
+DEPTH = 5
+"""Surfaces of a path."""
+RULES = {"balance": "balance", "auto": "auto:error=absolute"}
+"""Rules of dmis, and whose MSE is measured in place of theirs."""
 SCREENING_SEED = 1000
 """First seed of the renders that Mitsuba's best set-up is chosen by."""
 Render = Callable[[int, int], np.ndarray]
@@ -87,9 +95,10 @@ def setups(scene: dmis.Scene) -> list[Setup]:
     return [Setup(*choice) for choice in choices]
 
 
-def ours(scene: dmis.Scene, rule: str, sampler: str = "independent") -> Render:
-    """Return dmis on one thread."""
-    return lambda spp, seed: dmis.render(scene, rule, spp, seed=seed, sampler=sampler, parallel=1).image
+def ours(scene: dmis.Scene, rule: str, sampler: str = "independent", depth: int | None = None) -> Render:
+    """Return dmis on one thread: by paths of `depth` surfaces, or in direct light."""
+    of_paths = {"integrator": "direct"} if depth is None else {"integrator": "path", "max_depth": depth}
+    return lambda spp, seed: dmis.render(scene, rule, spp, seed=seed, sampler=sampler, parallel=1, **of_paths).image
 
 
 @lru_cache(maxsize=4)
@@ -98,11 +107,18 @@ def translated(scene: dmis.Scene, variant: str, exact: bool, by_power: bool, com
     return mitsuba_scene.translate(scene, exact=exact, by_power=by_power, compensated=compensated)
 
 
-def theirs(scene: dmis.Scene, variant: str = "llvm_ad_rgb", exact: bool = True, setup: Setup = DEFAULT) -> Render:
-    """Return Mitsuba on one thread."""
+def theirs(
+    scene: dmis.Scene,
+    variant: str = "llvm_ad_rgb",
+    exact: bool = True,
+    setup: Setup = DEFAULT,
+    depth: int | None = None,
+) -> Render:
+    """Return Mitsuba on one thread: by paths of `depth` surfaces, or in direct light."""
     mi.set_variant(variant)
     world = translated(scene, variant, exact, *setup[1:])
-    camera, integrator = mitsuba_scene.sensor(scene.camera, setup.sampler), mitsuba_scene.direct()
+    camera = mitsuba_scene.sensor(scene.camera, setup.sampler)
+    integrator = mitsuba_scene.direct() if depth is None else mitsuba_scene.path(depth)
 
     def render(spp: int, seed: int) -> np.ndarray:
         mi.set_variant(variant)
@@ -172,22 +188,23 @@ class Turns:
     images: dict[str, np.ndarray]
     seconds: dict[str, np.ndarray]
 
-    def errors(self, name: str, reference: dmis.Reference) -> np.ndarray:
-        """Return the squared errors of each pixel ``(H, W)``, mean over seeds."""
-        return np.mean([squared_error(x, reference.first, reference.second) for x in self.images[name]], axis=0)
+    def errors(self, name: str, reference: dmis.Reference, measure: Measure) -> np.ndarray:
+        """Return the errors of each pixel ``(H, W)``, mean over seeds."""
+        return np.mean([pixel_errors(x, reference, measure) for x in self.images[name]], axis=0)
 
-    def cost(self, name: str, reference: dmis.Reference) -> float:
-        """Return the mean squared error times the median of the CPU seconds."""
-        return float(self.errors(name, reference).mean() * np.median(self.seconds[name]))
+    def cost(self, name: str, reference: dmis.Reference, measure: Measure) -> float:
+        """Return the error times the median of the CPU seconds."""
+        return float(self.errors(name, reference, measure).mean() * np.median(self.seconds[name]))
 
-    def ratio(self, name: str, anchor: str, reference: dmis.Reference) -> tuple[float, float]:
-        """Return MSE times CPU seconds over that of `anchor`, and half of its 95 % confidence interval.
+    def ratio(self, name: str, anchor: str, reference: dmis.Reference, measure: Measure) -> tuple[float, float]:
+        """Return error times CPU seconds over that of `anchor`, and half of its 95 % confidence interval.
 
         That of the errors is over blocks of pixels, all seeds together; that of the seconds over seeds.
         """
         from scipy.stats import t  # imported where used: scipy.stats takes half a second
 
-        value, half = ratio_over_blocks(self.errors(name, reference), self.errors(anchor, reference))
+        of_both = (self.errors(contestant, reference, measure) for contestant in (name, anchor))
+        value, half = ratio_over_blocks(*of_both)
         logs = np.log(self.seconds[name] / self.seconds[anchor])
         error = t.ppf(0.975, len(logs) - 1) * logs.std(ddof=1) / np.sqrt(len(logs)) if len(logs) > 1 else np.nan
         value, relative = value * np.exp(logs.mean()), half / value
@@ -196,9 +213,17 @@ class Turns:
     def common(self, name: str, reference: dmis.Reference) -> float:
         """Return the share of the mean squared error that all seeds have in common, 0 without bias; it needs two."""
         images = np.asarray(self.images[name], float)
-        one, k = self.errors(name, reference).mean(), len(images)
-        mean = squared_error(images.mean(axis=0), reference.first, reference.second).mean()
+        one, k = self.errors(name, reference, "mse").mean(), len(images)
+        mean = pixel_errors(images.mean(axis=0), reference, "mse").mean()
         return float((mean - one / k) / (1 - 1 / k) / one)
+
+
+def pixel_errors(image: np.ndarray, reference: dmis.Reference, measure: Measure) -> np.ndarray:
+    """Return the errors of the pixels of an image, ``(H, W)``, whose mean is the measure."""
+    if measure == "mse":
+        return squared_error(image, reference.first, reference.second)
+    difference = (image - reference.first) * (image - reference.second)
+    return (difference / (np.square(reference.mean) + 0.01)).mean(axis=2)
 
 
 def take_turns(about: Any, contestants: Mapping[str, Contestant], seeds: Iterable[int]) -> Turns:
@@ -233,74 +258,76 @@ def mitsuba_key(scene: dmis.Scene) -> list[Any]:
     return [mi.__version__, fingerprint(scene), list(scene.camera.resolution), sources]
 
 
-def screen(scene: dmis.Scene, spp: int, reference: dmis.Reference) -> tuple[dict[str, Contestant], list[str]]:
+def screen(
+    scene: dmis.Scene, spp: int, depth: int | None, reference: dmis.Reference
+) -> tuple[dict[str, Contestant], list[str]]:
     """Return Mitsuba's default and best set-ups as contestants, and the names of the best.
 
-    These are the best with lights picked evenly, the best with lights picked by power or evenly, and the best of all,
-    which may have `mis_compensation`; often two of them are the same.
+    By each measure these are the best with lights picked evenly, the best with lights picked by power or evenly, and
+    the best of all, which may have `mis_compensation`; often some of them are the same.
     """
-    about = mitsuba_key(scene)
+    about = [*mitsuba_key(scene), depth]
     first = range(SCREENING_SEED, SCREENING_SEED + 2)
     pair: dict[str, Contestant] = {
-        "dmis": (lambda: ours(scene, "balance", "sobol"), spp),
-        str(DEFAULT): (lambda: theirs(scene), spp),
+        "dmis": (lambda: ours(scene, "balance", "sobol", depth), spp),
+        str(DEFAULT): (lambda: theirs(scene, depth=depth), spp),
     }
     seconds = {name: np.median(x) for name, x in take_turns(about, pair, first).seconds.items()}
     equal_time = max(1, round(spp * seconds["dmis"] / seconds[str(DEFAULT)]))
     contestants: dict[Setup, Contestant] = {
-        setup: (partial(theirs, scene, setup=setup), mitsuba_scene.nearest_spp(setup.sampler, equal_time))
+        setup: (partial(theirs, scene, setup=setup, depth=depth), mitsuba_scene.nearest_spp(setup.sampler, equal_time))
         for setup in setups(scene)
     }
     turns = take_turns(about, {str(setup): x for setup, x in contestants.items()}, first)
-    costs = {setup: turns.cost(str(setup), reference) for setup in contestants}
-    for setup in sorted(costs, key=costs.__getitem__):
-        print(f"    {setup}, {contestants[setup][1]} spp: {costs[setup] / costs[DEFAULT]:.3f}", flush=True)
-    best = [
-        min((x for x in costs if x.by_power <= power and x.compensated <= sky), key=costs.__getitem__)
-        for power, sky in ((False, False), (True, False), (True, True))
-    ]
+    best = []
+    for measure in MEASURES:
+        costs = {setup: turns.cost(str(setup), reference, measure) for setup in contestants}
+        for setup in sorted(costs, key=costs.__getitem__):
+            print(
+                f"    {measure} {setup}, {contestants[setup][1]} spp: {costs[setup] / costs[DEFAULT]:.3f}", flush=True
+            )
+        best += [
+            min((x for x in costs if x.by_power <= power and x.compensated <= sky), key=costs.__getitem__)
+            for power, sky in ((False, False), (True, False), (True, True))
+        ]
     return {str(setup): contestants[setup] for setup in (DEFAULT, *best)}, [str(setup) for setup in dict.fromkeys(best)]
 
 
 def compare_errors(
-    scene: dmis.Scene, rules: list[tuple[str, str]], spp: int, seeds: int, reference: dmis.Reference
+    scene: dmis.Scene, spp: int, seeds: int, depth: int | None, reference: dmis.Reference
 ) -> tuple[list[str], float]:
-    """Return lines of the second table, one for each best set-up of Mitsuba, and the smallest mean squared error.
+    """Return lines of a table of errors, one for each best set-up of Mitsuba, and the smallest mean squared error.
 
-    Parameters
-    ----------
-    rules
-        Rules of dmis with their samplers.
-    spp
-        Camera samples per pixel of dmis.
+    `spp` are camera samples per pixel of dmis.
     """
-    contestants, anchors = screen(scene, spp, reference)
-    for rule, sampler in rules:
-        contestants[f"{rule}, {sampler}"] = (partial(ours, scene, rule, sampler), spp)
-    turns = take_turns([mitsuba_key(scene), package_hash()], contestants, range(1, seeds + 1))
+    contestants, anchors = screen(scene, spp, depth, reference)
+    for rule in {*RULES, *RULES.values()}:
+        contestants[rule] = (partial(ours, scene, rule, "sobol", depth), spp)
+    turns = take_turns([mitsuba_key(scene), depth, package_hash()], contestants, range(1, seeds + 1))
     lines = []
     for anchor in anchors:
-        ratios = [turns.ratio(anchor, str(DEFAULT), reference)]
-        ratios += [turns.ratio(f"{rule}, {sampler}", anchor, reference) for rule, sampler in rules]
+        pairs = [(anchor, str(DEFAULT), measure) for measure in MEASURES]
+        pairs += [(RULES[rule] if m == "mse" else rule, anchor, m) for rule in RULES for m in MEASURES]
+        ratios = [turns.ratio(name, base, reference, measure) for name, base, measure in pairs]
         cells = [bold(*ratio) for ratio in ratios]
         lines.append(f"| {scene.name} | {seeds} | {anchor} | {contestants[anchor][1]} | {' | '.join(cells)} |")
         print(lines[-1], flush=True)
         if seeds > 1:
             print(f"    of Mitsuba's error, common to all seeds: {turns.common(anchor, reference):.1%}", flush=True)
-    return lines, min(float(turns.errors(name, reference).mean()) for name in contestants)
+    return lines, min(float(turns.errors(name, reference, "mse").mean()) for name in contestants)
 
 
-def error_table(scenes: list[dmis.Scene], given: argparse.Namespace) -> list[str]:
-    """Return the lines of the second table."""
-    rules = list(itertools.product(given.rules, given.samplers))
-    titles = ["scene", "seeds", "Mitsuba's best", "its spp", "over its default"]
-    titles += [f"`{rule}`, {sampler}" for rule, sampler in rules]
+def error_table(scenes: list[dmis.Scene], given: argparse.Namespace, depth: int | None) -> list[str]:
+    """Return the lines of a table of errors, by paths of `depth` surfaces or in direct light."""
+    titles = ["scene", "seeds", "Mitsuba's best", "its spp"]
+    of_both = ["over its default", *(f"`{rule}`, sobol" for rule in RULES)]
+    titles += [f"{title}, {error}" for title in of_both for error in MEASURES.values()]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     noise = []
     for scene in scenes:
-        reference = dmis.make_reference(scene, given.reference_spp)
-        seeds = given.repeats or SEEDS.get(scene.name, 5)
-        rows, smallest = compare_errors(scene, rules, given.spp, seeds, reference)
+        of_paths = {"integrator": "direct"} if depth is None else {"integrator": "path", "max_depth": depth}
+        reference = dmis.make_reference(scene, given.reference_spp, **of_paths)
+        rows, smallest = compare_errors(scene, given.spp, given.repeats, depth, reference)
         lines += rows
         share = reference.mse / smallest
         noise.append(f"{scene.name} {share:.1%}" + ", **more than 5 %**" * (share > 0.05))
@@ -319,7 +346,7 @@ def speed_table(scenes: list[dmis.Scene], given: argparse.Namespace, compiles: b
     names = ["dmis", *(["LLVM", "own"] if compiles else []), "scalar"]
     more = ["dmis / LLVM", "dmis / own"] if compiles else []
     lines = [f"| scene | {' | '.join(names + more)} |", "|---" * (1 + len(names + more)) + "|"]
-    repeats, spp = given.repeats or 5, given.spp // 2
+    repeats, spp = given.repeats, given.spp // 2
     for scene in scenes:
         alone = replace(scene, lights=scene.plan.sampled)
         contestants = {"dmis": ours(alone, "balance")}
@@ -342,32 +369,31 @@ def main() -> None:
     """Measure, print the tables, and put them into the page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[1])
     parser.add_argument("--quick", action="store_true", help="small images: no page is written")
-    parser.add_argument("--tables", nargs="+", choices=["speed", "errors"], default=["speed", "errors"])
-    parser.add_argument("--repeats", type=int, help="seeds of each contestant (default 5; errors of killeroo-gold 8)")
+    parser.add_argument("--tables", nargs="+", choices=list(PAGES), default=list(PAGES))
+    parser.add_argument("--repeats", type=int, default=10, help="seeds of each contestant (default 10)")
     parser.add_argument("--spp", type=int, default=128, help="of dmis; speeds take half of it (default 128)")
-    parser.add_argument("--rules", nargs="+", default=["balance", "auto"], help="of errors (default balance auto)")
-    parser.add_argument("--samplers", nargs="+", default=["sobol"], help="of dmis in errors (default sobol)")
     parser.add_argument("--reference-spp", type=int, default=1024, help="of each half of a reference (default 1024)")
-    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES), help="default: all four")
-    parser.add_argument("--page", type=Path, help="the page whose tables are replaced (default: docs/performance.md)")
+    parser.add_argument("--scenes", nargs="+", choices=["cornell", *SCENES], default=["cornell", *SCENES])
+    parser.add_argument("--page", type=Path, help="the page whose tables are replaced (default: pages below docs)")
     given = parser.parse_args()
     compiles = llvm()
     scenes = []
     for name in given.scenes:
-        shrink = TABLES[name] * (4 if given.quick else 1)
-        scenes.append(dmis.load_scene(name, tuple(round(n / shrink) for n in SCENES[name].size)))
-    page = given.page or (None if given.quick else PAGE)
-    tables = {}
-    if "speed" in given.tables:
-        tables["mitsuba-speed"] = speed_table(scenes, given, compiles)
-    if "errors" in given.tables and compiles:
-        tables["mitsuba-errors"] = error_table(scenes, given)
-    for kind, lines in tables.items():
+        shrink = TABLES.get(name, 1) * (4 if given.quick else 1)
+        size = SCENES[name].size if name in SCENES else (200, 200)
+        scenes.append(dmis.load_scene(name, tuple(round(n / shrink) for n in size)))
+    direct = [scene for scene in scenes if scene.name in SCENES]
+    for kind in given.tables if compiles else [kind for kind in given.tables if kind == "speed"]:
+        if kind == "speed":
+            lines = speed_table(direct, given, compiles)
+        else:
+            lines = error_table(*((scenes, given, DEPTH) if kind == "paths" else (direct, given, None)))
         print("\n".join(lines))
+        page = given.page or (None if given.quick else PAGES[kind])
         if page is not None:
-            replace_table(page, kind, *lines)
-    if page == PAGE and "mitsuba-errors" in tables:
-        write_front_table()
+            replace_table(page, f"mitsuba-{kind}", *lines)
+        if page == PAGES["errors"] and kind == "errors":
+            write_front_table()
 
 
 if __name__ == "__main__":

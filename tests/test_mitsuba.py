@@ -205,9 +205,9 @@ def test_turns_are_resumed_and_compared(tmp_path, monkeypatch):
     turns = replace(again, seconds=seconds)
     black = np.zeros((64, 64, 3), np.float32)
     reference = dmis.Reference(black, black, 1)
-    value, half = turns.ratio("two", "one", reference)  # 4 times the error in 3 times the time
+    value, half = turns.ratio("two", "one", reference, "mse")  # 4 times the error in 3 times the time
     assert abs(value - 12) < 2 * half and 0.05 < half < 1.5
-    assert abs(turns.cost("two", reference) / (4 * 3.3) - 1) < 0.1
+    assert abs(turns.cost("two", reference, "mse") / (4 * 3.3) - 1) < 0.1
     assert abs(turns.common("one", reference)) < 0.05 and abs(turns.common("biased", reference) - 0.5) < 0.05
 
 
@@ -224,11 +224,12 @@ def test_features_without_counterpart_are_refused():
 def test_scripts():
     """Both print their tables, with a gain over Mitsuba's best set-up in equal time and images that agree."""
     arguments = ("--quick", "--repeats", "2", "--scenes", "teapot-area-light", "--reference-spp", "64")
-    printed = script("against_mitsuba.py", *arguments, "--rules", "balance", "--samplers", "sobol", "independent")
+    printed = script("against_mitsuba.py", *arguments)
     rows = [line.split("|") for line in printed.splitlines() if line.startswith("| teapot")]
-    assert len(rows[0]) == 9 and len(rows[1]) == 9
-    best, default, sobol, independent = rows[1][3], *(float(cell.split()[0]) for cell in rows[1][5:8])
-    assert best.split(",")[0].strip() in mitsuba_scene.SAMPLERS and 0 < default < 1 and 0 < sobol < independent
+    errors = [row for row in rows if len(row) == 12]
+    for row in errors[0], errors[-1]:  # in direct light, and by paths
+        best, default, balance, auto = row[3], *(float(row[k].strip(" *").split()[0]) for k in (5, 7, 9))
+        assert best.split(",")[0].strip() in mitsuba_scene.SAMPLERS and 0 < default < 1 and 0 < auto < balance
     printed = script("agreement.py", "--quick", "--seeds", "4", "--only", "mirror")
     cells = printed.splitlines()[-1].split("|")
     assert abs(float(cells[4].split()[0])) < 5 * float(cells[4].split()[2])
