@@ -42,7 +42,7 @@ from dmis.samplers.warp import INV_PI
 class CoatedBase(CosineLobe):
     """Light that a Lambertian base reflects through its coat; the same from both sides of a mesh.
 
-    Only the reflectance may differ from point to point.
+    Only the reflectance and the share may differ from point to point.
 
     Parameters
     ----------
@@ -56,6 +56,8 @@ class CoatedBase(CosineLobe):
         Optical thickness of the coat, which absorbs ``1 - exp(-thickness / cos)``.
     bounces
         How many reflections by the base count; None: all.
+    share
+        Of a mixture with other materials, which the lobe is in proportion to.
     """
 
     reflectance: Any
@@ -63,18 +65,20 @@ class CoatedBase(CosineLobe):
     roughness: float = 0.0
     thickness: float = 0.0
     bounces: int | None = None
-    colours: ClassVar[tuple[str, ...]] = ("reflectance",)
+    share: Any = 1.0
+    colours: ClassVar[tuple[str, ...]] = ("reflectance", "share")
+    factor: ClassVar[str | None] = "share"
 
     def eval(self, directions: Directions) -> Array:
         coat = self.eta, self.roughness, self.thickness
         again = self.reflectance * internal_reflectance(*coat)
         series = 1 / (1 - again) if self.bounces is None else (1 - again**self.bounces) / (1 - again)
         through = transmittance(directions.cos_i, *coat) * transmittance(directions.cos_o, *coat)
-        return self.reflectance * series * (through * np.float32(INV_PI / (self.eta * self.eta)))
+        return self.share * self.reflectance * series * (through * np.float32(INV_PI / (self.eta * self.eta)))
 
     def albedo(self) -> Array:
-        return self.reflectance
+        return self.share * self.reflectance
 
     def is_black(self) -> bool:
         """Return whether the base reflects nothing, although the lobe is not in proportion to its reflectance."""
-        return not isinstance(self.reflectance, Image) and not np.any(self.reflectance)
+        return any(not isinstance(value, Image) and not np.any(value) for value in (self.reflectance, self.share))

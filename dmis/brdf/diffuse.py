@@ -1,4 +1,4 @@
-"""Diffuse lobes: Lambert and Oren–Nayar, sampled by the cosine."""
+"""Diffuse lobes: Lambert, of reflection and of transmission, and Oren–Nayar, sampled by the cosine."""
 
 from __future__ import annotations
 
@@ -47,6 +47,26 @@ class Lambert(CosineLobe):
     def weight(self) -> Any:
         """Return the reflectance: the density is that of f with the cosine."""
         return self.reflectance
+
+
+@dataclass(frozen=True, eq=False)
+class LambertTransmission(CosineLobe):
+    """Light that comes through a thin sheet and leaves it evenly: ``f = transmittance / pi``, from either side."""
+
+    transmittance: Any
+    colours: ClassVar[tuple[str, ...]] = ("transmittance",)
+    factor: ClassVar[str | None] = "transmittance"
+    transmissive: ClassVar[bool] = True
+
+    def eval(self, directions: Directions) -> Array:
+        return self.transmittance * INV_PI
+
+    def weight(self) -> Any:
+        """Return the transmittance: the density is that of f with the cosine."""
+        return self.transmittance
+
+    def has_sides(self) -> bool:
+        return False
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -171,7 +171,7 @@ def _exponent(name: str, roughness: Any) -> Any:
     least, reason = 1 / MAX_LOBE_EXPONENT, "Blinn's exponent is its reciprocal"
     roughness = check_number(name, roughness, f"positive and finite, at least {least:g}", reason, least, image=True)
     if isinstance(roughness, Image):
-        return ReciprocalImage(roughness.texels, roughness.scale, roughness.offset, roughness.wrap)
+        return ReciprocalImage(**{f.name: getattr(roughness, f.name) for f in fields(roughness)})
     return 1 / roughness
 
 

@@ -34,7 +34,7 @@ texels they are below 3e38 still."""
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A bilinear image texture.
+    """A bilinear image texture, or one of squares of a colour.
 
     Parameters
     ----------
@@ -45,12 +45,15 @@ class Image:
         ``(s, t) = uv * scale + offset``; within `MAX_UV_SCALE`.
     wrap
         What lies outside [0, 1): ``repeat``, ``black`` or ``clamp``.
+    nearest
+        Whether a texel is a square of one colour: nothing is interpolated.
     """
 
     texels: Any
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
     wrap: Wrap = "repeat"
+    nearest: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.texels, str | os.PathLike):
@@ -104,6 +107,9 @@ class Image:
         x, y = s * width - np.float32(0.5), t * height - np.float32(0.5)
         if self.wrap != "repeat":
             x, y = np.clip(x, -1, width), np.clip(y, -1, height)
+        if self.nearest:
+            j, i = (np.floor(a + np.float32(0.5)).astype(np.int32) for a in (x, y))
+            return self._gather((i + 1) * (width + 2) + j + 1, np.ones(len(j), np.float32), channels)
         j, i = np.minimum(np.floor(x), width - 1), np.minimum(np.floor(y), height - 1)
         fx, fy = x - j, y - i
         gx, gy = 1 - fx, 1 - fy

@@ -68,7 +68,7 @@ class PointLight(DeltaLight):
 class SpotLight(DeltaLight):
     """A point light that shines along `direction`, full inside of a cone, dark outside of another. A delta light.
 
-    In between the falloff is ``d^4``, d linear in the cosine, as in pbrt.
+    In between the falloff is ``d^4``, d linear in the cosine, as in pbrt-v2 and v3.
 
     Parameters
     ----------
@@ -80,6 +80,8 @@ class SpotLight(DeltaLight):
         Power per solid angle on the axis, linear RGB.
     outer, inner
         Half angles of the cones in degrees, ``0 <= inner <= outer <= 180``.
+    smooth
+        Whether the falloff is ``3 d^2 - 2 d^3``, as in pbrt-v4.
 
     Raises
     ------
@@ -92,6 +94,7 @@ class SpotLight(DeltaLight):
     intensity: Rgb
     outer: float = 30.0
     inner: float = 25.0
+    smooth: bool = False
     positions: ClassVar[tuple[str, ...]] = ("position",)
     intensities: ClassVar[tuple[str, ...]] = ("intensity",)
 
@@ -115,7 +118,8 @@ class SpotLight(DeltaLight):
         off = to + axis
         versine = dot(off, off) / 2  # 1 - cos, which has all its digits in a narrow cone
         d = np.clip((outer - versine) / max(outer - inner, np.float32(1e-30)), 0, 1)
-        radiance = intensity * (inverse2 * (d * d) ** 2)
+        falloff = d * d * (3 - 2 * d) if self.smooth else (d * d) ** 2
+        radiance = intensity * (inverse2 * falloff)
         return LightSample(to, 1 / inverse, radiance, np.ones_like(inverse), versine < outer)
 
 

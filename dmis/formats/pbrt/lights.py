@@ -14,6 +14,7 @@ from dmis.base.color import Rgb
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, rgb
 from dmis.formats.pbrt.parameters import Parameters
+from dmis.formats.pbrt.skies import to_latitude_longitude
 from dmis.formats.pbrt.textures import image
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.light.delta import DistantLight, PointLight, SpotLight
@@ -53,11 +54,6 @@ def _strength(p: Parameters, name: str, total: str, per_unit: float) -> Rgb:
 
 def emission(p: Parameters) -> Rgb:
     """Return the radiance of an ``AreaLightSource``."""
-    if p.dialect != "v2" and p.boolean("twosided", False):
-        raise p.items["twosided"].token.error(
-            "twosided must be false, because lights shine on one side here; repeat the light's Shape lines after "
-            "ReverseOrientation, so that the copies shine on the other side"
-        )
     if p.dialect == "v4":
         p.refuse("an image that emits is not supported", "filename")
         p.refuse("the power of a shape is not supported; give its radiance L", "power")
@@ -75,14 +71,10 @@ def _spot(p: Parameters, to_world: Floats) -> Light:
         raise ValueError("a spot light must not be stretched, because its cone is round; scale all axes alike")
     start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
     outer, delta = p.number("coneangle", 30), p.number("conedeltaangle", 5)
-    if p.dialect == "v4" and delta != 0:
-        token = p.items["conedeltaangle"].token if "conedeltaangle" in p.items else p.directive
-        why = "because the falloff of its spot is not supported"
-        raise token.error(f"conedeltaangle must be 0 in v4 (its default is 5), {why}")
     position, direction = to_world[:3, :3] @ start + to_world[:3, 3], to_world[:3, :3] @ (end - start)
-    intensity = _strength(p, "I", "power", 2 * np.pi * (1 - np.cos(np.radians(outer))))
     inner = min(abs(outer - delta), outer)  # only its cosine counts
-    return SpotLight(rgb(position), rgb(direction), intensity, outer, inner)
+    intensity = _strength(p, "I", "power", np.pi * (2 - np.cos(np.radians([outer, inner])).sum()))
+    return SpotLight(rgb(position), rgb(direction), intensity, outer, inner, p.dialect == "v4")
 
 
 def _distant(p: Parameters, to_world: Floats) -> Light:
@@ -96,8 +88,11 @@ def _infinite(p: Parameters, to_world: Floats) -> Light:
         raise ValueError("an infinite light must not be stretched, because it is all directions; scale all axes alike")
     texels = np.ones((1, 1, 3))
     if p.dialect == "v4":
-        p.refuse("maps of v4 are squares of equal area, which are not supported; only L is", "filename")
         p.refuse("portals are not supported; remove the parameter", "portal")
+        if "filename" in p.items:
+            p.refuse("the illuminance of a map is not supported; give its scale", "illuminance")
+            p.refuse("a light must have a map or L, not both", "L")
+            texels = to_latitude_longitude(image(p, "filename"))
     elif "mapname" in p.items:
         texels = image(p, "mapname")
     return EnvironmentLight(texels, to_world[:3, :3] / factor, _strength(p, "L", "illuminance", np.pi))

@@ -13,6 +13,7 @@ from dmis.base.color import Rgb
 from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, Parameter, rgb
+from dmis.formats.pbrt.spectra import GLASSES
 from dmis.formats.pbrt.tokens import Token, either
 
 Textures = Mapping[tuple[str, str], Any]
@@ -20,6 +21,7 @@ Textures = Mapping[tuple[str, str], Any]
 BRIGHT = "reflectance above 1, which adds light, taken as it is, as pbrt does"
 NEGATIVE = "reflectance below 0, taken as 0, as pbrt does"
 UNDEFINED = "texture that is not defined, its parameter's default taken, as pbrt does"
+DISPERSION = "index of refraction that differs with the wavelength, the one of yellow light taken"
 UNAPPLIED = "not applied, so that the image differs by it from pbrt's"
 """What warnings say of a parameter."""
 BRIGHT_REFLECTANCE = 1.001
@@ -196,6 +198,11 @@ class Parameters:
 
     def index(self, name: str = "index", default: float = 1.5) -> float:
         """Return the index of refraction `name`, which must be positive."""
+        parameter = self.items.get(name)
+        if parameter is not None and parameter.kind == "spectrum" and self.dialect == "v4":
+            self.read_names.add(name)
+            self.findings.append((DISPERSION, parameter))
+            return float(parameter.token.find("glass of the name", parameter.single()[0], GLASSES))
         value = self.constant(name, default)
         if not value > 0:
             raise self.items[name].error(f"must be positive, because it is a ratio of speeds; got {value:g}")

@@ -61,14 +61,14 @@ def _bright(mesh: Mesh, shape: Shape) -> bool | np.ndarray:
     """
     dialect, mirrored = shape.token.dialect, mirrors(shape.to_world)
     if shape.quadric is not None:
-        if mirrored and dialect != "v2":
+        if mirrored and dialect != "v2" and not shape.twosided:
             raise ValueError(f"a mirrored {shape.kind} that emits shines on both sides in {dialect}; do not mirror it")
         return shape.reverse != mirrored
     if dialect == "v2":
         return shape.reverse
     if mesh.normals is None:
         return shape.reverse != mirrored
-    if dialect == "v3" and shape.reverse:
+    if dialect == "v3" and shape.reverse and not shape.twosided:
         raise ValueError(
             "a mesh with normals that emits and is turned shines on both sides in v3; "
             "remove ReverseOrientation, and turn the normals (of a loopsubdiv: the winding) if the other side is meant"

@@ -44,6 +44,8 @@ class Shape:
         Of an analytic disk (height, radius) or sphere (0, radius) that is whole; else None.
     quadric
         The surface of a sphere, disk or cylinder; else None.
+    twosided
+        Whether this is one side of a lamp of which there are both.
     """
 
     token: Token
@@ -54,6 +56,7 @@ class Shape:
     mirrored: bool
     size: tuple[float, float] | None = None
     quadric: Quadric | None = None
+    twosided: bool = False
 
 
 def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:

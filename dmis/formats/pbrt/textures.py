@@ -7,6 +7,7 @@ of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.image_reader import IMAGE_SUFFIXES, load_image
 
+TEXTURES = "constant", "scale", "mix", "imagemap", "checkerboard"
+"""Classes of textures that are read."""
 _WHOLE = ".png", ".tga", ".jpg", ".jpeg"
 """Extensions of image files that hold whole numbers; the others are linear."""
 _FORMATS = {"v2": (".exr", ".tga", ".pfm"), "v3": (".exr", ".tga", ".pfm", ".png"), "v4": IMAGE_SUFFIXES}
@@ -30,15 +33,45 @@ def make_texture(kind: str, name: Token, p: Parameters) -> Any:
     A constant texture is a number or an RGB triple, any other an image.
     """
     read = p.real if kind == "float" else p.colour
-    name.among("a texture", ("constant", "scale", "imagemap"))
+    name.among("a texture", TEXTURES)
     if name.name == "constant":
         return read("value", 1.0)
     if name.name == "imagemap":
         return _imagemap(kind, name, p)
+    if name.name == "checkerboard":
+        return _checkerboard(kind, name, p)
     v4 = p.dialect == "v4"
     with blame(name):
-        product = scale(read("tex" if v4 else "tex1", 1.0), p.real("scale", 1.0) if v4 else read("tex2", 1.0))
-    return float(product[0]) if kind == "float" and isinstance(product, tuple) else product
+        if name.name == "mix":
+            value = blend(read("tex1", 0.0), read("tex2", 1.0), p.real("amount", 0.5))
+        else:
+            value = scale(read("tex" if v4 else "tex1", 1.0), p.real("scale", 1.0) if v4 else read("tex2", 1.0))
+    return float(value[0]) if kind == "float" and isinstance(value, tuple) else value
+
+
+def blend(a: Any, b: Any, amount: Any) -> Any:
+    """Return ``(1 - amount) a + amount b``, folded into one constant or, if one of the three is an image, one image.
+
+    A ValueError if more of them are: their product is not bilinear.
+    """
+    images = [value for value in (a, b, amount) if isinstance(value, Image)]
+    if len(images) > 1 or any(image.wrap == "black" for image in images):
+        raise ValueError("a mix of several images, or of one that is black outside, is not supported; bake it into one")
+    x, y, t = (np.asarray(v.texels if isinstance(v, Image) else v, float) for v in (a, b, amount))
+    mixed = (1 - t) * x + t * y
+    return replace(images[0], texels=mixed.astype(np.float32)) if images else tuple(np.atleast_1d(mixed).tolist())
+
+
+def _checkerboard(kind: str, name: Token, p: Parameters) -> Image:
+    """Return two by two squares of two constants; pbrt also blurs their edges by the size of a pixel there."""
+    if p.integer("dimension", 2) != 2:
+        raise p.items["dimension"].error("must be 2, because a checkerboard in space is not supported")
+    p.string("mapping", "uv", ("uv",))
+    default: Any = (1.0, 0.0) if kind == "float" else ((1.0,) * 3, (0.0,) * 3)
+    one, two = (np.reshape(p.constant(key, d), -1) for key, d in zip(("tex1", "tex2"), default, strict=True))
+    size, offset = ((p.number(f"u{x}", d) / 2, p.number(f"v{x}", d) / 2) for x, d in (("scale", 1), ("delta", 0)))
+    with blame(name):
+        return Image(np.array([[one, two], [two, one]]), size, offset, nearest=True)
 
 
 def _imagemap(kind: str, name: Token, p: Parameters) -> Image:

@@ -75,6 +75,8 @@ def _area_light_source(reader: Reader, name: Token, p: Parameters) -> None:
     if min(emitted) < 0:
         raise name.error(f"the radiance of a light must not be negative; got {emitted}")
     reader.samples.of_light(p)  # notes the parameter as read
+    if reader.dialect is not V2:
+        p.boolean("twosided", False)
     reader.change(area_light=p)
 
 
@@ -91,10 +93,16 @@ def _shape(reader: Reader, name: Token, p: Parameters) -> None:
         return
     if reader.object is not None:
         raise reader.token.error("a shape in an object must not emit, because its instances could not be sampled")
-    reader.count(shape)
-    reader.emitters.append((len(reader.lights), shape, material, state.area_light))
-    reader.lights.append(None)
-    reader.samples.light_samples.append(reader.samples.of_light(state.area_light))
+    sides = [shape]
+    if reader.dialect is not V2 and state.area_light.boolean("twosided", False):
+        if shape.kind == "sphere":
+            raise reader.token.error("a sphere that emits must not be twosided, which is not supported; use a mesh")
+        sides = [replace(shape, reverse=reverse, twosided=True) for reverse in (False, True)]
+    for side in sides:
+        reader.count(side)
+        reader.emitters.append((len(reader.lights), side, material, state.area_light))
+        reader.lights.append(None)
+        reader.samples.light_samples.append(reader.samples.of_light(state.area_light))
 
 
 def _object_begin(reader: Reader, name: Token) -> None:

@@ -1,0 +1,237 @@
+"""Small pbrt files for each feature of the scenes that papers use, against scenes made by hand and closed forms."""
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.brdf.coated_diffuse import CoatedBase
+from dmis.brdf.diffuse import Lambert, LambertTransmission
+from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
+from dmis.formats.pbrt.notes import PbrtWarning
+from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.skies import sphere_to_square, to_latitude_longitude
+from dmis.formats.pbrt.tokens import PbrtError
+from dmis.image import write_exr
+from dmis.light.light_sample import LightSample
+from tests.formats.pbrt.test_leniency import HEADS
+
+FILM = '"integer xresolution" 8 "integer yresolution" 8'
+FLOOR = (
+    'Shape "trianglemesh" "integer indices" [0 1 2 0 2 3] "point2 uv" [0 0 1 0 1 1 0 1] '
+    '"point3 P" [-2 -2 0  2 -2 0  2 2 0  -2 2 0] '
+)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a floor of 4x4 below a camera at z = 4, in a dialect, with options and a world before it."""
+
+    def read(dialect, world="", options="", add=FLOOR):
+        head = HEADS[dialect].replace('"image"', f'"image" {FILM}').replace('"rgb"', f'"rgb" {FILM}')
+        if dialect == "v2":
+            head, add = f'{head} Film "image" {FILM}', add.replace("point2 uv", "float uv").replace("point3", "point")
+        camera = "" if "Camera" in options else 'Camera "perspective" "float fov" 40'
+        end = "" if dialect == "v4" else "WorldEnd"
+        path = tmp_path / "scene.pbrt"
+        path.write_text(f"{head} {options}\nLookAt 0 0 4  0 0 0  0 1 0 {camera}\nWorldBegin\n{world}\n{add}\n{end}")
+        return read_pbrt(path, dialect=dialect)
+
+    return read
+
+
+def lobes(scene):
+    return scene.parts[-1].material.lobes
+
+
+def mean(scene, spp=16, seed=0, **options):
+    """Mean colour of a render."""
+    result = dmis.render(scene, "balance", spp, seed=seed, parallel=1, integrator="direct", **options)
+    return result.image.mean(axis=(0, 1))
+
+
+# Textures ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
+def test_checkerboard(read, dialect):
+    name = "reflectance" if dialect == "v4" else "Kd"
+    kind = "diffuse" if dialect == "v4" else "matte"
+    rgb = "rgb" if dialect == "v4" else "color"
+    board = f'"{rgb} tex1" [.8 .4 .2] "{rgb} tex2" [.1 .2 .3] "float uscale" 5 "float vscale" 3 "float udelta" .5'
+    scene = read(dialect, f'Texture "t" "spectrum" "checkerboard" {board}\nMaterial "{kind}" "texture {name}" "t"')
+    image = lobes(scene)[0].reflectance
+    uv = np.random.default_rng(1).random((2, 1000), np.float32) * 3 - 1
+    even = (np.floor(uv[0] * 5 + 0.5) + np.floor(uv[1] * 3)) % 2 == 0
+    inside = np.abs((uv * [[5], [3]] + [[0.5], [0]] + 0.5) % 1 - 0.5) > 1e-5
+    expected = np.where(even, [[0.8], [0.4], [0.2]], [[0.1], [0.2], [0.3]])
+    keep = inside.all(axis=0)
+    np.testing.assert_allclose(image(uv)[:, keep], expected[:, keep], rtol=1e-6)
+
+
+def test_nearest_images_wrap():
+    texels = np.arange(6.0).reshape(2, 3, 1)
+    uv = np.array([[-0.1, 0.1, 0.5, 0.9, 1.1], [0.1, 0.1, 0.6, 0.9, 0.1]], np.float32)
+    for wrap, expected in (("repeat", [2, 0, 4, 5, 0]), ("clamp", [0, 0, 4, 5, 2]), ("black", [0, 0, 4, 5, 0])):
+        assert dmis.Image(texels, wrap=wrap, nearest=True)(uv)[0].tolist() == expected
+
+
+@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
+def test_mixed_textures_are_one_image(read, tmp_path, dialect):
+    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(2).random((4, 4, 3)).astype(np.float32)})
+    image = '"string filename" "a.exr"'
+    rgb = "rgb" if dialect == "v4" else "color"
+    world = f"""Texture "a" "spectrum" "imagemap" {image} Texture "b" "float" "imagemap" {image}
+    Texture "x" "spectrum" "mix" "texture tex1" "a" "float amount" .25 "{rgb} tex2" [.2 .4 .6]
+    Texture "y" "float" "mix" "texture amount" "b" "float tex1" .5 "float tex2" .1
+    Texture "z" "spectrum" "mix" "float amount" .5
+    """
+    diffuse = 'Material "diffuse" "texture reflectance" ' if dialect == "v4" else 'Material "matte" "texture Kd" '
+    texels = lobes(read(dialect, f'{world} {diffuse}"a"'))[0].reflectance.texels
+    mixed = lobes(read(dialect, f'{world} {diffuse}"x"'))[0].reflectance.texels
+    np.testing.assert_allclose(mixed, 0.75 * texels + 0.25 * np.array([0.2, 0.4, 0.6]), rtol=1e-6)
+    assert lobes(read(dialect, f'{world} {diffuse}"z"'))[0].reflectance == (0.5, 0.5, 0.5)
+    with pytest.raises(PbrtError, match="a mix of several images"):
+        read(dialect, f'{world} Texture "w" "spectrum" "mix" "texture tex1" "a" "texture amount" "b"')
+
+
+# Materials --------------------------------------------------------------------------------------------------------
+
+SHEETS = {
+    "v3": ("translucent", '"rgb Kd" [.4 .4 .4] "rgb Ks" [0 0 0] "rgb reflect" [.5 .5 .5] "rgb transmit" [1 .5 .25]'),
+    "v4": ("diffusetransmission", '"rgb reflectance" [.2 .2 .2] "rgb transmittance" [.4 .2 .1]'),
+}
+
+
+@pytest.mark.parametrize("dialect", SHEETS)
+def test_sheets_let_diffuse_light_through(read, dialect):
+    name, parameters = SHEETS[dialect]
+    behind, front = (f'LightSource "point" "rgb I" [9 9 9] "point3 from" [0 0 {z}]' for z in (-3, 3))
+    sheet = f'Material "{name}" {parameters}'
+    matte = 'Material "matte" "rgb Kd" [1 1 1]' if dialect == "v3" else 'Material "diffuse" "rgb reflectance" [1 1 1]'
+    white = mean(read(dialect, f"{front}\n{matte}"), 4)
+    np.testing.assert_allclose(mean(read(dialect, f"{behind}\n{sheet}"), 4), white * [0.4, 0.2, 0.1], rtol=1e-3)
+    np.testing.assert_allclose(mean(read(dialect, f"{front}\n{sheet}"), 4), white * 0.2, rtol=1e-3)
+    sky = mean(read(dialect, f'LightSource "infinite"\n{sheet}'), 64)
+    np.testing.assert_allclose(sky, [0.6, 0.4, 0.3], rtol=5e-3)
+
+
+def test_translucent_has_rough_glass(read):
+    reflected, through, glossy, refracted = lobes(read("v3", 'Material "translucent"'))
+    assert [type(x) for x in (reflected, through)] == [Lambert, LambertTransmission]
+    assert [type(x) for x in (glossy, refracted)] == [RoughReflection, RoughTransmission]
+    assert reflected.reflectance == through.transmittance == glossy.reflectance == (0.125, 0.125, 0.125)
+
+
+def test_mixtures_of_coats(read):
+    """A share of a coated material is that share of its image."""
+    coat = 'MakeNamedMaterial "a" "string type" "coateddiffuse" "rgb reflectance" [.8 .5 .3] "float roughness" .2\n'
+    black = 'MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [0 0 0]\n'
+    mix = 'Material "mix" "string materials" ["a" "b"] "float amount" .25'
+    light = 'LightSource "point" "rgb I" [9 9 9] "point3 from" [1 1 3]\n'
+    whole, share = (read("v4", f"{light}{coat}{black}{line}") for line in ('NamedMaterial "a"', mix))
+    assert [type(lobe) for lobe in lobes(share)] == [type(lobe) for lobe in lobes(whole)]
+    assert isinstance(lobes(share)[0], CoatedBase)
+    np.testing.assert_allclose(mean(share), 0.75 * mean(whole), rtol=1e-5)
+
+
+@pytest.mark.parametrize("dialect", ["v3", "v4"])
+def test_amount_of_a_mixture_may_be_an_image(read, tmp_path, dialect):
+    write_exr(tmp_path / "a.exr", {"RGB": np.full((2, 2, 3), (0.2, 0.2, 0.2), np.float32)})
+    kind, name = ("matte", "Kd") if dialect == "v3" else ("diffuse", "reflectance")
+    made = [
+        f'MakeNamedMaterial "{k}" "string type" "{kind}" "rgb {name}" [{v} {v} {v}]' for k, v in (("a", 1), ("b", 0.5))
+    ]
+    names = (
+        '"string namedmaterial1" "a" "string namedmaterial2" "b"' if dialect == "v3" else '"string materials" ["a" "b"]'
+    )
+    texture = f'Texture "t" "{"spectrum" if dialect == "v3" else "float"}" "imagemap" "string filename" "a.exr"'
+    world = f'{" ".join(made)} {texture} Material "mix" {names} "texture amount" "t"'
+    values = [np.unique(lobe.reflectance.texels).tolist() for lobe in lobes(read(dialect, world))]
+    first = 0.2 if dialect == "v3" else 0.8
+    np.testing.assert_allclose(np.ravel(values), [first, 0.5 * (1 - first)], rtol=1e-6)
+
+
+def test_named_spectra(read):
+    metal = lobes(read("v4", 'Material "conductor" "spectrum eta" "metal-Ag-eta" "spectrum k" "metal-Ag-k"'))[0].fresnel
+    one = np.ones(1, np.float32)
+    np.testing.assert_allclose(metal(one).ravel(), [0.98, 0.96, 0.93], atol=0.02)  # silver is nearly white
+    with pytest.warns(PbrtWarning, match="index of refraction that differs with the wavelength.*'eta' of Material"):
+        glass = lobes(read("v4", 'Material "dielectric" "spectrum eta" "glass-BK7"'))
+    assert glass[0].fresnel.eta == 1.5168
+    (lamp,) = read("v4", 'LightSource "point" "spectrum I" "stdillum-A"').lights
+    r, g, b = lamp.intensity
+    assert r > g > b and np.isclose(0.212671 * r + 0.71516 * g + 0.072169 * b, 1)
+
+
+# Lights -----------------------------------------------------------------------------------------------------------
+
+
+def directions(n, seed=3):
+    d = np.random.default_rng(seed).standard_normal((3, n))
+    return d / np.linalg.norm(d, axis=0)
+
+
+def test_square_has_equal_areas():
+    """Uniform directions are uniform in the square, and neighbours stay neighbours."""
+    s = sphere_to_square(directions(200_000))
+    assert s.min() >= 0 and s.max() <= 1
+    counts, *_ = np.histogram2d(*s, bins=8)
+    assert np.abs(counts / counts.mean() - 1).max() < 0.08  # 4.5 standard errors
+    d = directions(10_000, 4) * [[1], [1], [0.5]]
+    d /= np.linalg.norm(d, axis=0)
+    near = d + 1e-6 * directions(10_000, 5)
+    gap = np.abs(sphere_to_square(d) - sphere_to_square(near / np.linalg.norm(near, axis=0)))
+    assert np.median(gap) < 2e-6
+    np.testing.assert_allclose(sphere_to_square(np.eye(3)), [[1, 0.5, 0.5], [0.5, 1, 0.5]], atol=1e-9)
+
+
+def test_square_skies_are_those_of_pbrt(read, tmp_path):
+    """The sky of a square map whose texels hold a function of their direction has the values of the function."""
+    side = 64
+    fine = directions(500_000, 6)
+    value = np.stack([1 + fine[2], 1.5 + fine[0], 1.2 + fine[1] * fine[2]])
+    column, row = np.minimum((sphere_to_square(fine) * side).astype(int), side - 1)
+    total = np.zeros((side, side, 3))
+    np.add.at(total, (row, column), value.T)
+    square = total / np.bincount(row * side + column, minlength=side * side).reshape(side, side, 1)
+    write_exr(tmp_path / "sky.exr", {"RGB": square.astype(np.float32)})
+    (light,) = read("v4", 'Rotate 30 0 0 1 LightSource "infinite" "string filename" "sky.exr" "float scale" 2').lights
+    d = directions(500, 7)
+    turn = np.radians(30)
+    world = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]) @ d
+    expected = 2 * np.stack([1 + d[2], 1.5 + d[0], 1.2 + d[1] * d[2]])
+    np.testing.assert_allclose(light.radiance(world.astype(np.float32)), expected, atol=0.12)
+    weights = np.sin((np.arange(side) + 0.5) * np.pi / side)[:, None, None]
+    mean_of_map = (to_latitude_longitude(square) * weights).sum(axis=(0, 1)) / (weights.sum() * 2 * side)
+    np.testing.assert_allclose(mean_of_map, square.mean(axis=(0, 1)), rtol=2e-3)
+    write_exr(tmp_path / "sky.exr", {"RGB": square[:32].astype(np.float32)})
+    with pytest.raises(PbrtError, match="must be square in v4; got 64x32"):
+        read("v4", 'LightSource "infinite" "string filename" "sky.exr"')
+
+
+@pytest.mark.parametrize("dialect", ["v3", "v4"])
+@pytest.mark.parametrize("shape", ["quad", "mesh with normals", "disk"])
+def test_twosided_lamps_shine_on_both_sides(read, dialect, shape):
+    mesh = '"point3 P" [-1 -1 0 1 -1 0 1 1 0 -1 1 0] "integer indices" [0 1 2 0 2 3]'
+    shapes = {
+        "quad": f'Shape "trianglemesh" {mesh}',
+        "mesh with normals": f'Shape "trianglemesh" {mesh} "normal N" [0 0 1 0 0 1 0 0 1 0 0 1]',
+        "disk": 'Shape "disk"',
+    }
+    lamp = f'Translate 0 0 1 AreaLightSource "diffuse" "rgb L" [2 2 2] "bool twosided" "true" {shapes[shape]}'
+    scene = read(dialect, f"AttributeBegin {lamp} AttributeEnd")
+    assert len(scene.lights) == 2
+    for z in (-1.0, 3.0):
+        p = np.array([[0.2], [0.1], [z]], np.float32)
+        samples: list[LightSample] = [light.sample(p, np.full((2, 1), 0.4, np.float32)) for light in scene.lights]
+        assert sorted(float(s.radiance.max() * (s.pdf * s.emits).max() > 0) for s in samples) == [0, 1]
+    assert mean(scene, 4).min() > 0.3
+
+
+def test_spots_of_v4_fall_off_smoothly(read):
+    (spot,) = read("v4", 'LightSource "spot" "rgb I" [2 2 2] "float coneangle" 40 "float conedeltaangle" 10').lights
+    angles = np.radians([0, 29, 33, 37, 41])
+    p = np.stack([np.sin(angles), 0 * angles, np.cos(angles)]).astype(np.float32)
+    inner, outer = np.cos(np.radians([30, 40]))
+    t = np.clip((np.cos(angles) - outer) / (inner - outer), 0, 1)
+    np.testing.assert_allclose(spot.sample(p).radiance[0], 2 * t * t * (3 - 2 * t), rtol=1e-4, atol=1e-6)
