@@ -10,6 +10,7 @@ from dmis.brdf.materials import plastic as plastic
 from dmis.brdf.materials import shiny_metal as shiny_metal
 from dmis.brdf.materials import substrate as substrate
 from dmis.brdf.materials import uber as uber
+from dmis.brdf.metallic_roughness import metallic_roughness as metallic_roughness
 from dmis.brdf.models import ashikhmin_shirley as ashikhmin_shirley
 from dmis.brdf.models import blinn_phong as blinn_phong
 from dmis.brdf.models import coated_diffuse as coated_diffuse

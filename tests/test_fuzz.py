@@ -146,10 +146,10 @@ TRIANGLE = {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}
 
 
 def test_glb_files_of_zeros(tmp_path):
-    """An array without bytes behind it is one of zeros, of any size."""
+    """An array without bytes behind it would be one of zeros, of any size."""
     accessor = {"componentType": 5126, "count": 3 * 10**8, "type": "VEC3"}
     (tmp_path / "a.glb").write_bytes(glb({**NODE, **TRIANGLE, "accessors": [accessor]}))
-    with pytest.raises(ValueError, match=r"an array of more elements than its .* bytes; got 300000000"):
+    with pytest.raises(ValueError, match=r"at most 33554432 triangles"):
         dmis.load_scene(tmp_path / "a.glb")
 
 

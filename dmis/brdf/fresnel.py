@@ -1,4 +1,4 @@
-"""Fresnel terms: dielectrics, conductors (approximate and exact), and Schlick's approximation for coats."""
+"""Fresnel terms: dielectrics, conductors (approximate and exact), and Schlick's approximation."""
 
 from __future__ import annotations
 
@@ -97,9 +97,6 @@ class Conductor(Parameters):
         return ((parallel_base - twice) / (parallel_base + twice) + (perp_base - twice) / (perp_base + twice)) / 2
 
 
-Fresnel = Coat | Conductor
-
-
 def as_columns(colour: Any) -> Array:
     """Return a triple as ``(3, 1)``, and parameters bound to points, ``(1 or 3, N)``, as they are."""
     values = np.asarray(colour, np.float32)
@@ -113,6 +110,25 @@ def fifth_power(x: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class Schlick(Parameters):
+    """Fresnel reflectance from `f0` at normal incidence, a number, an RGB triple or an image, to `f90` at grazing."""
+
+    f0: Any
+    f90: Any = 1.0
+    colours: ClassVar[tuple[str, ...]] = ("f0",)
+    scalars: ClassVar[tuple[str, ...]] = ("f90",)
+    has_sides: ClassVar[bool] = False
+
+    def __call__(self, cos: Array) -> Array:
+        f0 = as_columns(self.f0)
+        return f0 + (self.f90 - f0) * fifth_power(np.maximum(1 - cos, np.float32(0)))
+
+    def on_side(self, cos: Array, outside: Array) -> Array:
+        """Return the reflectance, the same on both sides."""
+        return self(cos)
+
+
+@dataclass(frozen=True)
 class ExactConductor(Conductor):
     """Unpolarised Fresnel reflectance of a metal in air, index ``eta + i k`` as RGB triples."""
 
@@ -123,3 +139,6 @@ class ExactConductor(Conductor):
         parallel = (index * cos - cos_t) / (index * cos + cos_t + TINY)
         perpendicular = (cos - index * cos_t) / (cos + index * cos_t + TINY)
         return ((np.abs(parallel) ** 2 + np.abs(perpendicular) ** 2) / 2).astype(np.float32)
+
+
+Fresnel = Coat | Conductor | Schlick

@@ -25,7 +25,7 @@ R = TypeVar("R")
 Wrap = Literal["repeat", "black", "clamp"]
 FLOAT32_TINY, FLOAT32_MAX = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 """Smallest positive and largest number of float32, in which lobes are computed: the bounds of parameters."""
-COLOURS = "kd", "ks", "kr", "kt", "opacity"
+COLOURS = "kd", "ks", "kr", "kt", "base", "opacity"
 """Parameters of materials whose image files are decoded from sRGB."""
 MAX_UV_SCALE = 1e15
 """Largest scale and offset of texture coordinates: times coordinates of a mesh (`dmis.base.validate.FARTHEST`) and
@@ -165,6 +165,29 @@ def scale(a: Parameter, b: Parameter) -> Parameter:
     if isinstance(a, Image):
         return replace(a, texels=a.texels * np.asarray(b, np.float32))
     return tuple(np.atleast_1d(np.asarray(a, float) * np.asarray(b, float)).tolist())
+
+
+def combine(function: Callable[..., Array], *values: Parameter) -> Parameter:
+    """Return a function of parameters: a constant, or an image whose texels are the function of theirs.
+
+    Smaller images are interpolated at the texels of the largest. A ValueError if images are not placed alike.
+    """
+    images = [value for value in values if isinstance(value, Image)]
+    if not images:
+        return tuple(np.atleast_1d(function(*(np.asarray(value, float) for value in values))).tolist())
+    largest = max(images, key=lambda image: image.texels.size)
+    if any((i.scale, i.offset, i.wrap) != (largest.scale, largest.offset, largest.wrap) for i in images):
+        raise ValueError("images that are combined must have one scale, offset and wrap; bake them into one image")
+    (height, width), arrays = largest.texels.shape[:2], []
+    rows, columns = (np.mgrid[:height, :width] + 0.5).astype(np.float32).reshape(2, -1)
+    for value in values:
+        if not isinstance(value, Image):
+            arrays.append(np.asarray(value, np.float32).reshape(1, 1, -1))
+        elif value.texels.shape[:2] == (height, width):
+            arrays.append(value.texels)
+        else:
+            arrays.append(value.at(columns / np.float32(width), rows / np.float32(height)).T.reshape(height, width, -1))
+    return replace(largest, texels=function(*arrays))
 
 
 def check_values(

@@ -18,8 +18,10 @@ import numpy as np
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
+from dmis.formats.gltf import read_gltf
 from dmis.formats.model import DEFAULT_MATERIAL, Model
 from dmis.formats.obj import read_obj_materials
+from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes, read_mesh, reading
 from dmis.geometry.wavefront import read_obj
@@ -48,7 +50,7 @@ def load_scene(
     source: str | os.PathLike[str] | Mesh | trimesh.Trimesh | trimesh.Scene,
     resolution: tuple[int, int] | None = None,
     *,
-    camera: Camera | None = None,
+    camera: Camera | str | None = None,
     lights: Sequence[Light] | None = None,
     material: Material | Mapping[str, Material] | None = None,
     dialect: str | None = None,
@@ -60,25 +62,25 @@ def load_scene(
     Parameters
     ----------
     source
-        A pbrt file, the name of a scene that comes with the library (`SHIPPED`), a GLB, OBJ, PLY or STL file,
-        or a mesh. A pbrt scene is complete; for a mesh the camera, lights and material are arguments.
+        A pbrt file, the name of a scene that comes with the library (`SHIPPED`), a glTF, OBJ, PLY or STL file,
+        or a mesh. A pbrt scene is complete; for others the camera, lights and material may be arguments.
     resolution
         ``(width, height)`` in place of the file's or the camera's.
     camera
-        Default: looks down at the whole mesh from an oblique angle, 640x480, with `up`.
+        Or the name of a camera in the file. Default: the first one in the file, else `Camera.fit`, with `up`.
     lights
         Area lights also get a visible surface that blocks light and reflects none. Default: those of the file, else an
         even sky and a square lamp behind the camera, to the upper left, see `default_lights`. Surfaces of a file that
         emit do so in any case.
     material
         One for all, or a dict of them by name: of the file's materials, the others being the file's, or of the
-        geometries of a trimesh scene. Default: those of an OBJ file, see `dmis.formats.obj`, else matte grey.
+        geometries of a trimesh scene. Default: those of a glTF or OBJ file, else matte grey.
     dialect
         Dialect of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: detected from the words of the file.
     outside
         Whether a file may name files outside of its folder.
     up
-        Axis of a mesh that is up for the default camera, ``y`` or ``z``. Default: y in GLB and OBJ files, else z.
+        Axis of a mesh that is up for a camera that sees all, ``y`` or ``z``. Default: y in glTF and OBJ files, else z.
 
     Raises
     ------
@@ -109,7 +111,7 @@ def load_scene(
 def _mesh_scene(source: Any, resolution: Any, camera: Any, lights: Any, material: Any, up: Any, outside: bool) -> Scene:
     """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
     if isinstance(source, str | os.PathLike):
-        model = _read_file(Path(source), outside)
+        model = _read_file(Path(source), outside, isinstance(material, Material))
         parts, name = _with_materials(model, material), model.path.stem
     else:
         model = Model(Path())
@@ -124,8 +126,7 @@ def _mesh_scene(source: Any, resolution: Any, camera: Any, lights: Any, material
         warnings.warn(SceneWarning(f"{model.path}: left out: {', '.join(unread)}"), stacklevel=3)  # of load_scene
     bounds = np.array([part.mesh.bounds for part in parts])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    if camera is None:
-        camera = _look_at_all(low, high, up or _UP.get(model.path.suffix.lower(), "z"))
+    camera = _camera_of(model, camera, parts, up)
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
     if lights is None:
@@ -137,16 +138,34 @@ def _mesh_scene(source: Any, resolution: Any, camera: Any, lights: Any, material
     return Scene(camera, tuple(parts), tuple(lights), name, source={"unread": list(unread)} if unread else {})
 
 
-_UP = {".glb": "y", ".obj": "y"}
+def _camera_of(model: Model, camera: Camera | str | None, parts: Sequence[Part], up: str | None) -> Camera:
+    """Return a caller's camera, or one of the file by name; by default its first, or one that sees all parts."""
+    if isinstance(camera, str):
+        if camera not in model.cameras:
+            names = ", ".join(map(repr, model.cameras)) or "none"
+            raise ValueError(f"camera must be a Camera or the name of one in {model.path}: {names}; got {camera!r}")
+        return model.cameras[camera]
+    if camera is not None:
+        return camera
+    if model.cameras and up is None:
+        return next(iter(model.cameras.values()))
+    axis = up or _UP.get(model.path.suffix.lower(), "z")
+    return Camera.fit([part.mesh for part in parts], (0, 0, 1) if axis == "z" else (0, 1, 0))
+
+
+_UP = {".glb": "y", ".gltf": "y", ".obj": "y"}
 """Axis that is up in files of a format; z in others."""
 
 
-def _read_file(path: Path, outside: bool) -> Model:
-    """Return the contents of a mesh file."""
+def _read_file(path: Path, outside: bool, bare: bool) -> Model:
+    """Return the contents of a mesh file; `bare`: of an OBJ file without its materials."""
     model = Model(path, outside)
-    if path.suffix.lower() == ".obj":
+    if path.suffix.lower() == ".obj" and not bare:
         with reading(path) as data:
             read_obj_materials(read_obj(data), model)
+    elif path.suffix.lower() in (".glb", ".gltf"):
+        with reading(path) as data:
+            read_gltf(Gltf(path, data, outside), model)
     else:
         mesh, unread = read_mesh(path)
         model.unread.update(unread)
@@ -238,11 +257,3 @@ def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:
     radiance = (1 - SKY) * (1 + towards @ towards / square)
     corner, u, v = (tuple(place.tolist()) for place in (centre - (first + second) / 2, first, second))
     return [EnvironmentLight(np.full((16, 32, 3), SKY)), QuadLight(corner, u, v, (radiance,) * 3)]
-
-
-def _look_at_all(low: Array, high: Array, up: str) -> Camera:
-    """Return a camera that sees the sphere about a bounding box, with one axis `up`."""
-    centre, radius, fov = (low + high) / 2, np.linalg.norm(high - low) / 2, 40.0
-    towards, axis = ((0.45, -0.75, 0.48), (0, 0, 1)) if up == "z" else ((0.45, 0.48, 0.75), (0, 1, 0))
-    eye = centre + np.array(towards) / np.linalg.norm(towards) * radius / np.sin(np.radians(fov / 2))
-    return Camera.look_at(tuple(eye.tolist()), tuple(centre.tolist()), axis, fov=fov)

@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmis.base.named_files import named_file
 from dmis.brdf.materials import Material, matte
 from dmis.geometry.mesh import Mesh, without_degenerate
 from dmis.light.light import Light
@@ -65,21 +66,8 @@ class Model:
 
         Raises a ValueError if it is outside of the folder of the model, unless that is allowed.
         """
-        name = name.strip().replace("\\", "/")
-        folder = self.path.parent
-        path = folder / name
-        try:
-            missing = "\0" in name or not path.is_file()
-        except OSError:  # a name that is too long
-            missing = True
-        if missing:
-            self.unread[f"missing file {name[-60:]!r}"] += 1
-            return None
-        if not self.outside and not path.resolve().is_relative_to(folder.resolve()):
-            raise ValueError(
-                f"the file {name!r} is outside of the folder {folder}, which a model must not reach unless that is "
-                "allowed (outside=True, --allow-outside)"
-            )
+        path = named_file(self.path, name, self.outside)
+        self.unread[f"missing file {name[-60:]!r}"] += path is None
         return path
 
     def summaries(self) -> tuple[str, ...]:

@@ -1,12 +1,10 @@
-"""Meshes from files: OBJ by `dmis.geometry.wavefront`; GLB, PLY and STL by trimesh, after checks of their bytes."""
+"""Meshes from files: OBJ by `dmis.geometry.wavefront`, glTF by `dmis.geometry.gltf`, PLY and STL by trimesh."""
 
 from __future__ import annotations
 
 import io
-import json
 import os
 import re
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dmis.geometry import wavefront
+from dmis.geometry.gltf import MAX_FACES, Gltf
 from dmis.geometry.mesh import Mesh, concatenate, repair_normals, vertex_normals, weld
 
 if TYPE_CHECKING:
     import trimesh
 
-MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 """Extensions that :func:`load_mesh` reads."""
-MAX_FACES = 2**25
-"""Most triangles of a mesh file, all instances counted."""
 
 
 def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
@@ -68,7 +65,7 @@ def placed_meshes(scene: trimesh.Scene) -> list[tuple[str, Mesh]]:
 
 
 def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
-    """Read a GLB, OBJ, PLY or STL file.
+    """Read a GLB, glTF, OBJ, PLY or STL file.
 
     Parameters
     ----------
@@ -93,8 +90,13 @@ def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple
     path = Path(path)
     suffix = path.suffix.lower()
     with reading(path) as data:
-        mesh = wavefront.read_obj(data).mesh() if suffix == ".obj" else _load(data, suffix)
-        unread = _unread(suffix, data)
+        if suffix == ".obj":
+            mesh = wavefront.read_obj(data).mesh()
+        elif suffix in (".glb", ".gltf"):
+            mesh = concatenate([primitive.mesh for primitive in Gltf(path, data).primitives()])
+        else:
+            mesh = _load(data, suffix)
+        unread = _unread(data) if suffix == ".ply" else {}
     if smooth is None or smooth == (mesh.normals is not None):
         return mesh, unread
     normals = None
@@ -113,7 +115,8 @@ def reading(path: Path) -> Iterator[bytes]:
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
     try:
-        yield path.read_bytes()
+        with np.errstate(all="ignore"):  # what is not finite is refused by Mesh
+            yield path.read_bytes()
     except Exception as error:  # trimesh's readers let errors of any type through
         damaged = "it is empty, damaged, or of a form that is not read; export it again"
         reason = str(error) if type(error) is ValueError else damaged
@@ -121,23 +124,20 @@ def reading(path: Path) -> Iterator[bytes]:
 
 
 def _load(data: bytes, suffix: str) -> Mesh:
-    """Return the mesh of the bytes of a GLB, PLY or STL file. The file may name others, which are not looked for."""
+    """Return the mesh of the bytes of a PLY or STL file. The file may name others, which are not looked for."""
     if (mesh := _load_plain_ply(data)) is not None:
         return mesh
     import trimesh
 
     bare: dict[str, Any] = {}
-    if suffix == ".glb":
-        _check_glb(data)
     if suffix == ".ply":
         header, end, rest = data.partition(b"end_header")
         _check_ply(header.decode("latin-1"), rest)
         header = header.replace(b" texture_s", b" s").replace(b" texture_t", b" t")  # names that trimesh does not know
         data, bare = header + end + rest, {"skip_materials": True}  # a material is an image
-    with np.errstate(all="ignore"):  # what is not finite is refused by Mesh
-        # process=True would merge and reorder vertices
-        loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **bare)
-        return from_trimesh(loaded)
+    # process=True would merge and reorder vertices
+    loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **bare)
+    return from_trimesh(loaded)
 
 
 _PLAIN_PLY = re.compile(
@@ -180,40 +180,8 @@ def _check_ply(header: str, body: bytes) -> None:
         begin += int(count)
 
 
-def _unread(suffix: str, data: bytes) -> dict[str, int]:
-    """Return the numbers of materials, textures and lights of a GLB or PLY file, and whether it has colours."""
-    if suffix == ".glb":
-        gltf = _glb_json(data)
-        lights = gltf.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
-        numbers = {kind: len(gltf.get(f"{kind}s", [])) for kind in ("material", "texture")}
-        return numbers | {"light": len(lights), "vertex colours": json.dumps(gltf).count('"COLOR_0"')}
-    header = data[: data.find(b"end_header")] if suffix == ".ply" else b""
+def _unread(data: bytes) -> dict[str, int]:
+    """Return the numbers of materials and textures of a PLY file, and whether it has colours."""
+    header = data[: data.find(b"end_header")]
     numbers = {"material": header.count(b"element material"), "texture": header.count(b"comment TextureFile")}
     return numbers | {"vertex colours": len(re.findall(rb"property \w+ (?:diffuse_)?red\s", header))}
-
-
-def _check_glb(data: bytes) -> None:
-    """Raise a ValueError for a GLB file of another version, a compressed one, or one that is cut off.
-
-    trimesh would fill with zeros what it cannot decode, and an array of more elements than the file has bytes.
-    """
-    magic, length = struct.unpack("<8sI", data[:12].ljust(12, b"\0"))
-    if magic != b"glTF\2\0\0\0":
-        raise ValueError("it must be binary glTF of version 2; convert it")
-    if len(data) < length:
-        raise ValueError(f"it is cut off: it must have {length} bytes; it has {len(data)}")
-    gltf = _glb_json(data)
-    if missing := set(_COMPRESSIONS) & set(gltf.get("extensionsRequired", [])):
-        raise ValueError(f"its triangles are compressed ({missing.pop()}), which is not read; export it uncompressed")
-    if wrong := [array["count"] for array in gltf.get("accessors", []) if not 0 <= array["count"] <= len(data)]:
-        raise ValueError(f"it must not have an array of more elements than its {len(data)} bytes; got {wrong[0]}")
-
-
-_COMPRESSIONS = "KHR_draco_mesh_compression", "EXT_meshopt_compression"
-"""Extensions of glTF without which the triangles of a file that requires them cannot be read."""
-
-
-def _glb_json(data: bytes) -> dict[str, Any]:
-    """Return the JSON description of a GLB file."""
-    (length,) = struct.unpack_from("<I", data, 12)
-    return dict(json.loads(data[20 : 20 + length]))

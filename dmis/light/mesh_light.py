@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from dmis.base.color import LUMINANCE
 from dmis.base.vectors import Array, dot
+from dmis.brdf.texture import Image, check_values
 from dmis.geometry.mesh import Ints, Mesh
 from dmis.intersect import Intersector
 from dmis.light.coincident import find_overlaps, find_twins
@@ -19,6 +21,10 @@ from dmis.light.pieces import TRIANGLE, Pieces
 from dmis.light.triangle_order import compact_order, shortest_edge_last
 from dmis.samplers.warp import square_to_triangle
 
+EVEN_SHARE = 0.1
+"""Part of the mean luminance of an image of radiance that each triangle is sampled by, whatever its own."""
+_INSIDE = np.array([[a + 1, b + 1] for a in range(6) for b in range(6 - a)], np.float32).T / 8
+"""Places in a triangle at which an image of radiance is looked up for its mean."""
 MIN_GAP = 2e-6
 """Least distance of two triangles that face each other, in largest coordinates: rays begin 10^-6 above surfaces."""
 
@@ -37,22 +43,31 @@ class MeshLight(AreaLight):
     faces
         ``(F, 3)`` vertex indices.
     radiance
-        Emitted in every direction of the bright side, linear RGB, not negative.
+        Emitted in every direction of the bright side, linear RGB, not negative; or an `Image` of it. Then triangles
+        are sampled by area times mean luminance, plus `EVEN_SHARE` of that of all triangles.
+    uv
+        Coordinates of the vertices in the image, ``(V, 2)``; those of the part whose light this is.
 
     Raises
     ------
     ValueError
         If vertices or faces are none of a `dmis.geometry.mesh.Mesh`, no triangle has an area, or the radiance is
-        negative or not finite; or if two triangles overlap in one plane, in part.
+        negative or not finite, or an image without `uv`; or if two triangles overlap in one plane, in part.
     """
 
     vertices: Array
     faces: Array
-    radiance: Rgb
+    radiance: Rgb | Image
+    uv: Array | None = None
     positions: ClassVar[tuple[str, ...]] = ("vertices",)
 
     def __post_init__(self) -> None:
-        if not self._data[2] > 0:
+        if isinstance(self.radiance, Image):
+            check_values("radiance", self.radiance, "finite and not negative", "it is emitted")
+            if self.uv is None:
+                raise ValueError("uv must be given with an image of radiance, because it says where the image is")
+            vars(self)["textured"] = True
+        if not np.max(self._data[2]) > 0:
             raise ValueError("a mesh light must have a positive area; all its triangles are degenerate")
         self._refuse_overlaps()
 
@@ -72,8 +87,10 @@ class MeshLight(AreaLight):
             )
 
     @cached_property
-    def _data(self) -> tuple[Array, Array, float, Array]:
-        """Corner, two edges and unit normal of each triangle ``(12, F)``; cumulative shares of area; area; radiance."""
+    def _data(self) -> tuple[Array, Array, Any, Array]:
+        """Corner, two edges and unit normal of each triangle ``(12, F)``; cumulative shares of samples; the area, of an
+        image that of each triangle over its share, ``(F,)``; radiance.
+        """
         triangles = self._mesh.vertices[self._sampled[0]]
         corner, edge_u = triangles[:, 0], triangles[:, 1] - triangles[:, 0]
         edge_v = triangles[:, 2] - triangles[:, 0]
@@ -81,13 +98,35 @@ class MeshLight(AreaLight):
         twice = np.linalg.norm(cross, axis=1)
         normal = cross / np.maximum(twice, 1e-300)[:, None]
         rows = np.concatenate([corner, edge_u, edge_v, normal], axis=1).T.astype(np.float32)
+        if self.textured:
+            mean = np.broadcast_to(
+                self._emitted(np.arange(len(twice))[:, None], *_INSIDE), (3, len(twice), _INSIDE.shape[1])
+            )
+            luminance = np.tensordot(LUMINANCE, mean.mean(axis=2), 1)
+            weight = twice * (luminance + EVEN_SHARE * max(np.average(luminance, weights=twice), 1e-30))
+            share = weight / weight.sum()
+            return rows, np.cumsum(share), (twice / 2 / np.maximum(share, 1e-300)).astype(np.float32), np.zeros((3, 1))
         cdf = np.cumsum(twice)
         area = float(cdf[-1] / 2)
         return rows, cdf / max(cdf[-1], 1e-300), area, self.emission(ANY_POINT)
 
+    def _emitted(self, index: Array, a: Array, b: Array) -> Array:
+        """Return the radiance ``(3, ...)`` at coordinates along the edges of the triangles `index`."""
+        if not isinstance(self.radiance, Image):
+            return self._data[3]
+        rows = self._uv_rows[:, index]
+        uv = rows[:2] + rows[2:4] * a + rows[4:] * b
+        return self.radiance(uv.reshape(2, -1)).reshape(-1, *uv.shape[1:])
+
+    @cached_property
+    def _uv_rows(self) -> Array:
+        """Texture coordinates of the first corner of each triangle and the differences along its edges, ``(6, F)``."""
+        corners = np.asarray(self._mesh.uv, np.float32)[self._sampled[0]]
+        return np.concatenate([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1).T
+
     @cached_property
     def _mesh(self) -> Mesh:
-        return Mesh(self.vertices, self.faces)
+        return Mesh(self.vertices, self.faces, uv=self.uv)
 
     @cached_property
     def _sampled(self) -> tuple[Ints, Array]:
@@ -110,7 +149,7 @@ class MeshLight(AreaLight):
         rows, _, area, _ = self._data
         normal, corner = rows[9:, 0], rows[:3]
         away = normal @ (corner - corner[:, :1]), normal @ rows[3:6], normal @ rows[6:9]
-        return bool(np.abs(away).max() <= 1e-5 * np.sqrt(area))
+        return bool(np.abs(away).max() <= 1e-5 * np.sqrt(np.min(area)))
 
     @cached_property
     def _intersector(self) -> Intersector:
@@ -127,6 +166,8 @@ class MeshLight(AreaLight):
         within = ((u[0] - low) / np.maximum(cdf.take(index) - low, 1e-30)).astype(np.float32)
         a, b = square_to_triangle(np.stack([u[1], np.clip(within, 0, 1)]))
         chosen = rows.take(index, axis=1)
+        if self.textured:
+            area, radiance = area.take(index), self._emitted(index, a, b)
         light_sample = flat_light_sample(chosen[:3] - p + chosen[3:6] * a + chosen[6:9] * b, chosen[9:], area, radiance)
         light_sample.emits |= self._sampled[1].take(index)
         if not self.flat:  # what other triangles hide `hit` does not see either: densities are those of the nearest
@@ -143,9 +184,21 @@ class MeshLight(AreaLight):
         hits = self._intersector.closest(p, wi)
         is_hit = hits.prim >= 0
         chosen = rows.take(np.maximum(hits.prim, 0), axis=1)
+        if self.textured:
+            index = np.maximum(hits.prim, 0)
+            area, radiance = area.take(index), self._emitted(index, hits.u, hits.v)
         light_sample = flat_light_hit(wi, hits.distance, dot(chosen[9:], wi), is_hit, area, radiance)
         light_sample.emits |= is_hit & self._sampled[1].take(hits.prim)
         return light_sample
+
+    def brightness(self, length: float) -> float:
+        return float(np.max(self.radiance.texels if isinstance(self.radiance, Image) else self.radiance))
+
+    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
+        if not isinstance(self.radiance, Image):
+            return super().rescaled(origin, length, gain)
+        vertices = (np.asarray(self.vertices, np.float64) - origin) / length
+        return replace(self, vertices=vertices, radiance=replace(self.radiance, texels=self.radiance.texels / gain))
 
     def pieces(self) -> Pieces | None:
         if self.textured:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from dmis.base.validate import FARTHEST, direction, pair, vector, whole
 from dmis.base.vectors import TINY, Array, dot
+from dmis.geometry.mesh import Mesh
 from dmis.image import MAX_PIXELS, MAX_SIDE
 from dmis.samplers.pixel_filter import PixelFilter
 
@@ -102,6 +104,28 @@ class Camera:
         matrix = np.eye(4)
         matrix[:3] = np.stack([right, np.cross(right, forward), forward, origin], axis=1)
         return cls(matrix, fov, resolution)
+
+    @classmethod
+    def fit(
+        cls,
+        meshes: Sequence[Mesh],
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        fov: float = 40.0,
+        resolution: tuple[int, int] = (640, 480),
+    ) -> Camera:
+        """Return a camera that looks down at all of `meshes` from an oblique angle, to their front and right.
+
+        The axis `up` points up in the image, which the sphere about the bounds of the meshes touches on two sides.
+        """
+        bounds = np.array([mesh.bounds for mesh in meshes])
+        low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+        centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
+        axis = direction("up", up)
+        right = np.cross(axis, (0, 0, 1) if abs(axis[2]) < 0.9 else (0, -1, 0))
+        right /= np.linalg.norm(right)
+        away = 0.45 * right + 0.48 * axis + 0.75 * np.cross(right, axis)
+        eye = centre + away / np.linalg.norm(away) * radius / np.sin(np.radians(fov / 2))
+        return cls.look_at(tuple(eye.tolist()), tuple(centre.tolist()), up, fov, resolution)
 
     @cached_property
     def origin(self) -> Array:

@@ -85,6 +85,12 @@ class Group:
         """Whether there is any lobe, and not just emission."""
         return bool(self.reflection or self.transmission or self.delta)
 
+    def textured_emission(self, p: Array, uv: Array | None) -> Array:
+        """Return what `textured_light` emits at points `p` ``(3, N)`` of texture coordinates `uv` ``(2, N)``."""
+        assert self.textured_light is not None
+        image = getattr(self.textured_light, "radiance", None)
+        return image(uv) if isinstance(image, Image) and uv is not None else self.textured_light.emission(p)
+
 
 def _batch_signature(lobe: Any) -> tuple[Any, ...]:
     """Return what two lobes must share to be shaded together: types, and fields that are the same at all points."""
@@ -138,7 +144,7 @@ def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Gr
         tuple(lobe for lobe in lobes if lobe.transmissive and not lobe.delta),
         tuple(lobe for lobe in lobes if lobe.delta),
         emission,
-        texture_key is not None,
+        texture_key is not None or isinstance(getattr(textured_light, "radiance", None), Image),
         smooth,
         any(_anisotropic(lobe) for lobe in lobes),
         None if tangent is None else direction("tangent", tangent).astype(np.float32)[:, None],

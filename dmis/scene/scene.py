@@ -327,7 +327,7 @@ class Scene:
         emission = group.emission
         if emission is not None:
             if group.textured_light is not None:
-                emission = group.textured_light.emission(p)
+                emission = group.textured_emission(p, uv)
             elif row is not None:
                 emission = emission.take(row, axis=1)
             emission = emission * points.outside  # lights shine on one side

@@ -45,6 +45,7 @@ MODELS = {
     "ggx 0.05 0.5": dmis.ggx(0, 1, 0.05, 0.5),
     "ggx over lambert": dmis.ggx(0.4, 0.5, 0.2),
     "coated diffuse 0.3": dmis.coated_diffuse(0.9, 0.3),
+    "metallic-roughness 0.6": dmis.metallic_roughness((0.9, 0.5, 0.2), 0.5, 0.6),
 }
 each_model = pytest.mark.parametrize("name", MODELS)
 

@@ -424,7 +424,7 @@ def test_quad():
 # Files
 
 
-@pytest.mark.parametrize("suffix", mesh_files.MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", sorted({*mesh_files.MESH_SUFFIXES} - {".gltf"}))
 @pytest.mark.parametrize("smooth", [True, False])
 def test_file_round_trip(tmp_path, suffix, smooth):
     v, f = OCTAHEDRON
@@ -543,7 +543,7 @@ def test_no_manifold(faces, message):
 @pytest.mark.parametrize(
     "name, content, message",
     [
-        ("mesh.xyz", b"", r"must have one of the extensions \.glb \.obj \.ply \.stl; got '\.xyz'"),
+        ("mesh.xyz", b"", r"must have one of the extensions \.glb \.gltf \.obj \.ply \.stl; got '\.xyz'"),
         ("empty.ply", b"", r"cannot be read as PLY"),
         ("broken.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", r"cannot be read as PLY"),
         ("broken.glb", b"glTF but not for long", r"cannot be read as GLB"),

@@ -1,0 +1,478 @@
+"""glTF files: each feature and each habit of exporters against the same scene made by hand."""
+
+import base64
+import json
+import runpy
+import struct
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers import Z_LIMIT
+
+import dmis
+from dmis.brdf.diffuse import Lambert
+from dmis.formats.gltf import EXTENSIONS
+from dmis.geometry.mesh_files import load_mesh
+from dmis.image import encode_png
+from dmis.scene.scene import SceneWarning
+
+room = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "scenes" / "make_room.py")))
+
+CORNERS = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], np.float32)
+FACES = np.array([0, 1, 2, 0, 2, 3])
+UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)  # v from the top
+TYPES = {"f4": 5126, "u4": 5125, "u2": 5123, "u1": 5121, "i2": 5122, "i1": 5120}
+KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+
+
+class File:
+    """A glTF file that grows: arrays and images go into its buffer."""
+
+    def __init__(self):
+        self.json = {"asset": {"version": "2.0"}, "accessors": [], "bufferViews": [], "nodes": [], "meshes": []}
+        self.json |= {"materials": [], "textures": [], "images": []}
+        self.body = b""
+
+    def view(self, data, **more):
+        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.body), "byteLength": len(data), **more})
+        self.body += data + b"\0" * (-len(data) % 4)
+        return len(self.json["bufferViews"]) - 1
+
+    def accessor(self, view, table, **more):
+        columns = 1 if table.ndim == 1 else table.shape[1]
+        about = {"bufferView": view, "componentType": TYPES[table.dtype.str[1:]], "count": len(table)}
+        self.json["accessors"].append({**about, "type": KINDS[columns], **more})
+        return len(self.json["accessors"]) - 1
+
+    def array(self, table, **more):
+        return self.accessor(self.view(table.tobytes()), table, **more)
+
+    def mesh(self, material=None, corners=CORNERS, faces=FACES, uv=UV, node=None, **attributes):
+        """Add a mesh of one primitive and its node."""
+        names = {"POSITION": self.array(corners), **{k: self.array(v) for k, v in attributes.items()}}
+        if uv is not None:
+            names["TEXCOORD_0"] = self.array(uv)
+        primitive = {"attributes": names}
+        if faces is not None:
+            primitive["indices"] = self.array(faces.astype(np.uint16))
+        return self.primitives([primitive], material, node)
+
+    def primitives(self, primitives, material=None, node=None):
+        for primitive in primitives:
+            if material is not None:
+                primitive["material"] = len(self.json["materials"])
+        if material is not None:
+            self.json["materials"].append(material)
+        self.json["meshes"].append({"primitives": primitives})
+        self.json["nodes"].append({"mesh": len(self.json["meshes"]) - 1, **(node or {})})
+        return self
+
+    def texture(self, pixels, **more):
+        self.json["images"].append({"bufferView": self.view(encode_png(pixels)), "mimeType": "image/png"})
+        self.json["textures"].append({"source": len(self.json["images"]) - 1, **more})
+        return len(self.json["textures"]) - 1
+
+    def write(self, path):
+        document = {key: value for key, value in self.json.items() if value != []}
+        if path.suffix == ".gltf":
+            uri = f"data:application/octet-stream;base64,{base64.b64encode(self.body).decode()}"
+            path.write_text(json.dumps({"buffers": [{"byteLength": len(self.body), "uri": uri}], **document}))
+            return path
+        text = json.dumps({"buffers": [{"byteLength": len(self.body)}], **document}).encode()
+        text += b" " * (-len(text) % 4)
+        head = b"glTF" + struct.pack("<II", 2, 28 + len(text) + len(self.body))
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(self.body), b"BIN\0")
+        path.write_bytes(head + chunks + self.body)
+        return path
+
+    def load(self, tmp_path, name="a.glb", **options):
+        return dmis.load_scene(self.write(tmp_path / name), **options)
+
+
+def triangles(scene, part=0):
+    mesh = scene.parts[part].mesh
+    return mesh.vertices[mesh.faces]
+
+
+EXPECTED = CORNERS[FACES.reshape(-1, 3)].astype(float)
+
+
+# The room ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def rooms(tmp_path_factory):
+    """The room by hand, as GLB and as OBJ, of few pixels."""
+    folder = tmp_path_factory.mktemp("room")
+    contents = room.things(leaves=False)
+    room.write_glb(folder / "room.glb", contents)
+    room.write_obj(folder / "room.obj", contents)
+    hand = room.by_hand(contents)
+    small = replace(hand.camera, resolution=(16, 12))
+    return {
+        "hand": replace(hand, camera=small),
+        "glb": dmis.load_scene(folder / "room.glb", (16, 12)),
+        "obj": dmis.load_scene(folder / "room.obj", camera=small),
+    }
+
+
+def means(scene, seeds):
+    """Means of blocks of 4x4 pixels of renders with different seeds, ``(S, 12)``."""
+    settings = dmis.Settings(integrator="path", max_depth=3)
+    images = [dmis.render(scene, "balance", 8, seed=k, settings=settings, parallel=1).image for k in seeds]
+    return np.stack([i.reshape(3, 4, 4, 4, 3).mean(axis=(1, 3, 4)).ravel() for i in images])
+
+
+def test_rooms_agree(rooms):
+    """Renders of the three descriptions with different seeds have the same means, block by block."""
+    of = {name: means(scene, range(10 * k, 10 * k + 8)) for k, (name, scene) in enumerate(rooms.items())}
+    for a, b in (("hand", "glb"), ("hand", "obj"), ("glb", "obj")):
+        spread = np.sqrt((of[a].var(axis=0, ddof=1) + of[b].var(axis=0, ddof=1)) / 8)
+        z = (of[a].mean(axis=0) - of[b].mean(axis=0)) / spread
+        assert np.abs(z).max() < Z_LIMIT + 1.5, (a, b, z)  # Student's t of 14 degrees of freedom: p < 1e-4
+    camera = rooms["glb"].camera
+    np.testing.assert_allclose(camera.to_world, rooms["hand"].camera.to_world, atol=1e-6)
+    assert camera.fov == pytest.approx(rooms["hand"].camera.fov)
+
+
+def test_rooms_with_one_seed_are_nearly_equal(rooms):
+    """Parts and lights are in one order, so that samples are the same: what differs is rounding."""
+    images = {name: dmis.render(scene, "balance", 4, seed=1, parallel=1).image for name, scene in rooms.items()}
+    assert all(part.material.name == thing.name for part, thing in zip(rooms["glb"].parts, room.things(), strict=False))
+    for name in ("glb", "obj"):
+        off = np.abs(images[name] - images["hand"]) / (images["hand"].mean() + images["hand"])
+        assert np.median(off) < 1e-3 and (off < 0.02).mean() > 0.9
+
+
+# Geometry ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["a.glb", "a.gltf"])
+def test_arrays_and_images_in_the_file(tmp_path, name):
+    scene = File().mesh({}).load(tmp_path, name)
+    np.testing.assert_array_equal(triangles(scene), EXPECTED)
+    np.testing.assert_array_equal(scene.parts[0].mesh.uv, [[0, 0], [1, 0], [1, 1], [0, 1]])
+    assert scene.source == {} and load_mesh(tmp_path / name).triangles == 2
+
+
+def test_interleaved_arrays(tmp_path):
+    """Positions, normals and bytes of padding in one view of a stride."""
+    file = File()
+    rows = np.concatenate([CORNERS, np.tile(np.float32([0, 0, 1]), (4, 1)), np.full((4, 1), 9, np.float32)], axis=1)
+    view = file.view(rows.tobytes(), byteStride=28)
+    names = {"POSITION": file.accessor(view, CORNERS), "NORMAL": file.accessor(view, CORNERS, byteOffset=12)}
+    file.primitives([{"attributes": names, "indices": file.array(FACES.astype(np.uint8))}])
+    scene = file.load(tmp_path)
+    np.testing.assert_array_equal(triangles(scene), EXPECTED)
+    np.testing.assert_array_equal(scene.parts[0].mesh.normals, [[0, 0, 1]] * 4)
+
+
+def test_triangles_without_indices(tmp_path):
+    scene = File().mesh(corners=CORNERS[FACES], faces=None, uv=None).load(tmp_path)
+    np.testing.assert_array_equal(triangles(scene), EXPECTED)
+
+
+@pytest.mark.parametrize("mode, order", [(5, [0, 1, 3, 2]), (6, [0, 1, 2, 3])])
+def test_strips_and_fans(tmp_path, mode, order):
+    """Both triangles face the side that a list would."""
+    file = File()
+    index = file.array(np.array(order, np.uint8))
+    file.primitives([{"attributes": {"POSITION": file.array(CORNERS)}, "indices": index, "mode": mode}])
+    corners = triangles(file.load(tmp_path))
+    np.testing.assert_allclose(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), [[0, 0, 2]] * 2)
+    assert {tuple(p) for p in corners.reshape(-1, 3)} == {tuple(p) for p in CORNERS.astype(float)}
+
+
+def test_points_and_lines_are_left_out(tmp_path):
+    file = File().mesh()
+    file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1)]
+    with pytest.warns(SceneWarning, match="left out: 2 sets of points or lines$"):
+        assert len(file.load(tmp_path).parts) == 2  # with the default lamp's
+
+
+def test_several_primitives_and_instances(tmp_path):
+    """Primitives of one material are one part, wherever the nodes stand."""
+    file = File().mesh({"name": "a"}, node={"translation": [5, 0, 0]})
+    file.json["materials"].append({"name": "b"})
+    file.json["meshes"][0]["primitives"].append({**file.json["meshes"][0]["primitives"][0], "material": 1})
+    file.json["nodes"].append({"mesh": 0, "scale": [1, 2, 1]})
+    scene = file.load(tmp_path, lights=[])
+    assert [(part.material.name, part.mesh.triangles) for part in scene.parts] == [("a", 4), ("b", 4)]
+    np.testing.assert_allclose(triangles(scene), np.concatenate([EXPECTED + [5, 0, 0], EXPECTED * [1, 2, 1]]))
+
+
+@pytest.mark.parametrize("scale", [[-1, 1, 1], [1, 1, -1], [-2, -1, -3]])
+def test_mirrored_nodes_keep_their_outside(tmp_path, scale):
+    """The side that faces outward stays so, for the winding and for normals."""
+    file = File().mesh(node={"scale": scale}, NORMAL=np.tile(np.float32([0, 0, 1]), (4, 1)))
+    mesh = file.load(tmp_path).parts[0].mesh
+    corners = mesh.vertices[mesh.faces]
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (outward[:, 2] * scale[2] > 0).all() and (mesh.normals[:, 2] * scale[2] > 0).all()
+
+
+def test_nodes_below_nodes(tmp_path):
+    """A matrix, and below it rotation, scale and translation; other scenes are named."""
+    file = File().mesh(node={"rotation": [0, 0, np.sqrt(0.5), np.sqrt(0.5)], "translation": [1, 0, 0]})
+    matrix = np.diag([2.0, 2, 2, 1])
+    matrix[:3, 3] = 0, 0, 7
+    file.json["nodes"].append({"children": [0], "matrix": matrix.T.ravel().tolist()})
+    file.json |= {"scenes": [{"nodes": []}, {"nodes": [1]}], "scene": 1}
+    with pytest.warns(SceneWarning, match="left out: 1 other scene$"):
+        scene = file.load(tmp_path)
+    turned = np.stack([-EXPECTED[..., 1] + 1, EXPECTED[..., 0], EXPECTED[..., 2]], axis=-1)
+    np.testing.assert_allclose(triangles(scene), 2 * turned + [0, 0, 7], atol=1e-6)
+
+
+def test_quantised_arrays(tmp_path):
+    """Whole numbers, fractions of their largest value if they are normalized."""
+    file = File()
+    corners = np.array([[0, 0, 0, 0], [127, 0, 0, 0], [0, 127, 0, 0]], np.int8)
+    view = file.view(corners.tobytes(), byteStride=4)
+    position = file.accessor(view, corners[:, :3], normalized=True)
+    uv = file.array(np.array([[0, 65535], [65535, 65535], [0, 0]], np.uint16), normalized=True)
+    file.primitives([{"attributes": {"POSITION": position, "TEXCOORD_0": uv}}])
+    mesh = file.load(tmp_path).parts[0].mesh
+    np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_allclose(mesh.uv, [[0, 0], [1, 0], [0, 1]])
+
+
+# Materials --------------------------------------------------------------------------------------------------------
+
+PIXELS = np.random.default_rng(1).integers(0, 256, (4, 6, 3)).astype(np.uint8)
+MATTE = {"KHR_materials_specular": {"specularFactor": 0}}
+
+
+def linear(pixels):
+    s = pixels / 255
+    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+
+
+def test_base_colour(tmp_path):
+    """The top row of an image is at the top of the quad, whose v is 0; a transform of the texture moves it."""
+    file = File()
+    surface = {"baseColorFactor": [1, 0.5, 0.25, 1], "metallicFactor": 0, "roughnessFactor": 0.5}
+    place = {"KHR_texture_transform": {"scale": [2, 3], "offset": [0.1, 0.2]}}
+    surface["baseColorTexture"] = {"index": file.texture(PIXELS), "extensions": place}
+    scene = file.mesh({"pbrMetallicRoughness": surface, "extensions": MATTE}).load(tmp_path)
+    (lobe,) = scene.parts[0].material.lobes
+    assert isinstance(lobe, Lambert)
+    mesh = scene.parts[0].mesh
+    s, t = mesh.uv[2] * [1, -1] + [0, 1]  # the corner at the top right, in the file's coordinates
+    x, y = ((2 * s + 0.1) % 1 * 6, (3 * t + 0.2) % 1 * 4)
+    texel = lobe.reflectance(np.float32(mesh.uv[[2]].T))[:, 0]
+    i, j = int(y - 0.5), int(x - 0.5) % 6
+    a, b = y - 0.5 - i, (x - 0.5) % 6 - j
+    tile = linear(PIXELS)[np.ix_([i, (i + 1) % 4], [j, (j + 1) % 6])] * [1, 0.5, 0.25]
+    np.testing.assert_allclose(texel, np.einsum("i,j,ijc->c", [1 - a, a], [1 - b, b], tile), rtol=1e-3)
+
+
+def test_metal_and_roughness(tmp_path):
+    """Roughness is in the green channel, metalness in the blue, neither is sRGB; both have factors."""
+    file = File()
+    surface = {"roughnessFactor": 0.5, "metallicRoughnessTexture": {"index": file.texture(PIXELS)}}
+    scene = file.mesh({"pbrMetallicRoughness": surface}).load(tmp_path)
+    base, facets = scene.parts[0].material.lobes
+    pixels = PIXELS[::-1] / 255
+    np.testing.assert_allclose(base.reflectance.texels, 1 - pixels[..., 2:], atol=1e-6)
+    expected = np.maximum(0.5 * pixels[..., 1:2], 0.03) ** 2
+    np.testing.assert_allclose(facets.roughness.alpha.texels, expected, atol=1e-6)
+    copper = {"pbrMetallicRoughness": {"baseColorFactor": [0.9, 0.6, 0.2, 1]}}
+    (metal,) = File().mesh(copper).load(tmp_path).parts[0].material.lobes
+    assert metal.fresnel.f0 == pytest.approx((0.9, 0.6, 0.2))
+    dielectric = {"pbrMetallicRoughness": {"metallicFactor": 0}, "extensions": {"KHR_materials_ior": {"ior": 2}}}
+    assert File().mesh(dielectric).load(tmp_path).parts[0].material.lobes[1].fresnel.f0 == pytest.approx([1 / 9] * 3)
+
+
+def test_emission_is_a_mesh_light(tmp_path):
+    """On both sides if the material is double-sided."""
+    strength = {"KHR_materials_emissive_strength": {"emissiveStrength": 5}}
+    lamp = {"emissiveFactor": [1, 0.5, 0], "extensions": strength}
+    (light,) = File().mesh(lamp).load(tmp_path).lights
+    assert light.radiance == (5, 2.5, 0) and len(light.faces) == 2
+    scene = File().mesh({**lamp, "doubleSided": True}).load(tmp_path)
+    assert len(scene.lights[0].faces) == 4 and scene.parts[0].mesh.triangles == 4
+    p = np.float32([[1], [0.4], [-1]])
+    assert scene.lights[0].hit(p, np.float32([[0], [0], [1]])).emits.all()
+
+
+def test_emission_of_an_image(tmp_path):
+    """Camera rays see the image, and light samples, BRDF samples and both make the same light of it."""
+    file = File()
+    pixels = np.zeros((8, 8, 3), np.uint8)
+    pixels[:3, 4:] = 255, 200, 80
+    lamp = {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": file.texture(pixels)}}
+    file.mesh(lamp)
+    floor = np.float32([[-2, -0.5, -2], [4, -0.5, -2], [4, -0.5, 3], [-2, -0.5, 3]])
+    file.mesh({"pbrMetallicRoughness": {"metallicFactor": 0}, "extensions": MATTE}, floor, FACES[::-1])
+    front = dmis.Camera.look_at((1, 0.5, 5), (1, 0.5, 0), (0, 1, 0), fov=9, resolution=(8, 8))
+    image = dmis.render(file.load(tmp_path, camera=front), "balance", 16, parallel=1).image
+    assert image[:3, 5:7].min() > 0.05 and image[5:].max() == 0 and image[:, :2].max() == 0
+    down = dmis.Camera.look_at((1, 4, 2), (1, -0.5, 1), (0, 1, 0), fov=30, resolution=(8, 8))
+    scene = file.load(tmp_path, camera=down)
+    values = [
+        [dmis.render(scene, rule, 64, seed=k, parallel=1).image.mean() for k in range(8)]
+        for rule in ("fixed:1", "fixed:0", "balance")
+    ]
+    mean, error = np.mean(values, axis=1), np.std(values, axis=1, ddof=1) / np.sqrt(8)
+    assert mean[0] > 0.001
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        assert abs(mean[a] - mean[b]) < 5 * np.hypot(error[a], error[b]), (mean, error)
+
+
+def test_vertex_colours(tmp_path):
+    """They are interpolated along triangles, exactly for grey; white ones cost nothing, constant ones are a factor."""
+    grey = np.float32([[0.1], [0.9], [0.5], [0.3]]).repeat(3, axis=1)
+    material = {"pbrMetallicRoughness": {"metallicFactor": 0, "baseColorFactor": [0.5, 1, 1, 1]}, "extensions": MATTE}
+    (part, *_) = File().mesh(material, uv=None, COLOR_0=grey).load(tmp_path, lights=[]).parts
+    (lobe,) = part.material.lobes
+    weights = np.random.default_rng(1).dirichlet((1, 1, 1), 50)
+    for k, face in enumerate(FACES.reshape(-1, 3)):
+        points = weights @ CORNERS[face].astype(float)
+        corners, uv = part.mesh.vertices[part.mesh.faces[k]], part.mesh.uv[part.mesh.faces[k]]
+        a, b = np.linalg.lstsq((corners[1:] - corners[0]).T, (points - corners[0]).T, rcond=None)[0]
+        at = uv[0] + np.outer(a, uv[1] - uv[0]) + np.outer(b, uv[2] - uv[0])
+        np.testing.assert_allclose(lobe.reflectance(np.float32(at.T)).T, weights @ grey[face] * [0.5, 1, 1], atol=2e-6)
+    for value, expected in ((1.0, (0.5, 1, 1)), (0.5, (0.25, 0.5, 0.5))):
+        same = np.full((4, 3), value, np.float32)
+        (lobe,) = File().mesh(material, uv=None, COLOR_0=same).load(tmp_path).parts[0].material.lobes
+        assert lobe.reflectance == pytest.approx(expected)
+
+
+def test_opacity(tmp_path):
+    glass = {"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.25], "metallicFactor": 0}}
+    clear, base, _ = File().mesh(glass).load(tmp_path).parts[0].material.lobes
+    assert clear.transmittance == (0.75,) and base.reflectance == (0.25, 0.25, 0.25)
+
+
+# Lights and cameras -----------------------------------------------------------------------------------------------
+
+
+def test_lights(tmp_path):
+    file = File().mesh()
+    turn = {"rotation": [-np.sqrt(0.5), 0, 0, np.sqrt(0.5)]}  # -z becomes -y
+    kinds = [{"type": "directional", "intensity": 3}, {"type": "point", "color": [1, 0.5, 0], "intensity": 4}]
+    kinds.append({"type": "spot", "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}})
+    file.json["extensions"] = {"KHR_lights_punctual": {"lights": kinds}}
+    for k in range(3):
+        node = {"extensions": {"KHR_lights_punctual": {"light": k}}, "translation": [0, 2, k], **turn}
+        file.json["nodes"].append(node)
+    sun, point, spot = file.load(tmp_path).lights
+    np.testing.assert_allclose(sun.direction, [0, 1, 0], atol=1e-6)
+    assert sun.radiance == (3, 3, 3) and point.intensity == (4, 2, 0) and point.position == pytest.approx((0, 2, 1))
+    np.testing.assert_allclose(spot.direction, [0, -1, 0], atol=1e-6)
+    assert (spot.inner, spot.outer) == pytest.approx((np.degrees(0.1), np.degrees(0.2)))
+
+
+def test_cameras(tmp_path):
+    """By name; the first one is the default, unless an axis is up for one that sees all."""
+    file = File().mesh()
+    lens = {"yfov": 1.0, "aspectRatio": 2.0, "znear": 0.1}
+    file.json["cameras"] = [
+        {"type": "perspective", "perspective": lens},
+        {"type": "perspective", "perspective": {**lens, "aspectRatio": 0.5}},
+    ]
+    file.json["nodes"] += [
+        {"camera": 0, "name": "front", "translation": [1, 0.5, 4], "scale": [2, 2, 2]},
+        {"camera": 1},
+    ]
+    camera = file.load(tmp_path).camera
+    assert camera.resolution == (960, 480) and camera.fov == pytest.approx(np.degrees(1))
+    x, y, depth, _ = camera.raster(np.array([[1, 0.5, 0], [2, 0.5, 0], [1, 1, 0]]))
+    np.testing.assert_allclose(depth, 4) and x[1] > x[0] and y[2] < y[0]
+    upright = file.load(tmp_path, camera="camera 1").camera
+    assert upright.resolution == (240, 480) and upright.fov == pytest.approx(np.degrees(2 * np.arctan(np.tan(0.5) / 2)))
+    assert file.load(tmp_path, up="y").camera.resolution == (640, 480)
+    with pytest.raises(ValueError, match=r"name of one in .*a\.glb: 'front', 'camera 1'; got 'back'"):
+        file.load(tmp_path, camera="back")
+
+
+# What is left out, and what is refused ----------------------------------------------------------------------------
+
+
+def test_what_is_left_out_is_named(tmp_path):
+    file = File()
+    clear = np.full((2, 2), 255, np.uint8)
+    texture = file.texture(clear, sampler=0)
+    file.json |= {
+        "samplers": [{"wrapS": 33648}],
+        "animations": [{}],
+        "extensionsUsed": [*EXTENSIONS, "KHR_materials_sheen"],
+    }
+    material = {
+        "normalTexture": {"index": 0},
+        "emissiveTexture": {"index": 0, "texCoord": 1},
+        "emissiveFactor": [1] * 3,
+    }
+    file.mesh({**material, "pbrMetallicRoughness": {"baseColorTexture": {"index": texture}}})
+    with pytest.warns(SceneWarning) as caught:
+        scene = file.load(tmp_path)
+    assert set(scene.source["unread"]) == {
+        "1 normal map",
+        "1 texture with a second set of coordinates",
+        "1 texture that is mirrored or clamped along one axis (it is repeated)",
+        "1 animation",
+        "1 extension KHR_materials_sheen",
+    }
+    assert len(caught) == 1 and caught[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (
+            {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 10**7, "type": "VEC3"}]},
+            "more elements than",
+        ),
+        ({"accessors": [{"componentType": 5126, "count": 10**7, "type": "VEC3"}]}, "is sparse or has no data"),
+        ({"bufferViews": [{"buffer": 0, "byteLength": 10**9}]}, "must be within the .* bytes of its buffer"),
+        ({"buffers": [{"byteLength": 4, "uri": "../outside.bin"}]}, "is outside of the folder .*--allow-outside"),
+        ({"buffers": [{"byteLength": 4, "uri": "no.bin"}]}, "there is no file 'no.bin' in its folder"),
+        ({"nodes": [{"mesh": 0, "children": [1]}, {"children": [2]}, {"children": [1]}]}, "has several parents"),
+        ({"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}]}, "has several parents"),
+        ({"nodes": [{"mesh": 5}]}, "names number 5 of its meshes, of which it has 1"),
+        ({"extensionsRequired": ["EXT_meshopt_compression"]}, "compressed .EXT_meshopt_compression."),
+        ({"nodes": [{"mesh": 0, "scale": [1e400, 1, 1]}]}, "must be finite and affine"),
+        ({"nodes": []}, "."),
+    ],
+)
+def test_bad_files(tmp_path, change, message):
+    (tmp_path / "outside.bin").write_bytes(bytes(100))
+    (tmp_path / "model").mkdir()
+    file = File().mesh(uv=None, faces=None, corners=CORNERS[:3])
+    file.json |= change
+    with pytest.raises(ValueError, match=r"a\.glb.*" + message):
+        file.load(tmp_path / "model")
+
+
+def test_instances_beyond_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("dmis.geometry.gltf.MAX_FACES", 5)
+    file = File().mesh()
+    file.json["nodes"] *= 3
+    with pytest.raises(ValueError, match="at most 5 triangles, because instances are copied"):
+        file.load(tmp_path)
+
+
+def test_files_beside_it(tmp_path):
+    """A .gltf file with a .bin and a picture, whose names are percent-encoded."""
+    file = File()
+    (tmp_path / "my picture.png").write_bytes(encode_png(PIXELS))
+    (tmp_path / "a.bin").write_bytes(CORNERS.tobytes())
+    file.json |= {
+        "buffers": [{"byteLength": 48, "uri": "a.bin"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 48}],
+        "images": [{"uri": "my%20picture.png"}],
+        "textures": [{"source": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "extensions": MATTE}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "nodes": [{"mesh": 0}],
+    }
+    with pytest.warns(SceneWarning, match="no texture coordinates"):
+        scene = file.load(tmp_path, "a.gltf")
+    np.testing.assert_array_equal(triangles(scene), EXPECTED[:1])
+    (metal,) = scene.parts[0].material.lobes
+    assert metal.fresnel.f0.texels.shape == (4, 6, 3)
