@@ -67,6 +67,7 @@ from dmis.samplers.pixel_filter import PixelFilter as PixelFilter
 from dmis.samplers.streams import register_sampler as register_sampler
 from dmis.scene.camera import Camera as Camera
 from dmis.scene.groups import Part as Part
+from dmis.scene.masks import Mask as Mask
 from dmis.scene.scene import Scene as Scene
 from dmis.scene.suggestions import Suggestions as Suggestions
 from dmis.testing.light import check_light as check_light

@@ -15,6 +15,7 @@ from dmis.brdf.materials import Material
 from dmis.brdf.texture import Image
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight
+from dmis.scene.masks import Mask
 from dmis.scene.simplify import parameters
 
 NO_GROUP = 255
@@ -36,14 +37,19 @@ class Part:
     tangent
         The direction that anisotropic lobes call u, three numbers, laid upon the surface; default: the one in which
         the mesh's texture coordinate u grows.
+    mask
+        Holes in the mesh, which must not be that of a light; None: there are none.
     """
 
     mesh: Mesh
     material: Material
     light: AreaLight | None = None
     tangent: tuple[float, float, float] | None = None
+    mask: Mask | None = None
 
     def __post_init__(self) -> None:
+        if self.mask is not None and self.light is not None:
+            raise ValueError("a part with a light must not have a mask, because the light is sampled without its holes")
         if self.tangent is not None:
             direction("tangent", self.tangent)
 

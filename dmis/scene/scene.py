@@ -25,6 +25,7 @@ from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts
 from dmis.scene.groups import NO_GROUP, Group, Part
+from dmis.scene.masks import see_through
 from dmis.scene.plan import Plan, textures
 from dmis.scene.probe import check_lobe_form
 from dmis.scene.rescale import rescale, units
@@ -236,11 +237,13 @@ class Scene:
 
     @cached_property
     def intersector(self) -> RayCaster:
-        """Embree over all triangles of all parts, in order; of lamps back to back it reports the one that is met."""
+        """Embree over all triangles of all parts, in order; of lamps back to back it reports the one that is met, and
+        it traces rays on through the holes of masks."""
         offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in self.parts)])
         vertices = np.concatenate([part.mesh.vertices for part in self.parts], dtype=np.float32)
         faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(self.parts, offsets, strict=False)])
-        return two_sided(Intersector(vertices, faces), self.parts)
+        caster = two_sided(Intersector(vertices, faces), self.parts)
+        return see_through(caster, self.parts, lambda prim: columns(self.tables.uv, prim), float(self.epsilon))
 
     @cached_property
     def _doubts(self) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.light import AreaLight
 from dmis.light.mesh_light import MeshLight
 from dmis.scene.groups import Part
+from dmis.scene.masks import Mask
 
 _CORNER_UV = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
 """Texture coordinates at the corners of each triangle of a mesh that has none."""
@@ -39,6 +40,10 @@ def make_light_part(shape: Shape, material: Material, radiance: Rgb) -> tuple[Pa
 
     That side is the one on which pbrt samples the light: see `_bright`.
     """
+    if shape.mask is not None:
+        raise shape.token.error(
+            "a shape that emits must not have alpha, because the light is sampled without its holes"
+        )
     with blame(shape.token):
         mesh = shape.mesh.transformed(shape.to_world)
         bright = np.broadcast_to(_bright(mesh, shape), len(mesh.faces))
@@ -122,13 +127,18 @@ def _parallelogram(mesh: Mesh) -> Floats | None:
 
 
 def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
-    """Return the parts of shapes that do not emit: one for each material and kind of mesh, in order."""
-    by_material: dict[int, tuple[Material, dict[tuple[bool, bool], list[Mesh]]]] = {}
+    """Return the parts of shapes that do not emit: one for each material, mask and kind of mesh, in order."""
+    by_material: dict[int, tuple[Material, dict[tuple[bool, bool, int], tuple[Mask | None, list[Mesh]]]]] = {}
     for shape, material in shapes:
-        mesh = _placed(shape, material)
+        mesh, mask = _placed(shape, material), shape.mask
         _, kinds = by_material.setdefault(id(material), (material, {}))
-        kinds.setdefault((mesh.normals is None, mesh.uv is None), []).append(mesh)
-    return [Part(concatenate(group), material) for material, kinds in by_material.values() for group in kinds.values()]
+        key = mesh.normals is None, mesh.uv is None, id(mask)
+        kinds.setdefault(key, (mask, []))[1].append(mesh)
+    return [
+        Part(concatenate(group), material, mask=mask)
+        for material, kinds in by_material.values()
+        for mask, group in kinds.values()
+    ]
 
 
 def _placed(shape: Shape, material: Material) -> Mesh:

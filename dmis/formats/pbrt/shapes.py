@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Floats
+from dmis.brdf.texture import Image
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.quadrics import choose_grids
 from dmis.formats.pbrt.tokens import Token, blame
@@ -20,6 +21,10 @@ from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
 from dmis.scene.camera import Camera
+from dmis.scene.masks import Mask
+
+LEAST_ALPHA = 1e-6
+"""Smallest alpha of a surface that is there in v2 and v3, which ask whether it is 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +49,8 @@ class Shape:
         Of an analytic disk (height, radius) or sphere (0, radius) that is whole; else None.
     quadric
         The surface of a sphere, disk or cylinder; else None.
+    mask
+        Holes in the surface; None: there are none.
     twosided
         Whether this is one side of a lamp of which there are both.
     """
@@ -56,22 +63,44 @@ class Shape:
     mirrored: bool
     size: tuple[float, float] | None = None
     quadric: Quadric | None = None
+    mask: Mask | None = None
     twosided: bool = False
 
 
-def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:
-    """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform."""
-    name.among("a shape", [kind for kind in _SHAPES if kind != "bilinearmesh" or name.dialect == "v4"])
-    for alpha in ("alpha", "shadowalpha"):
-        parameter = parameters.items.get(alpha)
-        if parameter is None or parameter.kind != "float" or parameters.number(alpha, 1) != 1:
-            parameters.refuse("alpha is not supported: cut the holes into the mesh and remove the parameter", alpha)
+def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool, masks: Masks) -> Shape:
+    """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform, `masks` those so far."""
+    name.among("a shape", [kind for kind in SHAPES if kind != "bilinearmesh" or name.dialect == "v4"])
+    if parameters.constant("shadowalpha", 1.0) != 1:
+        parameters.refuse("shadows of another shape than the surface are not supported; use alpha", "shadowalpha")
     parameters.refuse("this is not supported; remove the parameter", "displacement", "emissionfilename", "S")
     with blame(name):
-        surface, size = _SHAPES[name.name](parameters)
+        surface, size = SHAPES[name.name](parameters)
         quadric = surface if isinstance(surface, Quadric) else None
         mesh = surface.mesh(*surface.lines(8)) if isinstance(surface, Quadric) else surface
-    return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), size, quadric)
+        mask = make_mask(name.name, parameters, masks)
+    return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), size, quadric, mask)
+
+
+Masks = dict[float | int, tuple[float | Image, Mask]]
+"""Masks by the alpha, or the `id` of the image, that they are made of, which is kept with them."""
+
+
+def make_mask(kind: str, p: Parameters, masks: Masks) -> Mask | None:
+    """Return the mask of a shape's ``alpha``, None if it has no holes; shapes of one alpha share one of `masks`.
+
+    v2 and v3 have alpha in triangle meshes only, and ask whether it is 0; in v4 it is a probability.
+    """
+    alpha, v4 = p.real("alpha", 1.0), p.dialect == "v4"
+    if not v4 and kind not in ("trianglemesh", "plymesh"):
+        return None
+    if not isinstance(alpha, Image) and (alpha >= 1 or (alpha > 0 and not v4)):
+        return None
+    key = id(alpha) if isinstance(alpha, Image) else alpha
+    if key not in masks:
+        image = alpha if isinstance(alpha, Image) else Image(np.full((1, 1, 1), alpha))
+        image = replace(image, texels=np.clip(image.texels, 0, 1))
+        masks[key] = alpha, Mask(image, None if v4 else LEAST_ALPHA)
+    return masks[key][1]
 
 
 _Surface = tuple[Mesh | Quadric, tuple[float, float] | None]
@@ -152,7 +181,7 @@ def _bilinear(p: Parameters) -> _Surface:
     return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uv.reshape(-1, 2)), None
 
 
-_SHAPES: dict[str, Callable[[Parameters], _Surface]] = {
+SHAPES: dict[str, Callable[[Parameters], _Surface]] = {
     "trianglemesh": _triangles,
     "plymesh": _file,
     "loopsubdiv": _loop,
@@ -161,6 +190,7 @@ _SHAPES: dict[str, Callable[[Parameters], _Surface]] = {
     "cylinder": _cylinder,
     "bilinearmesh": _bilinear,
 }
+"""Functions that make surfaces, by the kind of shape."""
 
 
 def mirrors(matrix: Floats) -> bool:

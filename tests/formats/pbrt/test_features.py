@@ -235,3 +235,23 @@ def test_spots_of_v4_fall_off_smoothly(read):
     inner, outer = np.cos(np.radians([30, 40]))
     t = np.clip((np.cos(angles) - outer) / (inner - outer), 0, 1)
     np.testing.assert_allclose(spot.sample(p).radiance[0], 2 * t * t * (3 - 2 * t), rtol=1e-4, atol=1e-6)
+
+
+# Masks ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
+def test_alpha_cuts_holes(read, tmp_path, dialect):
+    """v2 and v3 ask whether alpha is 0, v4 takes it as a probability; shapes of one alpha make one part."""
+    write_exr(tmp_path / "a.exr", {"RGB": np.repeat([[[0.25], [0]], [[1], [0.5]]], 3, axis=2).astype(np.float32)})
+    texture = 'Texture "t" "float" "imagemap" "string filename" "a.exr"'
+    leaf = FLOOR.replace("point2 uv", "float uv").replace("point3", "point") if dialect == "v2" else FLOOR
+    scene = read(dialect, f'{texture} {leaf} "texture alpha" "t" {leaf} "texture alpha" "t"')
+    (cut,) = [part for part in scene.parts if part.mask is not None]
+    assert len(scene.parts) == 2 and cut.mesh.triangles == 4
+    assert cut.mask.cutoff == (None if dialect == "v4" else 1e-6)
+    rows = cut.mask.image.texels[..., 0]
+    np.testing.assert_allclose(rows if dialect == "v2" else rows[::-1], [[0.25, 0], [1, 0.5]], rtol=1e-6)
+    for value, masked in ((0, True), (0.5, dialect == "v4"), (1, False)):
+        scene = read(dialect, f'{leaf} "float alpha" {value}')
+        assert any(part.mask is not None for part in scene.parts) == masked

@@ -815,7 +815,7 @@ BAD_WORLDS = [
     ('Shape "trianglemesh" "integer indices" [0 1 -1] POINTS\n', 1, "indices must be from 0 to 2, the last point; got"),
     ('TRIANGLE"normal N" [0 0 1]', 1, "each of the 3 points needs one N; got 1"),
     ('TRIANGLE"float uv" [0 0 1 1]', 1, "each of the 3 points needs one uv; got 2"),
-    ('TRIANGLE"texture alpha" "x"', 1, "alpha is not supported"),
+    ('LAMP TRIANGLE"float alpha" 0', 2, "a shape that emits must not have alpha"),
     ('TRIANGLE"vector S" [1 0 0]', 1, "this is not supported; remove the parameter"),
     ('Shape "loopsubdiv" "integer indices" [0 1 2] POINTS"integer nlevels" 13', 1, "levels must leave at"),
     ('Shape "loopsubdiv" "point P" [0 0 0 1 0 0 0 1 0] "integer indices" [0 1 2 0 1 2]', 1, 'token "loopsubdiv":'),
