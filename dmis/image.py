@@ -137,8 +137,8 @@ def tonemap(image: Array, exposure: float = 1.0) -> Array:
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
-def write_png(path: str | os.PathLike[str], image: Array) -> None:
-    """Write linear RGB ``(H, W, 3)`` as a PNG of 8 bits in sRGB, clipped, at exposure 1.
+def write_png(path: str | os.PathLike[str], image: Array, exposure: float = 1.0) -> None:
+    """Write linear RGB ``(H, W, 3)`` times `exposure` as a PNG of 8 bits in sRGB, clipped.
 
     Raises
     ------
@@ -147,13 +147,13 @@ def write_png(path: str | os.PathLike[str], image: Array) -> None:
     OSError
         If it cannot be written; an earlier file at `path` is then left as it was.
     """
-    data = png_of(image)
+    data = png_of(image, exposure)
     with replacing(path) as partial:
         partial.write_bytes(data)
 
 
-def png_of(image: Array) -> bytes:
-    """Return linear RGB ``(H, W, 3)`` as the bytes of a PNG file of 8 bits, sRGB; exposure 1, clipped.
+def png_of(image: Array, exposure: float = 1.0) -> bytes:
+    """Return linear RGB ``(H, W, 3)`` times `exposure` as the bytes of a PNG file of 8 bits, sRGB, clipped.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def png_of(image: Array) -> bytes:
     """
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"an image must have shape (H, W, 3); got {image.shape}")
-    return encode_png(np.rint(255 * tonemap(image)).astype(np.uint8))
+    return encode_png(np.rint(255 * tonemap(image, exposure)).astype(np.uint8))
 
 
 def encode_png(pixels: np.ndarray) -> bytes:

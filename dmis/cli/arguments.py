@@ -82,6 +82,17 @@ def _albedo(text: str) -> tuple[float, ...]:
     return numbers
 
 
+def _positive(text: str) -> float:
+    """Return a positive number."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < 1e30:
+        raise argparse.ArgumentTypeError(f"must be a positive number; got {text!r}")
+    return number
+
+
 def _whole(most: int, least: int = 1) -> Any:
     """Return a parser of whole numbers from `least` to `most`."""
 
@@ -121,7 +132,24 @@ SCENE = {
     "--resolution": _option("pixels (default: as the scene says)", resolution, metavar="WxH"),
     "--dialect": _option("version of pbrt files (default: recognised by their words)", choices=("v2", "v3", "v4")),
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
-    "--up": _option("axis of a mesh file that is up (default: y; PLY and STL: z)", choices=("y", "z")),
+    "--up": _option("axis of a model that is up (default: y; PLY and STL: z)", choices=("y", "z")),
+    "--camera": _option(
+        "camera of a model's file (default: its first; else one that sees all)", group="view", metavar="NAME"
+    ),
+    "--look-at": _option(
+        "place of a camera for a model, and the point in the middle of its image",
+        float,
+        nargs=6,
+        group="view",
+        metavar=("X", "Y", "Z", "X", "Y", "Z"),
+    ),
+    "--fov": _option(
+        "angle of the camera of a model across the shorter side of the image, in degrees", float, metavar="F"
+    ),
+    "--light": _option("sky of a model, in place of its lights: an image file, or 'R G B'", metavar="SKY"),
+    "--material": _option(
+        "material of a model in place of its own, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'", metavar="M"
+    ),
 }
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say")}
 WORKERS, SEED = _whole(MAX_WORKERS), _whole(2**63, 0)
@@ -137,6 +165,9 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **SCENE,
         OUTPUT: _option("image with its layers; or OUT.png, a preview alone", required=True, metavar="OUT.exr"),
         "--png": _option("also write a preview image", metavar="OUT.png"),
+        "--exposure": _option(
+            "factor of the preview (default 1; of a model with lights, by its image)", _positive, metavar="X"
+        ),
         "--spp": _option("camera samples per pixel, pilot included (default 128); the most with the next two", int),
         "--noise": _option("double the samples until the root of the estimated relMSE is X", float, metavar="X"),
         "--seconds": _option("double the samples as long as it takes at most S seconds", float, metavar="S"),

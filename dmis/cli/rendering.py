@@ -11,8 +11,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from dmis.base import malloc
 from dmis.base.atomic_files import check_writable, replacing
+from dmis.base.color import LUMINANCE
 from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of
 from dmis.estimator.settings import make_settings
 from dmis.image import check_image, write_png
@@ -22,9 +25,12 @@ from dmis.pipeline.job import Job, resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.result import Result, write_image
 from dmis.pipeline.stopping import Stop
+from dmis.scene.scene import Scene
 
 CLUSTER_TIMEOUT = 30.0
 """Seconds to wait for a Dask scheduler to answer, and again for its first worker."""
+EXPOSED = 0.6
+"""Linear value in the preview of a model that 5 % of its pixels exceed."""
 BYTES_OF_PIXEL, BYTES_OF_DESCRIPTION = 32, 2**16
 """Bytes of a pixel in an image file, of eight channels, and of all that describes the image."""
 
@@ -44,9 +50,10 @@ def render(options: argparse.Namespace) -> int:
             spp = stop.first_spp
         job = resolve(scene, options.rule, spp, options.seed, make_settings(**settings_of(options, scene)))
         result = render_job(job, parallel, progress, options.checkpoint, stop=stop)
-    write_image(options.output, result)
+    exposure = _exposure(options, scene, result)
+    write_image(options.output, result, exposure)
     if options.png:
-        write_png(options.png, result.image)
+        write_png(options.png, result.image, exposure)
     if options.stats:
         with replacing(options.stats) as partial:
             partial.write_text(json.dumps(_stats(options, result), indent=2) + "\n")
@@ -54,9 +61,24 @@ def render(options: argparse.Namespace) -> int:
         remove_checkpoint(options.checkpoint)
     if not options.quiet:
         print(_summary(options, job, result))
+        if exposure != 1:
+            print(f"  exposure of the preview: {exposure:.3g}")
     if options.verbose:
         print(f"  {describe(scene)}", *_time_and_rays(result), sep="\n")
+    elif not options.quiet and "added" in scene.source:
+        print(f"  added to the file: {'; '.join(scene.source['added'])}")
     return 0
+
+
+def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> float:
+    """Return the exposure of a preview: of a model with lights of its own, whose units may be any, that of a camera.
+
+    It gives the luminance that 5 % of the pixels exceed the value `EXPOSED`.
+    """
+    if options.exposure is not None:
+        return float(options.exposure)
+    bright = float(np.quantile(result.image @ LUMINANCE, 0.95)) if scene.source.get("lit") else 0.0
+    return EXPOSED / bright if bright > 0 else 1.0
 
 
 def _check_files(options: argparse.Namespace) -> list[Path]:

@@ -9,17 +9,29 @@ from dataclasses import fields
 from importlib.util import find_spec
 from typing import Any
 
+from dmis.cli.models import read_material, read_sky
 from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
+from dmis.formats.read_model import up_axis
 from dmis.pipeline.job import DEFAULT_SPP
 from dmis.pipeline.progress import Progress, reporting
+from dmis.scene.camera import Camera
 from dmis.scene.scene import Scene
 
 
 def load(options: argparse.Namespace) -> Scene:
     """Return the scene that the options name."""
-    where = {"dialect": options.dialect, "outside": options.allow_outside, "up": options.up}
-    return load_scene(options.scene, options.resolution, **where)
+    more: dict[str, Any] = {"camera": options.camera, "fov": options.fov}
+    up = up_axis(options.scene, options.up)
+    if options.look_at is not None:
+        eye, target = tuple(options.look_at[:3]), tuple(options.look_at[3:])
+        more["camera"] = Camera.look_at(eye, target, up, options.fov or 45.0)
+    if options.light is not None:
+        more["lights"] = [read_sky(options.light, up)]
+    if options.material is not None:
+        more["material"] = read_material(options.material)
+    more |= {"dialect": options.dialect, "outside": options.allow_outside, "up": options.up}
+    return load_scene(options.scene, options.resolution, **more)
 
 
 def given_settings(options: argparse.Namespace) -> dict[str, Any]:

@@ -18,19 +18,17 @@ import numpy as np
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
-from dmis.formats.gltf import read_gltf
-from dmis.formats.model import DEFAULT_MATERIAL, Model
-from dmis.formats.obj import read_obj_materials
-from dmis.geometry.gltf import Gltf
+from dmis.formats.model import Model
+from dmis.formats.read_model import camera_of, material_of, read_file, with_materials
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes, read_mesh, reading
-from dmis.geometry.wavefront import read_obj
+from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import AreaLight, Light
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 from dmis.scene.scene import Scene, SceneWarning
+from dmis.scene.suggestions import Suggestions
 
 if TYPE_CHECKING:
     import trimesh
@@ -56,6 +54,7 @@ def load_scene(
     dialect: str | None = None,
     outside: bool = False,
     up: str | None = None,
+    fov: float | None = None,
 ) -> Scene:
     """Load a scene from a file or by name, or make one of a mesh.
 
@@ -69,54 +68,53 @@ def load_scene(
     camera
         Or the name of a camera in the file. Default: the first one in the file, else `Camera.fit`, with `up`.
     lights
-        Area lights also get a visible surface that blocks light and reflects none. Default: those of the file, else an
-        even sky and a square lamp behind the camera, to the upper left, see `default_lights`. Surfaces of a file that
-        emit do so in any case.
+        Area lights get a visible surface, which blocks light and reflects none. Default: those of the file, else an
+        even sky and a lamp, see `default_lights`. Surfaces of a file that emit do so in any case.
     material
-        One for all, or a dict of them by name: of the file's materials, the others being the file's, or of the
-        geometries of a trimesh scene. Default: those of a glTF or OBJ file, else matte grey.
+        One for all, or a dict by the names of the file's materials, which leaves the others, or of the geometries of a
+        trimesh scene. Default: those of a glTF or OBJ file, else matte grey.
     dialect
         Dialect of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: detected from the words of the file.
     outside
         Whether a file may name files outside of its folder.
-    up
-        Axis of a mesh that is up for a camera that sees all, ``y`` or ``z``. Default: y in glTF and OBJ files, else z.
+    up, fov
+        Of a camera that sees all the axis that is up, ``y`` or ``z``, by default y in glTF and OBJ files, else z; of it
+        or one of the file the angle across the shorter side of the image, in degrees.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If the source is none of these, a scene has no such name, a file cannot be read, a geometry has no material, or
-        a camera, lights, a material or up are given for a pbrt scene (`dmis.formats.pbrt.tokens.PbrtError`).
+        If the source is none of these, a file cannot be read, a geometry has no material, or what a pbrt scene has
+        itself is given for one (`dmis.formats.pbrt.tokens.PbrtError`).
 
     Warns
     -----
     SceneWarning
-        If something of a mesh file is left out and no material is given, or it holds triangles without area, or an
-        image is to be on a mesh without texture coordinates. `dmis.formats.pbrt.notes.PbrtWarning` is one of these.
+        If something of a file is left out, or an image is to be on a mesh without texture coordinates.
     """
     if (path := _pbrt_file(source)) is not None:
-        for name, value in (("camera", camera), ("lights", lights), ("material", material), ("up", up)):
-            if value is not None:
-                raise ValueError(f"{name} must not be given for {source}, because a pbrt scene has its own")
+        own = {"camera": camera, "lights": lights, "material": material, "up": up, "fov": fov}
+        if given := [name for name, value in own.items() if value is not None]:
+            raise ValueError(f"{given[0]} must not be given for {source}, because a pbrt scene has its own")
         from dmis.formats.pbrt.read import read_pbrt  # here, because it takes a fifth of the time of all of dmis
 
         return read_pbrt(path, resolution, dialect=dialect, outside=outside)
     if up not in (None, "y", "z"):
         raise ValueError(f"up must be y or z, the axis of the default camera; got {up!r}")
-    return _mesh_scene(source, resolution, camera, lights, material, up, outside)
+    return _mesh_scene(source, resolution, (camera, up, fov), lights, material, outside)
 
 
-def _mesh_scene(source: Any, resolution: Any, camera: Any, lights: Any, material: Any, up: Any, outside: bool) -> Scene:
+def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: Any, outside: bool) -> Scene:
     """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
     if isinstance(source, str | os.PathLike):
-        model = _read_file(Path(source), outside, isinstance(material, Material))
-        parts, name = _with_materials(model, material), model.path.stem
+        model = read_file(Path(source), outside, isinstance(material, Material))
+        parts, name = with_materials(model, material), model.path.stem
     else:
         model = Model(Path())
         named = [("", source)] if isinstance(source, Mesh) else _trimeshes(source)
-        parts, name = [Part(mesh, _material_of(geometry, material)) for geometry, mesh in named], "scene"
+        parts, name = [Part(mesh, material_of(geometry, material)) for geometry, mesh in named], "scene"
     if model.flat:
         total = model.flat + sum(part.mesh.triangles for part in parts)
         text = f"{model.path}: {model.flat:,} of {total:,} triangles have no area and are left out"
@@ -125,70 +123,22 @@ def _mesh_scene(source: Any, resolution: Any, camera: Any, lights: Any, material
     if unread and material is None:
         warnings.warn(SceneWarning(f"{model.path}: left out: {', '.join(unread)}"), stacklevel=3)  # of load_scene
     bounds = np.array([part.mesh.bounds for part in parts])
-    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    camera = _camera_of(model, camera, parts, up)
+    camera, added = camera_of(source, model, parts, *view)
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
-    if lights is None:
-        lights = model.lights or default_lights(camera, low, high)
+    if lights is None and not model.lights:
+        lights = default_lights(camera, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0))
+        added.append("an even sky and a lamp, because it has no lights")
+    elif lights is None:
+        lights = model.lights
     else:
         lights = [*lights, *(part.light for part in parts if part.light is not None)]
     of_parts = {id(part.light) for part in parts}
     parts += [light_part(light) for light in lights if light.mesh() is not None and id(light) not in of_parts]
-    return Scene(camera, tuple(parts), tuple(lights), name, source={"unread": list(unread)} if unread else {})
-
-
-def _camera_of(model: Model, camera: Camera | str | None, parts: Sequence[Part], up: str | None) -> Camera:
-    """Return a caller's camera, or one of the file by name; by default its first, or one that sees all parts."""
-    if isinstance(camera, str):
-        if camera not in model.cameras:
-            names = ", ".join(map(repr, model.cameras)) or "none"
-            raise ValueError(f"camera must be a Camera or the name of one in {model.path}: {names}; got {camera!r}")
-        return model.cameras[camera]
-    if camera is not None:
-        return camera
-    if model.cameras and up is None:
-        return next(iter(model.cameras.values()))
-    axis = up or _UP.get(model.path.suffix.lower(), "z")
-    return Camera.fit([part.mesh for part in parts], (0, 0, 1) if axis == "z" else (0, 1, 0))
-
-
-_UP = {".glb": "y", ".gltf": "y", ".obj": "y"}
-"""Axis that is up in files of a format; z in others."""
-
-
-def _read_file(path: Path, outside: bool, bare: bool) -> Model:
-    """Return the contents of a mesh file; `bare`: of an OBJ file without its materials."""
-    model = Model(path, outside)
-    if path.suffix.lower() == ".obj" and not bare:
-        with reading(path) as data:
-            read_obj_materials(read_obj(data), model)
-    elif path.suffix.lower() in (".glb", ".gltf"):
-        with reading(path) as data:
-            read_gltf(Gltf(path, data, outside), model)
-    else:
-        mesh, unread = read_mesh(path)
-        model.unread.update(unread)
-        if (mesh_with_area := model.drop_flat(mesh)) is not None:
-            model.add(mesh_with_area)
-    if not model.parts:
-        raise ValueError(
-            f"{path}: mesh must have a triangle with an area, because no ray hits others; got {model.flat} without"
-        )
-    return model
-
-
-def _with_materials(model: Model, material: Any) -> list[Part]:
-    """Return the parts of a file with a caller's material, one for all or by the names of the file's."""
-    if material is None:
-        return model.parts
-    if not isinstance(material, Mapping):
-        return [replace(part, material=_material_of("", material)) for part in model.parts]
-    names = sorted({part.material.name for part in model.parts})
-    for name in material:
-        if name not in names:
-            raise ValueError(f"material must have names of materials in {model.path}: {names}; got {name!r}")
-    return [replace(part, material=material.get(part.material.name, part.material)) for part in model.parts]
+    about = {"unread": list(unread), "added": added, "lit": bool(model.lights)}
+    source = {key: value for key, value in about.items() if value}
+    suggested = Suggestions("path") if model.lights else Suggestions()  # in a room, walls give light
+    return Scene(camera, tuple(parts), tuple(lights), name, suggested, source)
 
 
 def light_part(light: AreaLight) -> Part:
@@ -221,18 +171,6 @@ def _trimeshes(source: Any) -> list[tuple[str, Mesh]]:
     if not isinstance(source, trimesh.Scene | trimesh.Trimesh):
         raise ValueError(f"source must be a path, a name, a Mesh, or of trimesh; got {type(source).__name__}")
     return placed_meshes(source) if isinstance(source, trimesh.Scene) else [("", from_trimesh(source))]
-
-
-def _material_of(name: str, material: Any) -> Material:
-    """Return the material of the geometry `name`."""
-    if material is None or isinstance(material, Material):
-        return material or DEFAULT_MATERIAL
-    if not isinstance(material, Mapping):
-        raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
-    if name not in material:
-        names = ", ".join(map(repr, material)) or "none"
-        raise ValueError(f"material must have an entry for the geometry {name!r}; given are: {names}")
-    return material[name]
 
 
 def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:

@@ -27,8 +27,10 @@ SPREADS = 6.0
 """And is this many standard errors of its neighbours brighter than they are."""
 
 
-def write_image(path: str | os.PathLike[str], result: Result | Array) -> None:
+def write_image(path: str | os.PathLike[str], result: Result | Array, exposure: float = 1.0) -> None:
     """Write a rendered image: ``.exr`` with all layers, or ``.png`` for a look at it; or an array ``(H, W, 3)`` alone.
+
+    `exposure` is a factor of the brightness of a PNG file.
 
     Raises
     ------
@@ -39,7 +41,7 @@ def write_image(path: str | os.PathLike[str], result: Result | Array) -> None:
     """
     image = result.image if isinstance(result, Result) else np.asarray(result)
     if Path(path).suffix.lower() == ".png":
-        return write_png(path, image)
+        return write_png(path, image, exposure)
     if not isinstance(result, Result):
         return write_exr(path, {"RGB": image})
     variance = np.minimum(result.variance, np.finfo(np.float32).max)  # squares may be beyond what the file can hold

@@ -1,0 +1,133 @@
+"""Options that give a model a camera, a sky and a material; exposure of its preview."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+import dmis
+from dmis.cli.commands import main
+from dmis.cli.models import MATERIALS, read_material, read_sky
+from dmis.image import tonemap, write_exr
+
+SMALL = ["--resolution", "12x8", "--spp", "4", "--rule", "balance", "--threads", "1"]
+
+
+@pytest.fixture
+def ball(tmp_path):
+    trimesh.creation.icosphere(2).export(tmp_path / "ball.obj")
+    return str(tmp_path / "ball.obj")
+
+
+def image_of(tmp_path, *words):
+    assert main(["render", *words, *SMALL, "-o", str(tmp_path / "a.exr")]) == 0
+    layers, attributes = dmis.read_exr(tmp_path / "a.exr")
+    return layers["RGB"], json.loads(attributes["dmis.provenance"])
+
+
+def test_a_model_alone(tmp_path, ball, capsys):
+    """A camera and lights are added, and that is said."""
+    image, _ = image_of(tmp_path, ball)
+    assert image[3:5, 5:7].min() > 0.1
+    assert (
+        "added to the file: a camera that sees all of it, because it has none; an even sky and"
+        in capsys.readouterr().out
+    )
+    assert main(["info", ball]) == 0
+    assert "added to the file: a camera that sees all" in capsys.readouterr().out
+
+
+def test_camera_sky_and_material(tmp_path, ball):
+    """A white ball under an even sky has the sky's colour; the camera sees what it looks at."""
+    words = [
+        "--light",
+        "0.2 0.4 0.8",
+        "--look-at",
+        "0",
+        "0",
+        "-5",
+        "0",
+        "0",
+        "0",
+        "--fov",
+        "4",
+        "--material",
+        "matte:kd=1",
+    ]
+    image, _ = image_of(tmp_path, ball, *words)
+    np.testing.assert_allclose(image, np.broadcast_to([0.2, 0.4, 0.8], image.shape), rtol=0.2)
+    np.testing.assert_allclose(image.mean(axis=(0, 1)), [0.2, 0.4, 0.8], rtol=0.03)
+    behind, _ = image_of(tmp_path, ball, *words[:2], "--look-at", "0", "5", "0", "0", "9", "0.1", *words[-2:])
+    np.testing.assert_allclose(behind, np.broadcast_to([0.2, 0.4, 0.8], image.shape), rtol=1e-5)
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 1)])
+def test_skies_are_upright_and_not_mirrored(tmp_path, up):
+    """The first row is above; seen from inside, what is to the right in the image is to the right."""
+    texels = np.zeros((4, 8, 3), np.float32)
+    texels[0], texels[1:3, 2], texels[1:3, 3] = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+    write_exr(tmp_path / "sky.exr", {"RGB": texels})
+    sky = read_sky(str(tmp_path / "sky.exr"), up)
+    up = np.array(up, float)
+    assert np.argmax(sky.radiance(np.float32(up)[:, None])[:, 0]) == 0
+    turn = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    level = np.roll(np.eye(3), 1, axis=0)[:2] if up[2] == 0 else np.eye(3)[:2]
+    across = np.stack([np.outer(level[0], np.cos(turn)), np.outer(np.cross(up, level[0]), np.sin(turn))]).sum(axis=0)
+    green, blue = (across[:, np.argmax(sky.radiance(across.astype(np.float32))[k])] for k in (1, 2))
+    assert np.cross(green, up) @ blue > 0  # to the right of where one looks: green x up
+
+
+def test_materials():
+    (lobe,) = read_material("metallic_roughness:base=0.9 0.6 0.2, metallic=1").lobes
+    assert lobe.fresnel.f0 == pytest.approx((0.9, 0.6, 0.2))
+    assert all(make().lobes for make in MATERIALS.values())
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (["--material", "plastik"], "--material must be one of .*did you mean 'plastic'"),
+        (["--material", "matte:colour=1"], "parameters of matte are kd, sigma, such as kd=0.5; got 'colour=1'"),
+        (["--material", "matte:kd=red"], "there is no file 'red'"),
+        (["--light", "no.hdr"], "no such image: no.hdr"),
+        (["--light", "-1 0 0"], "not negative"),
+        (["--camera", "front"], "the name of one in .*: none; got 'front'"),
+        (["--look-at", *"000000"], "eye and target must differ"),
+        (["--fov", "200"], "fov must be between 0 and 180"),
+        (["--exposure", "0"], "must be a positive number"),
+    ],
+)
+def test_bad_options(tmp_path, ball, capsys, words, message):
+    import re
+
+    command = ["render", ball, *SMALL, "-o", str(tmp_path / "a.exr"), *words[:1], *words[1:]]
+    if words[-1].startswith("-1"):
+        command[-2:] = [f"{words[0]}={words[1]}"]
+    try:
+        code = main(command)
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2 and re.search(message, capsys.readouterr().err.replace("\n", " "))
+
+
+def test_pbrt_scenes_have_their_own(tmp_path, capsys):
+    assert main(["render", "cornell", *SMALL, "-o", str(tmp_path / "a.exr"), "--fov", "30"]) == 2
+    assert "fov must not be given for cornell, because a pbrt scene has its own" in capsys.readouterr().err
+
+
+def test_exposure(tmp_path):
+    """A preview of a model with lights shows it, whatever their unit; --exposure settles it."""
+    from PIL import Image
+
+    text = "v -9 0 9\nv 9 0 9\nv 9 0 -9\nv -9 0 -9\nv -1 3 -1\nv 1 3 -1\nv 1 3 1\nv -1 3 1\n"
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{text}usemtl floor\nf 1 2 3 4\nusemtl lamp\nf 5 6 7 8\n")
+    view = ["--look-at", "0", "2", "0", "0", "0", "0.1"]
+    for strength in (1, 1e4):
+        (tmp_path / "a.mtl").write_text(f"newmtl floor\nKd .5\nnewmtl lamp\nKe {strength}\n")
+        word = [str(tmp_path / "a.obj"), *view, *SMALL, "--spp", "64", "-o"]
+        assert main(["render", *word, str(tmp_path / "a.png")]) == 0
+        pixels = np.asarray(Image.open(tmp_path / "a.png")) / 255
+        assert np.quantile(pixels, 0.95) == pytest.approx(float(tonemap(np.array(0.6))), abs=0.02)
+    assert main(["render", *word, str(tmp_path / "a.png"), "--exposure", "1"]) == 0
+    assert np.asarray(Image.open(tmp_path / "a.png")).min() == 255
