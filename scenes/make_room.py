@@ -12,6 +12,7 @@ Run: python scenes/make_room.py FOLDER      (writes room.glb, room-metals.glb, r
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 import sys
@@ -20,12 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 import dmis
 from dmis.base.vectors import Array, Floats
 from dmis.geometry import shapes, transforms
 from dmis.geometry.mesh import Mesh
-from dmis.image import encode_png
 
 SIZE = (320, 240)
 EYE, TARGET, FOV = (0.25, 1.35, 3.7), (0.05, 0.95, 0.0), 42.0
@@ -125,8 +126,8 @@ def things(metals: bool = False, leaves: bool = True) -> list[Thing]:
     return contents
 
 
-def by_hand(contents: list[Thing]) -> dmis.Scene:
-    """The room as a scene of dmis, without any file: matte things only."""
+def by_hand(contents: list[Thing], cutoff: float | None = 0.5) -> dmis.Scene:
+    """The room as a scene of dmis, without any file: matte things only. `cutoff` is that of the leaves."""
     parts = []
     for thing in contents:
         kd: Any = thing.colour
@@ -134,9 +135,18 @@ def by_hand(contents: list[Thing]) -> dmis.Scene:
             s = thing.image[::-1, :, :3] / 255.0
             kd = dmis.Image(np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4))
         light = dmis.MeshLight(thing.mesh.vertices, thing.mesh.faces, thing.emission) if thing.emission else None
-        parts.append(dmis.Part(thing.mesh, dmis.matte(kd), light))
+        is_cut = thing.image is not None and thing.image.shape[2] == 4
+        mask = dmis.Mask(dmis.Image(thing.image[::-1, :, 3:] / 255.0), cutoff) if is_cut else None
+        parts.append(dmis.Part(thing.mesh, dmis.matte(kd), light, mask=mask))
     camera = dmis.Camera.look_at(EYE, TARGET, (0, 1, 0), FOV, SIZE)
     return dmis.Scene(camera, tuple(parts), tuple(p.light for p in parts if p.light), "room")
+
+
+def png(pixels: Array) -> bytes:
+    """The bytes of a PNG file, with opacity if there are four channels."""
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
+    return file.getvalue()
 
 
 def write_obj(path: Path, contents: list[Thing]) -> None:
@@ -158,8 +168,8 @@ def write_obj(path: Path, contents: list[Thing]) -> None:
             materials.append("Ke {} {} {}".format(*thing.emission))
         if thing.image is not None:
             name = f"{path.stem}-{thing.name.split()[0]}.png"
-            (path.parent / name).write_bytes(encode_png(thing.image[..., :3]))
-            materials.append(f"map_Kd {name}")
+            (path.parent / name).write_bytes(png(thing.image))
+            materials += [f"map_Kd {name}", *([f"map_d {name}"] if thing.image.shape[2] == 4 else [])]
     path.write_text("\n".join([*lines, ""]))
     path.with_suffix(".mtl").write_text("\n".join([*materials, ""]))
 
@@ -236,13 +246,7 @@ def _glb_material(thing: Thing, file: dict[str, Any], add_view: Any) -> dict[str
         material["emissiveFactor"] = [x / strength for x in thing.emission]
         material.setdefault("extensions", {})["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
     if thing.image is not None:
-        import io
-
-        from PIL import Image
-
-        png = io.BytesIO()
-        Image.fromarray(thing.image).save(png, "PNG")
-        file["images"].append({"mimeType": "image/png", "bufferView": add_view(png.getvalue())})
+        file["images"].append({"mimeType": "image/png", "bufferView": add_view(png(thing.image))})
         file["textures"].append({"source": len(file["images"]) - 1, "sampler": 0})
         surface["baseColorTexture"] = {"index": len(file["textures"]) - 1}
         if thing.image.shape[2] == 4:
@@ -255,5 +259,5 @@ if __name__ == "__main__":
     folder.mkdir(parents=True, exist_ok=True)
     write_glb(folder / "room.glb", things())
     write_glb(folder / "room-metals.glb", things(metals=True))
-    write_obj(folder / "room.obj", things(leaves=False))
+    write_obj(folder / "room.obj", things())
     print(*sorted(folder.glob("room*")), sep="\n")

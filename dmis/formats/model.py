@@ -13,6 +13,7 @@ from dmis.light.light import Light
 from dmis.light.mesh_light import MeshLight
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
+from dmis.scene.masks import Mask
 
 DEFAULT_MATERIAL = matte()
 
@@ -45,9 +46,18 @@ class Model:
     unread: Counter[str] = field(default_factory=Counter)
     flat: int = 0
 
-    def add(self, mesh: Mesh, material: Material = DEFAULT_MATERIAL, light: MeshLight | None = None) -> None:
-        """Add a mesh with its material, and the light of its triangles; those without area are left out."""
-        self.parts.append(Part(mesh, material, light))
+    def add(
+        self,
+        mesh: Mesh,
+        material: Material = DEFAULT_MATERIAL,
+        light: MeshLight | None = None,
+        mask: Mask | None = None,
+    ) -> None:
+        """Add a mesh with its material, the light of its triangles, and its mask, which a light is left without."""
+        if mask is not None and light is not None:
+            self.unread["mask of a surface that emits"] += 1
+            mask = None
+        self.parts.append(Part(mesh, material, light, mask=mask))
         if light is not None:
             self.lights.append(light)
 

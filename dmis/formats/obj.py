@@ -1,10 +1,11 @@
-"""Materials of OBJ files: the statements ``Kd Ks Ns Ke d Tr map_Kd`` of MTL files.
+"""Materials of OBJ files: the statements ``Kd Ks Ns Ke d Tr map_Kd map_d`` of MTL files.
 
 `Kd` is the reflectance of a matte surface, which ``map_Kd``, an image, multiplies. With `Ks` it has a coat of index
 1.5, times `Ks`, whose Blinn exponent is `Ns`; a black one with `Ks` is a metal of reflectance `Ks`. `Ke` is the
-radiance that the triangles emit on the side of their normal. A share ``1 - d`` (`Tr`) of light goes straight through.
-Ambient colours, ``illum`` and ``Ni`` are no part of this and are ignored; other statements are named as left out.
-Source: Wavefront Technologies, *Advanced Visualizer Manual*, MTL material format.
+radiance that the triangles emit on the side of their normal. A share ``1 - d`` (`Tr`) of light goes straight through;
+``map_d`` is an image of d, its opacity if it has any. Ambient colours, ``illum`` and ``Ni`` are no part of this and are
+ignored; other statements are named as left out. Source: Wavefront Technologies, *Advanced Visualizer Manual*, MTL
+material format.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ from dmis.brdf.texture import Image, scale
 from dmis.formats.model import Model
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.wavefront import Wavefront
+from dmis.image_reader import load_image
 from dmis.light.mesh_light import MeshLight
+from dmis.scene.masks import Mask
 
-READ = "Kd", "Ks", "Ns", "Ke", "d", "Tr", "map_Kd"
+READ = "Kd", "Ks", "Ns", "Ke", "d", "Tr", "map_Kd", "map_d"
 """Statements of MTL files that are read."""
 IGNORED = "Ka", "map_Ka", "illum", "Ni", "sharpness", "Tf"
 """Statements that say nothing about the light of a scene here."""
@@ -43,7 +46,7 @@ def read_obj_materials(obj: Wavefront, model: Model) -> None:
             if (path := model.file(name)) is not None:
                 materials |= {material: (path, said) for material, said in _read_mtl(path).items()}
     model.unread["vertex colours"] += obj.coloured
-    images: dict[str, Image | None] = {}
+    images: dict[Any, Image | None] = {}
     for name, flat in obj.meshes():
         if (mesh := model.drop_flat(flat)) is None:
             continue
@@ -75,7 +78,7 @@ def _read_mtl(path: Path) -> dict[str, Statements]:
     return materials
 
 
-def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[str, Image | None]) -> None:
+def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[Any, Image | None]) -> None:
     """Add triangles with the material `name` to a model."""
     for word in said:
         model.unread[f"{word} of a material"] += word not in (*READ, *IGNORED)
@@ -95,7 +98,8 @@ def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[str
     else:
         material = shiny_metal(ks, 0.0, roughness)
     light = MeshLight(mesh.vertices, mesh.faces, emission) if any(emission) else None
-    model.add(mesh, Material(material.lobes, name), light)
+    mask = _image(*said["map_d"], model, images, opacity=True) if "map_d" in said and mesh.uv is not None else None
+    model.add(mesh, Material(material.lobes, name), light, None if mask is None else Mask(mask, None))
 
 
 def _number(said: Statements, word: str, default: float, least: float, most: float) -> float:
@@ -119,8 +123,13 @@ def _colour(said: Statements, word: str, default: float, most: float = 1.0) -> t
     return r, g, b
 
 
-def _image(number: int, argument: str, model: Model, images: dict[str, Image | None]) -> Image | None:
-    """Return the image of ``map_Kd``; its options ``-s`` and ``-o`` place it, others are named as left out."""
+def _image(
+    number: int, argument: str, model: Model, images: dict[Any, Image | None], opacity: bool = False
+) -> Image | None:
+    """Return the image of ``map_Kd`` or, of one channel, of ``map_d``.
+
+    Its options ``-s`` and ``-o`` place it, others are named as left out.
+    """
     words, options = argument.split(" "), {"-s": [1.0, 1.0], "-o": [0.0, 0.0]}
     while len(words) > 1 and words[0].startswith("-"):
         name = words.pop(0)
@@ -129,13 +138,20 @@ def _image(number: int, argument: str, model: Model, images: dict[str, Image | N
             values.append(words.pop(0))
         given = [float(x) for x in values if _NUMBER.fullmatch(x)]
         options[name] = [*given, *options.get(name, [])[len(given) :]]
-        model.unread[f"{name} of map_Kd"] += name not in ("-s", "-o")
+        model.unread[f"{name} of an image"] += name not in ("-s", "-o")
     file = " ".join(words)
-    if file not in images:
+    if (file, opacity) not in images:
         path = model.file(file)
-        images[file] = None if path is None else Image(path)
-    image, (s, t, *_), (u, v, *_) = images[file], options["-s"], options["-o"]
+        images[file, opacity] = None if path is None else _opacity(path) if opacity else Image(path)
+    image, (s, t, *_), (u, v, *_) = images[file, opacity], options["-s"], options["-o"]
     try:
         return None if image is None else replace(image, scale=(s, t), offset=(u, v))
     except ValueError as error:
         raise _LineError(f"line {number}: {error}") from error
+
+
+def _opacity(path: Path) -> Image:
+    """Return the opacity of an image file, or its values where it has none, as an image of one channel."""
+    texels = load_image(path, linear=True, alpha=True)[::-1]
+    values = texels[..., -1:] if (texels[..., -1] < 1).any() else texels[..., :-1].mean(axis=2, keepdims=True)
+    return Image(np.clip(values, 0, 1))

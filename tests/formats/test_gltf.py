@@ -1,6 +1,7 @@
 """glTF files: each feature and each habit of exporters against the same scene made by hand."""
 
 import base64
+import io
 import json
 import runpy
 import struct
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers import Z_LIMIT
+from PIL import Image as PIL
 
 import dmis
 from dmis.brdf.diffuse import Lambert
@@ -108,13 +110,14 @@ EXPECTED = CORNERS[FACES.reshape(-1, 3)].astype(float)
 def rooms(tmp_path_factory):
     """The room by hand, as GLB and as OBJ, of few pixels."""
     folder = tmp_path_factory.mktemp("room")
-    contents = room.things(leaves=False)
+    contents = room.things()
     room.write_glb(folder / "room.glb", contents)
     room.write_obj(folder / "room.obj", contents)
     hand = room.by_hand(contents)
     small = replace(hand.camera, resolution=(16, 12))
     return {
         "hand": replace(hand, camera=small),
+        "faded": replace(room.by_hand(contents, None), camera=small),
         "glb": dmis.load_scene(folder / "room.glb", (16, 12)),
         "obj": dmis.load_scene(folder / "room.obj", camera=small),
     }
@@ -130,7 +133,7 @@ def means(scene, seeds):
 def test_rooms_agree(rooms):
     """Renders of the three descriptions with different seeds have the same means, block by block."""
     of = {name: means(scene, range(10 * k, 10 * k + 8)) for k, (name, scene) in enumerate(rooms.items())}
-    for a, b in (("hand", "glb"), ("hand", "obj"), ("glb", "obj")):
+    for a, b in (("hand", "glb"), ("faded", "obj"), ("glb", "obj")):
         spread = np.sqrt((of[a].var(axis=0, ddof=1) + of[b].var(axis=0, ddof=1)) / 8)
         z = (of[a].mean(axis=0) - of[b].mean(axis=0)) / spread
         assert np.abs(z).max() < Z_LIMIT + 1.5, (a, b, z)  # Student's t of 14 degrees of freedom: p < 1e-4
@@ -143,8 +146,8 @@ def test_rooms_with_one_seed_are_nearly_equal(rooms):
     """Parts and lights are in one order, so that samples are the same: what differs is rounding."""
     images = {name: dmis.render(scene, "balance", 4, seed=1, **DIRECT).image for name, scene in rooms.items()}
     assert all(part.material.name == thing.name for part, thing in zip(rooms["glb"].parts, room.things(), strict=False))
-    for name in ("glb", "obj"):
-        off = np.abs(images[name] - images["hand"]) / (images["hand"].mean() + images["hand"])
+    for name, hand in (("glb", "hand"), ("obj", "faded")):
+        off = np.abs(images[name] - images[hand]) / (images[hand].mean() + images[hand])
         assert np.median(off) < 1e-3 and (off < 0.02).mean() > 0.9
 
 
@@ -347,6 +350,24 @@ def test_opacity(tmp_path):
     glass = {"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.25], "metallicFactor": 0}}
     clear, base, _ = File().mesh(glass).load(tmp_path).parts[0].material.lobes
     assert clear.transmittance == (0.75,) and base.reflectance == (0.25, 0.25, 0.25)
+
+
+@pytest.mark.parametrize("mode, cutoff", [("MASK", 0.25), ("BLEND", None), ("OPAQUE", None)])
+def test_masks(tmp_path, mode, cutoff):
+    """The opacity of the base colour, times its factor; none where it cuts nothing."""
+    for alpha in (PIXELS[..., :1], np.full((4, 6, 1), 255, np.uint8)):
+        file = File()
+        surface = {"baseColorFactor": [1, 1, 1, 0.8], "baseColorTexture": {"index": file.texture(PIXELS)}}
+        data = io.BytesIO()
+        PIL.fromarray(np.concatenate([PIXELS, alpha], axis=2)).save(data, "PNG")
+        file.json["images"][0]["bufferView"] = file.view(data.getvalue())
+        file.mesh({"pbrMetallicRoughness": surface, "alphaMode": mode, "alphaCutoff": 0.25})
+        mask = file.load(tmp_path).parts[0].mask
+        if mode == "OPAQUE" or (mode == "MASK" and alpha.min() == 255):
+            assert mask is None
+        else:
+            np.testing.assert_allclose(mask.image.texels, 0.8 * alpha[::-1] / 255, rtol=1e-6)
+            assert mask.cutoff == cutoff
 
 
 # Lights and cameras -----------------------------------------------------------------------------------------------

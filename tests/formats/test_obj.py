@@ -4,13 +4,14 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image as PIL
 
 import dmis
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.fresnel import Conductor
 from dmis.brdf.microfacet import Microfacet
 from dmis.brdf.specular import SpecularTransmission
-from dmis.image import write_exr
+from dmis.image import encode_png, write_exr
 from dmis.scene.scene import SceneWarning
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 0 -1\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
@@ -66,6 +67,20 @@ def test_images(load, tmp_path):
         (lobe,) = lobes(load(f"newmtl a\n{kd}\nmap_Kd -s 2 3 1 -o .5 sub\\my wood.exr\n"))
         np.testing.assert_allclose(lobe.reflectance.texels, texels[::-1] * factor, rtol=1e-6)
         assert (lobe.reflectance.scale, lobe.reflectance.offset) == ((2, 3), (0.5, 0))
+
+
+def test_masks(load, tmp_path):
+    """map_d is the opacity of its file, or its values, as they are."""
+    values = np.array([[0, 51], [255, 102]], np.uint8)
+    (tmp_path / "grey.png").write_bytes(encode_png(values))
+    mask = load("newmtl a\nKd 1\nmap_d grey.png\n").parts[0].mask
+    np.testing.assert_allclose(mask.image.texels[..., 0], values[::-1] / 255, atol=1e-6)
+    PIL.fromarray(np.stack([values] * 3 + [values.T], axis=2)).save(tmp_path / "leaf.png")
+    mask = load("newmtl a\nKd 1\nmap_d leaf.png\n").parts[0].mask
+    np.testing.assert_allclose(mask.image.texels[..., 0], values.T[::-1] / 255, atol=1e-6)
+    assert mask.cutoff is None
+    with pytest.warns(SceneWarning, match="left out: 1 mask of a surface that emits"):
+        assert load("newmtl a\nKe 1\nmap_d leaf.png\n").parts[0].mask is None
 
 
 def test_lamps(load):

@@ -1,0 +1,159 @@
+"""Materials of glTF files.
+
+A material is `dmis.metallic_roughness` with the file's base colour, metalness and roughness, numbers and images.
+Triangles of a material with emission are a mesh light, on both sides if the material is double-sided. Where the opacity
+of the base colour is an image, it is a mask. The occlusion texture is no light transport, and ignored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.brdf.materials import Material
+from dmis.brdf.metallic_roughness import metallic_roughness
+from dmis.brdf.texture import Image, scale
+from dmis.geometry.gltf import Gltf
+from dmis.geometry.mesh import Mesh
+from dmis.image_reader import decode_image
+from dmis.light.mesh_light import MeshLight
+from dmis.scene.masks import Mask
+
+_CLAMP, _MIRROR = 33071, 33648
+
+
+class Materials:
+    """The materials of a glTF file, each made once."""
+
+    def __init__(self, gltf: Gltf) -> None:
+        self._gltf = gltf
+        self._made: dict[int | None, Material] = {}
+        self._images: dict[tuple[int, bool], Array] = {}
+        self._counted: set[tuple[str, str]] = set()
+
+    def leave_out(self, kind: str, thing: object, is_so: bool = True) -> None:
+        """Count a thing of the description as left out, once."""
+        if is_so and (kind, repr(thing)) not in self._counted:
+            self._counted.add((kind, repr(thing)))
+            self._gltf.unread[kind] += 1
+
+    def parts(self, number: int | None) -> dict[str, Any]:
+        """Return the description of a material; that without a number is the default."""
+        return {} if number is None else dict(self._gltf.json["materials"][number])
+
+    def textured(self, number: int | None) -> bool:
+        """Return whether a material has a texture."""
+        said = self.parts(number)
+        return any(name.endswith("Texture") for name in (*said, *said.get("pbrMetallicRoughness", {})))
+
+    def material(self, number: int | None, colours: Image | tuple[float, ...] | None = None) -> Material:
+        """Return a material, with `colours` that multiply its base colour."""
+        if colours is None and number in self._made:
+            return self._made[number]
+        said = self.parts(number)
+        surface, extensions = said.get("pbrMetallicRoughness", {}), said.get("extensions", {})
+        *base, alpha = surface.get("baseColorFactor", (1, 1, 1, 1))
+        colour: Any = tuple(base)
+        if (image := self.texture(surface, "baseColorTexture")) is not None:
+            colour = scale(colour, image)
+        if colours is not None:
+            colour = scale(colour, colours)
+        metallic, roughness = surface.get("metallicFactor", 1.0), surface.get("roughnessFactor", 1.0)
+        if (image := self.texture(surface, "metallicRoughnessTexture", True, channel=1)) is not None:
+            roughness = scale(roughness, image)
+        if (image := self.texture(surface, "metallicRoughnessTexture", True, channel=2)) is not None:
+            metallic = scale(metallic, image)
+        self._note(said)
+        made = metallic_roughness(
+            colour,
+            metallic,
+            roughness,
+            extensions.get("KHR_materials_specular", {}).get("specularFactor", 1.0),
+            extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
+            alpha if said.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
+        )
+        material = Material(made.lobes, said.get("name") or f"material {number}")
+        if colours is None:
+            self._made[number] = material
+        return material
+
+    def mask(self, number: int | None, mesh: Mesh) -> Mask | None:
+        """Return the holes that the opacity of a material's texture cuts; None if there are none."""
+        said = self.parts(number)
+        mode, surface = said.get("alphaMode", "OPAQUE"), said.get("pbrMetallicRoughness", {})
+        image = self.texture(surface, "baseColorTexture", channel=3) if mode in ("MASK", "BLEND") else None
+        if image is None or mesh.uv is None:
+            return None
+        factor = min(max(surface.get("baseColorFactor", (1, 1, 1, 1))[3], 0.0), 1.0)
+        cutoff = None if mode == "BLEND" else min(max(said.get("alphaCutoff", 0.5), 1e-6), 1.0)
+        whole = factor * image.texels.min() >= (cutoff or 1.0)
+        return None if whole else Mask(cast(Image, scale(factor, image)), cutoff)
+
+    def _note(self, said: Mapping[str, Any]) -> None:
+        """Count what is left out of a material."""
+        self.leave_out("normal map", said, "normalTexture" in said)
+        coat = said.get("extensions", {}).get("KHR_materials_specular", {})
+        self.leave_out("colour of a coat", said, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
+        self.leave_out("texture of a coat", said, bool({"specularTexture", "specularColorTexture"} & set(coat)))
+
+    def emission(self, number: int | None, mesh: Mesh) -> MeshLight | None:
+        """Return the light of triangles with a material; None if it emits nothing."""
+        said = self.parts(number)
+        strength = said.get("extensions", {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
+        radiance: Any = tuple(strength * x for x in said.get("emissiveFactor", (0, 0, 0)))
+        if not any(radiance):
+            return None
+        if (image := self.texture(said, "emissiveTexture")) is not None and mesh.uv is not None:
+            radiance = scale(radiance, image)
+            if not radiance.texels.any():
+                return None
+        faces = mesh.faces
+        if said.get("doubleSided", False):
+            faces = np.concatenate([faces, faces[:, ::-1]])
+        try:
+            return MeshLight(mesh.vertices, faces, radiance, mesh.uv if isinstance(radiance, Image) else None)
+        except ValueError as error:
+            if "overlap" not in str(error):
+                raise
+            self.leave_out("emission of triangles that overlap", number)
+            return None
+
+    def texture(
+        self, owner: Mapping[str, Any], name: str, linear: bool = False, channel: int | None = None
+    ) -> Image | None:
+        """Return the image of a texture, of all colours or of a `channel`, 3: opacity; None if there is none, or it is
+        counted as left out.
+        """
+        if (info := owner.get(name)) is None:
+            return None
+        transform = info.get("extensions", {}).get("KHR_texture_transform", {})
+        if transform.get("texCoord", info.get("texCoord", 0)) != 0:
+            self.leave_out("texture with a second set of coordinates", info)
+            return None
+        texture = self._gltf.json["textures"][info["index"]]
+        if "source" not in texture:
+            self.leave_out("texture of another format", info)
+            return None
+        self.leave_out("rotated texture", info, transform.get("rotation", 0) != 0)
+        sampler = self._gltf.json["samplers"][texture["sampler"]] if "sampler" in texture else {}
+        wraps = {sampler.get("wrapS", 10497), sampler.get("wrapT", 10497)}
+        kind = "texture that is mirrored or clamped along one axis (it is repeated)"
+        self.leave_out(kind, info, len(wraps) > 1 or _MIRROR in wraps)
+        s, t = transform.get("scale", (1, 1))
+        u, v = transform.get("offset", (0, 0))  # from the top, v downwards: here it is upwards
+        texels = self._pixels(info, linear)[::-1, :, slice(3) if channel is None else slice(channel, channel + 1)]
+        return Image(texels, (s, t), (u, 1 - t - v), "clamp" if wraps == {_CLAMP} else "repeat")
+
+    def _pixels(self, info: Mapping[str, Any], linear: bool = False) -> Array:
+        """Return the pixels of a texture's image, ``(H, W, 4)``, read once."""
+        number = self._gltf.json["textures"][info["index"]]["source"]
+        if (number, linear) not in self._images:
+            image = self._gltf.json["images"][number]
+            data = self._gltf.resource(image["uri"]) if "uri" in image else self._gltf.view(image["bufferView"])[0]
+            pixels = decode_image(data, f"image {number}", linear=linear, alpha=True)
+            grey = pixels.shape[2] == 2
+            self._images[number, linear] = pixels[..., [0, 0, 0, 1]] if grey else pixels
+        return self._images[number, linear]
