@@ -19,6 +19,7 @@ from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import RayCaster, TimedCaster
 from dmis.pipeline.film import FilmTile, Observers
+from dmis.samplers.keys import LENS
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import Sampler, make_sampler, stream
 from dmis.scene.scene import Scene
@@ -204,7 +205,10 @@ def _camera_rays(
     if scene.camera.filter is not None:
         u = scene.camera.filter.offsets(u)
     x, y = corners
-    direction = scene.camera.rays(x.take(pixel) + u[0], y.take(pixel) + u[1])
+    place = x.take(pixel) + u[0], y.take(pixel) + u[1]
+    if not scene.camera.is_pinhole:
+        return scene.camera.lens_rays(*place, sampler.draw((LENS,), None))
+    direction = scene.camera.rays(*place)
     return np.repeat(scene.camera.origin, direction.shape[1], axis=1), direction
 
 

@@ -39,7 +39,7 @@ from functools import lru_cache
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, take
-from dmis.samplers.keys import CONTINUE, MORE, ROUNDING
+from dmis.samplers.keys import CONTINUE, LENS, MORE, ROUNDING
 from dmis.samplers.pixel_block import PixelBlock
 
 DIGITS = 24
@@ -59,6 +59,8 @@ Camera pair and light pair are a net in four dimensions with t = 0, 1, 1, 1, 2, 
 up to 2^16: each box of volume 2^(t - m) has 2^t of the first 2^m points. `benchmarks/search_net.py` searched them.
 Further columns and matrices are pseudo-random.
 """
+_OF_CAMERA = {(): 0, (LENS,): LENS}
+"""Orders of the place in the pixel and on the lens: a path's pairs meet both in one product."""
 PART = 12
 """Bits of an index that one table has the points of: 32 kB, which stay in the cache."""
 LOW = 2**PART - 1
@@ -117,8 +119,8 @@ class Sobol:
 
 def order_of(pair: tuple[int, ...]) -> int:
     """Return the number of the order of a pair: how many pairs its path has before it, 0 for the camera's."""
-    if pair == ():
-        return 0
+    if pair in _OF_CAMERA:
+        return _OF_CAMERA[pair]
     return pair.count(CONTINUE) + pair.count(MORE) + (pair[-1] != CONTINUE)
 
 

@@ -1,18 +1,20 @@
-"""A pinhole camera: pixels and uniform numbers to rays."""
+"""Cameras: pixels and uniform numbers to rays, through a pinhole, a thin lens, in parallel, or in all directions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from dmis.base.validate import FARTHEST, direction, pair, vector, whole
-from dmis.base.vectors import TINY, Array, dot
+from dmis.base.validate import FARTHEST, direction, number, one_of, pair, vector, whole
+from dmis.base.vectors import TINY, Array, dot, normalise
 from dmis.geometry.mesh import Mesh
 from dmis.image import MAX_PIXELS, MAX_SIDE
 from dmis.samplers.pixel_filter import PixelFilter
+from dmis.samplers.warp import square_to_disk
 
 
 def check_resolution(width: int, height: int) -> None:
@@ -25,7 +27,7 @@ def check_resolution(width: int, height: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera.
+    """A camera with a pinhole or a thin lens, or one of another projection.
 
     Parameters
     ----------
@@ -41,6 +43,13 @@ class Camera:
         image's ``(width, height)``, across whose shorter side `fov` is meant. None: this is the whole.
     filter
         Pixel filter, see `dmis.samplers.pixel_filter`; None: a box of one pixel.
+    projection
+        ``perspective``; ``orthographic``, whose shorter side shows ``2 tan(fov / 2)`` units of camera space; or
+        ``spherical``, all directions: rows are polar angles from the top, columns azimuths from x over z.
+    lens_radius
+        Of a thin lens, in units of camera space; 0 is a pinhole. A spherical camera has none.
+    focal_distance
+        Depth along z, in units of camera space, at which a lens is sharp.
     """
 
     to_world: Array
@@ -49,6 +58,9 @@ class Camera:
     corner: tuple[int, int] = (0, 0)
     frame: tuple[int, int] | None = None
     filter: PixelFilter | None = None
+    projection: Literal["perspective", "orthographic", "spherical"] = "perspective"
+    lens_radius: float = 0.0
+    focal_distance: float = 1.0
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.to_world, float)
@@ -60,6 +72,11 @@ class Camera:
             raise ValueError(
                 f"fov must be between 0 and 180 degrees, because a pinhole sees less than half; got {self.fov}"
             )
+        one_of("projection", self.projection, ("perspective", "orthographic", "spherical"))
+        number("lens_radius", self.lens_radius, 0, FARTHEST)
+        number("focal_distance", self.focal_distance, 1 / FARTHEST, FARTHEST)
+        if self.lens_radius and self.projection == "spherical":
+            raise ValueError(f"lens_radius must be 0 for a spherical camera; got {self.lens_radius}")
         for name in ("resolution", "corner") if self.frame is None else ("resolution", "corner", "frame"):
             object.__setattr__(self, name, pair(name, getattr(self, name), whole))
         width, height = self.resolution
@@ -134,17 +151,26 @@ class Camera:
 
     @cached_property
     def _affine(self) -> tuple[Array, Array, Array]:
-        """Direction of pixel coordinates (x, y) as ``a + b x + c y``."""
+        """Direction of pixel coordinates (x, y) as ``a + b x + c y``, if the camera is a pinhole."""
+        if not self.is_pinhole:
+            raise ValueError("rays are those of a pinhole; lens_rays returns origins and directions of any camera")
         width, height = self.frame or self.resolution
         right, up, forward = np.asarray(self.to_world, float)[:3, :3].T
         b, c = right * self.pixel, -up * self.pixel
         a = forward - b * (width / 2 - self.corner[0]) - c * (height / 2 - self.corner[1])
         return a, b, c
 
+    @cached_property
+    def is_pinhole(self) -> bool:
+        """Whether it is a perspective one without a lens, whose rays are those of `rays`."""
+        return self.lens_radius == 0 and self.projection == "perspective"
+
     @property
     def pixel(self) -> float:
-        """Side of a pixel at distance 1, in camera space."""
+        """Side of a pixel at distance 1, in camera space; of an orthographic camera at any, of a spherical at least."""
         width, height = self.frame or self.resolution
+        if self.projection == "spherical":
+            return float(min(2 * np.pi / width, np.pi / height))
         return float(2 * np.tan(np.radians(self.fov) / 2) / min(width, height))
 
     def raster(self, points: Array) -> tuple[Array, Array, Array, float]:
@@ -166,3 +192,26 @@ class Camera:
         out += a
         out *= 1 / np.sqrt(np.maximum(dot(out, out), TINY))
         return out
+
+    def lens_rays(self, x: Array, y: Array, u: Array | None = None) -> tuple[Array, Array]:
+        """Return origins and unit directions of rays through raster points (x, y), ``(3, N)`` each, of any camera.
+
+        Uniform numbers `u` ``(2, N)`` place the origins on the lens; None: in its middle.
+        """
+        axes = np.asarray(self.to_world, float)[:3, :3].astype(np.float32)
+        (width, height), (left, top) = self.frame or self.resolution, self.corner
+        origin = np.repeat(self.origin, len(x), axis=1)
+        if self.projection == "spherical":
+            phi, theta = (x + left) * np.float32(2 * np.pi / width), (y + top) * np.float32(np.pi / height)
+            along = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)])
+            return origin, normalise(axes @ along)
+        side = np.float32(self.pixel)
+        place = np.stack([(x + np.float32(left - width / 2)) * side, (np.float32(height / 2 - top) - y) * side])
+        if self.projection == "orthographic":
+            origin += axes[:, :2] @ place
+            place = np.zeros_like(place)
+        if u is not None:
+            offset = square_to_disk(u) * np.float32(self.lens_radius)
+            origin += axes[:, :2] @ offset
+            place -= offset * np.float32(1 / self.focal_distance)
+        return origin, normalise(axes[:, :2] @ place + axes[:, 2:])

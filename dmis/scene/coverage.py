@@ -2,7 +2,7 @@
 
 Only what is provable counts. A pixel is left out if it lies outside the rectangle of every triangle, with room for the
 pixel filter and for the rounding of float32 positions and directions; a triangle that reaches behind the camera covers
-everything.
+everything, and so it is for any camera but a pinhole.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ POSITION_ERROR = 2.0**-18
 
 def find_covered_pixels(camera: Camera, meshes: Sequence[Mesh]) -> np.ndarray | None:
     """Return the pixels that triangles of `meshes` may cover, ``(H, W)`` bool; None if that is all of them."""
+    if not camera.is_pinhole:
+        return None
     width, height = camera.resolution
     begins = np.zeros((height + 1, width + 1), np.int32)  # its sums over rows and columns count rectangles
     for mesh in meshes:

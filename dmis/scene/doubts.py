@@ -68,8 +68,7 @@ def camera_doubts(camera: Camera, caster: RayCaster, reach: float) -> Iterator[s
     """Yield a message if the camera is nearer than `reach` to a surface, which then hides all that is behind it."""
     width, height = camera.resolution
     x, y = (a.reshape(-1).astype(np.float32) for a in np.meshgrid(np.linspace(0, width, 9), np.linspace(0, height, 9)))
-    direction = camera.rays(x, y)
-    hidden = caster.occluded(np.repeat(camera.origin, len(x), axis=1), direction, np.full(len(x), reach, np.float32))
+    hidden = caster.occluded(*camera.lens_rays(x, y), np.full(len(x), reach, np.float32))
     if hidden.any():
         yield f"the camera is on a surface, and {hidden.mean():.0%} of it sees nothing else; move it farther away"
 

@@ -67,7 +67,9 @@ class Plan:
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
         eye = camera.origin[:, 0]
         faded = any(part.mask is not None and part.mask.cutoff is None for part in parts)
-        heads = () if faded else enumerate(self.deltas)  # a shadow ray may meet what the camera ray passed
+        heads = (
+            () if faded or not camera.is_pinhole else enumerate(self.deltas)
+        )  # a shadow ray may meet what the camera ray passed
         self.headlights = frozenset(k for k, light in heads if light.is_at(eye, 0.1 * epsilon))
         self._sampled: dict[str, tuple[SampledLight, ...]] = {}
         keys: dict[Any, dict[tuple[int, int], tuple[int, Material, AreaLight | None]]] = {}

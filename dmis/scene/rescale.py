@@ -82,6 +82,8 @@ def rescale(
     new: dict[int, Any] = {id(light): light.rescaled(origin, length, gain) for light in lights}
     matrix = np.array(camera.to_world, np.float64)
     matrix[:3, 3] = (matrix[:3, 3] - origin) / length
+    if not camera.is_pinhole:  # lengths of camera space matter
+        matrix[:3, :3] /= length
     return {
         "camera": replace(camera, to_world=matrix),
         "parts": tuple(

@@ -1,15 +1,21 @@
-"""The pinhole camera: field of view, corners, handedness, bad input."""
+"""Cameras: field of view, corners, handedness, lenses and other projections, bad input."""
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers import Z_LIMIT, grid_uniforms
 
 import dmis
 from dmis.base.vectors import Array, dot
+from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
+from dmis.samplers.warp import square_to_disk
 from dmis.scene.camera import Camera
+from dmis.scene.groups import Part
+from dmis.testing.scenes import box_scene
 
 IDENTITY = np.eye(4)
 
@@ -177,3 +183,115 @@ def test_a_camera_on_a_surface_is_named() -> None:
             warnings.simplefilter("always")
             dmis.Scene(camera, (floor,), (lamp,)).prepare()
         assert any("camera is on a surface" in str(w.message) for w in caught) == warned
+
+
+# A lens, and other projections ------------------------------------------------------------------------------------
+
+PLACE = Camera.look_at((1, -3, 2), (0, 0, 0.5), fov=50, resolution=(8, 8))
+LENS = replace(PLACE, lens_radius=0.3, focal_distance=2.5)
+
+
+def spread(camera: Camera, count: int = 64) -> tuple[Array, Array, Array]:
+    """Origins and directions through one raster point, ``(3, N)`` each, and the raster point."""
+    u = np.random.default_rng(3).random((2, count), np.float32)
+    x, y = np.full(count, 5.25, np.float32), np.full(count, 1.75, np.float32)
+    return *camera.lens_rays(x, y, u), np.array([x[0], y[0]])
+
+
+def test_rays_of_a_lens_meet_at_the_focal_distance() -> None:
+    origin, direction, raster = spread(LENS)
+    inverse = np.linalg.inv(np.asarray(LENS.to_world))
+    local, along = inverse[:3, :3] @ origin + inverse[:3, 3:], inverse[:3, :3] @ direction
+    np.testing.assert_allclose(local[2], 0, atol=1e-6)
+    assert 0.25 < np.hypot(*local[:2]).max() <= 0.3 + 1e-6 and np.abs(local.mean(axis=1)).max() < 0.08
+    focus = local + along * (2.5 - local[2]) / along[2]
+    np.testing.assert_allclose(focus, np.repeat(focus[:, :1], 64, axis=1), atol=2e-6)
+    middle = ray(PLACE, *raster)
+    np.testing.assert_allclose(inverse[:3, :3] @ middle, focus[:, 0] / np.linalg.norm(focus[:, 0]), atol=1e-6)
+
+
+def test_a_lens_is_the_mean_of_pinholes() -> None:
+    """The image of a lens is the mean of those of pinholes on it, each sheared so that the focal plane stays."""
+    scene = box_scene(extra=(Part(quad((-0.6, -0.5, 0.5), (0.5, 0, 0), (0, 0.3, 0.4)), dmis.matte((0.9, 0.2, 0.1))),))
+    options: dict[str, Any] = {"integrator": "direct", "parallel": 1}
+    lens = dmis.render(replace(scene, camera=LENS), "balance", 512, seed=1, **options)
+    right, up, forward, eye = np.asarray(PLACE.to_world)[:3].T
+    images, variances = [], []
+    for k, (x, y) in enumerate(square_to_disk(grid_uniforms(9, np.float32, 0.5 / 9, 1 - 0.5 / 9)).T * 0.3):
+        matrix = np.eye(4)
+        offset = x * right + y * up
+        matrix[:3] = np.stack([right, up, forward - offset / 2.5, eye + offset], axis=1)
+        result = dmis.render(replace(scene, camera=replace(PLACE, to_world=matrix)), "balance", 8, seed=k, **options)
+        images.append(result.image)
+        variances.append(result.variance)
+    error = np.sqrt((lens.variance.mean() + np.mean(variances) / len(images)) / lens.image[..., 0].size)
+    assert abs(lens.image.mean() - np.mean(images)) < Z_LIMIT * error
+    sharp = dmis.render(replace(scene, camera=PLACE), "balance", 64, **options).image
+    blurred = np.abs(lens.image - np.mean(images, axis=0)).mean()
+    assert blurred < 0.5 * np.abs(lens.image - sharp).mean()
+
+
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "sobol", "lowdiscrepancy"])
+def test_samplers_spread_points_on_the_lens(sampler: str) -> None:
+    """A lamp seen through a lens has the same mean with every sampler: lens and light points are independent."""
+    scene = replace(box_scene(), camera=replace(LENS, focal_distance=0.7))
+    results = [
+        dmis.render(scene, "balance", 64, seed=seed, sampler=name, integrator="direct", parallel=1)
+        for seed, name in ((1, sampler), (2, "independent"))
+    ]
+    error = np.sqrt(sum(result.variance.mean() for result in results) / 64)
+    assert abs(results[0].image.mean() - results[1].image.mean()) < Z_LIMIT * error
+
+
+def test_orthographic_rays_are_parallel() -> None:
+    camera = replace(PLACE, projection="orthographic", fov=90.0, resolution=(8, 4))
+    x, y = np.float32([0, 8, 4, 1.5]), np.float32([0, 4, 2, 3])
+    origin, direction = camera.lens_rays(x, y)
+    right, up, forward, eye = np.asarray(camera.to_world)[:3].T
+    expected = eye + np.outer(x / 2 - 2, right) + np.outer(1 - y / 2, up)
+    np.testing.assert_allclose(origin.T, expected, atol=1e-6)
+    np.testing.assert_allclose(direction, np.repeat(forward[:, None], 4, axis=1), atol=1e-6)
+    part = camera.crop((1, 3), (2, 6))
+    np.testing.assert_allclose(part.lens_rays(x, y)[0], camera.lens_rays(x + 2, y + 1)[0], atol=1e-6)
+
+
+def test_spherical_rays_go_all_around() -> None:
+    camera = replace(PLACE, projection="spherical", resolution=(8, 4))
+    right, up, forward, eye = np.asarray(camera.to_world)[:3].T
+    x, y, axes = np.float32([0, 2, 4, 6, 3]), np.float32([2, 2, 2, 2, 0]), [right, forward, -right, -forward, up]
+    origin, direction = camera.lens_rays(x, y)
+    np.testing.assert_allclose(direction.T, axes, atol=1e-6)
+    np.testing.assert_allclose(origin, np.repeat(eye[:, None], 5, axis=1), atol=1e-6)
+    np.testing.assert_allclose(
+        camera.crop((1, 4), (3, 8)).lens_rays(x, y)[1], camera.lens_rays(x + 3, y + 1)[1], atol=1e-6
+    )
+
+
+def test_other_cameras_see_all_pixels_and_are_rescaled() -> None:
+    """Coverage and headlights are of a pinhole; far from the origin and in other units the image stays the same."""
+    lamp = dmis.PointLight(tuple(np.asarray(PLACE.to_world)[:3, 3].tolist()), (5, 5, 5))
+    for camera in (LENS, replace(PLACE, projection="orthographic"), replace(PLACE, projection="spherical")):
+        scene = replace(box_scene(lights=(lamp,)), camera=camera)
+        assert scene.covered_pixels is None and not scene.plan.headlights
+        large = np.diag([1e8, 1e8, 1e8, 1]) @ np.asarray(camera.to_world)
+        parts = tuple(replace(p, mesh=Mesh(p.mesh.vertices * 1e8, p.mesh.faces, None, p.mesh.uv)) for p in scene.parts)
+        light = dmis.PointLight(tuple(large[:3, 3].tolist()), (5e16,) * 3)
+        far = replace(scene, camera=replace(camera, to_world=large), parts=parts, lights=(light,))
+        images = [dmis.render(one, "balance", 4, seed=1, integrator="direct", parallel=1).image for one in (scene, far)]
+        np.testing.assert_allclose(images[1], images[0], rtol=2e-2, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"projection": "fisheye"}, "projection must be perspective or orthographic or spherical; got 'fisheye'"),
+        ({"lens_radius": -1}, "lens_radius must be a number"),
+        ({"lens_radius": 1, "focal_distance": 0}, "focal_distance must be a number"),
+        ({"lens_radius": 1, "projection": "spherical"}, "lens_radius must be 0 for a spherical camera"),
+    ],
+)
+def test_refused_lenses(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(PLACE, **changes)
+    with pytest.raises(ValueError, match="rays are those of a pinhole; lens_rays returns"):
+        LENS.rays(np.float32([0]), np.float32([0]))

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
+from dmis.base.validate import FARTHEST
 from dmis.base.vectors import Floats
+from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.reader import Reader
 from dmis.formats.pbrt.tokens import blame
 from dmis.scene.camera import Camera
+
+CAMERAS: dict[str, dict[str, Any]] = {
+    dialect: {"perspective": "perspective", "orthographic": "orthographic", around: "spherical"}
+    for dialect, around in (("v2", "environment"), ("v3", "environment"), ("v4", "spherical"))
+}
+"""Projections by the names of the dialect and of the camera."""
 
 
 def make_camera(reader: Reader) -> Camera:
@@ -17,25 +28,30 @@ def make_camera(reader: Reader) -> Camera:
     size = film.integer("xresolution", wide), film.integer("yresolution", high)
     film.refuse("pixelbounds is not supported; use cropwindow", "pixelbounds")
     film.require(reader.dialect.required.get("Film", {}))
-    p.require({"lensradius": 0.0, **reader.dialect.required.get("Camera", {})})
     crop = film.table("cropwindow", "float", 4)
     if reader.resolution is None:
         with blame(film.directive):
             Camera(np.eye(4), 90.0, size)
     width, height = reader.resolution or size
+    window = _window(p, width / height)
+    projection = CAMERAS[reader.dialect.name][reader.camera_kind]
     half, fov = p.number("halffov", 0), p.number("fov", 90)
-    ratio = width / height
-    x, y = max(ratio, 1), max(1 / ratio, 1)
-    for name, square in (("frameaspectratio", [ratio]), ("screenwindow", [-x, x, -y, y])):
-        if (table := p.table(name, "float", len(square))) is not None and not np.allclose(table, square, rtol=1e-6):
-            text = " ".join(f"{number:g}" for number in square)
-            raise p.items[name].error(f"must be that of square pixels, [{text}]; use fov instead")
+    fov = (2 * half if half > 0 else fov) if projection == "perspective" else 90.0
+    if window != 1:
+        fov = float(np.degrees(2 * np.arctan(window * np.tan(np.radians(fov / 2)))))
+    radius, focus = p.number("lensradius", 0), p.number("focaldistance", 1e6)
+    if projection == "spherical":
+        radius = 0
+        if reader.dialect.name == "v4" and p.string("mapping", "equalarea") != "equirectangular":
+            raise p.directive.error('needs "string mapping" "equirectangular"; maps of equal area are not supported')
     for name, line in (("Film", film), ("Camera", p)):
         line.note_unapplied(reader.dialect.unapplied.get(name, {}))
         reader.notes.add_findings(line)
         reader.notes.add_unread(line)
     with blame(p.directive):
-        camera = Camera(inverse(reader.to_camera), 2 * half if half > 0 else fov, (width, height), filter=reader.filter)
+        camera = Camera(inverse(reader.to_camera), fov, (width, height), filter=reader.filter, projection=projection)
+        if radius:
+            camera = replace(camera, lens_radius=radius, focal_distance=min(focus, FARTHEST))
     if crop is None:
         return camera
     if crop.shape != (1, 4) or not ((crop >= 0) & (crop <= 1)).all():
@@ -44,6 +60,20 @@ def make_camera(reader: Reader) -> Camera:
     left, right, top, bottom = np.ceil(crop[0] * [width, width, height, height]).astype(int).tolist()
     with blame(film.items["cropwindow"].token):
         return camera.crop((top, bottom), (left, right))
+
+
+def _window(p: Parameters, ratio: float) -> float:
+    """Return the factor by which the screen window is larger than that of an image of the aspect `ratio`."""
+    x, y = max(ratio, 1), max(1 / ratio, 1)
+    aspect, screen = p.table("frameaspectratio", "float", 1), p.table("screenwindow", "float", 4)
+    factor = 1.0 if screen is None else float(screen[0, 3]) / y
+    factor = 1.0 if np.isclose(factor, 1, rtol=1e-6) else factor
+    for name, table, square in (("frameaspectratio", aspect, [ratio]), ("screenwindow", screen, [-x, x, -y, y])):
+        allowed = np.multiply(square, factor if len(square) == 4 else 1)
+        if table is not None and not (factor > 0 and np.allclose(table, allowed, rtol=1e-6)):
+            text = " ".join(f"{number:g}" for number in square)
+            raise p.items[name].error(f"must be that of square pixels, [{text}]{' or a multiple' * (len(square) == 4)}")
+    return factor
 
 
 def inverse(matrix: Floats) -> Floats:

@@ -159,6 +159,8 @@ def _by_word(table: str) -> dict[tuple[str, str], str]:
 _NAMES = _by_word("""
 v2    : Material       : shinymetal
 v2 v3 : Film           : image
+v2 v3 : Camera         : environment
+v4    : Camera         : spherical
 v2 v3 : Sampler        : lowdiscrepancy random
 v2 v3 : Material       : matte plastic metal mirror glass substrate uber
 v2 v3 : AreaLightSource: area

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from dmis.formats.pbrt.cameras import inverse
+from dmis.formats.pbrt.cameras import CAMERAS, inverse
 from dmis.formats.pbrt.dialect import IRRELEVANT, V4
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader
@@ -14,7 +14,7 @@ from dmis.scene.defaults import MAX_DEPTH
 
 
 def _camera(reader: Reader, name: Token, p: Parameters) -> None:
-    name.among("the camera", ("perspective",))
+    reader.camera_kind = name.among("the camera", CAMERAS[name.dialect])
     reader.camera, reader.to_camera = p, reader.to_world()
     reader.systems["camera"] = inverse(reader.to_camera)
 

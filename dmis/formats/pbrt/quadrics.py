@@ -17,7 +17,7 @@ lines, too: an even share of `TRIANGLE_BUDGET` for each quadric.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,8 @@ MIN_DISTANCE = 1e-9
 """Least distance from the pinhole, in radii: a surface may go through it."""
 LAMP_SEGMENTS = 256
 """Lines around a full circle of the finest sphere that emits."""
+FAR_BEHIND = 1e6
+"""Distance behind an orthographic camera, in units of camera space, from which a pinhole sees nearly the same."""
 _OFFSETS = np.concatenate([[0], np.geomspace(MIN_DISTANCE, np.pi, 48)])
 """Radians from the point nearest to the camera, in geometric steps of 1.6."""
 
@@ -86,6 +88,11 @@ def choose_grids(
 
     All have the error `TARGET_ERROR`, or the least one whose triangles fit in `TRIANGLE_BUDGET` and in `most`.
     """
+    if camera.projection == "orthographic":  # a pinhole far behind it
+        back, half = np.eye(4), np.tan(np.radians(camera.fov) / 2) / FAR_BEHIND
+        back[2, 3] = -FAR_BEHIND
+        fov = float(np.degrees(2 * np.arctan(half)))
+        camera = replace(camera, to_world=camera.to_world @ back, fov=fov, projection="perspective")
     budget = max(min(TRIANGLE_BUDGET, most), 1)
     axes = [
         _axes(quadric, np.linalg.inv(np.asarray(camera.to_world, float)) @ matrix, camera, budget / len(quadrics), lamp)

@@ -96,7 +96,7 @@ class Reader:
         self.vacuums: set[str] = set()
         self.systems: dict[str, Floats] = {}
         self.film = self.camera = nothing
-        self.to_camera = np.eye(4)
+        self.to_camera, self.camera_kind = np.eye(4), "perspective"
         self.shapes: list[tuple[Shape, Material]] = []
         self.objects: dict[str, list[tuple[Shape, Material]]] = {}
         self.object: list[tuple[Shape, Material]] | None = None

@@ -33,7 +33,7 @@ def read(tmp_path):
         camera = "" if "Camera" in options else 'Camera "perspective" "float fov" 40'
         end = "" if dialect == "v4" else "WorldEnd"
         path = tmp_path / "scene.pbrt"
-        path.write_text(f"{head} {options}\nLookAt 0 0 4  0 0 0  0 1 0 {camera}\nWorldBegin\n{world}\n{add}\n{end}")
+        path.write_text(f"{head}\nLookAt 0 0 4  0 0 0  0 1 0 {options} {camera}\nWorldBegin\n{world}\n{add}\n{end}")
         return read_pbrt(path, dialect=dialect)
 
     return read
@@ -255,3 +255,34 @@ def test_alpha_cuts_holes(read, tmp_path, dialect):
     for value, masked in ((0, True), (0.5, dialect == "v4"), (1, False)):
         scene = read(dialect, f'{leaf} "float alpha" {value}')
         assert any(part.mask is not None for part in scene.parts) == masked
+
+
+# Cameras ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
+def test_cameras(read, dialect):
+    lens = read(dialect, "", 'Camera "perspective" "float lensradius" .5 "float focaldistance" 3').camera
+    assert (lens.projection, lens.lens_radius, lens.focal_distance, lens.fov) == ("perspective", 0.5, 3, 90)
+    flat = read(dialect, "", 'Camera "orthographic" "float screenwindow" [-2 2 -2 2]').camera
+    origin, direction = flat.lens_rays(np.float32([0, 8]), np.float32([0, 4]))
+    np.testing.assert_allclose(np.abs(origin.T), [[2, 2, 4], [2, 0, 4]], atol=1e-6)
+    np.testing.assert_allclose(direction.T, [[0, 0, -1]] * 2, atol=1e-6)
+    name = 'spherical" "string mapping" "equirectangular' if dialect == "v4" else "environment"
+    around = read(dialect, "", f'Camera "{name}"').camera
+    np.testing.assert_allclose(around.lens_rays(np.float32([2]), np.float32([4]))[1][:, 0], [0, 0, -1], atol=1e-6)
+    wide = read(dialect, "", 'Camera "perspective" "float screenwindow" [-.5 .5 -.5 .5]').camera
+    np.testing.assert_allclose(np.tan(np.radians(wide.fov / 2)), 0.5)
+    if dialect == "v4":
+        with pytest.raises(PbrtError, match="maps of equal area are not supported"):
+            read(dialect, "", 'Camera "spherical"')
+
+
+@pytest.mark.parametrize("camera", ["orthographic", "environment"])
+def test_quadrics_are_fine_for_other_cameras(read, camera):
+    """The outline of a sphere is off by at most 1/32 of a pixel, in units of the image."""
+    scene = read("v3", 'Shape "sphere" "float radius" .9', f'Camera "{camera}"', add="")
+    mesh = scene.parts[0].mesh
+    edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
+    longest = np.linalg.norm(edges, axis=-1).max()
+    assert longest**2 / (8 * 0.9) < 1 / 32 * scene.camera.pixel * (1 if camera == "orthographic" else 4.0)
