@@ -25,6 +25,8 @@ from dmis.brdf.texture import Image as Image
 from dmis.estimator.settings import Settings as Settings
 from dmis.estimator.technique import Technique as Technique
 from dmis.estimator.technique import register_technique as register_technique
+from dmis.experiment.bench.judge import score as score
+from dmis.experiment.bench.samples import samples as samples
 from dmis.experiment.compare import compare as compare
 from dmis.experiment.metrics import mse as mse
 from dmis.experiment.metrics import relmse as relmse

@@ -14,8 +14,6 @@ from time import thread_time
 from typing import Protocol
 
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 
 from dmis.base.malloc import keep
 from dmis.base.vectors import Array
@@ -72,6 +70,9 @@ class Intersector:
     """
 
     def __init__(self, vertices: Array, faces: np.ndarray, check: bool | None = None) -> None:
+        from embreex import rtcore_scene  # imported where used: rules are scored without Embree
+        from embreex.mesh_construction import TriangleMesh
+
         keep()  # Embree's threads would have an arena of their own
         self._scene = rtcore_scene.EmbreeScene(robust=True)
         vertices, faces = _checked_mesh(vertices, faces)

@@ -96,6 +96,7 @@ CONTENTS = {
     "Use": ["cli", "cluster", "scenes", "pbrt", "report", "extending"],
     "Measured": [
         "measurements",
+        "mis-bench",
         "reproduction",
         "tables",
         "performance",

@@ -14,6 +14,8 @@ from typing import Any
 
 from dmis import __version__
 from dmis.estimator.settings import Settings
+from dmis.experiment.bench.data import SCENES as BENCH_SCENES
+from dmis.experiment.bench.results import STYLES
 from dmis.fit.registry import RULES
 from dmis.fit.round import WEIGH
 from dmis.pipeline.executor import MAX_WORKERS
@@ -232,6 +234,12 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "--threads": _option("number of threads (default 1)", WORKERS, 1),
         "--repeats": _option("renders of each scene and rule, of which medians are printed (default 3)", int, 3),
         "--seed": _option("first seed (default 0)", SEED, 0),
+    }),
+    "bench-rules": ("score weight rules on MIS-Bench, without rendering", {
+        "rules": _option("Python files of rules, or rules (default: the table of results)", nargs="*", metavar="RULE"),
+        "--scenes": _option("scenes separated by commas, or small (default: all eight)", str, ",".join(BENCH_SCENES)),
+        "--seeds": _option("number of seeds of the pilots (default %(default)s)", _whole(100), 4, metavar="K"),
+        "--format": _option("of the tables (default %(default)s)", str, "text", choices=STYLES),
     }),
 }  # fmt: skip
 """Summary and options of each command."""

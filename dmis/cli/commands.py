@@ -1,4 +1,4 @@
-"""Commands of the command line: ``python -m dmis render | compare | oracle | info | check | bench``.
+"""Commands of the command line: ``python -m dmis render | compare | oracle | info | check | bench | bench-rules``.
 
 Bad input ends with exit code 2 and one message. An interrupted command ends with 130, and its message has the command
 that resumes it.
@@ -21,6 +21,7 @@ from dmis import __version__
 from dmis.base.atomic_files import check_folder, check_package, replacing
 from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import REMOVED_OPTIONS, make_parser
+from dmis.cli.bench_rules import bench_rules
 from dmis.cli.check import check
 from dmis.cli.rendering import render
 from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
@@ -175,6 +176,14 @@ def _bench(options: argparse.Namespace) -> int:
     return 0
 
 
-_COMMANDS = {"render": render, "compare": _compare, "oracle": _oracle, "info": _info, "check": check, "bench": _bench}
+_COMMANDS = {
+    "render": render,
+    "compare": _compare,
+    "oracle": _oracle,
+    "info": _info,
+    "check": check,
+    "bench": _bench,
+    "bench-rules": bench_rules,
+}
 if __name__ == "__main__":
     sys.exit(main())

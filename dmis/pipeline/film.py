@@ -15,7 +15,7 @@ from dmis.base.patches import COLOURS, PATCH, by_colour, patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import CameraSamples, SampleBlock
 from dmis.estimator.mis import combiner_by_name
-from dmis.estimator.records import Record
+from dmis.estimator.records import Record, Statistic
 from dmis.fit.round import Round
 from dmis.samplers.streams import is_sequence
 from dmis.variance.moments import Film, Moments, PixelMoments, SubBlocks, join
@@ -31,6 +31,11 @@ class Observers:
         are corrected.
     shape
         Rows and columns of the tile.
+
+    Attributes
+    ----------
+    statistic
+        The statistic of the round; None: there is none.
     """
 
     def __init__(self, round_: Round, shape: tuple[int, int]) -> None:
@@ -39,11 +44,11 @@ class Observers:
         seldom = round_.patterns is not None and round_.patterns.halvings is not None
         in_blocks = seldom or is_sequence(settings.sampler)
         self._moments = SubBlocks(round_.spp, pixels) if in_blocks else PixelMoments(pixels)
-        self._statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
+        self.statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
         samples = round_.spp * np.full(pixels, self._shading_samples)
         self._collector = combiner_by_name(settings.combiner).collector(round_.shares, samples)
         self._colour: np.ndarray | None = None
-        if getattr(self._statistic, "by_colour", False):
+        if getattr(self.statistic, "by_colour", False):
             colour = np.zeros(shape, np.uint8)  # tiles begin at multiples of two
             for number, at in enumerate(COLOURS):
                 colour[at] = number
@@ -51,7 +56,7 @@ class Observers:
 
     def new_records(self) -> list[Record] | None:
         """Return an empty list for the shading samples of a batch, or None if nobody reads them."""
-        return None if self._statistic is None and self._collector is None else []
+        return None if self.statistic is None and self._collector is None else []
 
     def colours(self, pixel: np.ndarray) -> np.ndarray | None:
         """Return the colours of camera samples, by which their rays are counted; None if they are not."""
@@ -73,8 +78,8 @@ class Observers:
             first = np.broadcast_to(samples.counts.first, len(samples.pixel))
             self._collector.add(records or [], samples.pixel, first, self._shading_samples)
         values, ordered = samples.restore_order(values, records)
-        if self._statistic is not None:
-            self._statistic.add(ordered, values, blocks[0].count)
+        if self.statistic is not None:
+            self.statistic.add(ordered, values, blocks[0].count)
         # mean = sum_i L_i / n,  m2 = sum_i (L_i - mean)^2
         begin = 0
         for block in blocks:
@@ -92,13 +97,14 @@ class Observers:
         total = self._moments.total()
         return total if self._collector is None else replace(total, mean=total.mean + self._collector.correction())
 
-    def patch_sums(self) -> dict[str, Array]:
-        """Return the sums of the statistic over patches of `PATCH` pixels, by name; none if there is no statistic."""
-        sums = {} if self._statistic is None else self._statistic.sums()
-        images = {name: a.reshape(*a.shape[:-1], *self._shape) for name, a in sums.items()}
-        if self._colour is not None:
-            images = {name: by_colour(image) for name, image in images.items()}
-        return {name: patch_sum(image, PATCH) for name, image in images.items()}
+
+def patch_sums(statistic: Statistic | None, shape: tuple[int, int]) -> dict[str, Array]:
+    """Return the sums of a statistic over the patches of an area, by name; by colour in the first axis if it asks."""
+    sums = {} if statistic is None else statistic.sums()
+    images = {name: a.reshape(*a.shape[:-1], *shape) for name, a in sums.items()}
+    if getattr(statistic, "by_colour", False):
+        images = {name: by_colour(image) for name, image in images.items()}
+    return {name: patch_sum(image, PATCH) for name, image in images.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import RayCaster, TimedCaster
-from dmis.pipeline.film import FilmTile, Observers
+from dmis.pipeline.film import FilmTile, Observers, patch_sums
 from dmis.samplers.keys import LENS
 from dmis.samplers.pixel_block import PixelBlock
 from dmis.samplers.streams import Sampler, make_sampler, stream
@@ -179,7 +179,7 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
             values = radiance(batch, *_camera_rays(scene, sampler, corners, samples.pixel), may_see)
             observers.add(blocks, samples, records, values, batch.seldom)
     mean, root = _pixel_moments(observers.moments(), tile)
-    sums, place = observers.patch_sums(), (tile.pass_, tile.number, tile.rows, tile.columns)
+    sums, place = patch_sums(observers.statistic, tile.shape), (tile.pass_, tile.number, tile.rows, tile.columns)
     return FilmTile(*place, mean, root, rays, sums, timed.seconds)
 
 

@@ -1,0 +1,38 @@
+"""The command ``bench-rules``: scores of weight rules on MIS-Bench."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from dmis.base.plugins import load_plugin
+from dmis.experiment.bench.judge import BASELINES, score
+from dmis.experiment.bench.results import report
+from dmis.fit.registry import RULES
+
+
+def bench_rules(options: argparse.Namespace) -> int:
+    """Run ``bench-rules`` and return its exit code."""
+    rules = {name: rule for text in options.rules for name, rule in _rules(text).items()} or BASELINES
+    scores = {name: score(rule, options.scenes.split(","), range(options.seeds)) for name, rule in rules.items()}
+    print(report(scores, options.format))
+    return 0
+
+
+def _rules(text: str) -> dict[str, Any]:
+    """Return by name the rule of a text; or of a Python file its ``rule``, or else what it registers."""
+    if not text.endswith(".py"):
+        return {text: text}
+    before, name = set(RULES), Path(text).stem
+    load_plugin(text)
+    rules = (
+        {name: rule} if (rule := getattr(sys.modules[name], "rule", None)) else {k: k for k in RULES if k not in before}
+    )
+    if not rules:
+        raise ValueError(
+            f"{text} must define a function rule(tables) that returns shares (height, width), set rule to a dmis.Rule, "
+            f"or call dmis.register_rule; it does none of these"
+        )
+    return rules

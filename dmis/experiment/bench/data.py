@@ -1,0 +1,113 @@
+"""Files of MIS-Bench (docs/mis-bench.md): pilots of a scene and seed, and converged curves of a scene.
+
+Each is an ``.npz`` of plain arrays and a JSON text, ``header``, with a checksum; benchmarks/mis_bench.py makes them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.experiment.bench.samples import COLUMNS, SampleTable
+from dmis.experiment.reference import cache_folder
+
+VERSION = 1
+"""Version of format and data, raised when either changes: scores of different data are not comparable."""
+SCENES: tuple[str, ...] = (
+    "teapot-area-light", "killeroo-diffuse", "killeroo-gold", "tt", "veach-mis", "ten-lights", "many-lights",
+    "cornell-path",
+)  # fmt: skip
+"""Scenes of the benchmark."""
+SMALL = "small"
+"""A scene beside them that comes with dmis, to try a rule out: the teapot in 24x18 pixels, seed 0."""
+GRID = np.array([0.002, 0.01, 0.03, 0.08, 0.16, 0.27, 0.38], np.float32)
+GRID = np.concatenate([GRID, [0.5], 1 - GRID[::-1]]).astype(np.float32)
+"""Shares w, and tilts, of the converged curves, ``(G,)``; shares beyond them count as the nearest. One technique alone
+may miss a light: that is bias, which no variance tells.
+"""
+HALF = len(GRID) // 2
+"""Index of w = 1/2 in `GRID`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Converged variance and cost of a camera sample in each patch of `dmis.base.patches.PATCH` pixels.
+
+    Attributes
+    ----------
+    variance
+        By measure, absolute and relative to ``I^2 + 0.01``; by what w is, a share of samples or a tilt of the
+        heuristic; and by `GRID`: ``(2, 2, G, rows, columns)``.
+    power
+        Of one light and one BRDF sample with the power heuristic, by measure, ``(2, rows, columns)``.
+    cost
+        At the shares of the grid, ``(G, rows, columns)``; at every tilt it is that of w = 1/2.
+    shape
+        ``(H, W)`` of the image.
+    """
+
+    variance: Array
+    power: Array
+    cost: Array
+    shape: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Pilots:
+    """Pilot tables of one seed by their share w, 0, 1/2 and 1, and feature buffers (`dmis.scene.feature_buffers`)."""
+
+    tables: Mapping[float, SampleTable]
+    features: Mapping[str, Array]
+
+
+def path_of(scene: str, seed: int | None = None) -> Path:
+    """Return the file of a scene's truth, or of its pilots with a seed."""
+    folder = Path(__file__).parent if scene == SMALL else cache_folder() / f"mis-bench-{VERSION}"
+    return folder / f"{scene}{'' if seed is None else f'-{seed}'}.npz"
+
+
+def read_pilots(path: Path) -> Pilots:
+    """Return the pilots in a file; a ValueError if it is not there, damaged, or of another version."""
+    about, arrays = _read(path)
+    tables = {}
+    for numbers in about:
+        w, shape = numbers.pop("w"), tuple(numbers.pop("shape"))
+        columns: dict[str, Any] = {name: arrays[f"{w} {name}"] for name in COLUMNS}
+        tables[w] = SampleTable(**columns, shape=shape, **numbers)
+    features = {name.removeprefix("feature "): a.astype(np.float32) for name, a in arrays.items() if name[0] == "f"}
+    return Pilots(tables, features)
+
+
+def read_truth(path: Path) -> Truth:
+    """Return the converged curves in a file; a ValueError if it is not there, damaged, or of another version."""
+    shape, arrays = _read(path)
+    return Truth(**{name: a.astype(np.float64) for name, a in arrays.items()}, shape=tuple(shape))
+
+
+def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
+    """Return what the header of a file says about its arrays, and these."""
+    if not path.exists():
+        raise ValueError(f"there is no {path}. Make it in a checkout of dmis: python benchmarks/mis_bench.py")
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = dict(archive)
+        header = json.loads(str(arrays.pop("header")))
+        intact = header["mis-bench"] == VERSION and header["checksum"] == checksum(arrays)
+    except Exception:  # a damaged archive may raise anything
+        intact = False
+    if not intact:
+        raise ValueError(f"{path} must be a file of MIS-Bench {VERSION}; it is damaged. Remove it and make it again")
+    return header["about"], arrays
+
+
+def checksum(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return the SHA-256 of the names and bytes of arrays, in the order of their names."""
+    import hashlib  # imported where used: it brings OpenSSL
+
+    return hashlib.sha256(b"".join(name.encode() + arrays[name].tobytes() for name in sorted(arrays))).hexdigest()

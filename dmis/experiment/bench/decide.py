@@ -1,0 +1,105 @@
+"""What a rule decides from pilot tables: its rounds get films made of them, and nothing is rendered."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.vectors import Array
+from dmis.estimator.records import Record
+from dmis.estimator.settings import Settings
+from dmis.estimator.technique import BRDF, LIGHT
+from dmis.experiment.bench.data import Pilots
+from dmis.experiment.bench.samples import SampleTable
+from dmis.fit.given import Given
+from dmis.fit.registry import make_rule
+from dmis.fit.round import Budget, Pilot, Round
+from dmis.fit.rule import Rule, merge_settings, next_round, rule_text
+from dmis.pipeline.film import patch_sums
+from dmis.variance.moments import Film, Moments
+
+AnyRule = Rule | str | Callable[[Mapping[float, SampleTable]], Any]
+"""A rule, its text, or a function of the pilot tables by w: it returns shares ``(H, W)``, or shares and samples."""
+SPP = 32
+"""Camera samples per pixel that rules are told they have."""
+SETTINGS = Settings(sampler="independent", reuse_pilot=False, compensation=0)
+"""Settings that rules must agree with: independent points, and light sampling of skies as in pbrt."""
+
+
+def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
+    """Return the final round that a rule asks for when it learns from pilots.
+
+    Raises
+    ------
+    ValueError
+        If the rule is not right, or needs samples or settings that pilots do not have.
+    """
+    text, (shape, *_) = rule_text(rule), (table.shape for table in pilots.tables.values())
+    if callable(rule) and not isinstance(rule, type):
+        result = rule(pilots.tables)
+        rule = Given(*result) if isinstance(result, tuple) else Given(result)
+    rule = make_rule(rule)  # type: ignore[arg-type]  # refuses a class
+    settings = merge_settings(rule, text, SETTINGS)
+    if settings.techniques != ("light", "brdf") or settings.allocation != "systematic" or rule.multi_technique:
+        raise ValueError(
+            f"a rule is scored on fixed shares of light and BRDF sampling; {text} has {settings.allocation} ones of "
+            f"{' and '.join(settings.techniques)}. Measure it by python -m dmis compare"
+        )
+    rounds = rule.rounds(Budget(SPP, shape, settings, seed, rule.weigh or settings.weigh))
+    film, used = None, Counter[float]()
+    while (round_ := next_round(rounds, film)) is not None:
+        if round_.stage == "final":
+            return round_
+        film = _film(round_, pilots, used, text)
+    raise ValueError(f"rule {text} must yield a final round, which budget.final(fit) makes; got none")
+
+
+def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pilot:
+    """Return the film of a round, of samples that no other film has; `used` counts these by w."""
+    n, s, shares = round_.spp, round_.settings.shading_samples, (round_.shares, round_.tilt)
+    w, same = float(round_.shares.flat[0]), all(a is None or a.ndim == 1 for a in shares)
+    table, begin = pilots.tables.get(w), used[w]
+    if not isinstance(n, int) or not same or table is None or begin + n > table.spp or s > table.shading_samples:
+        held = ", ".join(f"{t.spp} of {t.shading_samples} shading samples at {w:g}" for w, t in pilots.tables.items())
+        raise ValueError(
+            f"rule {text} needs {np.mean(n):g} camera samples of {s} shading samples at w = {w:g}, after {begin} "
+            f"others; pilots have, in all pixels, {held}. Use a smaller pilot"
+        )
+    used[w] += n
+    part, tilt = _part(table, begin, n, s), None if round_.tilt is None else float(round_.tilt[0])
+    radiance = part.radiance(tilt).astype(np.float32)
+    moments = Moments.of(radiance)
+    film = Film(n, moments.mean.astype(np.float32), np.sqrt(moments.m2).astype(np.float32))
+    statistic = None if round_.statistic is None else round_.statistic(int(np.prod(part.shape)), s)
+    if statistic is not None:
+        statistic.add(_records(part, tilt), radiance.reshape(-1, 3).T, n)
+    features = pilots.features if round_.needs_features else {}
+    return Pilot(film, part.rays, patch_sums(statistic, part.shape), s, features, budget=SPP)
+
+
+def _part(table: SampleTable, begin: int, n: int, s: int) -> SampleTable:
+    """Return `n` camera samples from number `begin` on, with the first of their samples of each technique, s in all."""
+    number, w = table.camera_sample.astype(int) - begin, float(table.w[0])
+    most = np.array([1, s * w, s * (1 - w)])[table.technique + 1]
+    kept = (number >= 0) & (number < n) & (table.sample_index < most)
+    part, share = replace(table, camera_sample=number).rows(kept), s / table.shading_samples
+    scale = np.where(part.technique < 0, 1 / share, 1).astype(np.float32)  # p_l = p_b = 1 / S
+    kinds = (LIGHT.rays, BRDF.rays)
+    rays = {kind: round(n * share) if kind.startswith(kinds) else n for kind, n in table.rays.items()}
+    return replace(part, p_l=part.p_l * scale, p_b=part.p_b * scale, spp=n, shading_samples=s, rays=rays)
+
+
+def _records(table: SampleTable, tilt: float | None) -> list[Record]:
+    """Return the shading samples of a table as a statistic takes them."""
+    values: Array = table.estimates(tilt).T.astype(np.float32)
+    sample, pdf = table.place(), np.stack([table.p_l, table.p_b])
+    labels, records = np.stack([table.technique, table.light, table.sample_index]), []
+    for label in np.unique(labels[:, table.technique >= 0], axis=1).T:
+        at = np.flatnonzero((labels == label[:, None]).all(axis=0))
+        technique, light, index = label.tolist()
+        records.append(Record(technique, (light,), index, sample[at], values[:, at], pdf[:, at]))
+    return records

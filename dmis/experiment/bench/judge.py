@@ -1,0 +1,154 @@
+"""Scores of weight rules by converged curves: error times counted cost of the shares that they learn from pilots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmis.base.patches import PATCH, patch_mean, patch_spread, patch_sum
+from dmis.base.validate import one_of
+from dmis.base.vectors import Array
+from dmis.experiment.bench.data import GRID, HALF, SCENES, SMALL, Truth, path_of, read_pilots, read_truth
+from dmis.experiment.bench.decide import SETTINGS, SPP, AnyRule, decide
+from dmis.experiment.bench.samples import SampleTable
+from dmis.experiment.oracle import HARM_LIMIT
+from dmis.fit.objectives import OBJECTIVE_NAMES
+from dmis.fit.round import Budget, Fit, Round
+from dmis.fit.rule import rule_text
+
+COLUMNS = ("absolute", "relative", "saving, abs.", "saving, rel.", "regret", "harm")
+"""Error times cost over that of balance, in both measures; the share of the oracle's saving in both; mean over patches
+of V C beyond the least, over that of balance; share of the patches where V C is above 1.02 times that of balance.
+"""
+ORACLES = {"oracle": False, "oracle-samples": True}
+"""Rules that know the converged curves, and whether they also choose numbers of samples."""
+
+
+def random_shares(tables: Mapping[float, SampleTable]) -> Array:
+    """Return a random share for each patch."""
+    rows, columns = (-(-n // PATCH) for n in tables[0.5].shape)
+    shares = np.random.default_rng(len(tables[0.5].pixel)).random((rows, columns))
+    return patch_spread(shares, PATCH, tables[0.5].shape)
+
+
+BASELINES: Mapping[str, AnyRule] = {
+    "balance": "balance", "power, 1 + 1": "pbrt", "light only": "fixed:1", "BRDF only": "fixed:0",
+    "random": random_shares, "thesis": "thesis", "thesis, shares": "thesis:weigh=samples",
+    **{name: name for name in ("second-moment", *OBJECTIVE_NAMES)},
+    "shares of auto": "auto", "oracle": "oracle", "oracle, samples": "oracle-samples",
+}  # fmt: skip
+"""Rules of the table of results, by their names there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Score of a rule: its name, and by scene `COLUMNS` of each seed, ``(seeds, 6)``."""
+
+    rule: str
+    values: Mapping[str, Array]
+
+    def over_scenes(self) -> Array:
+        """Return the columns of each seed over all scenes, ``(seeds, 6)``: of ratios geometric means, else means."""
+        every = np.stack(list(self.values.values()))
+        return np.concatenate([np.exp(np.log(every[..., :2]).mean(axis=0)), every[..., 2:].mean(axis=0)], axis=1)
+
+
+def score(rule: AnyRule, scenes: Iterable[str] = SCENES, seeds: Iterable[int] = range(4)) -> Score:
+    """Return the score of a rule on scenes of MIS-Bench (docs/mis-bench.md); nothing is rendered.
+
+    Parameters
+    ----------
+    rule
+        A `dmis.Rule` or its text; or a function of the pilot tables by w, ``{0.0: table, 0.5: table, 1.0: table}``, see
+        `dmis.experiment.bench.samples.SampleTable`, that returns shares of light samples ``(H, W)``, or a pair of these
+        and numbers of camera samples in proportion ``(H, W)``.
+    scenes
+        Names of `dmis.experiment.bench.data.SCENES`; or ``small``, which comes with dmis.
+    seeds
+        Seeds of the pilots; ``small`` has seed 0 alone.
+
+    Raises
+    ------
+    ValueError
+        If the rule cannot be scored, or a scene is unknown or not made yet.
+    """
+    name, values = rule if isinstance(rule, str) else getattr(rule, "__name__", rule_text(rule)), {}
+    for scene in scenes:
+        truth = read_truth(path_of(one_of("scene", scene, (*SCENES, SMALL))))
+        values[scene] = np.array([_columns(rule, scene, seed, truth) for seed in (seeds if scene != SMALL else (0,))])
+    return Score(name, values)
+
+
+def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> list[float]:
+    """Return `COLUMNS` of a rule that learns from the pilots of one seed."""
+    oracle = isinstance(rule, str) and rule in ORACLES
+    final = None if oracle else decide(rule, read_pilots(path_of(scene, seed)), seed)
+    adaptive = ORACLES[str(rule)] if final is None else np.ndim(final.spp) > 0 and final.patterns is None
+    balance = Budget(SPP, truth.shape, SETTINGS).final(Fit(0.5))
+    ratios, savings = [], []
+    for measure in range(2):
+        of_balance, least = error_time(balance, truth, measure), least_error_time(truth, measure, adaptive)
+        value = least if final is None else error_time(final, truth, measure)
+        ratios.append(value / of_balance)
+        savings.append((of_balance - value) / (of_balance - least) if least < of_balance else np.nan)
+    products = truth.variance[0, 0] * truth.cost
+    lit = products[HALF] > 0
+    least_product = product = products.min(axis=0)
+    if final is not None:
+        variance, cost, _ = of_pixels(final, truth, 0)
+        product = patch_mean(variance, PATCH) * patch_mean(cost, PATCH)
+    regret, harm = (a[lit] / products[HALF][lit] for a in (product - least_product, product))
+    return [*ratios, *savings, float(regret.mean()), float((harm > HARM_LIMIT).mean())]
+
+
+def shares_and_samples(final: Round) -> tuple[Array, Array | int]:
+    """Return the shares w of a final round, or its tilts, and its numbers of camera samples.
+
+    Of patterns, whole numbers of samples, the shares count alone: at equal numbers of camera samples.
+    """
+    if final.patterns is None:
+        return (final.shares if final.tilt is None else final.tilt)[0], final.spp
+    _, light, brdf = final.technique_samples()
+    return light / np.maximum(light + brdf, 1), 1
+
+
+def of_pixels(final: Round, truth: Truth, measure: int) -> tuple[Array, Array, Array]:
+    """Return variance and cost of a camera sample, and numbers of samples, of each pixel, ``(H, W)``.
+
+    A ValueError if the combiner is not ``balance``, nor ``power`` at w = 1/2.
+    """
+    shares, samples = (np.broadcast_to(a, truth.shape) for a in shares_and_samples(final))
+    y, x = np.ix_(*(np.arange(n) // PATCH for n in truth.shape))
+    if final.settings.combiner == "power" and (shares == 0.5).all():
+        return truth.power[measure, y, x], truth.cost[HALF, y, x], samples
+    one_of("combiner of a rule", final.settings.combiner, ("balance", "power with w = 1/2"))
+    # linear between the points of the grid
+    shares = np.clip(shares, GRID[0], GRID[-1])
+    k = np.clip(np.searchsorted(GRID, shares, "right") - 1, 0, len(GRID) - 2)
+    t = (shares - GRID[k]) / (GRID[k + 1] - GRID[k])
+    cost = truth.cost if final.tilt is None else np.broadcast_to(truth.cost[HALF], truth.cost.shape)
+    curves = truth.variance[measure, 0 if final.tilt is None else 1], cost
+    variance, cost = ((1 - t) * curve[k, y, x] + t * curve[k + 1, y, x] for curve in curves)
+    return variance, cost, samples
+
+
+def error_time(final: Round, truth: Truth, measure: int) -> float:
+    """Return error times cost of a round's image, ``mean(V / n) mean(n C)``; measure 0 is absolute, 1 relative."""
+    variance, cost, n = of_pixels(final, truth, measure)
+    return float((variance / n).mean() * (n * cost).mean())
+
+
+def least_error_time(truth: Truth, measure: int, adaptive: bool) -> float:
+    """Return the least error times cost of shares per patch; if `adaptive`, of shares and numbers of samples."""
+    area = patch_sum(np.ones(truth.shape), PATCH)
+    share, variance, cost = area / area.sum(), truth.variance[measure, 0], truth.cost
+    if adaptive:
+        # n ~ sqrt(V / C)   (docs/theory.md, Eq. 20)
+        return float((share * np.sqrt(np.maximum(variance * cost, 0).min(axis=0))).sum() ** 2)
+    error = time = 1.0
+    for _ in range(10):  # min over w of V + price C, where the price, error over time, depends on the shares
+        best = (variance + error / time * cost).argmin(axis=0)[None]
+        error, time = (float((share * np.take_along_axis(a, best, axis=0)[0]).sum()) for a in (variance, cost))
+    return error * time

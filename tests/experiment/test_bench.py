@@ -1,0 +1,377 @@
+"""MIS-Bench: tables agree with renders, films made of them with the films of pilots, scores with planted curves."""
+
+import json
+import sys
+import time
+from collections.abc import Generator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dmis
+from dmis.base.patches import PATCH, patch_mean, patch_spread
+from dmis.base.vectors import Array
+from dmis.cli.commands import main
+from dmis.experiment.bench.data import (
+    GRID,
+    SMALL,
+    Pilots,
+    Truth,
+    path_of,
+    read_pilots,
+    read_truth,
+)
+from dmis.experiment.bench.decide import SETTINGS, SPP, _part, decide
+from dmis.experiment.bench.judge import (
+    BASELINES,
+    ORACLES,
+    error_time,
+    least_error_time,
+    of_pixels,
+    random_shares,
+    score,
+)
+from dmis.experiment.bench.results import STYLES, report
+from dmis.experiment.bench.samples import SampleTable
+from dmis.fit.auto import Auto
+from dmis.fit.round import Budget, Fit, Pilot, Round
+from dmis.fit.second_moment import SecondMoment
+from tests.helpers import Z_LIMIT, fresh_python, shared_scene
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from mis_bench import draw_pilots, load, write_pilots, write_truth
+
+RULE = '''
+import numpy as np
+
+def rule(tables):
+    """Shares in proportion to what light samples bring more than BRDF samples, in patches of 4 pixels."""
+    table = tables[0.5]
+    rows, columns = (-(-n // 4) for n in table.shape)
+    y, x = np.divmod(table.pixel.astype(int), table.shape[1])
+    patch = y // 4 * columns + x // 4
+    q = (table.p_l + table.p_b) / 2
+    square = (table.f.mean(axis=1) / q) ** 2 * (table.technique >= 0)
+    light = np.bincount(patch, square * table.p_l / q, rows * columns)
+    brdf = np.bincount(patch, square * table.p_b / q, rows * columns)
+    share = np.clip((light + 1e-9) / (light + brdf + 2e-9), 0.1, 0.9)
+    share = np.kron(share.reshape(rows, columns), np.ones((4, 4)))
+    return share[: table.shape[0], : table.shape[1]]
+'''
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("teapot-area-light", {}),
+        ("veach-mis", {}),
+        ("tt", {"sampler": "independent"}),
+        ("cornell", {"integrator": "path", "weight": 0.25}),
+    ],
+)
+def test_samples_are_those_of_a_render(name: str, options: dict[str, object]) -> None:
+    """The mean over all rows is the image, a choice of pixels has the same rows, and costs count the same rays."""
+    scene = shared_scene(name, (36, 33))
+    table = dmis.samples(scene, spp=4, seed=3, **options)  # type: ignore[arg-type]
+    weight = options.pop("weight", 0.5)
+    result = dmis.render(scene, f"fixed:{weight}", 4, seed=3, parallel=1, **options)  # type: ignore[arg-type]
+    scale = result.image.max()
+    np.testing.assert_allclose(table.radiance().mean(axis=0) / scale, result.image / scale, atol=1e-6)
+    traced = (table.cost[table.technique >= 0] > 0).sum()
+    assert traced == pytest.approx(result.rays["shadow"] + result.rays["brdf"], rel=2e-3)
+    some = dmis.samples(scene, [7, 1000], spp=4, seed=3, weight=weight, **options)  # type: ignore[arg-type]
+    mask = np.isin(table.pixel, [7, 1000])
+    np.testing.assert_array_equal(some.f, table.f[mask])
+    assert set(some.pixel) == {7, 1000} and (some.camera_sample == table.camera_sample[mask]).all()
+
+
+@pytest.mark.parametrize("pixels", [[-1], [36 * 33], [0.5], []])
+def test_refuses_pixels_that_are_not_there(pixels: list[float]) -> None:
+    with pytest.raises(ValueError, match="pixels must be whole numbers from 0 to 1187"):
+        dmis.samples(shared_scene("teapot-area-light", (36, 33)), pixels)  # type: ignore[arg-type]
+
+
+class Tilted(dmis.Rule):
+    """A rule whose pilot tilts the heuristic."""
+
+    pilot = {0.25: 2}  # noqa: RUF012
+    weigh = "heuristic"
+
+
+def with_films(rule: dmis.Rule, films: list[Pilot]) -> dmis.Rule:
+    """Return a rule that keeps the film of the first round of `rule`, and decides nothing."""
+
+    class Keeper(type(rule)):  # type: ignore[misc]
+        def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+            films.append((yield next(super().rounds(budget))))
+            yield budget.final(Fit(0.5), spent=8)
+
+    return Keeper(**vars(rule))  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize(
+    ("rule", "spp", "shading_samples"),
+    [(SecondMoment(), 3, 4), (Auto(), 4, 4), (SecondMoment("neyman"), 3, 4), (Tilted(), 2, 2)],
+)
+def test_films_are_those_of_the_pilot(rule: dmis.Rule, spp: int, shading_samples: int) -> None:
+    """From the samples of a pilot, a rule gets the film that the render of the pilot makes."""
+    scene = shared_scene("veach-mis", (36, 33))
+    settings = replace(SETTINGS, shading_samples=shading_samples)
+    table, films = dmis.samples(scene, spp=spp, seed=5, settings=settings), list[Pilot]()
+    decide(with_films(rule, films), Pilots({0.5: table}, {}))
+    dmis.render(scene, with_films(rule, films), SPP, seed=5, parallel=1, settings=SETTINGS)
+    film, expected = films
+    np.testing.assert_allclose(film.moments.mean, expected.moments.mean, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(film.moments.root, expected.moments.root, rtol=1e-3, atol=1e-4)
+    assert film.shading_samples == shading_samples and expected.rays.items() <= film.rays.items()
+    assert expected.sums.keys() - film.sums.keys() <= {"lights"}  # which needs a plan
+    for name, sums in film.sums.items():
+        np.testing.assert_allclose(expected.sums[name], sums, rtol=1e-3, atol=1e-4 * np.abs(sums).max())
+
+
+def test_part_of_a_table_has_the_same_mean() -> None:
+    """Half of the shading samples estimate the same image, with their share of the rays; films share no samples."""
+    pilots = read_pilots(path_of(SMALL, 0))
+    table = pilots.tables[0.5]
+    whole, part = (t.radiance().mean(axis=3) for t in (table, _part(table, 0, 6, 2)))
+    difference = (whole - part).mean(axis=0)
+    assert abs(difference.mean()) / (difference.std() / np.sqrt(difference.size)) < Z_LIMIT
+    assert part.var(axis=0).mean() > whole.var(axis=0).mean()
+    assert _part(table, 0, 6, 2).rays["shadow"] == pytest.approx(table.rays["shadow"] / 2, abs=1)
+    first, rest = _part(table, 0, 2, 4), _part(table, 2, 4, 4)
+    np.testing.assert_allclose(np.concatenate([first.radiance(), rest.radiance()]), table.radiance(), atol=1e-6)
+
+
+def test_truth_agrees_with_renders() -> None:
+    """Curves of shares and tilts are the variance of renders, in both measures."""
+    scene, settings = load(SMALL)
+    truth = read_truth(path_of(SMALL))
+    for k, (w, weigh) in enumerate([(0.3, "samples"), (0.73, "samples"), (0.84, "heuristic")]):
+        rule = dmis.Given(w, weigh=weigh)
+        final = Budget(SPP, truth.shape, SETTINGS, weigh=weigh).final(rule.fit({}))
+        seeds = range(100 * k, 100 * k + 40)
+        grey = np.stack(
+            [dmis.render(scene, rule, 16, seed=s, parallel=1, settings=settings).image for s in seeds]
+        ).mean(-1)
+        mean = grey.mean(axis=0)
+        for measure, scale in enumerate((np.ones(truth.shape), 1 / (mean**2 + 0.01))):
+            squares = (16 * (grey - mean) ** 2 * scale * 40 / 39).mean(axis=(1, 2))
+            error = np.hypot(squares.std() / np.sqrt(40), 0.03 * squares.mean())  # the curves have noise as well
+            assert abs(of_pixels(final, truth, measure)[0].mean() - squares.mean()) < Z_LIMIT * error
+
+
+def test_cost_counts_rays() -> None:
+    """The mean cost of the curves is the counted cost of the samples of a table."""
+    scene, settings = load(SMALL)
+    truth, camera_samples = read_truth(path_of(SMALL)), 8 * 24 * 18
+    for w in (0.03, 0.5, 0.97):
+        table = dmis.samples(scene, spp=8, weight=w, settings=settings)
+        final = Budget(SPP, truth.shape, SETTINGS).final(Fit(w))
+        assert of_pixels(final, truth, 0)[1].mean() == pytest.approx(table.cost.sum() / camera_samples, rel=0.01)
+
+
+@pytest.fixture
+def planted() -> Truth:
+    """Two patches of 4x4 and 4x2 pixels, with V = |w - 1/4| + 1 and 8 times |w - 3/4| + 1, and C = 1 + w."""
+    w = GRID[:, None].astype(float)
+    curves = np.concatenate([np.abs(w - 0.25) + 1, 8 * (np.abs(w - 0.75) + 1)], axis=1)[:, None]
+    variance = np.broadcast_to(curves, (2, 2, *curves.shape)) * np.array([1, 2])[None, :, None, None, None]
+    return Truth(variance, np.full((2, 1, 2), 3.0), np.broadcast_to(1 + w[:, None], curves.shape), (4, 6))
+
+
+def round_of(truth: Truth, weight: Array | float, samples: Array | None = None, **settings: str) -> Round:
+    weigh = settings.pop("weigh", "samples")
+    budget = Budget(SPP, truth.shape, replace(SETTINGS, **settings), weigh=weigh)  # type: ignore[arg-type]
+    return replace(budget.final(Fit(weight)), **({} if samples is None else {"spp": samples}))
+
+
+def test_error_times_cost_of_planted_curves(planted: Truth) -> None:
+    """``mean(V / n) mean(n C)``, linear between the shares of the grid."""
+    shares = np.array([[0.16] * 4 + [0.84] * 2] * 4)
+    expected = (16 * 1.09 + 8 * 8 * 1.09) / 24 * (16 * 1.16 + 8 * 1.84) / 24
+    assert error_time(round_of(planted, shares), planted, 0) == pytest.approx(expected)
+    half, between = error_time(round_of(planted, 0.5), planted, 0), error_time(round_of(planted, 0.56), planted, 0)
+    assert half == pytest.approx((16 * 1.25 + 64 * 1.25) / 24 * 1.5)
+    assert between == pytest.approx((16 * 1.31 + 64 * 1.19) / 24 * 1.56)
+    n = np.where(shares < 0.5, 1, 3)
+    expected = (16 * 1.25 + 64 * 1.25 / 3) / 24 * (16 * 1 + 8 * 3) / 24 * 1.5
+    assert error_time(round_of(planted, 0.5, n), planted, 0) == pytest.approx(expected)
+    # a tilt has curves of its own, and the cost of w = 1/2; the power heuristic has one variance
+    assert error_time(round_of(planted, 0.84, weigh="heuristic"), planted, 0) == pytest.approx(
+        2 * (16 * 1.59 + 64 * 1.09) / 24 * 1.5
+    )
+    assert error_time(round_of(planted, 0.5, combiner="power"), planted, 1) == pytest.approx(3 * 1.5)
+    with pytest.raises(ValueError, match="combiner of a rule must be"):
+        error_time(round_of(planted, 0.4, combiner="power"), planted, 0)
+
+
+def test_oracles_of_planted_curves(planted: Truth) -> None:
+    """No map of shares on the grid has less than the oracle, and numbers of samples gain what the formula says."""
+    least = least_error_time(planted, 0, False)
+    area = np.array([16, 8]) / 24
+    v, c = planted.variance[0, 0, :, 0], planted.cost[:, 0, 0]
+    every = [(area @ [v[i, 0], v[j, 1]]) * (area @ [c[i], c[j]]) for i in range(len(GRID)) for j in range(len(GRID))]
+    assert least == pytest.approx(min(every))
+    roots = np.sqrt((v * c[:, None]).min(axis=0))
+    assert least_error_time(planted, 0, True) == pytest.approx((area @ roots) ** 2)
+    assert (area @ roots) ** 2 < least
+
+
+def test_scores_of_the_scene_that_comes_with_dmis() -> None:
+    """Balance is 1, saves nothing and harms nothing; the oracle saves all; no map saves more than it."""
+    values = {name: score(rule, [SMALL]).values[SMALL][0] for name, rule in BASELINES.items()}
+    np.testing.assert_allclose(values["balance"][[0, 1, 2, 3, 5]], [1, 1, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(values["oracle"][2:], [1, 1, 0, 0], atol=1e-12)
+    oracles = [ORACLES[rule] for rule in BASELINES.values() if isinstance(rule, str) and rule in ORACLES]
+    assert oracles == [False, True]
+    for name, row in values.items():
+        assert np.isfinite(row).all() and (row[2:4] <= 1 + 1e-9).all() and row[4] > -1e-9, name
+    assert values["random"][1] > values["thesis, shares"][1] and values["oracle, samples"][0] < values["oracle"][0]
+    paths = path_of(SMALL), path_of(SMALL, 0)
+    assert sum(path.stat().st_size for path in paths) < 150_000
+
+
+def test_small_scene_is_what_the_command_makes() -> None:
+    """The data in the package are those of today's estimator, seed 0."""
+    pilots, kept = draw_pilots(*load(SMALL), 0), read_pilots(path_of(SMALL, 0))
+    for w, table in pilots.tables.items():
+        np.testing.assert_allclose(kept.tables[w].radiance(), table.radiance(), rtol=1e-2, atol=1e-3)
+
+
+def test_scores_without_embree(tmp_path: Path) -> None:
+    """A rule of 20 lines is scored in a moment; Embree is not even imported."""
+    (tmp_path / "my_rule.py").write_text(RULE)
+    assert RULE.count("\n") <= 20
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import dmis, my_rule\n"
+        f"score = dmis.score(my_rule.rule, ['small'])\n"
+        f"print(any(name.startswith('embreex') for name in sys.modules), score.rule, float(score.over_scenes()[0, 1]))"
+    )
+    loaded, name, relative = fresh_python(code).split()
+    assert loaded == "False" and name == "rule" and 0.8 < float(relative) < 1
+    begin = time.process_time()
+    namespace: dict[str, object] = {}
+    exec(RULE, namespace)
+    score(namespace["rule"], [SMALL])  # type: ignore[arg-type]
+    assert time.process_time() - begin < 0.5
+
+
+def test_files_keep_what_was_written(tmp_path: Path, planted: Truth) -> None:
+    table = dmis.samples(shared_scene("ten-lights", (16, 16)), spp=2, shading_samples=2, sampler="independent")
+    path = tmp_path / "pilots.npz"
+    write_pilots(path, Pilots({0.5: table}, {"normal": np.ones((3, 4, 4), np.float32)}))
+    kept = read_pilots(path)
+    order = np.lexsort((table.pixel, table.camera_sample, table.sample_index, table.technique, table.light))
+    for name in ("pixel", "camera_sample", "technique", "light"):
+        np.testing.assert_array_equal(getattr(kept.tables[0.5], name), getattr(table, name)[order])
+    np.testing.assert_allclose(kept.tables[0.5].f, table.f[order], rtol=2**-10, atol=1e-30)
+    assert kept.tables[0.5].rays == table.rays and kept.features["normal"].shape == (3, 4, 4)
+    write_truth(tmp_path / "truth.npz", planted)
+    np.testing.assert_allclose(read_truth(tmp_path / "truth.npz").variance, planted.variance, rtol=1e-6)
+
+
+def test_refuses_files_that_changed(tmp_path: Path, planted: Truth) -> None:
+    path = tmp_path / "truth.npz"
+    with pytest.raises(ValueError, match="Make it in a checkout of dmis: python benchmarks"):
+        read_truth(path)
+    write_truth(path, planted)
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    np.savez_compressed(path, **(arrays | {"power": arrays["power"] * 2}))
+    with pytest.raises(ValueError, match="it is damaged"):
+        read_truth(path)
+    path.write_bytes(b"PK")
+    with pytest.raises(ValueError, match="it is damaged"):
+        read_truth(path)
+
+
+class Endless(dmis.Rule):
+    """A rule whose pilot is larger than a table."""
+
+    pilot = {0.5: 100}  # noqa: RUF012
+
+    def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
+        return Fit(0.5)
+
+
+class Unfinished(dmis.Rule):
+    """A rule that asks for no final pass."""
+
+    def rounds(self, budget: Budget) -> Generator[Round, Pilot, None]:
+        yield budget.pilot(0.5, 2)
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ("simplex", "scored on fixed shares of light and BRDF sampling"),
+        ("one-sample:0.5", "has random ones of light and brdf"),
+        ("second-moment:compensation=0.9", "conflicting compensation"),
+        (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
+        (Unfinished(), "must yield a final round"),
+        (lambda tables: np.ones((2, 2)), "a rule's weight must be of shape"),
+        (lambda tables: np.full(tables[0.5].shape, 2.0), r"weight must be in \[0, 1\]"),
+        (SecondMoment, "Make an object of the class"),
+        ("thesiss", "did you mean 'thesis'"),
+    ],
+)
+def test_refusals(rule: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        score(rule, [SMALL])  # type: ignore[arg-type]
+
+
+def test_unknown_scene() -> None:
+    with pytest.raises(ValueError, match="scene must be"):
+        score("thesis", ["teapott"])
+
+
+def test_numbers_of_samples_count() -> None:
+    """A function may also return numbers of samples; the scale of these does not matter."""
+
+    def rule(tables: Mapping[float, SampleTable]) -> tuple[float, Array]:
+        samples = patch_spread(
+            patch_mean(tables[0.5].radiance().std(axis=0).mean(axis=2), PATCH) + 0.02, PATCH, (18, 24)
+        )
+        return 0.5, samples
+
+    value, scaled = (
+        score(rule, [SMALL]).values[SMALL][0],
+        score(lambda t: (0.5, 9 * rule(t)[1]), [SMALL]).values[SMALL][0],
+    )
+    assert value[0] < 0.6
+    np.testing.assert_allclose(value, scaled)
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_reports(style: str) -> None:
+    """Tables name rules and scenes; intervals come from seeds."""
+    both = replace(
+        score("thesis", [SMALL]), values={SMALL: np.array([[0.8, 0.9, 0.1, 0.2, 0.3, 0.4], [1.0, 1.1, 0, 0, 0, 0]])}
+    )
+    text = report({"thesis": both}, style)
+    assert "thesis" in text and SMALL in text
+    if style == "json":
+        assert json.loads(text)["scores"]["thesis"][SMALL][0] == [0.8, 1.0]
+    else:
+        assert "0.9 ± 1" in text.replace(r"$\pm$", "±")
+        assert {"text": "±", "markdown": "| thesis |", "latex": r"thesis & 0.9 $\pm$ 1 & "}[style] in text
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "rule_of_a_student.py"
+    file.write_text(RULE)
+    assert main(["bench-rules", str(file), "thesis", "--scenes", SMALL]) == 0
+    out = capsys.readouterr().out
+    assert "rule_of_a_student" in out and "thesis" in out and "relative" in out
+    empty = tmp_path / "rule_without_rule.py"
+    empty.write_text("x = 1\n")
+    assert main(["bench-rules", str(empty), "--scenes", SMALL]) == 2
+    assert "must define a function rule(tables)" in capsys.readouterr().err
+    assert main(["bench-rules", "--scenes", "teapot"]) == 2
+
+
+def test_random_shares_differ_by_patch() -> None:
+    shares = random_shares(read_pilots(path_of(SMALL, 0)).tables)
+    assert shares.shape == (18, 24) and len(np.unique(shares)) == 30
