@@ -10,6 +10,7 @@ computing and one of more than `MEMORY` are found too.
 from __future__ import annotations
 
 import argparse
+import base64
 import contextlib
 import io
 import json
@@ -17,6 +18,7 @@ import os
 import random
 import re
 import resource
+import runpy
 import shutil
 import signal
 import struct
@@ -26,12 +28,15 @@ import time
 import traceback
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from unittest import mock
 
 import numpy as np
 import trimesh
 from fuzz_commands import arguments, rule_text
 from fuzz_scenes import MADE, NUMBERS, PARAMETERS, SCENES, SMALL, TEXTS, TRIANGLE, generated, mutated, token
+from PIL import Image as PIL
 
 import dmis
 from dmis import intersect
@@ -44,6 +49,7 @@ from dmis.formats.pbrt.read import read_pbrt
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.geometry import mesh_files, shapes, subdivision
 from dmis.image import read_exr, write_exr
+from dmis.image_reader import IMAGE_SUFFIXES, load_image
 from dmis.scene.scene import Scene, SceneWarning
 
 SECONDS = 5.0
@@ -85,12 +91,27 @@ def prepare(folder: Path) -> None:
     smooth.export(good / "c.stl")
     (good / "d.stl").write_text(trimesh.exchange.stl.export_stl_ascii(box))
     (good / "e.obj").write_text(OBJ)
-    (good / "material.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd image.png\n")
+    (good / "material.mtl").write_text(MTL)
     moved = trimesh.transformations.translation_matrix((1, 2, 3))
     trimesh.Scene({"box": box, "ball": smooth.copy().apply_transform(moved)}).export(good / "f.glb")
     layers = {"RGB": rng.random((4, 6, 3)).astype(np.float32), "weight": np.ones((4, 6), np.float32)}
     write_exr(good / "g.exr", layers, {"dmis.provenance": "{}"})
     write_exr(good / "h.exr", {"RGB": rng.random((3, 5, 3)).astype(np.float16)})
+    room = SimpleNamespace(**runpy.run_path(str(SCENES / "make_room.py")))
+    few = [thing for thing in room.things(metals=True) if thing.name in ("earth", "lamp", "leaf 20")]
+    room.write_glb(good / "j.glb", few)
+    data = (good / "j.glb").read_bytes()
+    end = 20 + int.from_bytes(data[12:16], "little")
+    uri = "data:;base64," + base64.b64encode(data[end + 8 :]).decode()
+    (good / "k.gltf").write_text(
+        json.dumps({**json.loads(data[20:end]), "buffers": [{"byteLength": len(data), "uri": uri}]})
+    )
+    pixels = rng.integers(0, 256, (4, 6, 4)).astype(np.uint8)
+    for name, picture in (("l.png", pixels), ("m.jpg", pixels[..., :3]), ("n.tga", pixels), ("o.png", pixels[..., 0])):
+        PIL.fromarray(np.ascontiguousarray(picture)).save(good / name)
+    (good / "p.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 6\n" + pixels.tobytes())
+    (good / "q.pfm").write_bytes(b"PF\n6 4\n-1.0\n" + rng.random(72).astype("<f4").tobytes())
+    shutil.copy(good / "l.png", folder / "image.png")
     np.save(good / "i.npy", rng.random((4, 6, 3)).astype(np.float32))
 
 
@@ -106,9 +127,23 @@ vn 0 0 1
 usemtl red
 f 1/1/1 2/2/1 3/1/1 4/2/1
 f 1//1 2//1 4//1
+usemtl lamp
 f -1 -2 -3
 f\t1 2 \\
   3 4
+"""
+
+
+MTL = """newmtl red
+Kd 1 0.5 0
+Ks .5 .5 .5
+Ns 20
+map_Kd -s 2 2 -o .5 .5 image.png
+newmtl lamp
+Kd 0
+Ke 2 2 1
+d .5
+map_d image.png
 """
 
 
@@ -189,6 +224,12 @@ def mesh(rng: random.Random, folder: Path) -> None:
     source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in mesh_files.MESH_SUFFIXES])
     path = folder / f"case{source.suffix}"
     path.write_bytes(damaged(rng, source.read_bytes()))
+    if source.suffix in (".gltf", ".glb") and rng.random() < 0.5:
+        data = (folder / "good/k.gltf").read_text()
+        path = folder / "case.gltf"
+        path.write_text(json.dumps(damaged_json(rng, json.loads(data))))
+    mtl = MTL.encode()
+    (folder / "material.mtl").write_bytes(damaged(rng, mtl) if rng.random() < 0.5 else mtl)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # about its materials
@@ -196,8 +237,77 @@ def mesh(rng: random.Random, folder: Path) -> None:
     except ValueError as error:
         assert str(path) in str(error) or len(str(error)) < 300, error
         return
-    image = dmis.render(scene, "balance", 1, parallel=1).image
-    assert np.isfinite(image).all()
+    with contextlib.suppress(ValueError):  # of what is too far away, or too bright
+        image = dmis.render(scene, "balance", 1, parallel=1).image
+        assert np.isfinite(image).all()
+
+
+def damaged_json(rng: random.Random, document: Any) -> Any:
+    """A description with some of its values replaced, left out or repeated."""
+    for _ in range(rng.randint(1, 3)):
+        node, place = document, None
+        while isinstance(node, dict | list) and node and (place is None or rng.random() < 0.85):
+            holder, place = node, rng.choice(list(node) if isinstance(node, dict) else range(len(node)))
+            node = holder[place]
+        what = rng.randrange(5)
+        if what == 0:
+            del holder[place]
+        elif what == 1 and isinstance(holder, list):
+            holder.append(node)
+        else:
+            holder[place] = rng.choice(VALUES)
+    return document
+
+
+VALUES = [
+    0,
+    1,
+    2,
+    5,
+    -1,
+    10**9,
+    2**40,
+    0.5,
+    1e30,
+    -1e300,
+    float("inf"),
+    float("nan"),
+    None,
+    True,
+    "",
+    "a",
+    "MASK",
+    [],
+    {},
+]
+VALUES += [
+    [0],
+    [1, 2, 3],
+    [0, 0, 0, 0],
+    5121,
+    5123,
+    5126,
+    "BLEND",
+    "VEC2",
+    "SCALAR",
+    "image.png",
+    "../a.exr",
+    "data:,",
+    {"index": 0},
+]
+
+
+def picture(rng: random.Random, folder: Path) -> None:
+    """An image file of any format: an image, or an error that names the file."""
+    source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in IMAGE_SUFFIXES])
+    path = folder / f"picture{source.suffix}"
+    path.write_bytes(damaged(rng, source.read_bytes()))
+    try:
+        image = load_image(path, linear=rng.random() < 0.5, alpha=rng.random() < 0.5)
+    except ValueError as error:
+        assert str(path) in str(error), error
+        return
+    assert image.dtype == np.float32 and image.size
 
 
 def image(rng: random.Random, folder: Path) -> None:
@@ -296,7 +406,7 @@ def process(rng: random.Random, folder: Path) -> None:
 
 
 KINDS = {
-    one.__name__: one for one in (parser, rendering, mesh, image, array, spectrum, rule, command, process)
+    one.__name__: one for one in (parser, rendering, mesh, picture, image, array, spectrum, rule, command, process)
 }  # fmt: skip
 
 

@@ -24,7 +24,16 @@ from dmis.fit.registry import make_rule
 from dmis.image import read_exr, write_exr
 from dmis.scene.scene import Scene
 
-COUNTS = {"parser": 200, "rendering": 20, "mesh": 60, "image": 60, "array": 60, "spectrum": 40, "rule": 60}
+COUNTS = {
+    "parser": 200,
+    "rendering": 20,
+    "mesh": 100,
+    "picture": 60,
+    "image": 60,
+    "array": 60,
+    "spectrum": 40,
+    "rule": 60,
+}
 COUNTS["command"] = 20
 """Cases of each kind in this run."""
 SHRUNK = {"parser": 20, "rule": 20}
