@@ -70,10 +70,10 @@ def decode_image(data: bytes, name: str, *, linear: bool = False, alpha: bool = 
     if pixels.dtype.kind == "f":
         return _opacity(pixels.astype(np.float32, copy=False), alpha)
     steps = np.arange(np.iinfo(pixels.dtype).max + 1) / np.iinfo(pixels.dtype).max
-    curve = (steps if linear else srgb_to_linear(steps)).astype(np.float32)
-    if pixels.shape[2] in (1, 3) or not alpha:
-        return _opacity(curve[pixels[..., : 3 if pixels.shape[2] > 2 else 1]], alpha)
-    return np.concatenate([curve[pixels[..., :-1]], steps.astype(np.float32)[pixels[..., -1:]]], axis=2)
+    image = (steps if linear else srgb_to_linear(steps)).astype(np.float32)[pixels]
+    if pixels.shape[2] in (2, 4):
+        image[..., -1] = steps[pixels[..., -1]]
+    return _opacity(image, alpha)
 
 
 def _decode(data: bytes, suffix: str) -> np.ndarray:

@@ -80,6 +80,11 @@ class Image:
             texels = texels[..., :1]
         object.__setattr__(self, "texels", np.ascontiguousarray(texels))
 
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Scale, offset and wrap: images of one place have their texels at the same coordinates, up to resolution."""
+        return tuple(self.scale), tuple(self.offset), self.wrap
+
     @cached_property
     def _rows(self) -> Array:
         """One row per texel, those of a border around the image included; three channels are padded to four.
@@ -176,7 +181,7 @@ def combine(function: Callable[..., Array], *values: Parameter) -> Parameter:
     if not images:
         return tuple(np.atleast_1d(function(*(np.asarray(value, float) for value in values))).tolist())
     largest = max(images, key=lambda image: image.texels.size)
-    if any((i.scale, i.offset, i.wrap) != (largest.scale, largest.offset, largest.wrap) for i in images):
+    if any(image.place != largest.place for image in images):
         raise ValueError("images that are combined must have one scale, offset and wrap; bake them into one image")
     (height, width), arrays = largest.texels.shape[:2], []
     rows, columns = (np.mgrid[:height, :width] + 0.5).astype(np.float32).reshape(2, -1)

@@ -79,19 +79,19 @@ def _with_colours(materials: Materials, primitive: Primitive, mesh: Mesh) -> tup
 
 
 def _add_camera(camera: Mapping[str, Any], node: Mapping[str, Any], matrix: Floats, model: Model) -> None:
-    """Add a perspective camera; it looks along -z of its node."""
-    if camera["type"] != "perspective":
-        model.unread["orthographic camera"] += 1
-        return
-    lens = camera["perspective"]
-    aspect = lens.get("aspectRatio", 4 / 3)
-    half = math.tan(lens["yfov"] / 2)
+    """Add a camera, which looks along -z of its node."""
+    kind, lens = camera["type"], camera[camera["type"]]
+    if kind == "perspective":
+        aspect = lens.get("aspectRatio", 4 / 3)
+        half = math.tan(lens["yfov"] / 2) * min(aspect, 1)
+    else:
+        aspect, half = lens["xmag"] / lens["ymag"], min(lens["xmag"], lens["ymag"])
     axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
     to_world = np.eye(4)
     to_world[:3] = np.stack([axes[:, 0], axes[:, 1], -axes[:, 2], matrix[:3, 3]], axis=1)
     name = node.get("name") or camera.get("name") or f"camera {len(model.cameras)}"
-    fov = 2 * math.degrees(math.atan(half * min(aspect, 1)))
-    model.cameras[name] = Camera(to_world, fov, (max(round(HEIGHT * aspect), 1), HEIGHT))
+    size = max(round(HEIGHT * aspect), 1), HEIGHT
+    model.cameras[name] = Camera(to_world, 2 * math.degrees(math.atan(half)), size, projection=kind)
 
 
 def _light(light: Mapping[str, Any], matrix: Floats) -> Light:

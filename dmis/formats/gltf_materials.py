@@ -62,10 +62,12 @@ class Materials:
         if colours is not None:
             colour = scale(colour, colours)
         metallic, roughness = surface.get("metallicFactor", 1.0), surface.get("roughnessFactor", 1.0)
-        if (image := self.texture(surface, "metallicRoughnessTexture", True, channel=1)) is not None:
-            roughness = scale(roughness, image)
-        if (image := self.texture(surface, "metallicRoughnessTexture", True, channel=2)) is not None:
-            metallic = scale(metallic, image)
+        rough = self.texture(surface, "metallicRoughnessTexture", True, channel=1)
+        if rough is not None and isinstance(colour, Image) and rough.place != colour.place:
+            self.leave_out("metalness and roughness placed apart from the base colour", number)
+        elif rough is not None:
+            roughness = scale(roughness, rough)
+            metallic = scale(metallic, self.texture(surface, "metallicRoughnessTexture", True, channel=2) or 1.0)
         self._note(said)
         made = metallic_roughness(
             colour,
@@ -75,7 +77,7 @@ class Materials:
             extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
             alpha if said.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
         )
-        material = Material(made.lobes, said.get("name") or f"material {number}")
+        material = Material(made.lobes, said.get("name") or ("default" if number is None else f"material {number}"))
         if colours is None:
             self._made[number] = material
         return material
@@ -106,10 +108,11 @@ class Materials:
         radiance: Any = tuple(strength * x for x in said.get("emissiveFactor", (0, 0, 0)))
         if not any(radiance):
             return None
-        if (image := self.texture(said, "emissiveTexture")) is not None and mesh.uv is not None:
-            radiance = scale(radiance, image)
-            if not radiance.texels.any():
+        if "emissiveTexture" in said:
+            image = self.texture(said, "emissiveTexture")
+            if image is None or mesh.uv is None or not image.texels.any():
                 return None
+            radiance = scale(radiance, image)
         faces = mesh.faces
         if said.get("doubleSided", False):
             faces = np.concatenate([faces, faces[:, ::-1]])
@@ -148,12 +151,12 @@ class Materials:
         return Image(texels, (s, t), (u, 1 - t - v), "clamp" if wraps == {_CLAMP} else "repeat")
 
     def _pixels(self, info: Mapping[str, Any], linear: bool = False) -> Array:
-        """Return the pixels of a texture's image, ``(H, W, 4)``, read once."""
+        """Return the pixels of a texture's image, ``(H, W, 4)``; those of the last image are kept."""
         number = self._gltf.json["textures"][info["index"]]["source"]
         if (number, linear) not in self._images:
             image = self._gltf.json["images"][number]
             data = self._gltf.resource(image["uri"]) if "uri" in image else self._gltf.view(image["bufferView"])[0]
             pixels = decode_image(data, f"image {number}", linear=linear, alpha=True)
             grey = pixels.shape[2] == 2
-            self._images[number, linear] = pixels[..., [0, 0, 0, 1]] if grey else pixels
+            self._images = {(number, linear): pixels[..., [0, 0, 0, 1]] if grey else pixels}
         return self._images[number, linear]

@@ -81,19 +81,5 @@ class Model:
         return path
 
     def summaries(self) -> tuple[str, ...]:
-        """Return what is left out in words: "2 normal maps"."""
-        return tuple(
-            kind
-            if kind.endswith(("'", "colours"))
-            else f"{number} {kind}"
-            if number == 1
-            else f"{number} {_plural(kind)}"
-            for kind, number in self.unread.items()
-            if number
-        )
-
-
-def _plural(kind: str) -> str:
-    """Return the plural of a kind of things: that of its first noun, "materials without a definition"."""
-    head, middle, rest = kind.partition(" without" if " without" in kind else " of ")
-    return f"{head}s{middle}{rest}"
+        """Return what is left out, with the number of each kind that there is more than once: "normal map (2)"."""
+        return tuple(f"{kind} ({n})" if n > 1 else kind for kind, n in self.unread.items() if n)

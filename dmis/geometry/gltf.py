@@ -192,7 +192,7 @@ class Gltf:
                 self.unread["morph target"] += len(primitive.get("targets", []))
                 mode = primitive.get("mode", _TRIANGLES)
                 if mode not in (_TRIANGLES, _STRIP, _FAN):
-                    self.unread["set of points or lines"] += 1
+                    self.unread["points or lines"] += 1
                     continue
                 position = self._item("accessors", primitive["attributes"]["POSITION"])
                 corners = self._item("accessors", primitive["indices"]) if "indices" in primitive else position

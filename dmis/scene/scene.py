@@ -64,10 +64,9 @@ class Scene:
     suggested
         What the scene's file asks for: integrator and depth.
     source
-        How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are not read,
-        such as "3 materials", ``added``, a list of what it lacks, ``lit``, whether a model has lights of its own; of a
-        pbrt file ``dialect`` and ``dialect_from``, ``file`` (its words), ``caller`` or ``guess``; and ``quadrics``, how
-        they are tessellated.
+        How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are left out,
+        ``added``, a list of what it lacks, ``lit``, whether a model has lights of its own; of a pbrt file ``dialect``
+        and ``dialect_from``, ``file`` (its words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import re
 import runpy
 import struct
 from dataclasses import replace
@@ -17,8 +18,10 @@ from PIL import Image as PIL
 import dmis
 from dmis.brdf.diffuse import Lambert
 from dmis.formats.gltf import EXTENSIONS
+from dmis.formats.obj import READ
 from dmis.geometry.mesh_files import load_mesh
 from dmis.image import encode_png
+from dmis.image_reader import IMAGE_SUFFIXES
 from dmis.scene.scene import SceneWarning
 
 room = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "scenes" / "make_room.py")))
@@ -193,7 +196,7 @@ def test_strips_and_fans(tmp_path, mode, order):
 def test_points_and_lines_are_left_out(tmp_path):
     file = File().mesh()
     file.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": mode} for mode in (0, 1)]
-    with pytest.warns(SceneWarning, match="left out: 2 sets of points or lines$"):
+    with pytest.warns(SceneWarning, match=r"left out: points or lines \(2\)$"):
         assert len(file.load(tmp_path).parts) == 2  # with the default lamp's
 
 
@@ -225,7 +228,7 @@ def test_nodes_below_nodes(tmp_path):
     matrix[:3, 3] = 0, 0, 7
     file.json["nodes"].append({"children": [0], "matrix": matrix.T.ravel().tolist()})
     file.json |= {"scenes": [{"nodes": []}, {"nodes": [1]}], "scene": 1}
-    with pytest.warns(SceneWarning, match="left out: 1 other scene$"):
+    with pytest.warns(SceneWarning, match="left out: other scene$"):
         scene = file.load(tmp_path)
     turned = np.stack([-EXPECTED[..., 1] + 1, EXPECTED[..., 0], EXPECTED[..., 2]], axis=-1)
     np.testing.assert_allclose(triangles(scene), 2 * turned + [0, 0, 7], atol=1e-6)
@@ -289,6 +292,20 @@ def test_metal_and_roughness(tmp_path):
     assert metal.fresnel.f0 == pytest.approx((0.9, 0.6, 0.2))
     dielectric = {"pbrMetallicRoughness": {"metallicFactor": 0}, "extensions": {"KHR_materials_ior": {"ior": 2}}}
     assert File().mesh(dielectric).load(tmp_path).parts[0].material.lobes[1].fresnel.f0 == pytest.approx([1 / 9] * 3)
+
+
+def test_images_that_are_placed_apart(tmp_path):
+    """Metalness and roughness are their factors then, and emission that cannot be placed is none."""
+    file = File()
+    texture = file.texture(PIXELS)
+    moved = {"index": texture, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}
+    surface = {"baseColorTexture": {"index": texture}, "metallicRoughnessTexture": moved, "metallicFactor": 0}
+    file.mesh(
+        {"pbrMetallicRoughness": surface, "emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 1}}
+    )
+    with pytest.warns(SceneWarning, match="metalness and roughness placed apart"):
+        scene = file.load(tmp_path)
+    assert scene.parts[0].light is None and scene.parts[0].material.lobes[1].roughness.alpha == 1
 
 
 def test_emission_is_a_mesh_light(tmp_path):
@@ -404,9 +421,14 @@ def test_cameras(tmp_path):
     camera = file.load(tmp_path).camera
     assert camera.resolution == (960, 480) and camera.fov == pytest.approx(np.degrees(1))
     x, y, depth, _ = camera.raster(np.array([[1, 0.5, 0], [2, 0.5, 0], [1, 1, 0]]))
-    np.testing.assert_allclose(depth, 4) and x[1] > x[0] and y[2] < y[0]
+    np.testing.assert_allclose(depth, 4)
+    assert x[1] > x[0] and y[2] < y[0]
     upright = file.load(tmp_path, camera="camera 1").camera
     assert upright.resolution == (240, 480) and upright.fov == pytest.approx(np.degrees(2 * np.arctan(np.tan(0.5) / 2)))
+    file.json["cameras"][1] = {"type": "orthographic", "orthographic": {"xmag": 3, "ymag": 1.5, "znear": 0, "zfar": 9}}
+    flat = file.load(tmp_path, camera="camera 1").camera
+    assert (flat.projection, flat.resolution) == ("orthographic", (960, 480))
+    assert np.tan(np.radians(flat.fov / 2)) == pytest.approx(1.5)
     assert file.load(tmp_path, up="y").camera.resolution == (640, 480)
     with pytest.raises(ValueError, match=r"name of one in .*a\.glb: 'front', 'camera 1'; got 'back'"):
         file.load(tmp_path, camera="back")
@@ -433,11 +455,11 @@ def test_what_is_left_out_is_named(tmp_path):
     with pytest.warns(SceneWarning) as caught:
         scene = file.load(tmp_path)
     assert set(scene.source["unread"]) == {
-        "1 normal map",
-        "1 texture with a second set of coordinates",
-        "1 texture that is mirrored or clamped along one axis (it is repeated)",
-        "1 animation",
-        "1 extension KHR_materials_sheen",
+        "normal map",
+        "texture with a second set of coordinates",
+        "texture that is mirrored or clamped along one axis (it is repeated)",
+        "animation",
+        "extension KHR_materials_sheen",
     }
     assert len(caught) == 1 and caught[0].filename == __file__
 
@@ -498,3 +520,11 @@ def test_files_beside_it(tmp_path):
     np.testing.assert_array_equal(triangles(scene), EXPECTED[:1])
     (metal,) = scene.parts[0].material.lobes
     assert metal.fresnel.f0.texels.shape == (4, 6, 3)
+
+
+def test_the_page_names_what_is_read():
+    """The table of docs/scenes.md is that of the readers."""
+    page = (Path(__file__).parents[2] / "docs/scenes.md").read_text("utf-8")
+    cells = dict(re.findall(r"^\| ([^|]*) \| (.*) \|$", page, re.M))
+    for row, read in (("glTF extensions", EXTENSIONS), ("MTL statements", READ), ("images", IMAGE_SUFFIXES)):
+        assert set(re.findall(r"`([\w.]+)`", cells[row])) == set(read), row

@@ -268,10 +268,10 @@ def unread_files(folder):
     (folder / "grain.ply").write_text("\n".join(head))
     return {
         glb(folder / "moved.glb", animations=[{}, {}], extensionsUsed=["KHR_materials_sheen"]): (
-            "2 animations, 1 extension KHR_materials_sheen"
+            "animation (2), extension KHR_materials_sheen"
         ),
-        folder / "two.obj": "2 materials without a definition",
-        folder / "grain.ply": "1 texture",
+        folder / "two.obj": "material without a definition (2)",
+        folder / "grain.ply": "texture",
         **dict.fromkeys((folder / "red.ply", folder / "red.obj"), "vertex colours"),
     }
 
