@@ -99,7 +99,7 @@ def leaf() -> Array:
 
 def things(metals: bool = False, leaves: bool = True) -> list[Thing]:
     """The contents of the room."""
-    brass: dict[str, Any] = {"colour": (0.91, 0.72, 0.38), "metallic": 1.0, "roughness": 0.28}
+    brass: dict[str, Any] = {"colour": (0.91, 0.72, 0.38), "metallic": 1.0, "roughness": 0.42}
     pot = shapes.cylinder(0.3, 0.0, 0.5).transformed(transforms.rotate(-90, (1, 0, 0)))
     top = shapes.disk(0.5, 0.3).transformed(transforms.rotate(-90, (1, 0, 0)))
     move = transforms.translate((0.75, 0, -0.2))
@@ -111,7 +111,7 @@ def things(metals: bool = False, leaves: bool = True) -> list[Thing]:
         Thing("ceiling", quad((-2, 2.6, -2), (4, 0, 0), (0, 0, 4)), (0.8, 0.8, 0.78)),
         Thing("lamp", quad((-0.5, 2.55, -0.9), (1, 0, 0), (0, 0, 0.8)), (0, 0, 0), emission=LAMP),
         Thing("ball", ball((-0.7, 0.55, -0.3), 0.55), **(brass if metals else {"image": checks()})),
-        Thing("pot", pot.transformed(move), (0.7, 0.32, 0.2), roughness=0.2 if metals else None),
+        Thing("pot", pot.transformed(move), (0.7, 0.32, 0.2), roughness=0.35 if metals else None),
         Thing("earth", top.transformed(move), (0.1, 0.07, 0.05)),
     ]
     for turn in (20, 150, 265) if leaves else ():
