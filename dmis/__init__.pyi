@@ -21,6 +21,8 @@ from dmis.brdf.models import phong as phong
 from dmis.brdf.models import rough_glass as rough_glass
 from dmis.brdf.models import torrance_sparrow as torrance_sparrow
 from dmis.brdf.models import ward as ward
+from dmis.brdf.relief import BumpMap as BumpMap
+from dmis.brdf.relief import NormalMap as NormalMap
 from dmis.brdf.texture import Image as Image
 from dmis.estimator.settings import Settings as Settings
 from dmis.estimator.technique import Technique as Technique

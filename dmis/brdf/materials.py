@@ -34,6 +34,7 @@ from dmis.brdf.distributions import Anisotropic, Blinn
 from dmis.brdf.fresnel import Conductor, Dielectric, check_ior, check_metal_index
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.brdf.microfacet import Microfacet
+from dmis.brdf.relief import Relief
 from dmis.brdf.specular import SpecularReflection, SpecularTransmission
 from dmis.brdf.texture import FLOAT32_MAX, Image, check_number, check_values, reads_images, scale
 
@@ -51,6 +52,8 @@ class Material:
         Any number, see `dmis.brdf` and `dmis.brdf.phong`; none is black.
     name
         For tables and messages.
+    relief
+        What turns the shading normals, see `dmis.brdf.relief`; None: nothing.
 
     Raises
     ------
@@ -60,6 +63,7 @@ class Material:
 
     lobes: tuple[Lobe, ...]
     name: str = "material"
+    relief: Relief | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.lobes, tuple | list):

@@ -76,11 +76,10 @@ def _centres(size: int) -> Array:
 def _look(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Return normals ``(3, N)``, albedos ``(3, N)`` and material numbers ``(N,)``, -1 for nothing, at raster points."""
     plan = scene.plan
-    camera = scene.camera
-    if camera.is_pinhole:
-        origin, direction = np.repeat(camera.origin, len(x), axis=1), camera.rays(x, y)
+    if scene.camera.is_pinhole:
+        origin, direction = np.repeat(scene.camera.origin, len(x), axis=1), scene.camera.rays(x, y)
     else:
-        origin, direction = camera.lens_rays(x, y)
+        origin, direction = scene.camera.lens_rays(x, y)
     hits = scene.intersector.closest(origin, direction)
     group_of = plan.face_group.take(hits.prim)
     normal, colour = np.zeros((2, *direction.shape), np.float32)

@@ -12,6 +12,7 @@ from dmis.base.validate import direction
 from dmis.base.vectors import Array
 from dmis.brdf.lobe import DeltaLobe, Lobe, Parameters
 from dmis.brdf.materials import Material
+from dmis.brdf.relief import Relief
 from dmis.brdf.texture import Image
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import AreaLight
@@ -71,6 +72,8 @@ class Group:
         Whether texture coordinates, interpolated normals, tangents are needed.
     tangent
         ``(3, 1)``, the same for all points; None if tangents are those of the meshes.
+    relief
+        What turns the shading normals; None: nothing.
     textured_light
         The light whose emission is not in the table but computed at each point; None if there is none.
     """
@@ -85,6 +88,12 @@ class Group:
     anisotropic: bool
     tangent: Array | None = None
     textured_light: AreaLight | None = None
+    relief: Relief | None = None
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether shading normals differ from those of the triangles."""
+        return self.smooth or self.relief is not None
 
     @cached_property
     def reflects(self) -> bool:
@@ -124,7 +133,8 @@ def batch_key(part: Part) -> Any:
     material = part.material
     if not material.lobes and part.light is None:
         return None
-    texture_key = id(material) if any(has_texture(lobe) for lobe in material.lobes) else None
+    textured = material.relief is not None or any(has_texture(lobe) for lobe in material.lobes)
+    texture_key = id(material) if textured else None
     smooth = part.mesh.normals is not None and bool(material.lobes)
     tangent = part.tangent if any(_anisotropic(lobe) for lobe in material.lobes) else None
     emission_key = id(part.light) if part.light is not None and part.light.textured else part.light is not None
@@ -155,6 +165,7 @@ def make_group(key: Any, members: list[tuple[Material, AreaLight | None]]) -> Gr
         any(_anisotropic(lobe) for lobe in lobes),
         None if tangent is None else direction("tangent", tangent).astype(np.float32)[:, None],
         textured_light,
+        materials[0].relief,
     )
 
 

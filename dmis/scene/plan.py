@@ -185,5 +185,7 @@ class Plan:
 
 
 def textures(material: Material) -> bool:
-    """Return whether a material has an image that is not the same everywhere."""
-    return any(has_texture(lobe) for lobe in material.lobes) and any(has_texture(x) for x in simplify(material).lobes)
+    """Return whether a material has relief, or an image that is not the same everywhere."""
+    return material.relief is not None or (
+        any(has_texture(lobe) for lobe in material.lobes) and any(has_texture(x) for x in simplify(material).lobes)
+    )

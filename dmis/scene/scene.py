@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import TINY, Array, Index, Selection, columns, dot, take
+from dmis.base.vectors import TINY, Array, Index, Selection, columns, dot, normalise, take
 from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import two_sided
@@ -270,11 +270,11 @@ class Scene:
             warnings.warn(SceneWarning(f"scene {self.name}: {text}"), stacklevel=3)
         _ = self.plan, self.intersector, self.epsilon, self.triangle_epsilon, self.tables.corners, self.covered_pixels
         for group in self.plan.groups:
-            if group.smooth:
+            if group.turns:
                 _ = self.tables.normals
             if group.textured:
                 _ = self.tables.uv
-            if group.anisotropic and group.tangent is None:
+            if group.relief is not None or (group.anisotropic and group.tangent is None):
                 _ = self.tables.dpdu
 
     @cached_property
@@ -311,12 +311,9 @@ class Scene:
         ng = ng * side
         epsilon = self.epsilon if self.triangle_epsilon is None else self.triangle_epsilon.take(prim)
         p += ng * epsilon
-        n, cos_o = self._shading_normals(prim, u, v, wo) if group.smooth else (ng, np.abs(facing))
+        n, cos_o = self._shading_normals(group, prim, u, v, wo) if group.turns else (ng, np.abs(facing))
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
-        uv = dpdu = None
-        if group.textured:
-            rows = columns(self.tables.uv, prim)
-            uv = rows[2:4] * u + rows[4:6] * v + rows[:2]
+        dpdu, uv = None, self._texture_coordinates(prim, u, v) if group.textured else None
         if group.tangent is not None:
             dpdu = group.tangent
         elif group.anisotropic:
@@ -336,12 +333,21 @@ class Scene:
             emission = emission * points.outside  # lights shine on one side
         return points, emission
 
-    def _shading_normals(self, prim: Index, u: Array, v: Array, wo: Array) -> tuple[Array, Array]:
-        """Return interpolated unit normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
+    def _texture_coordinates(self, prim: Index, u: Array, v: Array) -> Array:
+        """Return interpolated texture coordinates ``(2, N)`` at points of triangles."""
+        rows = columns(self.tables.uv, prim)
+        return rows[2:4] * u + rows[4:6] * v + rows[:2]
+
+    def _shading_normals(self, group: Group, prim: Index, u: Array, v: Array, wo: Array) -> tuple[Array, Array]:
+        """Return unit shading normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
         rows = columns(self.tables.normals, prim)
         n = rows[3:6] * u
         n += rows[6:9] * v
         n += rows[:3]
+        if group.relief is not None:
+            dpdu, dpdv = (columns(tangent, prim) for tangent in self.tables.tangents)
+            n = normalise(n) * np.copysign(np.float32(1), dot(n, columns(self.tables.corners, prim)[9:]))  # outwards
+            n = group.relief.normals(n, dpdu, dpdv, self._texture_coordinates(prim, u, v), group.smooth)
         cos_o = dot(n, wo)
         # normalise and turn towards wo in one multiplication
         scale = np.copysign(1 / np.sqrt(np.maximum(dot(n, n), TINY)), cos_o)

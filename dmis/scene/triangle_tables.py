@@ -68,12 +68,19 @@ class Tables:
         rows[:, 1:] -= rows[:, :1]
         return rows.reshape(-1, 6)
 
-    @cached_property
+    @property
     def dpdu(self) -> Array:
         """Per triangle: dp/du ``(T, 3)``; the first edge where the coordinates are degenerate."""
-        du1, dv1, du2, dv2 = self.uv[:, 2:].T
+        return self.tangents[0]
+
+    @cached_property
+    def tangents(self) -> tuple[Array, Array]:
+        """Per triangle: dp/du and dp/dv, ``(T, 3)`` each; any two where the coordinates are degenerate."""
+        du1, dv1, du2, dv2 = self.uv[:, 2:].T[:, :, None]
         edge_u, edge_v = self.corners[:, 3:6], self.corners[:, 6:9]
-        determinant = (du1 * dv2 - du2 * dv1)[:, None]
+        determinant = du1 * dv2 - du2 * dv1
         degenerate = np.abs(determinant) < 1e-20
-        dpdu = (dv2[:, None] * edge_u - dv1[:, None] * edge_v) / np.where(degenerate, 1, determinant)
-        return np.where(degenerate, edge_u, dpdu)
+        divisor = np.where(degenerate, 1, determinant)
+        dpdu = np.where(degenerate, edge_u, (dv2 * edge_u - dv1 * edge_v) / divisor)
+        across = np.cross(self.corners[:, 9:], dpdu)
+        return dpdu, np.where(degenerate, across, (du1 * edge_v - du2 * edge_u) / divisor)

@@ -20,6 +20,7 @@ from dmis.brdf.fresnel import Dielectric
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX
+from dmis.brdf.relief import BumpMap, NormalMap, Relief
 from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.texture import Image, scale
 from dmis.formats.pbrt.materials_v2 import V2_MATERIALS
@@ -27,7 +28,7 @@ from dmis.formats.pbrt.materials_v4 import V4_MATERIALS
 from dmis.formats.pbrt.parameter import Parameter
 from dmis.formats.pbrt.parameters import Parameters, Textures
 from dmis.formats.pbrt.roughness import alpha_of, alphas_of, refractive, rough_metal, roughnesses
-from dmis.formats.pbrt.textures import blend
+from dmis.formats.pbrt.textures import blend, image
 from dmis.formats.pbrt.tokens import Token, blame
 
 
@@ -41,10 +42,6 @@ def make_material(
     """
     items: dict[str, Parameter] = {}
     for p in reversed(lists):
-        p.refuse(
-            "bump maps are not supported; remove the parameter, or bake it into the mesh",
-            *("bumpmap", "displacement", "normalmap"),
-        )
         items |= p.items
     if name.dialect == "v2":
         for p in reversed(lists):
@@ -52,10 +49,19 @@ def make_material(
     joined = replace(lists[0], directive=name, items=items, textures=textures, read_names=set())
     make = MATERIALS[name.dialect][name.name]
     with blame(name), materials.unbounded():
-        material = _mix(joined, named) if make is None else make(joined)
+        material = _mix(joined, named) if make is None else replace(make(joined), relief=_relief(joined))
     for p in lists:
         p.read_names |= joined.read_names
     return material
+
+
+def _relief(p: Parameters) -> Relief | None:
+    """Return the bump map of a material, called displacement in v4, or its normal map."""
+    heights = p.real("displacement" if p.dialect == "v4" else "bumpmap", 0.0)
+    if p.dialect == "v4" and "normalmap" in p.items:
+        p.refuse("a material must have a displacement or a normalmap, not both", "displacement")
+        return NormalMap(Image(image(p, "normalmap", encoded=False)[::-1]))
+    return BumpMap(heights, p.dialect != "v4") if isinstance(heights, Image) else None
 
 
 def _plastic(p: Parameters) -> Material:
@@ -124,7 +130,10 @@ def _mix(p: Parameters, named: Mapping[str, Material]) -> Material:
         raise p.items["amount"].error("must be from 0 to 1, because it divides the surface")
     lobes: list[Any] = []
     for item, name, share in zip(items, names, shares, strict=True):
-        for lobe in item.token.find("material", name, named).lobes:
+        material = item.token.find("material", name, named)
+        if material.relief is not None:
+            raise item.token.error(f"a material with a bump map or normal map cannot be mixed; got {name!r}")
+        for lobe in material.lobes:
             part = scale(getattr(lobe, lobe.factor), share)
             if isinstance(part, Image) or np.any(part):
                 lobes.append(replace(lobe, **{lobe.factor: part}))

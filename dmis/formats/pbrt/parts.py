@@ -156,7 +156,7 @@ def _placed(shape: Shape, material: Material) -> Mesh:
 
 def _has_sides(material: Material) -> bool:
     """Return whether a material differs between its inside and its outside."""
-    return any(lobe.has_sides() for lobe in material.lobes)
+    return material.relief is not None or any(lobe.has_sides() for lobe in material.lobes)
 
 
 def _outside(mesh: Mesh, shape: Shape) -> np.ndarray:
@@ -188,7 +188,7 @@ def _flipped(mesh: Mesh, flip: np.ndarray, material: Material) -> Mesh:
     """
     if not flip.any():
         return mesh
-    if mesh.uv is None and any(_oriented(lobe) for lobe in material.lobes):
+    if mesh.uv is None and (material.relief is not None or any(_oriented(lobe) for lobe in material.lobes)):
         corner = mesh.faces.ravel()
         normals = None if mesh.normals is None else mesh.normals[corner]
         faces = np.arange(len(corner), dtype=np.int32).reshape(-1, 3)

@@ -76,6 +76,7 @@ def _checkerboard(kind: str, name: Token, p: Parameters) -> Image:
 
 def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
     p.string("mapping", "uv", ("uv",))
+    p.note_unapplied({"filter": ["bilinear"], "trilinear": ["false"], "maxanisotropy": None})
     wrap = p.string("wrap", "repeat", ("repeat", "black", "clamp"))
     size = p.number("uscale", 1), p.number("vscale", 1)
     offset = p.number("udelta", 0), p.number("vdelta", 0)

@@ -605,7 +605,6 @@ BAD_WORLDS = [
     ("v4", 'Material "matte"', "a material must be diffuse, conductor, dielectric"),
     ("v4", 'Material "hair"', "others are not supported in v4"),
     ("v4", 'Material "conductor" "spectrum eta" "metal-Xx-eta"', "no spectrum of the name 'metal-Xx-eta'"),
-    ("v4", 'Material "diffuse" "texture displacement" "x"', "bump maps are not supported"),
     ("v4", 'AreaLightSource "diffuse" "bool twosided" true Shape "sphere"', "must not be twosided, which is not"),
     ("v4", 'AreaLightSource "diffuse" "string filename" "x"', "an image that emits"),
     ("v4", 'AreaLightSource "diffuse" "float power" 1', "the power of a shape is not supported"),

@@ -6,6 +6,7 @@ import pytest
 import dmis
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.diffuse import Lambert, LambertTransmission
+from dmis.brdf.relief import BumpMap, NormalMap
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
@@ -286,3 +287,31 @@ def test_quadrics_are_fine_for_other_cameras(read, camera):
     edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
     longest = np.linalg.norm(edges, axis=-1).max()
     assert longest**2 / (8 * 0.9) < 1 / 32 * scene.camera.pixel * (1 if camera == "orthographic" else 4.0)
+
+
+# Relief -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dialect", ["v2", "v3", "v4"])
+def test_bump_maps(read, tmp_path, dialect):
+    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(2).random((4, 4, 3)).astype(np.float32)})
+    texture = 'Texture "h" "float" "imagemap" "string filename" "a.exr"'
+    kind, name = ("diffuse", "displacement") if dialect == "v4" else ("matte", "bumpmap")
+    relief = read(dialect, f'{texture} Material "{kind}" "texture {name}" "h"').parts[-1].material.relief
+    assert isinstance(relief, BumpMap) and relief.unit_tangents == (dialect != "v4")
+    assert read(dialect, f'Material "{kind}"').parts[-1].material.relief is None
+    if dialect == "v4":
+        relief = read(dialect, 'Material "diffuse" "string normalmap" "a.exr"').parts[-1].material.relief
+        assert isinstance(relief, NormalMap) and relief.image.texels.shape == (4, 4, 3)
+        both = f'{texture} Material "diffuse" "string normalmap" "a.exr" "texture displacement" "h"'
+        with pytest.raises(PbrtError, match="a displacement or a normalmap, not both"):
+            read(dialect, both)
+    if dialect != "v2":
+        made = f'{texture} MakeNamedMaterial "a" "string type" "{kind}" "texture {name}" "h"'
+        names = (
+            '"string materials" ["a" "a"]'
+            if dialect == "v4"
+            else '"string namedmaterial1" "a" "string namedmaterial2" "a"'
+        )
+        with pytest.raises(PbrtError, match="a bump map or normal map cannot be mixed; got 'a'"):
+            read(dialect, f'{made} Material "mix" {names}')

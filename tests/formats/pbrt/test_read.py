@@ -784,7 +784,6 @@ BAD_WORLDS = [
     ("TRIANGLE\nWorldEnd\nIdentity", 3, "token Identity: nothing may follow WorldEnd"),
     ('Volume "homogeneous"', 1, "volumes are not supported"),
     ('Material "velvet"', 1, 'token "velvet": a material must be matte, plastic, metal'),
-    ('\nMaterial "matte" "texture bumpmap" "x"', 2, "bump maps are not supported"),
     ('Material "metal" "float roughness" -1', 1, "parameter 'roughness' must not be negative"),
     ('Material "glass" "float index" 0', 1, "parameter 'index' must be positive"),
     ('MakeNamedMaterial "x"', 1, 'needs the parameter "string type", which is missing'),
