@@ -237,7 +237,8 @@ def mesh(rng: random.Random, folder: Path) -> None:
     except ValueError as error:
         assert str(path) in str(error) or len(str(error)) < 300, error
         return
-    with contextlib.suppress(ValueError):  # of what is too far away, or too bright
+    with contextlib.suppress(ValueError), warnings.catch_warnings():  # of what is too far away, or too bright
+        warnings.simplefilter("ignore", SceneWarning)  # lights that are near to surfaces
         image = dmis.render(scene, "balance", 1, parallel=1).image
         assert np.isfinite(image).all()
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.color import Rgb
 from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.materials import Material, matte, plastic, shiny_metal, uber
 from dmis.brdf.texture import Image, scale
@@ -57,12 +58,8 @@ def read_obj_materials(obj: Wavefront, model: Model) -> None:
         path, said = materials[name]
         try:
             _add(name, said, mesh, model, images)
-        except _LineError as error:
+        except ValueError as error:
             raise ValueError(f"material file {path}, {error}") from error
-
-
-class _LineError(ValueError):
-    """A statement that cannot be read, with its line."""
 
 
 def _read_mtl(path: Path) -> dict[str, Statements]:
@@ -84,11 +81,11 @@ def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[Any
         model.unread[f"{word} of a material"] += word not in (*READ, *IGNORED)
     kd: Any = _colour(said, "Kd", 0.5 if "map_Kd" not in said else 1.0)
     if "map_Kd" in said:
-        image = _image(*said["map_Kd"], model, images)
+        image = _image(said["map_Kd"][1], model, images)
         kd = kd if image is None else scale(kd if any(kd) else 1.0, image)
     ks, emission = _colour(said, "Ks", 0.0), _colour(said, "Ke", 0.0, np.inf)
-    opacity = 1 - _number(said, "Tr", 0.0, 0, 1) if "Tr" in said else _number(said, "d", 1.0, 0, 1)
-    roughness = 1 / min(max(_number(said, "Ns", 10.0, 0, np.inf), 1), MAX_LOBE_EXPONENT)
+    opacity = 1 - _values(said, "Tr", 0.0, 1)[0] if "Tr" in said else _values(said, "d", 1.0, 1)[0]
+    roughness = 1 / min(max(_values(said, "Ns", 10.0, np.inf)[0], 1), MAX_LOBE_EXPONENT)
     if opacity < 1:
         material = uber(kd, ks, roughness=roughness, opacity=opacity)
     elif not any(ks):
@@ -98,38 +95,33 @@ def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[Any
     else:
         material = shiny_metal(ks, 0.0, roughness)
     light = MeshLight(mesh.vertices, mesh.faces, emission) if any(emission) else None
-    mask = _image(*said["map_d"], model, images, opacity=True) if "map_d" in said and mesh.uv is not None else None
+    mask = _image(said["map_d"][1], model, images, opacity=True) if "map_d" in said and mesh.uv is not None else None
     model.add(mesh, Material(material.lobes, name), light, None if mask is None else Mask(mask, None))
 
 
-def _number(said: Statements, word: str, default: float, least: float, most: float) -> float:
-    """Return the number of a statement."""
-    number, argument = said.get(word, (0, str(default)))
-    words = argument.split()
-    words = words[1:] if words[:1] == ["-halo"] else words
-    if len(words) != 1 or not _NUMBER.fullmatch(words[0]) or not least <= float(words[0]) <= most:
-        raise _LineError(f"line {number}: {word} must be a number from {least} to {most}; got {argument[:60]!r}")
-    return float(words[0])
+def _values(said: Statements, word: str, default: float, most: float, counts: tuple[int, ...] = (1,)) -> list[float]:
+    """Return the numbers of a statement, from 0 to `most`, as many as `counts` allow; ``[default]`` without it."""
+    if word not in said:
+        return [default]
+    number, argument = said[word]
+    words = argument.removeprefix("-halo ").split()
+    values = [float(x) for x in words if _NUMBER.fullmatch(x)]
+    if len(values) != len(words) or len(words) not in counts or not all(0 <= x <= most and x < np.inf for x in values):
+        how_many = " or ".join(map(str, counts))
+        what = f"{how_many} number{'s' * (counts != (1,))} from 0 to {most:g}"
+        raise ValueError(f"line {number}: {word} must be {what}; got {argument[:60]!r}")
+    return values
 
 
-def _colour(said: Statements, word: str, default: float, most: float = 1.0) -> tuple[float, float, float]:
+def _colour(said: Statements, word: str, default: float, most: float = 1.0) -> Rgb:
     """Return the colour of a statement: three numbers, or one for all channels."""
-    number, argument = said.get(word, (0, str(default)))
-    words = argument.split()
-    fits = len(words) in (1, 3) and all(map(_NUMBER.fullmatch, words))
-    if not fits or not all(0 <= float(x) <= most and np.isfinite(float(x)) for x in words):
-        raise _LineError(f"line {number}: {word} must be one or three numbers from 0 to {most}; got {argument[:60]!r}")
-    r, g, b = (float(words[k % len(words)]) for k in range(3))
+    values = _values(said, word, default, most, (1, 3))
+    r, g, b = values * (3 // len(values))
     return r, g, b
 
 
-def _image(
-    number: int, argument: str, model: Model, images: dict[Any, Image | None], opacity: bool = False
-) -> Image | None:
-    """Return the image of ``map_Kd`` or, of one channel, of ``map_d``.
-
-    Its options ``-s`` and ``-o`` place it, others are named as left out.
-    """
+def _image(argument: str, model: Model, images: dict[Any, Image | None], opacity: bool = False) -> Image | None:
+    """Return the image of ``map_Kd`` or, of one channel, of ``map_d``, placed by its options ``-s`` and ``-o``."""
     words, options = argument.split(" "), {"-s": [1.0, 1.0], "-o": [0.0, 0.0]}
     while len(words) > 1 and words[0].startswith("-"):
         name = words.pop(0)
@@ -144,10 +136,7 @@ def _image(
         path = model.file(file)
         images[file, opacity] = None if path is None else _opacity(path) if opacity else Image(path)
     image, (s, t, *_), (u, v, *_) = images[file, opacity], options["-s"], options["-o"]
-    try:
-        return None if image is None else replace(image, scale=(s, t), offset=(u, v))
-    except ValueError as error:
-        raise _LineError(f"line {number}: {error}") from error
+    return None if image is None else replace(image, scale=(s, t), offset=(u, v))
 
 
 def _opacity(path: Path) -> Image:

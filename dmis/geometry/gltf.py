@@ -71,39 +71,25 @@ class Gltf:
     unread: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
-        self.json: dict[str, Any] = json.loads(self._text)
+        text, self._binary = self.data, b""
+        if self.path.suffix.lower() == ".glb":
+            magic, length = struct.unpack("<8sI", self.data[:12].ljust(12, b"\0"))
+            if magic != b"glTF\2\0\0\0":
+                raise ValueError("it must be binary glTF of version 2; convert it")
+            if len(self.data) < length:
+                raise ValueError(f"it is cut off: it must have {length} bytes; it has {len(self.data)}")
+            end = 20 + struct.unpack_from("<I", self.data, 12)[0]
+            text, self._binary = self.data[20:end], self.data[end + 8 :]
+        self.json: dict[str, Any] = json.loads(text)
         if missing := set(_NEEDED) & set(self.json.get("extensionsRequired", [])):
             name = missing.pop()
             raise ValueError(f"its triangles are compressed ({name}), which is not read; export it uncompressed")
 
     @cached_property
-    def _is_binary(self) -> bool:
-        return self.path.suffix.lower() == ".glb"
-
-    @cached_property
-    def _text(self) -> bytes:
-        """The JSON description."""
-        if not self._is_binary:
-            return self.data
-        magic, length = struct.unpack("<8sI", self.data[:12].ljust(12, b"\0"))
-        if magic != b"glTF\2\0\0\0":
-            raise ValueError("it must be binary glTF of version 2; convert it")
-        if len(self.data) < length:
-            raise ValueError(f"it is cut off: it must have {length} bytes; it has {len(self.data)}")
-        return self.data[20 : 20 + struct.unpack_from("<I", self.data, 12)[0]]
-
-    @cached_property
     def _buffers(self) -> list[bytes]:
         """The buffers; the first of a binary file is what follows its description."""
-        buffers = []
-        for number, buffer in enumerate(self.json.get("buffers", [])):
-            if "uri" in buffer:
-                buffers.append(self.resource(buffer["uri"]))
-            elif number == 0 and self._is_binary:
-                buffers.append(self.data[28 + len(self._text) :])
-            else:
-                raise ValueError(f"its buffer {number} has no uri, which only the first of a GLB file may lack")
-        return buffers
+        listed = enumerate(self.json.get("buffers", []))
+        return [self._binary if k == 0 and "uri" not in about else self.resource(about["uri"]) for k, about in listed]
 
     def resource(self, uri: str) -> bytes:
         """Return the bytes of a data URI or of a file beside this one."""
@@ -126,22 +112,14 @@ class Gltf:
     def array(self, number: int) -> Any:
         """Return the elements of an accessor, ``(N, C)``: integers, or float64 where they are fractions."""
         accessor = self._item("accessors", number)
-        count, kind, columns = (
-            accessor["count"],
-            np.dtype(_TYPES[accessor["componentType"]]),
-            _COLUMNS[accessor["type"]],
-        )
         if "sparse" in accessor or "bufferView" not in accessor:
             raise ValueError(f"its accessor {number} is sparse or has no data, which is not read; export it without")
-        data, stride = self.view(accessor["bufferView"])
-        size = kind.itemsize * columns
-        begin, stride = accessor.get("byteOffset", 0), stride or size
-        if not (
-            0 < count <= len(data)
-            and begin >= 0
-            and size <= stride
-            and begin + stride * (count - 1) + size <= len(data)
-        ):
+        count, kind = accessor["count"], np.dtype(_TYPES[accessor["componentType"]])
+        columns, (data, stride) = _COLUMNS[accessor["type"]], self.view(accessor["bufferView"])
+        size, begin = kind.itemsize * columns, accessor.get("byteOffset", 0)
+        stride = stride or size
+        fits = 0 < count <= len(data) and begin >= 0 and size <= stride
+        if not (fits and begin + stride * (count - 1) + size <= len(data)):
             raise ValueError(
                 f"its accessor {number} must not have more elements than its {len(data)} bytes; got {count}"
             )
