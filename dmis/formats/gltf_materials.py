@@ -15,6 +15,7 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
+from dmis.brdf.relief import NormalMap
 from dmis.brdf.texture import Image, scale
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
@@ -68,6 +69,9 @@ class Materials:
         elif rough is not None:
             roughness = scale(roughness, rough)
             metallic = scale(metallic, self.texture(surface, "metallicRoughnessTexture", True, channel=2) or 1.0)
+        relief = None
+        if (image := self.texture(said, "normalTexture", True)) is not None:
+            relief = NormalMap(image, said["normalTexture"].get("scale", 1.0))
         self._note(said)
         made = metallic_roughness(
             colour,
@@ -77,7 +81,8 @@ class Materials:
             extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
             alpha if said.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
         )
-        material = Material(made.lobes, said.get("name") or ("default" if number is None else f"material {number}"))
+        name = said.get("name") or ("default" if number is None else f"material {number}")
+        material = Material(made.lobes, name, relief)
         if colours is None:
             self._made[number] = material
         return material
@@ -96,7 +101,6 @@ class Materials:
 
     def _note(self, said: Mapping[str, Any]) -> None:
         """Count what is left out of a material."""
-        self.leave_out("normal map", said, "normalTexture" in said)
         coat = said.get("extensions", {}).get("KHR_materials_specular", {})
         self.leave_out("colour of a coat", said, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
         self.leave_out("texture of a coat", said, bool({"specularTexture", "specularColorTexture"} & set(coat)))

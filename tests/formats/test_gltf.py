@@ -294,6 +294,25 @@ def test_metal_and_roughness(tmp_path):
     assert File().mesh(dielectric).load(tmp_path).parts[0].material.lobes[1].fresnel.f0 == pytest.approx([1 / 9] * 3)
 
 
+def test_normal_maps(tmp_path):
+    """Red leans to the right in the image and green to its top; scale makes it steeper."""
+    file = File()
+    for colour, lean in (((255, 128, 255), (1, 0)), ((128, 255, 255), (0, 1))):
+        texture = file.texture(np.full((2, 2, 3), colour, np.uint8))
+        file.mesh({"normalTexture": {"index": texture, "scale": 0.5}}, node={"translation": [0, 3 * lean[1], 0]})
+    scene = file.load(tmp_path, camera=dmis.Camera.look_at((1, 2, 9), (1, 2, 0), (0, 1, 0), 40, (8, 8)))
+    origin = np.float32([[1, 1], [0.5, 3.5], [9, 9]])
+    down = np.float32([[0, 0], [0, 0], [-1, -1]])
+    hits = scene.intersector.closest(origin, down)
+    normals = []
+    for k in range(2):
+        group = scene.plan.groups[scene.plan.face_group[hits.prim[k]]]
+        points, _ = scene.shading_points(group, hits, np.array([k]), down)
+        normals.append(points.n[:, 0])
+    leaning = np.array([0.5, 0.002, 1]) / np.linalg.norm([0.5, 0.002, 1])
+    np.testing.assert_allclose(normals, [leaning, leaning[[1, 0, 2]]], atol=3e-3)
+
+
 def test_images_that_are_placed_apart(tmp_path):
     """Metalness and roughness are their factors then, and emission that cannot be placed is none."""
     file = File()
@@ -447,7 +466,7 @@ def test_what_is_left_out_is_named(tmp_path):
         "extensionsUsed": [*EXTENSIONS, "KHR_materials_sheen"],
     }
     material = {
-        "normalTexture": {"index": 0},
+        "extensions": {"KHR_materials_specular": {"specularTexture": {"index": 0}}},
         "emissiveTexture": {"index": 0, "texCoord": 1},
         "emissiveFactor": [1] * 3,
     }
@@ -455,7 +474,7 @@ def test_what_is_left_out_is_named(tmp_path):
     with pytest.warns(SceneWarning) as caught:
         scene = file.load(tmp_path)
     assert set(scene.source["unread"]) == {
-        "normal map",
+        "texture of a coat",
         "texture with a second set of coordinates",
         "texture that is mirrored or clamped along one axis (it is repeated)",
         "animation",
