@@ -56,20 +56,25 @@ PARAMETERS = """"float radius" 2,"point P" [0 0 0 1 0 0 0 1 0],"integer indices"
 "texture Kd" "t","integer levels" 2,"rgb I" [1 1 1],
 "normal N" [0 0 1 0 0 1 0 0 1],"integer nlevels" 20,"float power" 3,"rgb Ks" [0 0 0],"float zmin" 0,
 "spectrum L" "a.spd","string type" "matte","rgb reflectance" [.1 .1 .1],"string mapname" "a.exr",
+"texture alpha" "t","float alpha" .5,"texture bumpmap" "t","texture displacement" "t","string normalmap" "a.exr",
+"texture amount" "t","float uscale" 3,"bool twosided" "true","string materials" ["a" "b"],"spectrum eta" "glass-BK7",
 "bool twosided" "false\"""".replace("\n", "").split(",")
 NAMES = (
     "P N uv st S indices radius height zmin zmax phimax levels nlevels L I scale power from to coneangle Kd Ks sigma "
-    "eta k roughness reflectance opacity amount filename mapname maxdepth xresolution yresolution fov type"
+    "eta k roughness reflectance opacity amount filename mapname maxdepth xresolution yresolution fov type "
+    "alpha bumpmap displacement normalmap tex1 tex2 uscale vdelta reflect transmit transmittance lensradius "
+    "focaldistance screenwindow twosided conedeltaangle"
 ).split()
 TYPES = [*sorted(DIALECTS["v3"].types), "bool", "string", "texture", "spectrum"]
 VALUES = ['"a.exr"', '"a.ply"', '"a.spd"', '"matte"', '"a"', "true", '"metal-Cu-eta"', "3", "-1", ".5"]
 MAKERS = {
     "Shape": "sphere disk cylinder trianglemesh plymesh loopsubdiv bilinearmesh",
-    "Material": "matte plastic metal mirror glass uber mix diffuse conductor dielectric coateddiffuse",
+    "Material": "matte plastic metal mirror glass uber mix diffuse conductor dielectric coateddiffuse translucent "
+    "diffusetransmission",
     "LightSource": "point spot distant infinite",
     "AreaLightSource": "diffuse area",
-    'Texture "t" "spectrum"': "constant scale imagemap",
-    'Texture "t" "float"': "constant scale imagemap",
+    'Texture "t" "spectrum"': "constant scale imagemap mix checkerboard",
+    'Texture "t" "float"': "constant scale imagemap mix checkerboard",
     "MakeNamedMaterial": "a b",
     "NamedMaterial": "a b",
     "ObjectBegin": "o",
@@ -82,6 +87,8 @@ HEADS = [
     "WorldBegin\n",
     'Integrator "directlighting" Film "image"\nWorldBegin\n',
     'Film "rgb" PixelFilter "box" Integrator "path" "integer maxdepth" 1\nWorldBegin\nShape "sphere"\n',
+    'Integrator "bdpt" Film "image" Camera "orthographic" "float lensradius" .1\nWorldBegin\n',
+    'Film "rgb" Integrator "mlt" Camera "spherical" "string mapping" "equirectangular"\nWorldBegin\n',
     "",
 ]
 

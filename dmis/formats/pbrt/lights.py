@@ -24,7 +24,7 @@ from dmis.light.light import Light
 
 def make_light(name: Token, p: Parameters, to_world: Floats) -> Light:
     """Return the light `name` of a ``LightSource`` line; `to_world` (4, 4) is the current transform."""
-    make = _LIGHTS[name.among("a light", _LIGHTS)]
+    make = LIGHTS[name.among("a light", LIGHTS)]
     with blame(name):
         return make(p, to_world)
 
@@ -98,7 +98,7 @@ def _infinite(p: Parameters, to_world: Floats) -> Light:
     return EnvironmentLight(texels, to_world[:3, :3] / factor, _strength(p, "L", "illuminance", np.pi))
 
 
-_LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
+LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
     "point": _point,
     "spot": _spot,
     "distant": _distant,
