@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dmis.base.color import Rgb
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.formats.model import Model
-from dmis.formats.read_model import camera_of, material_of, read_file, with_materials
+from dmis.formats.read_model import camera_of, material_of, read_file, up_axis, with_materials
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes
 from dmis.light.area import QuadLight
@@ -42,6 +43,10 @@ HELD_OUT = ("ten-lights", "veach-mis")
 
 SKY = 0.25
 """Radiance of the default sky of a mesh; its lamp adds the rest of 1."""
+SOFT_SKY = (0.1, 0.32, 0.62)
+"""Radiance of the default sky of a model with materials: below, at the horizon and above, linear in the height."""
+SHADED = (".glb", ".gltf", ".obj")
+"""Extensions of files that may have materials."""
 
 
 def load_scene(
@@ -127,8 +132,9 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
     if lights is None and not model.lights:
-        lights = default_lights(camera, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0))
-        added.append("an even sky and a lamp, because it has no lights")
+        axis = up_axis(source, view[1]) if model.path.suffix.lower() in SHADED else None
+        lights = default_lights(camera, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), axis)
+        added.append("a sky and a lamp, because it has no lights")
     elif lights is None:
         lights = model.lights
     else:
@@ -173,13 +179,20 @@ def _trimeshes(source: Any) -> list[tuple[str, Mesh]]:
     return placed_meshes(source) if isinstance(source, trimesh.Scene) else [("", from_trimesh(source))]
 
 
-def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:
-    """Return the lights of a mesh that has none: an even sky, and a lamp that shows its shape.
+def default_lights(camera: Camera, low: Array, high: Array, up: Rgb | None = None) -> list[Light]:
+    """Return the lights of a mesh that has none: a sky, and a lamp that shows its shape.
 
-    The sky has radiance `SKY`. The lamp is a square behind the camera, to the upper left and out of its view, that
-    looks at the middle of the mesh, whose least and largest coordinates are `low` and `high` ``(3,)``, and is about as
-    large. An unoccluded white surface that faces the lamp has radiance 1.
+    The sky has radiance `SKY`; with an axis `up` it is soft, `SOFT_SKY`, so that metals have something to reflect. The
+    lamp is a square behind the camera, to the upper left and out of its view, that looks at the middle of the mesh,
+    whose least and largest coordinates are `low` and `high` ``(3,)``, and is about as large. Under an even sky an
+    unoccluded white surface that faces the lamp has radiance 1.
     """
+    sky = EnvironmentLight(np.full((16, 32, 3), SKY))
+    if up is not None:
+        height = np.cos((np.arange(64) + 0.5) * np.pi / 64)
+        soft = np.interp(height, (-1, 0, 1), SOFT_SKY)
+        axes = np.eye(3) if up[2] else np.eye(3)[[0, 2, 1]]
+        sky = EnvironmentLight(np.broadcast_to(soft[:, None, None], (64, 128, 3)), axes)
     middle = (low + high) / 2
     eye = np.asarray(camera.to_world, float)[:3, 3]
     right, up, forward = (axis / np.linalg.norm(axis) for axis in np.asarray(camera.to_world, float)[:3, :3].T)
@@ -194,4 +207,4 @@ def default_lights(camera: Camera, low: Array, high: Array) -> list[Light]:
     square = side**2 / np.pi
     radiance = (1 - SKY) * (1 + towards @ towards / square)
     corner, u, v = (tuple(place.tolist()) for place in (centre - (first + second) / 2, first, second))
-    return [EnvironmentLight(np.full((16, 32, 3), SKY)), QuadLight(corner, u, v, (radiance,) * 3)]
+    return [sky, QuadLight(corner, u, v, (radiance,) * 3)]

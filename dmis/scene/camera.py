@@ -132,17 +132,21 @@ class Camera:
     ) -> Camera:
         """Return a camera that looks down at all of `meshes` from an oblique angle, to their front and right.
 
-        The axis `up` points up in the image, which the sphere about the bounds of the meshes touches on two sides.
+        The axis `up` points up in the image. The meshes are in its middle and fill 0.9 of its shorter side.
         """
-        bounds = np.array([mesh.bounds for mesh in meshes])
-        low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-        centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
+        points = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
+        centre = (points.min(axis=0) + points.max(axis=0)) / 2
         axis = direction("up", up)
-        right = np.cross(axis, (0, 0, 1) if abs(axis[2]) < 0.9 else (0, -1, 0))
-        right /= np.linalg.norm(right)
-        away = 0.45 * right + 0.48 * axis + 0.75 * np.cross(right, axis)
-        eye = centre + away / np.linalg.norm(away) * radius / np.sin(np.radians(fov / 2))
-        return cls.look_at(tuple(eye.tolist()), tuple(centre.tolist()), up, fov, resolution)
+        side = np.cross(axis, (0, 0, 1) if abs(axis[2]) < 0.9 else (0, -1, 0))
+        away = direction("away", 0.45 * side + 0.48 * axis + 0.75 * np.cross(side, axis))
+        right = direction("right", np.cross(axis, away))
+        across = np.stack([right, np.cross(away, right)])
+        for _ in range(4):  # perspective moves the middle
+            places, nearer = across @ (points - centre).T, (points - centre) @ away
+            distance = (np.abs(places).max(axis=0) / (0.9 * np.tan(np.radians(fov / 2))) + nearer).max()
+            seen = places / (distance - nearer)
+            centre = centre + distance / 2 * (seen.max(axis=1) + seen.min(axis=1)) @ across
+        return cls.look_at(tuple((centre + distance * away).tolist()), tuple(centre.tolist()), up, fov, resolution)
 
     @cached_property
     def origin(self) -> Array:

@@ -13,9 +13,9 @@ from helpers import Z_LIMIT, z_score
 from dmis.brdf.materials import matte, mirror, plastic
 from dmis.brdf.texture import Image
 from dmis.cli.commands import main
-from dmis.formats.load_scene import SKY, light_part, load_scene
+from dmis.formats.load_scene import SKY, SOFT_SKY, light_part, load_scene
 from dmis.geometry.mesh import Mesh, flat_normals
-from dmis.geometry.mesh_files import load_mesh
+from dmis.geometry.mesh_files import from_trimesh, load_mesh
 from dmis.geometry.shapes import quad
 from dmis.image import write_exr
 from dmis.light.area import DiskLight, QuadLight, SphereLight
@@ -104,6 +104,30 @@ def test_default_lamp_shows_the_shape():
     camera = Camera.look_at(tuple(towards), (0, 0, 0), fov=0.1, resolution=(4, 4))
     white = render(load_scene(small, camera=camera, material=matte(1), lights=(sky, lamp)), "balance", 64).image
     assert white.mean() == pytest.approx(1, rel=0.01)
+
+
+def test_soft_sky_of_models(tmp_path):
+    """Brighter above than below, whichever axis is up; it is the same all around."""
+    BOX.export(tmp_path / "a.obj")
+    for up in ("y", "z"):
+        sky, _ = load_scene(tmp_path / "a.obj", up=up).lights
+        axis = np.eye(3, dtype=np.float32)["xyz".index(up)]
+        level = np.roll(axis, 1)  # and not quite at the poles, about which the map is interpolated
+        values = [sky.radiance(np.float32(w)[:, None])[0, 0] for w in (axis + 0.1 * level, level, 0.1 * level - axis)]
+        np.testing.assert_allclose(values, SOFT_SKY[::-1], atol=0.02)
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 0, 0)])
+def test_a_camera_that_sees_all(up):
+    """In the middle of the image, and 0.9 of its shorter side; what is nearer does not reach beyond."""
+    meshes = [
+        from_trimesh(trimesh.creation.icosphere(2, r).apply_translation(p)) for r, p in ((1, (0, 3, 0)), (3, (9, 0, 1)))
+    ]
+    camera = Camera.fit(meshes, up, resolution=(300, 200))
+    x, y, depth, _ = camera.raster(np.concatenate([mesh.vertices for mesh in meshes]))
+    spans = np.array([[x.min() - 50, y.min()], [x.max() - 50, y.max()]]) / 200
+    np.testing.assert_allclose(spans.sum(axis=0), 1, atol=0.01)
+    assert np.ptp(spans, axis=0).max() == pytest.approx(0.9, abs=0.01) and (depth > 0).all()
 
 
 def test_materials_by_name():
