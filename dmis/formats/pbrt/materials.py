@@ -134,6 +134,8 @@ def _mix(p: Parameters, named: Mapping[str, Material]) -> Material:
         if material.relief is not None:
             raise item.token.error(f"a material with a bump map or normal map cannot be mixed; got {name!r}")
         for lobe in material.lobes:
+            if lobe.factor is None:
+                raise p.directive.error(f"a material of the kind {material.name} cannot be mixed")
             part = scale(getattr(lobe, lobe.factor), share)
             if isinstance(part, Image) or np.any(part):
                 lobes.append(replace(lobe, **{lobe.factor: part}))

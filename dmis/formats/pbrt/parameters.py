@@ -145,27 +145,28 @@ class Parameters:
     def real(self, name: str, default: float | Image) -> float | Image:
         """Return the float or float texture `name`."""
         parameter = self.get(name, "texture", "float")
-        if parameter is None or self._undefined("float", parameter):
+        if parameter is None:
             return default
-        return self._texture("float", parameter) if parameter.kind == "texture" else float(parameter.single()[0])
+        if parameter.kind == "texture":
+            return self._texture("float", parameter, default)
+        return float(parameter.single()[0])
 
     def colour(self, name: str, default: float | Rgb) -> Rgb | Image:
         """Return the spectrum or spectrum texture `name`, as linear RGB."""
         parameter = self.get(name, "texture", *SPECTRUM_TYPES)
-        if parameter is None or self._undefined("color", parameter):
-            return default if isinstance(default, tuple) else (default, default, default)
-        return self._texture("color", parameter) if parameter.kind == "texture" else parameter.colour()
+        default = default if isinstance(default, tuple) else (default, default, default)
+        if parameter is None:
+            return default
+        return self._texture("color", parameter, default) if parameter.kind == "texture" else parameter.colour()
 
-    def _undefined(self, kind: str, parameter: Parameter) -> bool:
-        """Return whether a parameter names a texture that is not defined, which is no error in v2 and v3."""
-        if parameter.kind != "texture" or self.dialect == "v4" or (kind, parameter.single()[0]) in self.textures:
-            return False
-        self.findings.append((UNDEFINED, parameter))
-        return True
-
-    def _texture(self, kind: str, parameter: Parameter) -> Any:
+    def _texture(self, kind: str, parameter: Parameter, default: Any) -> Any:
+        """Return the texture that a parameter names; the default if none is defined, which is no error in v2 and v3."""
+        (name,) = parameter.single()
+        if self.dialect != "v4" and (kind, name) not in self.textures:
+            self.findings.append((UNDEFINED, parameter))
+            return default
         named = {name: texture for (type_, name), texture in self.textures.items() if type_ == kind}
-        return parameter.token.find(f"{kind} texture", parameter.single()[0], named)
+        return parameter.token.find(f"{kind} texture", name, named)
 
     def constant(self, name: str, default: Any) -> Any:
         """Return the float, or with an RGB default the spectrum `name` as linear RGB; it may be a constant texture."""

@@ -128,11 +128,11 @@ def _parallelogram(mesh: Mesh) -> Floats | None:
 
 def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
     """Return the parts of shapes that do not emit: one for each material, mask and kind of mesh, in order."""
-    by_material: dict[int, tuple[Material, dict[tuple[bool, bool, int], tuple[Mask | None, list[Mesh]]]]] = {}
+    by_material: dict[int, tuple[Material, dict[tuple[bool, bool, int | None], tuple[Mask | None, list[Mesh]]]]] = {}
     for shape, material in shapes:
         mesh, mask = _placed(shape, material), shape.mask
         _, kinds = by_material.setdefault(id(material), (material, {}))
-        key = mesh.normals is None, mesh.uv is None, id(mask)
+        key = mesh.normals is None, mesh.uv is None, None if mask is None else id(mask.image)
         kinds.setdefault(key, (mask, []))[1].append(mesh)
     return [
         Part(concatenate(group), material, mask=mask)

@@ -22,7 +22,7 @@ from dmis.formats.pbrt.parameters import Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
 from dmis.formats.pbrt.refusals import Refusals
-from dmis.formats.pbrt.shapes import Masks, Shape, tessellate_quadrics
+from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.suggestions import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.light.light import Light
@@ -100,7 +100,6 @@ class Reader:
         self.shapes: list[tuple[Shape, Material]] = []
         self.objects: dict[str, list[tuple[Shape, Material]]] = {}
         self.object: list[tuple[Shape, Material]] | None = None
-        self.masks: Masks = {}
         self.triangles = {"world": 0, "objects": 0}
         self.emitters: list[tuple[int, Shape, Material, Parameters]] = []
         """Shapes that emit, with their places among the lights, which are None there until `scene`."""

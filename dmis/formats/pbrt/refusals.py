@@ -7,9 +7,6 @@ from contextlib import contextmanager
 
 from dmis.formats.pbrt.tokens import PbrtError
 
-MAX_LISTED = 100
-"""Most kinds of errors that a message lists."""
-
 
 class Refusals:
     """Errors so far, in order, each line of the file once."""
@@ -38,8 +35,7 @@ class Refusals:
         for error in self._errors.values():
             kinds.setdefault(error.reason, []).append(error)
         lines = [
-            str(same[0]) + (f" (and {len(same) - 1} more places)" if len(same) > 1 else "")
-            for same in list(kinds.values())[:MAX_LISTED]
+            str(same[0]) + (f" (and {len(same) - 1} more places)" if len(same) > 1 else "") for same in kinds.values()
         ]
         if len(self._errors) > 1:
             lines.append(

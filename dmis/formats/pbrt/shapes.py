@@ -67,8 +67,8 @@ class Shape:
     twosided: bool = False
 
 
-def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool, masks: Masks) -> Shape:
-    """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform, `masks` those so far."""
+def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: bool) -> Shape:
+    """Return the shape `name` of a Shape line; `to_world` (4, 4) is the current transform."""
     name.among("a shape", [kind for kind in SHAPES if kind != "bilinearmesh" or name.dialect == "v4"])
     if parameters.constant("shadowalpha", 1.0) != 1:
         parameters.refuse("shadows of another shape than the surface are not supported; use alpha", "shadowalpha")
@@ -77,30 +77,25 @@ def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: b
         surface, size = SHAPES[name.name](parameters)
         quadric = surface if isinstance(surface, Quadric) else None
         mesh = surface.mesh(*surface.lines(8)) if isinstance(surface, Quadric) else surface
-        mask = make_mask(name.name, parameters, masks)
+        mask = make_mask(name.name, parameters)
     return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), size, quadric, mask)
 
 
-Masks = dict[float | int, tuple[float | Image, Mask]]
-"""Masks by the alpha, or the `id` of the image, that they are made of, which is kept with them."""
-
-
-def make_mask(kind: str, p: Parameters, masks: Masks) -> Mask | None:
-    """Return the mask of a shape's ``alpha``, None if it has no holes; shapes of one alpha share one of `masks`.
+def make_mask(kind: str, p: Parameters) -> Mask | None:
+    """Return the mask of a shape's ``alpha``, None if it has no holes.
 
     v2 and v3 have alpha in triangle meshes only, and ask whether it is 0; in v4 it is a probability.
     """
     alpha, v4 = p.real("alpha", 1.0), p.dialect == "v4"
     if not v4 and kind not in ("trianglemesh", "plymesh"):
         return None
-    if not isinstance(alpha, Image) and (alpha >= 1 or (alpha > 0 and not v4)):
-        return None
-    key = id(alpha) if isinstance(alpha, Image) else alpha
-    if key not in masks:
-        image = alpha if isinstance(alpha, Image) else Image(np.full((1, 1, 1), alpha))
-        image = replace(image, texels=np.clip(image.texels, 0, 1))
-        masks[key] = alpha, Mask(image, None if v4 else LEAST_ALPHA)
-    return masks[key][1]
+    if not isinstance(alpha, Image):
+        if alpha >= 1 or (alpha > 0 and not v4):
+            return None
+        alpha = Image(np.full((1, 1, 1), alpha))
+    if alpha.texels.min() < 0 or alpha.texels.max() > 1:
+        alpha = replace(alpha, texels=np.clip(alpha.texels, 0, 1))
+    return Mask(alpha, None if v4 else LEAST_ALPHA)
 
 
 _Surface = tuple[Mesh | Quadric, tuple[float, float] | None]

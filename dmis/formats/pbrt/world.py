@@ -86,7 +86,7 @@ def _shape(reader: Reader, name: Token, p: Parameters) -> None:
         reader.notes.add("mesh without triangles, left out, as pbrt does", "Shape", reader.token)
         p.read_names |= set(p.items)
         return
-    shape = make_shape(name, p, reader.to_world(), state.reverse, reader.masks)
+    shape = make_shape(name, p, reader.to_world(), state.reverse)
     material = reader.material_for(p)
     if state.area_light is None:
         reader.add(shape, material)

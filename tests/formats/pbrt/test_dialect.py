@@ -600,6 +600,12 @@ BAD_WORLDS = [
     ("v4", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
     ("v4", 'Material "coateddiffuse" "float eta" .9', "eta must be from 1"),
     ("v4", 'Material "conductor" "float uroughness" .1', "must be rough along both tangents"),
+    (
+        "v3",
+        'MakeNamedMaterial "a" "string type" "substrate" Material "mix" "string namedmaterial1" "a" '
+        '"string namedmaterial2" "a"',
+        "a material of the kind substrate cannot be mixed",
+    ),
     ("v3", 'Material "metal" "float roughness" -.1', "must not be negative, because it is a spread"),
     ("v4", 'Material "conductor" "rgb reflectance" [1 1 1] "rgb k" [1 1 1]', "must not stand beside eta"),
     ("v4", 'Material "matte"', "a material must be diffuse, conductor, dielectric"),
