@@ -7,6 +7,9 @@ from contextlib import contextmanager
 
 from dmis.formats.pbrt.tokens import PbrtError
 
+MAX_ERRORS = 1000
+"""Number of errors after which a file is not read on."""
+
 
 class Refusals:
     """Errors so far, in order, each line of the file once."""
@@ -18,7 +21,12 @@ class Refusals:
         return bool(self._errors)
 
     def add(self, error: PbrtError) -> None:
-        """Add an error, unless it is there already: a material's is found again at each shape."""
+        """Add an error, unless it is there already: a material's is found again at each shape.
+
+        Raise `error` once there are `MAX_ERRORS`.
+        """
+        if len(self._errors) >= MAX_ERRORS:
+            raise self.error()
         self._errors.setdefault(str(error), error)
 
     @contextmanager
@@ -38,7 +46,7 @@ class Refusals:
             str(same[0]) + (f" (and {len(same) - 1} more places)" if len(same) > 1 else "") for same in kinds.values()
         ]
         if len(self._errors) > 1:
-            lines.append(
-                f"{len(self._errors):,} places of {len(kinds):,} kinds must change before the file can be read"
-            )
+            least = "at least " if len(self._errors) >= MAX_ERRORS else ""
+            places = f"{least}{len(self._errors):,} places of {len(kinds):,} kinds"
+            lines.append(f"{places} must change before the file can be read")
         return PbrtError("\n".join(lines))

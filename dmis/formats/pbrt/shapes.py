@@ -16,7 +16,7 @@ from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.quadrics import choose_grids
-from dmis.formats.pbrt.tokens import Token, blame
+from dmis.formats.pbrt.tokens import Token, blame, unzipped
 from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, repair_normals
 from dmis.geometry.shapes import Quadric, circular, cylindrical, spherical
@@ -127,10 +127,10 @@ def _loop(p: Parameters) -> _Surface:
 def _file(p: Parameters) -> _Surface:
     name = p.string("filename")
     token = p.items["filename"].token
-    if not name.lower().endswith(".ply"):
-        raise token.error(f"a plymesh must be a .ply file; got {name!r}")
-    with blame(token):
-        return mesh_files.load_mesh(token.file(name)), None
+    if not name.lower().endswith((".ply", ".ply.gz")):
+        raise token.error(f"a plymesh must be a .ply or .ply.gz file; got {name!r}")
+    with blame(token), unzipped(token.file(name)) as path:
+        return mesh_files.load_mesh(path), None
 
 
 def _sphere(p: Parameters) -> _Surface:

@@ -6,10 +6,15 @@ characters. `dmis.formats.pbrt.cursor` walks over the tokens.
 
 from __future__ import annotations
 
+import gzip
 import re
+import tempfile
+import zlib
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +33,8 @@ _TOKEN = re.compile(
       | (?P<end> \Z ) )""",
     re.VERBOSE,
 )
+MAX_UNZIPPED = 2**30
+"""Most bytes of an unpacked .gz file."""
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -52,6 +59,11 @@ class Source:
     root: Path | None = None
     dialect: Dialect = V2
 
+    @cached_property
+    def line_ends(self) -> list[int]:
+        """Positions of the ends of the lines, so that many errors find their lines quickly."""
+        return [match.start() for match in re.finditer("\n", self.text)]
+
     @classmethod
     def read(cls, path: Path, outside: bool = False) -> Source:
         """Read `path`, the first file of a scene; files named in it must be below its folder unless `outside`."""
@@ -61,7 +73,8 @@ class Source:
     def include(self, path: Path) -> Source:
         """Read a file that this one names: names in it are relative to its own folder, else to the first file's."""
         folders = dict.fromkeys([path.parent, self.folders[-1]])
-        return replace(self, path=path, text=path.read_text("utf-8", "replace"), folders=tuple(folders))
+        with unzipped(path) as plain:
+            return replace(self, path=path, text=plain.read_text("utf-8", "replace"), folders=tuple(folders))
 
 
 class Token(NamedTuple):
@@ -75,7 +88,7 @@ class Token(NamedTuple):
     @property
     def line(self) -> int:
         """Line number, from 1."""
-        return self.source.text.count("\n", 0, self.start) + 1
+        return bisect_left(self.source.line_ends, self.start) + 1
 
     @property
     def name(self) -> str:
@@ -125,6 +138,25 @@ class Token(NamedTuple):
                 )
             return path
         raise self.error(f"there is no file {name!r} in {' or '.join(str(folder) for folder in self.source.folders)}")
+
+
+@contextmanager
+def unzipped(path: Path) -> Iterator[Path]:
+    """Yield a path with the contents of a .gz file, `path` itself if it is none; a ValueError above `MAX_UNZIPPED`."""
+    if path.suffix.lower() != ".gz":
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder, gzip.open(path) as packed:
+        copy = Path(folder, path.stem)
+        try:
+            with copy.open("wb") as file:
+                while block := packed.read(2**20):
+                    file.write(block)
+                    if file.tell() > MAX_UNZIPPED:
+                        raise ValueError(f"{path} must have at most {MAX_UNZIPPED:,} bytes when it is unpacked")
+        except (EOFError, zlib.error) as error:
+            raise ValueError(f"{path} cannot be unpacked: {error}") from error
+        yield copy
 
 
 def either(names: Iterable[str]) -> str:

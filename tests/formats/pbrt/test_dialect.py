@@ -623,7 +623,7 @@ BAD_WORLDS = [
     ("v4", 'LightSource "point" "blackbody I" [3000 1]', "must be one blackbody; got 2"),
     ("v3", 'TRIANGLE "float shadowalpha" .5', "shadows of another shape than the surface"),
     ("v4", 'AreaLightSource "diffuse" TRIANGLE "float alpha" .5', "a shape that emits must not have alpha"),
-    ("v4", 'Shape "plymesh" "string filename" "a.obj"', "a plymesh must be a .ply file"),
+    ("v4", 'Shape "plymesh" "string filename" "a.obj"', "a plymesh must be a .ply or .ply.gz file"),
     ("v4", 'Texture "a" "float" "constant" Texture "a" "float" "constant"', "there is a texture of this"),
     ("v4", 'Attribute "camera" "float fov" 1', "an Attribute must be shape, light"),
     ("v3", 'Shape "bilinearmesh"', "a shape must be trianglemesh, plymesh, loopsubdiv, sphere"),

@@ -1,11 +1,15 @@
 """What the pbrt reader takes as pbrt does, with a warning where the image may not be the one that was meant."""
 
+import gzip
 import warnings
 
 import numpy as np
 import pytest
+import trimesh
 
+from dmis.formats.pbrt import tokens
 from dmis.formats.pbrt.read import read_pbrt
+from dmis.formats.pbrt.tokens import PbrtError
 from dmis.samplers.pixel_filter import PixelFilter
 from tests.formats.pbrt.test_read import TRIANGLE
 
@@ -122,3 +126,20 @@ def test_empty_meshes_are_left_out(read):
 def test_transforms_count_where_they_are_used(read):
     scene, texts = read("v3", "", "TransformBegin Scale 1 0 1 TransformEnd")
     assert scene.parts and not texts
+
+
+def test_packed_files(read, tmp_path, monkeypatch):
+    ply = trimesh.exchange.ply.export_ply(trimesh.creation.box())
+    (tmp_path / "box.ply.gz").write_bytes(gzip.compress(ply))
+    line = b'Translate 0 0 5 Shape "plymesh" "string filename" "box.ply.gz"'
+    (tmp_path / "more.pbrt.gz").write_bytes(gzip.compress(line))
+    scene, texts = read("v4", "", 'Include "more.pbrt.gz"', add="")
+    assert scene.parts[0].mesh.triangles == 12 and scene.parts[0].mesh.vertices[:, 2].max() == 5.5 and not texts
+    monkeypatch.setattr(tokens, "MAX_UNZIPPED", 100)
+    with pytest.raises(PbrtError, match=r"must have at most 100 bytes when it is unpacked"):
+        read("v4", "", 'Shape "plymesh" "string filename" "box.ply.gz"')
+    monkeypatch.undo()
+    for broken in (gzip.compress(ply)[:-20], b"nothing"):
+        (tmp_path / "box.ply.gz").write_bytes(broken)
+        with pytest.raises(PbrtError, match=r'token "string filename"'):
+            read("v4", "", 'Shape "plymesh" "string filename" "box.ply.gz"')

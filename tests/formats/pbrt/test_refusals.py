@@ -3,6 +3,7 @@
 import re
 import runpy
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -58,6 +59,16 @@ def test_all_refusals_are_listed_once(tmp_path):
     assert [line[: len(begin)] for line, begin in zip(lines, begins, strict=True)] == begins
     assert [line.endswith("(and 1 more places)") for line in lines] == [False] * 5 + [True, False]
     assert summary == "8 places of 7 kinds must change before the file can be read"
+
+
+def test_long_lists_end(tmp_path):
+    """A file of hair is refused in seconds: each place is found in no time, and a thousand of them are enough."""
+    curve = 'Shape "curve" "point3 P" [0 0 0 1 0 0 2 0 0 3 0 0]\n'
+    begin = process_time()
+    *_, line, summary = refusal(tmp_path, "WorldBegin\n" + 30_000 * curve)
+    assert process_time() - begin < 5
+    assert line.startswith('a.pbrt:2: token "curve": a shape must be') and line.endswith("(and 999 more places)")
+    assert summary == "at least 1,000 places of 1 kinds must change before the file can be read"
 
 
 def test_a_broken_line_ends_the_list(tmp_path):
