@@ -211,6 +211,16 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **THREADS,
         **QUIET,
     }),
+    "play": ("write a page to paint weights on, which shows the error times time that they would have", {
+        **SCENE,
+        OUTPUT: _option("page for a browser, which needs no network", Path, required=True, metavar="OUT.html"),
+        "--resolution": _option("pixels (default 160x120)", resolution, (160, 120), metavar="WxH"),
+        "--spp": _option("camera samples per pixel of the variance curves, a multiple of 4 (default 2048)", int, 2048),
+        "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _whole(65_535), 4),
+        **settings_options("sampler", "preset"),
+        **THREADS,
+        **QUIET,
+    }),
     "info": ("print versions, and the plan of a scene: what it needs, what is left out", {
         **SCENE,
         "scene": _option("scene whose plan is printed (default: versions only)", nargs="?"),

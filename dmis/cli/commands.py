@@ -1,4 +1,4 @@
-"""Commands of the command line: ``python -m dmis render | compare | oracle | info | check | bench | bench-rules``.
+"""Commands: ``python -m dmis render | compare | oracle | play | info | check | bench | bench-rules``.
 
 Bad input ends with exit code 2 and one message. An interrupted command ends with 130, and its message has the command
 that resumes it.
@@ -18,7 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from dmis import __version__
-from dmis.base.atomic_files import check_folder, check_package, replacing
+from dmis.base.atomic_files import check_folder, check_package, check_writable, replacing
 from dmis.base.plugins import load_plugin
 from dmis.cli.arguments import REMOVED_OPTIONS, make_parser
 from dmis.cli.bench_rules import bench_rules
@@ -70,7 +70,7 @@ def _how_to_resume(options: argparse.Namespace, arguments: Sequence[str] | None)
         return f"; finished renders are kept in {options.output}. {again}"
     if command == "compare" and options.reference is not None:
         return "; nothing is kept, because no render was finished"
-    if command in ("compare", "oracle"):
+    if command in ("compare", "oracle", "play"):
         return f"; finished tiles are kept in {cache_folder()}. {again}"
     if command != "render":
         return ""
@@ -145,6 +145,21 @@ def _oracle(options: argparse.Namespace) -> int:
     return 0
 
 
+def _play(options: argparse.Namespace) -> int:
+    """Run ``play`` and return its exit code."""
+    from dmis.experiment.report.play import play_page
+
+    check_writable(options.output)
+    scene, settings = load(options), make_settings(**given_settings(options))
+    with progress_bar(options.quiet) as progress:
+        page = play_page(scene, options.spp, options.patch, settings, parallel=options.threads, progress=progress)
+    with replacing(options.output) as partial:
+        partial.write_text(page, "utf-8")
+    if not options.quiet:
+        print(f"{options.output}: open it in a browser")
+    return 0
+
+
 def _info(options: argparse.Namespace) -> int:
     """Run ``info`` and return its exit code."""
     if options.scenes:
@@ -180,6 +195,7 @@ _COMMANDS = {
     "render": render,
     "compare": _compare,
     "oracle": _oracle,
+    "play": _play,
     "info": _info,
     "check": check,
     "bench": _bench,

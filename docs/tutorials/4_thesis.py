@@ -218,6 +218,9 @@ for k in (1, 2):
 # 15. *Hard.* Keep the pilot's samples in the image, without bias
 #     (``15_keep_the_pilot.py``).
 #
+# To play: ``python -m dmis play veach-mis -o play.html`` writes a page where you paint
+# w yourself, beside the map of this rule and the best one. Where does the rule lose?
+#
 # To think about: take ``thesis:patch=1`` and ``thesis:patch=40``. What is wrong with
 # either? Leave the filter out with ``thesis:filter=none``. Does the error say the same
 # as your eye does of the weight maps?

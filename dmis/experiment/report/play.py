@@ -1,0 +1,96 @@
+"""A page to paint shares and numbers of samples on an image, which shows the error times time that they would have.
+
+The files ``play.html``, ``.css`` and ``.js`` beside this module have its elements, style and script; ``play_model.js``
+has the numbers. Nothing is rendered in the page: the curves of `dmis.experiment.error_time` say what a map is worth.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dmis.base.patches import patch_mean
+from dmis.base.vectors import Array
+from dmis.estimator.settings import Settings
+from dmis.experiment.error_time import MOST_SAMPLES, ErrorTime, measure_patches
+from dmis.experiment.oracle import make_oracle
+from dmis.experiment.reference import make_reference
+from dmis.experiment.report.comparer import asset, filled, png
+from dmis.fit.thesis import Thesis
+from dmis.image import tonemap
+from dmis.pipeline.render import render
+from dmis.scene.scene import Scene
+from dmis.variance.curves import GRID
+
+LARGEST_PAGE = 3e6
+"""Most bytes of a page."""
+
+
+def play_page(scene: Scene, spp: int, patch: int, settings: Settings, **options: Any) -> str:
+    """Return the page of a scene, HTML that needs no network. Its oracle and its image are kept in the cache.
+
+    Light samples of skies have no compensation unless `settings` say so, so that w = 1/2 is the rule ``balance``. `spp`
+    and `patch` are those of `dmis.experiment.oracle.make_oracle`, `options` of `dmis.pipeline.render.render`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, the page would be too large, or the scene has nothing to mix or no noise.
+    """
+    options["settings"] = settings = replace(settings, preset=None, compensation=settings.compensation or 0)
+    _check_size(*scene.camera.resolution, patch)
+    oracle = make_oracle(scene, spp, patch, **options)
+    if not oracle.variance.any():
+        raise ValueError(f"a page to paint on needs noise; every sample of scene {scene.name!r} is the same")
+    image = make_reference(scene, 128, **options).mean
+    cost, factor = measure_patches(scene, patch, **options)
+    # the pilot alone decides the map: 6 samples, and one of the final pass
+    thesis = render(scene, Thesis(weigh="samples", combiner=settings.combiner), 7, **options).weight
+    absolute = ErrorTime(oracle.variance, cost, patch, thesis.shape)
+    measures = {"relative": replace(absolute, variance=oracle.variance * factor), "absolute": absolute}
+    return page_of(measures, image, thesis, scene.name, spp)
+
+
+def page_of(measures: Mapping[str, ErrorTime], image: Array, thesis: Array, scene: str, spp: int) -> str:
+    """Return the page of curves of ``relative`` and ``absolute`` errors.
+
+    `image` is linear RGB ``(H, W, 3)``, and `thesis` the share map of the thesis's rule, ``(H, W)``.
+    """
+    curves, maps = measures["absolute"], {}
+    even, w = np.ones_like(curves.area), patch_mean(thesis, curves.patch)
+    for name, judge in measures.items():
+        named = {"thesis": (w, even), "oracle": (judge.best(), even), "oracle + samples": judge.best_with_samples()}
+        maps[name] = {label: list(map(_text, pair)) for label, pair in named.items()}
+    data = {
+        "shape": [*curves.shape, *even.shape],
+        "patch": curves.patch,
+        "most": MOST_SAMPLES,
+        "image": png(np.round(255 * tonemap(image.astype(np.float32))).astype(np.uint8)),
+        "grid": [round(float(w), 6) for w in GRID],
+        "curves": {"cost": _text(curves.cost)} | {name: _text(judge.variance) for name, judge in measures.items()},
+        "maps": maps,
+    }
+    fill = {"scene": html.escape(scene), "spp": str(spp), "data": json.dumps(data, separators=(",", ":"))}
+    fill |= {"style": asset("comparer.css") + asset("play.css"), "script": asset("play_model.js") + asset("play.js")}
+    return filled(asset("play.html"), fill)
+
+
+def _check_size(width: int, height: int, patch: int) -> None:
+    """Raise a ValueError if a page would be too large: base64 of 3 bytes per pixel, 204 per patch, and the script."""
+    size = 4 * width * height + 272 * -(-width // patch) * -(-height // patch) + 60_000
+    if size > LARGEST_PAGE:
+        raise ValueError(
+            f"a page must have at most {LARGEST_PAGE / 1e6:g} MB; got {size / 1e6:.1f} MB for {width}x{height} pixels "
+            f"in patches of {patch}. Take a lower resolution, or larger patches"
+        )
+
+
+def _text(values: Array) -> str:
+    """Return an array as base64 of little-endian float32."""
+    return base64.b64encode(np.asarray(values, "<f4").tobytes()).decode("ascii")
