@@ -93,7 +93,7 @@ CONTENTS = {
         "paths",
         "conventions",
     ],
-    "Use": ["cli", "cluster", "scenes", "pbrt", "report", "play", "extending"],
+    "Use": ["cli", "cluster", "scenes", "models", "pbrt", "report", "play", "extending"],
     "Measured": [
         "measurements",
         "mis-bench",

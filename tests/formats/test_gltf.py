@@ -542,8 +542,8 @@ def test_files_beside_it(tmp_path):
 
 
 def test_the_page_names_what_is_read():
-    """The table of docs/scenes.md is that of the readers."""
-    page = (Path(__file__).parents[2] / "docs/scenes.md").read_text("utf-8")
+    """The table of docs/models.md is that of the readers."""
+    page = (Path(__file__).parents[2] / "docs/models.md").read_text("utf-8")
     cells = dict(re.findall(r"^\| ([^|]*) \| (.*) \|$", page, re.M))
     for row, read in (("glTF extensions", EXTENSIONS), ("MTL statements", READ), ("images", IMAGE_SUFFIXES)):
         assert set(re.findall(r"`([\w.]+)`", cells[row])) == set(read), row
