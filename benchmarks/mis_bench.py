@@ -16,20 +16,38 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
 
+import dmis
 from dmis.base.atomic_files import replacing
 from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
+from dmis.cli.bench_rules import rules_of
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.cost import camera_sample_cost
+from dmis.estimator.cost import CAMERA, RAY, SHADING, camera_sample_cost, count_camera_samples, surface_points
 from dmis.estimator.settings import Settings
-from dmis.experiment.bench.data import GRID, SCENES, SMALL, VERSION, Pilots, Truth, checksum, path_of
+from dmis.experiment.bench.data import (
+    GRID,
+    SCENES,
+    SMALL,
+    VERSION,
+    Pilots,
+    Truth,
+    checksum,
+    path_of,
+    read_pilots,
+    read_truth,
+)
+from dmis.experiment.bench.decide import decide
+from dmis.experiment.bench.judge import BASELINES, error_time, random_shares, score, shares_and_samples
+from dmis.experiment.bench.results import report
 from dmis.experiment.bench.samples import COLUMNS, samples
 from dmis.experiment.reference import REFERENCE_SEED
 from dmis.fit.fixed import Fixed
+from dmis.fit.given import Given
 from dmis.fit.round import Round, pilot_settings
 from dmis.formats.load_scene import load_scene
 from dmis.pipeline.job import resolve
@@ -168,10 +186,115 @@ def make_data(scenes: Sequence[str], seeds: Sequence[int]) -> None:
             write_pilots(path_of(name, seed), draw_pilots(*load(name), seed))
 
 
+# Renders ------------------------------------------------------------------------------------------------------------
+
+SE, SECONDS, FIRST_SEED = 0.025, 12.0, 10_000
+"""Relative standard error at which a measurement ends, CPU seconds at which it ends anyway, and its first seed, which
+neither pilots nor curves have used."""
+REQUIRED = ("fixed:0.25", "balance", "fixed:0.75", "random", "thesis")
+"""Rules whose predictions are validated; those of `OTHERS` with less precision, for the order of all ten."""
+OTHERS = ("thesis:weigh=samples", "second-moment", "auto", "pbrt", "fixed:1")
+
+
+def measure(scene: Scene, settings: Settings, final: Round, seconds: float, spp: int = 32) -> tuple[Array, Array]:
+    """Return error times counted cost of renders of a map, absolute and relative, and its relative standard error.
+
+    Errors are variances over seeds, of the mean of the channels, so that no reference is needed: at least 8 seeds, and
+    more until both standard errors are at most `SE`, or as many as take these CPU seconds.
+    """
+    shares, n = shares_and_samples(final)
+    shape = scene.camera.resolution[::-1]
+    weigh = "samples" if final.tilt is None else "heuristic"
+    rule = Given(np.broadcast_to(shares, shape), n if isinstance(n, np.ndarray) else None, weigh)
+    settings, costs = replace(settings, combiner=final.settings.combiner), []
+    images: list[Array] = []
+    begin, values, error = process_time(), np.zeros(2), np.ones(2)
+    while len(images) < 8 or ((error > SE).any() and process_time() - begin < seconds):
+        result = dmis.render(scene, rule, spp, seed=FIRST_SEED + len(images), parallel=1, settings=settings)
+        images.append(result.image.mean(axis=2))
+        rays, s = result.rays, settings.shading_samples
+        per_camera_sample = {
+            kind: rays.get(kind, 0) / count_camera_samples(rays) for kind in ("shadow", "brdf", "delta")
+        }
+        cost = surface_points(rays) * (CAMERA + SHADING * s) + RAY * sum(per_camera_sample.values())
+        costs.append(spp * (cost + SHADING * per_camera_sample["delta"]))
+        if len(images) % 8 == 0:
+            grey = np.stack(images)
+            mean = grey.mean(axis=0)
+            squares = np.square(grey - mean) * (len(grey) / (len(grey) - 1))
+            by_seed = np.stack([(squares * weight).mean(axis=(1, 2)) for weight in (1, 1 / (mean**2 + BOUND))])
+            values = by_seed.mean(axis=1) * np.mean(costs)
+            error = by_seed.std(axis=1) / np.sqrt(len(images)) / by_seed.mean(axis=1)
+    return values, error
+
+
+def validate(scenes: Sequence[str]) -> None:
+    """Print predicted over measured error times cost of ten maps, and the rank correlation of their order."""
+    pairs, agreeing = np.zeros((2, 2))
+    for name in scenes:
+        truth, pilots = read_truth(path_of(name)), read_pilots(path_of(name, 0))
+        rows = []
+        for text in (*REQUIRED, *OTHERS):
+            final = decide(random_shares if text == "random" else text, pilots)
+            value, error = measure(*load(name), final, SECONDS if text in REQUIRED else SECONDS / 2)
+            predicted = np.array([error_time(final, truth, m) for m in range(2)])
+            rows.append((predicted, value, error))
+            ratio = fmt(predicted / value)
+            print(
+                f"{name:18} {text:21} predicted {fmt(predicted)}, over measured {ratio}, s.e. {fmt(error)}", flush=True
+            )
+        predicted, value, error = (np.array(a) for a in zip(*rows, strict=True))
+        i, j = np.triu_indices(len(rows), 1)
+        apart = np.abs(value[i] - value[j]) > 1.96 * (error * value)[i] + 1.96 * (error * value)[j]
+        same = np.sign(value[i] - value[j]) == np.sign(predicted[i] - predicted[j])
+        pairs, agreeing = pairs + apart.sum(axis=0), agreeing + (apart & same).sum(axis=0)
+        tau = (2 * (apart & same).sum(axis=0) - apart.sum(axis=0)) / np.maximum(apart.sum(axis=0), 1)
+        print(f"{name:18} pairs with disjoint intervals {apart.sum(axis=0)}, Kendall's tau {fmt(tau)}", flush=True)
+    print(f"all scenes: pairs {pairs}, Kendall's tau {fmt((2 * agreeing - pairs) / pairs)}")
+
+
+def confirm(rules: Sequence[str], scenes: Sequence[str]) -> None:
+    """Print error times cost over that of balance, of maps rendered with Sobol points."""
+    for name in scenes:
+        scene, settings = load(name)
+        settings, pilots = replace(settings, sampler="sobol"), read_pilots(path_of(name, 0))
+        balance, error_of_balance = measure(scene, settings, decide("balance", pilots), SECONDS)
+        for text, rule in [item for given in rules for item in rules_of(given).items()]:
+            value, error = measure(scene, settings, decide(rule, pilots), SECONDS)
+            error = np.hypot(error, error_of_balance)
+            print(
+                f"{name:18} {text:21} over balance {fmt(value / balance)}  s.e. {fmt(error * value / balance)}",
+                flush=True,
+            )
+
+
+def fmt(values: Array) -> str:
+    """Return the text of an absolute and a relative value."""
+    return " ".join(f"{value:#.4g}" for value in values)
+
+
+def write_page(scenes: Sequence[str]) -> None:
+    """Score the baselines and replace the table of the page."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    from common import replace_table
+
+    scores = {name: score(rule, scenes) for name, rule in BASELINES.items()}
+    replace_table(ROOT / "docs" / "mis-bench.md", "mis-bench", report(scores, "markdown").partition("\n\n")[0])
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", default=",".join(SCENES), help="scenes separated by commas (default: all eight)")
     parser.add_argument("--seeds", type=int, default=4, help="number of seeds of the pilots (default 4)")
+    parser.add_argument("--validate", action="store_true", help="compare predicted and measured errors")
+    parser.add_argument("--render", nargs="+", default=[], metavar="RULE", help="measure rules with Sobol points")
+    parser.add_argument("--page", action="store_true", help="write the table of docs/mis-bench.md")
     options = parser.parse_args()
-    make_data(options.scenes.split(","), range(options.seeds))
-    sys.exit(0)
+    names = options.scenes.split(",")
+    make_data(names, range(options.seeds))
+    if options.validate:
+        validate(names)
+    if options.render:
+        confirm(options.render, names)
+    if options.page:
+        write_page(names)

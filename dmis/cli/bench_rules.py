@@ -15,20 +15,21 @@ from dmis.fit.registry import RULES
 
 def bench_rules(options: argparse.Namespace) -> int:
     """Run ``bench-rules`` and return its exit code."""
-    rules = {name: rule for text in options.rules for name, rule in _rules(text).items()} or BASELINES
+    rules = {name: rule for text in options.rules for name, rule in rules_of(text).items()} or BASELINES
     scores = {name: score(rule, options.scenes.split(","), range(options.seeds)) for name, rule in rules.items()}
     print(report(scores, options.format))
     return 0
 
 
-def _rules(text: str) -> dict[str, Any]:
+def rules_of(text: str) -> dict[str, Any]:
     """Return by name the rule of a text; or of a Python file its ``rule``, or else what it registers."""
     if not text.endswith(".py"):
         return {text: text}
     before, name = set(RULES), Path(text).stem
     load_plugin(text)
+    rule = getattr(sys.modules[name], "rule", None)
     rules = (
-        {name: rule} if (rule := getattr(sys.modules[name], "rule", None)) else {k: k for k in RULES if k not in before}
+        {registered: registered for registered in RULES if registered not in before} if rule is None else {name: rule}
     )
     if not rules:
         raise ValueError(

@@ -188,13 +188,14 @@ def round_of(truth: Truth, weight: Array | float, samples: Array | None = None, 
 
 
 def test_error_times_cost_of_planted_curves(planted: Truth) -> None:
-    """``mean(V / n) mean(n C)``, linear between the shares of the grid."""
+    """``mean(V / n) mean(n C)``, V of the harmonic mean between the shares of the grid."""
     shares = np.array([[0.16] * 4 + [0.84] * 2] * 4)
     expected = (16 * 1.09 + 8 * 8 * 1.09) / 24 * (16 * 1.16 + 8 * 1.84) / 24
     assert error_time(round_of(planted, shares), planted, 0) == pytest.approx(expected)
     half, between = error_time(round_of(planted, 0.5), planted, 0), error_time(round_of(planted, 0.56), planted, 0)
     assert half == pytest.approx((16 * 1.25 + 64 * 1.25) / 24 * 1.5)
-    assert between == pytest.approx((16 * 1.31 + 64 * 1.19) / 24 * 1.56)
+    light, brdf = (2 / (1 / a + 1 / b) for a, b in ((1.25, 1.37), (1.25, 1.13)))
+    assert between == pytest.approx((16 * light + 64 * brdf) / 24 * 1.56)
     n = np.where(shares < 0.5, 1, 3)
     expected = (16 * 1.25 + 64 * 1.25 / 3) / 24 * (16 * 1 + 8 * 3) / 24 * 1.5
     assert error_time(round_of(planted, 0.5, n), planted, 0) == pytest.approx(expected)
@@ -308,6 +309,7 @@ class Unfinished(dmis.Rule):
     [
         ("simplex", "scored on fixed shares of light and BRDF sampling"),
         ("one-sample:0.5", "has random ones of light and brdf"),
+        ("auto:spp=32", "must learn at 32 samples per pixel"),
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
         (Unfinished(), "must yield a final round"),

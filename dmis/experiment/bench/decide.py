@@ -49,6 +49,8 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
             f"a rule is scored on fixed shares of light and BRDF sampling; {text} has {settings.allocation} ones of "
             f"{' and '.join(settings.techniques)}. Measure it by python -m dmis compare"
         )
+    if reason := rule.fallback(SPP):
+        raise ValueError(f"rule {text} must learn at {SPP} samples per pixel, the budget here; got: {reason}")
     rounds = rule.rounds(Budget(SPP, shape, settings, seed, rule.weigh or settings.weigh))
     film, used = None, Counter[float]()
     while (round_ := next_round(rounds, film)) is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dmis.base.patches import PATCH, patch_mean, patch_spread, patch_sum
 from dmis.base.validate import one_of
-from dmis.base.vectors import Array
+from dmis.base.vectors import TINY, Array
 from dmis.experiment.bench.data import GRID, HALF, SCENES, SMALL, Truth, path_of, read_pilots, read_truth
 from dmis.experiment.bench.decide import SETTINGS, SPP, AnyRule, decide
 from dmis.experiment.bench.samples import SampleTable
@@ -124,14 +124,15 @@ def of_pixels(final: Round, truth: Truth, measure: int) -> tuple[Array, Array, A
     if final.settings.combiner == "power" and (shares == 0.5).all():
         return truth.power[measure, y, x], truth.cost[HALF, y, x], samples
     one_of("combiner of a rule", final.settings.combiner, ("balance", "power with w = 1/2"))
-    # linear between the points of the grid
+    # between the points of the grid V is like 1 / (a + b w), as that of one direction is, and C is linear
     shares = np.clip(shares, GRID[0], GRID[-1])
     k = np.clip(np.searchsorted(GRID, shares, "right") - 1, 0, len(GRID) - 2)
     t = (shares - GRID[k]) / (GRID[k + 1] - GRID[k])
     cost = truth.cost if final.tilt is None else np.broadcast_to(truth.cost[HALF], truth.cost.shape)
     curves = truth.variance[measure, 0 if final.tilt is None else 1], cost
-    variance, cost = ((1 - t) * curve[k, y, x] + t * curve[k + 1, y, x] for curve in curves)
-    return variance, cost, samples
+    (v_low, v_high), (c_low, c_high) = ((curve[k, y, x], curve[k + 1, y, x]) for curve in curves)
+    variance = v_low * v_high / np.maximum((1 - t) * v_high + t * v_low, TINY)
+    return variance, (1 - t) * c_low + t * c_high, samples
 
 
 def error_time(final: Round, truth: Truth, measure: int) -> float:
