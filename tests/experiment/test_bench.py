@@ -2,7 +2,6 @@
 
 import json
 import sys
-import time
 from collections.abc import Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,25 +13,9 @@ import dmis
 from dmis.base.patches import PATCH, patch_mean, patch_spread
 from dmis.base.vectors import Array
 from dmis.cli.commands import main
-from dmis.experiment.bench.data import (
-    GRID,
-    SMALL,
-    Pilots,
-    Truth,
-    path_of,
-    read_pilots,
-    read_truth,
-)
+from dmis.experiment.bench.data import GRID, SMALL, Pilots, Truth, path_of, read_pilots, read_truth
 from dmis.experiment.bench.decide import SETTINGS, SPP, _part, decide
-from dmis.experiment.bench.judge import (
-    BASELINES,
-    ORACLES,
-    error_time,
-    least_error_time,
-    of_pixels,
-    random_shares,
-    score,
-)
+from dmis.experiment.bench.judge import BASELINES, ORACLES, error_time, least_error_time, of_pixels, score
 from dmis.experiment.bench.results import STYLES, report
 from dmis.experiment.bench.samples import SampleTable
 from dmis.fit.auto import Auto
@@ -252,11 +235,6 @@ def test_scores_without_embree(tmp_path: Path) -> None:
     )
     loaded, name, relative = fresh_python(code).split()
     assert loaded == "False" and name == "rule" and 0.8 < float(relative) < 1
-    begin = time.process_time()
-    namespace: dict[str, object] = {}
-    exec(RULE, namespace)
-    score(namespace["rule"], [SMALL])  # type: ignore[arg-type]
-    assert time.process_time() - begin < 0.5
 
 
 def test_files_keep_what_was_written(tmp_path: Path, planted: Truth) -> None:
@@ -316,17 +294,11 @@ class Unfinished(dmis.Rule):
         (lambda tables: np.ones((2, 2)), "a rule's weight must be of shape"),
         (lambda tables: np.full(tables[0.5].shape, 2.0), r"weight must be in \[0, 1\]"),
         (SecondMoment, "Make an object of the class"),
-        ("thesiss", "did you mean 'thesis'"),
     ],
 )
 def test_refusals(rule: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         score(rule, [SMALL])  # type: ignore[arg-type]
-
-
-def test_unknown_scene() -> None:
-    with pytest.raises(ValueError, match="scene must be"):
-        score("thesis", ["teapott"])
 
 
 def test_numbers_of_samples_count() -> None:
@@ -371,9 +343,4 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     empty.write_text("x = 1\n")
     assert main(["bench-rules", str(empty), "--scenes", SMALL]) == 2
     assert "must define a function rule(tables)" in capsys.readouterr().err
-    assert main(["bench-rules", "--scenes", "teapot"]) == 2
-
-
-def test_random_shares_differ_by_patch() -> None:
-    shares = random_shares(read_pilots(path_of(SMALL, 0)).tables)
-    assert shares.shape == (18, 24) and len(np.unique(shares)) == 30
+    assert main(["bench-rules", "--scenes", "teapot"]) == 2 and "scene must be" in capsys.readouterr().err
