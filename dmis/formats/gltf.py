@@ -50,8 +50,8 @@ def read_gltf(gltf: Gltf, model: Model) -> None:
         joined.setdefault((key, image), []).append(mesh)
     for ((material, *_), image), meshes in joined.items():
         mesh = concatenate(meshes)
-        light = materials.emission(material, mesh)
-        if light is not None:
+        radiance, two_sided = materials.emission(material, mesh), materials.parts(material).get("doubleSided", False)
+        if (light := None if radiance is None else model.lamp(mesh, radiance, two_sided)) is not None:
             mesh = Mesh(mesh.vertices, light.faces, mesh.normals, mesh.uv)
         model.add(mesh, materials.material(material, image), light, materials.mask(material, mesh))
     for node, matrix in gltf.nodes:

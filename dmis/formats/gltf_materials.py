@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, cast
 
-import numpy as np
-
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
@@ -20,7 +18,6 @@ from dmis.brdf.texture import Image, scale
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
 from dmis.image_reader import decode_image
-from dmis.light.mesh_light import MeshLight
 from dmis.scene.masks import Mask
 
 _CLAMP, _MIRROR = 33071, 33648
@@ -105,28 +102,15 @@ class Materials:
         self.leave_out("colour of a coat", said, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
         self.leave_out("texture of a coat", said, bool({"specularTexture", "specularColorTexture"} & set(coat)))
 
-    def emission(self, number: int | None, mesh: Mesh) -> MeshLight | None:
-        """Return the light of triangles with a material; None if it emits nothing."""
+    def emission(self, number: int | None, mesh: Mesh) -> Any:
+        """Return the radiance of triangles with a material, a colour or an image; None if they emit nothing."""
         said = self.parts(number)
         strength = said.get("extensions", {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
-        radiance: Any = tuple(strength * x for x in said.get("emissiveFactor", (0, 0, 0)))
-        if not any(radiance):
-            return None
-        if "emissiveTexture" in said:
-            image = self.texture(said, "emissiveTexture")
-            if image is None or mesh.uv is None or not image.texels.any():
-                return None
-            radiance = scale(radiance, image)
-        faces = mesh.faces
-        if said.get("doubleSided", False):
-            faces = np.concatenate([faces, faces[:, ::-1]])
-        try:
-            return MeshLight(mesh.vertices, faces, radiance, mesh.uv if isinstance(radiance, Image) else None)
-        except ValueError as error:
-            if "overlap" not in str(error):
-                raise
-            self.leave_out("emission of triangles that overlap", number)
-            return None
+        radiance = tuple(strength * x for x in said.get("emissiveFactor", (0, 0, 0)))
+        if not any(radiance) or "emissiveTexture" not in said:
+            return radiance if any(radiance) else None
+        image = self.texture(said, "emissiveTexture")
+        return None if image is None or mesh.uv is None or not image.texels.any() else scale(radiance, image)
 
     def texture(
         self, owner: Mapping[str, Any], name: str, linear: bool = False, channel: int | None = None

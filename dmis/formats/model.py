@@ -6,8 +6,12 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
+from dmis.base.color import Rgb
 from dmis.base.named_files import named_file
 from dmis.brdf.materials import Material, matte
+from dmis.brdf.texture import Image
 from dmis.geometry.mesh import Mesh, without_degenerate
 from dmis.light.light import Light
 from dmis.light.mesh_light import MeshLight
@@ -60,6 +64,17 @@ class Model:
         self.parts.append(Part(mesh, material, light, mask=mask))
         if light is not None:
             self.lights.append(light)
+
+    def lamp(self, mesh: Mesh, radiance: Rgb | Image, two_sided: bool = False) -> MeshLight | None:
+        """Return the light of a mesh whose triangles emit; None, and counted, if they overlap, so that none is one."""
+        faces = np.concatenate([mesh.faces, mesh.faces[:, ::-1]]) if two_sided else mesh.faces
+        try:
+            return MeshLight(mesh.vertices, faces, radiance, mesh.uv if isinstance(radiance, Image) else None)
+        except ValueError as error:
+            if "overlap" not in str(error):
+                raise
+            self.unread["emission of triangles that overlap"] += 1
+            return None
 
     def drop_flat(self, mesh: Mesh) -> Mesh | None:
         """Return a mesh without its triangles that have no area, which are counted; None if all are such."""

@@ -25,7 +25,6 @@ from dmis.formats.model import Model
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.wavefront import Wavefront
 from dmis.image_reader import load_image
-from dmis.light.mesh_light import MeshLight
 from dmis.scene.masks import Mask
 
 READ = "Kd", "Ks", "Ns", "Ke", "d", "Tr", "map_Kd", "map_d"
@@ -94,7 +93,7 @@ def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[Any
         material = plastic(kd, ks, roughness)
     else:
         material = shiny_metal(ks, 0.0, roughness)
-    light = MeshLight(mesh.vertices, mesh.faces, emission) if any(emission) else None
+    light = model.lamp(mesh, emission) if any(emission) else None
     mask = _image(said["map_d"][1], model, images, opacity=True) if "map_d" in said and mesh.uv is not None else None
     model.add(mesh, Material(material.lobes, name), light, None if mask is None else Mask(mask, None))
 

@@ -92,6 +92,12 @@ def test_lamps(load):
     assert load("newmtl a\nKe 2\n", lights=[sky]).lights[0] is sky and len(load("newmtl a\nKe 2\n").lights) == 1
 
 
+def test_lamps_that_overlap_are_left_out(load):
+    with pytest.warns(SceneWarning, match="left out: emission of triangles that overlap$"):
+        scene = load("newmtl a\nKd .5\nKe 2\n", "v .5 0 0\nusemtl a\nf 1 2 3\nf 5 2 3\n")
+    assert scene.parts[0].light is None
+
+
 def test_materials_by_name(load):
     red = dmis.matte((1, 0, 0))
     scene = load("newmtl a\nKd .2\nnewmtl b\nKd .4\n", f"usemtl a\n{FACE}usemtl b\n{FACE}", material={"b": red})
