@@ -221,6 +221,7 @@ function show() {
 function compose() {
   const sharp = window.devicePixelRatio || 1, wide = stage.clientWidth, high = wide * model.height / model.width;
   const [w, h] = [Math.round(wide * sharp), Math.round(high * sharp)], unit = wide / model.width * model.patch;
+  if (!w || !h) return; // the page is not laid out
   if (stage.width !== w || stage.height !== h) {
     for (const canvas of [stage, marked]) Object.assign(canvas, { width: w, height: h });
     mark(model.w.keys());
@@ -282,7 +283,7 @@ function plot() {
   [["painted", model.w[p]], ...dots].forEach(([name, w], k) => {
     const shape = at => `<path transform="translate(${at})" d="${shapes[name]}" fill="${COLOURS[name]}" stroke="var(--card)" stroke-width="1.5"/>`;
     drawing += shape(`${x(w)} ${y(of(w))}`) + shape(`${left + 14 + k * 98} ${bottom + 34}`);
-    drawing += `<text x="${left + 26 + k * 98}" y="${bottom + 38}">${name === "painted" ? "yours" : name}</text>`;
+    drawing += `<text x="${left + 28 + k * 98}" y="${bottom + 38}">${name === "painted" ? "yours" : name}</text>`;
   });
   $("plot").innerHTML = drawing;
   $("caption").textContent = `Variance over that at w = ½ in the patch at x ${column * model.patch}, y ${row * model.patch}. Here w = ${model.w[p].toFixed(2)}, samples ×${Number(model.n[p].toPrecision(2))}; dashed: with time, what counts in the number.`;
