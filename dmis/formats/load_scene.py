@@ -20,7 +20,7 @@ from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.formats.model import Model
-from dmis.formats.read_model import camera_of, material_of, read_file, up_axis, with_materials
+from dmis.formats.read_model import Y_UP, camera_of, material_of, read_file, up_axis, with_materials
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes
 from dmis.light.area import QuadLight
@@ -45,8 +45,6 @@ SKY = 0.25
 """Radiance of the default sky of a mesh; its lamp adds the rest of 1."""
 SOFT_SKY = (0.1, 0.32, 0.62)
 """Radiance of the default sky of a model with materials: below, at the horizon and above, linear in the height."""
-SHADED = (".glb", ".gltf", ".obj")
-"""Extensions of files that may have materials."""
 
 
 def load_scene(
@@ -132,7 +130,7 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
     if lights is None and not model.lights:
-        axis = up_axis(source, view[1]) if model.path.suffix.lower() in SHADED else None
+        axis = up_axis(source, view[1]) if model.path.suffix.lower() in Y_UP else None
         lights = default_lights(camera, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), axis)
         added.append("a sky and a lamp, because it has no lights")
     elif lights is None:

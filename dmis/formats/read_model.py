@@ -18,8 +18,8 @@ from dmis.geometry.wavefront import read_obj
 from dmis.scene.camera import Camera
 from dmis.scene.groups import Part
 
-_UP = {".glb": "y", ".gltf": "y", ".obj": "y"}
-"""Axis that is up in files of a format; z in others."""
+Y_UP = ".glb", ".gltf", ".obj"
+"""Extensions of files in which y is up, and which may have materials."""
 
 
 def read_file(path: Path, outside: bool, bare: bool) -> Model:
@@ -86,5 +86,5 @@ def camera_of(
 
 def up_axis(source: Any, up: str | None) -> tuple[float, float, float]:
     """Return the axis `up`, ``y`` or ``z``; None: that of the format of a file."""
-    suffix = Path(source).suffix.lower() if isinstance(source, str | os.PathLike) else ""
-    return (0.0, 1.0, 0.0) if (up or _UP.get(suffix)) == "y" else (0.0, 0.0, 1.0)
+    y_up = isinstance(source, str | os.PathLike) and Path(source).suffix.lower() in Y_UP
+    return (0.0, 1.0, 0.0) if up == "y" or (up is None and y_up) else (0.0, 0.0, 1.0)

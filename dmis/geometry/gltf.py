@@ -21,7 +21,7 @@ import numpy as np
 
 from dmis.base.named_files import named_file
 from dmis.base.vectors import Floats
-from dmis.geometry.mesh import Ints, Mesh, repair_normals
+from dmis.geometry.mesh import Mesh, repair_normals
 
 MAX_FACES = 2**25
 """Most triangles of a mesh file, all instances counted."""
@@ -29,7 +29,8 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _NEEDED = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "EXT_mesh_gpu_instancing"
 """Extensions without which the triangles of a file that requires them cannot be read."""
-_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_TRIANGLES = 4
+"""Mode of a list of triangles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +158,7 @@ class Gltf:
         return placed
 
     def primitives(self) -> Iterator[Primitive]:
-        """Yield the triangles of the scene; points, lines, skins and morph targets are counted as left out.
+        """Yield the lists of triangles of the scene; other primitives, skins and morph targets are counted as left out.
 
         Raises a ValueError if there are more than `MAX_FACES`.
         """
@@ -168,26 +169,23 @@ class Gltf:
             self.unread["skin (shown as it is modelled)"] += "skin" in node
             for primitive in self._item("meshes", node["mesh"])["primitives"]:
                 self.unread["morph target"] += len(primitive.get("targets", []))
-                mode = primitive.get("mode", _TRIANGLES)
-                if mode not in (_TRIANGLES, _STRIP, _FAN):
-                    self.unread["points or lines"] += 1
+                if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
+                    self.unread["set of points, lines, strips or fans"] += 1
                     continue
                 position = self._item("accessors", primitive["attributes"]["POSITION"])
                 corners = self._item("accessors", primitive["indices"]) if "indices" in primitive else position
-                total += math.ceil(corners["count"] / (3 if mode == _TRIANGLES else 1))
+                total += corners["count"] // 3
                 if total > MAX_FACES:
                     raise ValueError(f"it must have at most {MAX_FACES} triangles, because instances are copied")
-                if (placed := self._placed(primitive, mode, matrix)) is not None:
-                    yield placed
+                if corners["count"] > 2:
+                    yield self._placed(primitive, matrix)
 
-    def _placed(self, primitive: dict[str, Any], mode: int, matrix: Floats) -> Primitive | None:
-        """Return the triangles of a primitive moved by `matrix`; None if it has none."""
+    def _placed(self, primitive: dict[str, Any], matrix: Floats) -> Primitive:
+        """Return the triangles of a primitive moved by `matrix`."""
         attributes = primitive["attributes"]
         vertices = np.asarray(self.array(attributes["POSITION"]), np.float64)
         index = self.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
-        faces = _faces(index, mode)
-        if not len(faces):
-            return None
+        faces = index[: len(index) // 3 * 3].reshape(-1, 3)
         linear = matrix[:3, :3]
         mirrored = np.linalg.det(linear) < 0
         world = vertices @ linear.T + matrix[:3, 3]
@@ -200,17 +198,6 @@ class Gltf:
         colours = np.asarray(self.array(attributes["COLOR_0"]), np.float64) if "COLOR_0" in attributes else None
         mesh = Mesh(world, faces[:, ::-1] if mirrored else faces, normals, uv)
         return Primitive(mesh, colours, primitive.get("material"))
-
-
-def _faces(index: Ints, mode: int) -> Ints:
-    """Return the corners of the triangles of a list, a strip or a fan of vertices, ``(F, 3)``."""
-    if mode == _TRIANGLES:
-        return index[: len(index) // 3 * 3].reshape(-1, 3)
-    a, b, c = (index[k : max(len(index) - 2 + k, 0)] for k in range(3))
-    if mode == _FAN:
-        return np.stack([b, c, np.broadcast_to(index[:1], b.shape)], axis=1)
-    odd = np.arange(len(a)) % 2 == 1
-    return np.stack([a, np.where(odd, c, b), np.where(odd, b, c)], axis=1)
 
 
 def _local(node: dict[str, Any]) -> Floats:

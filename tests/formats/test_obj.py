@@ -14,6 +14,7 @@ from dmis.brdf.specular import SpecularTransmission
 from dmis.image import encode_png, write_exr
 from dmis.scene.scene import SceneWarning
 
+pytest.importorskip("OpenImageIO")
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 0 -1\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
 FACE = "f 1/1 2/2 3/3\n"
 
