@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from dmis.base.vectors import Array
+from dmis.brdf.relief import BumpMap
 from dmis.geometry.mesh import Mesh
 from dmis.light.light import Light
 from dmis.scene.camera import Camera
@@ -77,8 +78,13 @@ def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tup
 def rescale(
     camera: Camera, parts: Sequence[Part], lights: Sequence[Light], units: tuple[Array, float, float]
 ) -> dict[str, Any]:
-    """Return camera, parts and lights in other `units`, by name."""
+    """Return camera, parts and lights in other `units`, by name; a ValueError if a bump map has heights."""
     origin, length, gain = units
+    if length != 1 and any(isinstance(part.material.relief, BumpMap) for part in parts):
+        raise ValueError(
+            f"a scene with bump maps, whose heights are lengths, must have a diagonal from {KEPT_DIAGONALS[0]:.0e} to "
+            f"{KEPT_DIAGONALS[1]:.0e}; scale the scene and the heights"
+        )
     new: dict[int, Any] = {id(light): light.rescaled(origin, length, gain) for light in lights}
     matrix = np.array(camera.to_world, np.float64)
     matrix[:3, 3] = (matrix[:3, 3] - origin) / length

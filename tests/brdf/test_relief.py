@@ -10,6 +10,7 @@ from dmis.brdf.relief import BumpMap, NormalMap
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.shapes import quad
 from dmis.intersect import Hits
+from dmis.pipeline.fingerprint import fingerprint
 from dmis.scene.groups import Part
 from dmis.testing.scenes import box_scene
 
@@ -118,3 +119,17 @@ def test_paths_keep_their_energy():
     scene = box_scene(lights=sky, extra=(square,))
     image = dmis.render(scene, "balance", 64, integrator="path", max_depth=4, parallel=1).image
     assert 0.97 < image.mean() < 1.005
+
+
+def test_extreme_scenes_with_bump_maps_are_refused():
+    large = Part(quad((0, 0, 0), (1e9, 0, 0), (0, 1e9, 0)), replace(dmis.matte(), relief=BumpMap(HEIGHTS)))
+    scene = replace(box_scene(), parts=(large,), lights=(dmis.DistantLight((0, 0, 1), (1, 1, 1)),))
+    with pytest.raises(ValueError, match="a scene with bump maps, whose heights are lengths, must have"):
+        dmis.render(scene, "balance", 1, parallel=1)
+
+
+def test_relief_is_part_of_fingerprints():
+    prints = set()
+    for relief in (None, BumpMap(HEIGHTS), BumpMap(HEIGHTS, True), NormalMap(HEIGHTS), NormalMap(HEIGHTS, 0.5)):
+        prints.add(fingerprint(box_scene(replace(dmis.matte(), relief=relief))))
+    assert len(prints) == 5
