@@ -136,14 +136,8 @@ class TimedCaster:
 class HoleCaster:
     """Ray caster whose rays go on behind holes in the triangles of another one; others cost nothing more.
 
-    Parameters
-    ----------
-    caster
-        The other one.
-    holes
-        Function of `Hits` and directions ``(3, N)`` that returns the numbers of the rays that met a hole.
-    step
-        Distance behind a hole at which a ray begins again: more than the rounding of positions.
+    `holes` is a function of `Hits` and directions ``(3, N)`` that returns the numbers of the rays that met a hole;
+    `step` the distance behind it at which they begin again, more than the rounding of positions.
     """
 
     def __init__(self, caster: RayCaster, holes: Callable[[Hits, Array], np.ndarray], step: float) -> None:

@@ -20,16 +20,8 @@ class Relief(Protocol):
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
         """Return turned unit normals ``(3, N)``.
 
-        Parameters
-        ----------
-        n
-            Unit shading normals on the outside, ``(3, N)``.
-        dpdu, dpdv
-            Tangents, ``(3, N)``.
-        uv
-            Texture coordinates, ``(2, N)``.
-        smooth
-            Whether `n` is interpolated between vertices.
+        `n` are unit shading normals on the outside, `smooth` if they are interpolated between vertices, `dpdu` and
+        `dpdv` tangents, ``(3, N)`` each, and `uv` texture coordinates ``(2, N)``.
         """
         ...
 

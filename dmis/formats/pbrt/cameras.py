@@ -64,16 +64,15 @@ def make_camera(reader: Reader) -> Camera:
 
 def _window(p: Parameters, ratio: float) -> float:
     """Return the factor by which the screen window is larger than that of an image of the aspect `ratio`."""
-    x, y = max(ratio, 1), max(1 / ratio, 1)
-    aspect, screen = p.table("frameaspectratio", "float", 1), p.table("screenwindow", "float", 4)
-    factor = 1.0 if screen is None else float(screen[0, 3]) / y
-    factor = 1.0 if np.isclose(factor, 1, rtol=1e-6) else factor
-    for name, table, square in (("frameaspectratio", aspect, [ratio]), ("screenwindow", screen, [-x, x, -y, y])):
-        allowed = np.multiply(square, factor if len(square) == 4 else 1)
-        if table is not None and not (factor > 0 and np.allclose(table, allowed, rtol=1e-6)):
-            text = " ".join(f"{number:g}" for number in square)
-            raise p.items[name].error(f"must be that of square pixels, [{text}]{' or a multiple' * (len(square) == 4)}")
-    return factor
+    square = np.array([-max(ratio, 1), max(ratio, 1), -max(1 / ratio, 1), max(1 / ratio, 1)])
+    aspect, window = p.table("frameaspectratio", "float", 1), p.table("screenwindow", "float", 4)
+    if aspect is not None and not np.isclose(aspect[0, 0], ratio, rtol=1e-6):
+        raise p.items["frameaspectratio"].error(f"must be that of square pixels, [{ratio:g}]")
+    factor = 1.0 if window is None else float(window[0, 3] / square[3])
+    if window is not None and not (factor > 0 and np.allclose(window, square * factor, rtol=1e-6)):
+        text = " ".join(f"{number:g}" for number in square)
+        raise p.items["screenwindow"].error(f"must be that of square pixels, [{text}], or a multiple of it")
+    return 1.0 if np.isclose(factor, 1, rtol=1e-6) else factor
 
 
 def inverse(matrix: Floats) -> Floats:

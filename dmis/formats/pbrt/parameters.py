@@ -210,15 +210,11 @@ class Parameters:
         return value
 
     def require(self, values: Mapping[str, Any]) -> None:
-        """Raise a `PbrtError` if one of these parameters has another value; None means that it must be absent."""
+        """Raise a `PbrtError` if one of these parameters has another value."""
         for name, value in values.items():
-            if value is None:
-                self.refuse(f"parameter {name!r} changes the image and is not supported; remove it", name)
-            elif name in self.items:
-                read: Any = {bool: self.boolean, str: self.string, float: self.number}[type(value)]
-                if read(name, value) != value:
-                    raise self.items[name].error(f"must be {value}, because another makes another image")
-            self.read_names.add(name)
+            read: Any = {bool: self.boolean, str: self.string, float: self.number}[type(value)]
+            if read(name, value) != value:
+                raise self.items[name].error(f"must be {value}, because another makes another image")
 
     def note_unapplied(self, defaults: Mapping[str, Any]) -> None:
         """Note those of the parameters with `defaults` that have another value; None means that each is another."""
