@@ -65,6 +65,7 @@ def see_through(caster: RayCaster, parts: Sequence[Any], uv: Callable[[Index], A
     masks = list({id(part.mask): part.mask for part in parts if part.mask is not None}.values())
     if not masks:
         return caster
+    uv(np.empty(0, np.int64))  # makes the table before threads ask for it
     numbers = [-1 if part.mask is None else masks.index(part.mask) for part in parts]
     of_triangle = np.repeat([*numbers, -1], [*(len(part.mesh.faces) for part in parts), 1])  # the last one of a miss
 
