@@ -61,7 +61,7 @@ def render(options: argparse.Namespace) -> int:
         remove_checkpoint(options.checkpoint)
     if not options.quiet:
         print(_summary(options, job, result))
-        if exposure != 1:
+        if exposure != 1 and (options.png or Path(options.output).suffix.lower() == ".png"):
             print(f"  exposure of the preview: {exposure:.3g}")
     if options.verbose:
         print(f"  {describe(scene)}", *_time_and_rays(result), sep="\n")

@@ -65,7 +65,8 @@ class Materials:
             self.leave_out("metalness and roughness placed apart from the base colour", number)
         elif rough is not None:
             roughness = scale(roughness, rough)
-            metallic = scale(metallic, self.texture(surface, "metallicRoughnessTexture", True, channel=2) or 1.0)
+            metal = cast(Image, self.texture(surface, "metallicRoughnessTexture", True, channel=2))
+            metallic = scale(metallic, metal) if metallic and metal.texels.any() else 0.0  # which takes no image
         relief = None
         if (image := self.texture(said, "normalTexture", True)) is not None:
             relief = NormalMap(image, said["normalTexture"].get("scale", 1.0))
