@@ -244,22 +244,29 @@ function outline(context, width) {
 }
 
 // Draw anew what marks some patches: rings where the map has less variance times cost than balance, crosses where more,
-// none within 2 %. They are kept on a sheet of their own, since thousands take longer to draw than a stroke may take.
+// none within 2 %. They are small pictures on a sheet of their own: thousands of them as one path take too long.
 function mark(patches) {
-  const context = marked.getContext("2d"), unit = marked.width / model.width * model.patch, size = unit * 0.2;
+  const context = marked.getContext("2d"), unit = marked.width / model.width * model.patch;
+  const ring = glyph(unit, (path, x, size) => path.arc(x, x, size, 0, 7));
+  const cross = glyph(unit, (path, x, size) => {
+    for (const turn of [-1, 1]) { path.moveTo(x - size, x - turn * size); path.lineTo(x + size, x + turn * size); }
+  });
   const w = state.marks === "thesis" ? model.maps[state.measure].thesis.w : model.w;
-  context.beginPath();
   for (const p of patches) {
-    const column = p % model.columns, row = Math.floor(p / model.columns), ratio = model.ratio(state.measure, p, w[p]);
-    const [x, y] = [(column + 0.5) * unit, (row + 0.5) * unit];
-    context.clearRect(column * unit, row * unit, unit, unit);
-    if (ratio < 1 / 1.02) { context.moveTo(x + size, y); context.arc(x, y, size, 0, 7); }
-    else if (ratio > 1.02) {
-      context.moveTo(x - size, y - size); context.lineTo(x + size, y + size);
-      context.moveTo(x - size, y + size); context.lineTo(x + size, y - size);
-    }
+    const ratio = model.ratio(state.measure, p, w[p]);
+    const [x, y] = [p % model.columns, Math.floor(p / model.columns)].map(place => Math.round(place * unit));
+    context.clearRect(x, y, ring.width, ring.width);
+    if (ratio < 1 / 1.02) context.drawImage(ring, x, y);
+    else if (ratio > 1.02) context.drawImage(cross, x, y);
   }
+}
+
+function glyph(unit, draw) {
+  const picture = new OffscreenCanvas(Math.ceil(unit), Math.ceil(unit)), context = picture.getContext("2d");
+  context.beginPath();
+  draw(context, unit / 2, unit * 0.2);
   outline(context, Math.max(0.8, unit / 12));
+  return picture;
 }
 
 // V(w) of the patch below the pointer over that at w = 1/2, on a logarithmic scale, and the maps on it.
