@@ -61,7 +61,7 @@ STEPS = {
     "all three": (AUTO, PINNED),
 }
 """Steps from the baseline to `auto`: a rule, and the rule that it is compared with."""
-MORE_SEEDS = {"killeroo-gold": 3}
+MORE_SEEDS = {"killeroo-gold": 4}
 """Seeds more than for other scenes, where few pixels have most of the error."""
 
 opts, given = options(
@@ -75,6 +75,8 @@ opts, given = options(
     page={"type": Path, "help": "docs/tables.md; it, measurements.md beside it and README get their tables"},
 )
 BUDGETS = given.budgets or opts.pick((32, 16), (128, 16, 32, 64, 512))
+BEYOND = 2 * max(BUDGETS)
+"""Budget of `SOBOL` alone, because other rules take up to twice as long."""
 COLUMNS = ("scene", *(field.name for field in fields(Run)))
 KIND = "" if opts.scene_dir is None else " original"
 results = given.csv or (ORIGINAL if KIND else RESULTS)
@@ -101,7 +103,7 @@ def write(name: str, run: Run) -> None:
 
 def over(name: str, rule: str, spp: int, base: str, measure: Measure) -> Interval:
     """Return the error of a rule in equal time over that of the rule `base`; independent points need one budget."""
-    budgets = [spp] if base == PINNED else BUDGETS
+    budgets = [spp] if base == PINNED else [*BUDGETS, BEYOND] if base == SOBOL else BUDGETS
     if measure == "mse":
         rule, base = ABSOLUTE.get(rule, rule), ABSOLUTE.get(base, base)
     return equal_time_ratio(measured[name, rule, spp], [measured[name, base, n] for n in budgets], measure)
@@ -131,14 +133,16 @@ for name in names:
         spp: (given.most if spp == 128 else given.seeds) + MORE_SEEDS.get(name, 0) * (spp == 128) for spp in BUDGETS
     }
     rules = [*RULES, *ABSOLUTE.values()]
+    seeds[BEYOND] = given.seeds
     wanted = {(rule, spp, seed) for rule in rules for spp in BUDGETS for seed in range(seeds[spp])}
+    wanted |= {(SOBOL, BEYOND, seed) for seed in range(seeds[BEYOND])}
     reference = None
     if wanted - {(run.rule, run.spp, run.seed) for run in done}:
         reference = dmis.make_reference(scene, opts.pick(16, 1024), progress=show(name))
-    for spp in BUDGETS:
+    for spp in (BEYOND, *BUDGETS):
         runs = measure(
             scene,
-            [(rule, spp) for rule in rules],
+            [(rule, spp) for rule in (rules if spp in BUDGETS else [SOBOL])],
             range(seeds[spp]),
             reference,
             done=done,
@@ -147,7 +151,7 @@ for name in names:
             progress=show(f"{name} {spp} spp"),
         )
         measured |= {(name, *budget): of for budget, of in runs.items()}
-        for rule in RULES:
+        for rule in RULES if spp in BUDGETS else ():
             ratios = (over(name, rule, spp, PINNED, measure).text() for measure in MEASURES)
             print(name, spp, RULES[rule], *ratios, flush=True)
 
