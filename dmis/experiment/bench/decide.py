@@ -14,7 +14,7 @@ from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
 from dmis.experiment.bench.data import Pilots
-from dmis.experiment.bench.samples import SampleTable
+from dmis.experiment.bench.samples import SampleTable, without_colours
 from dmis.fit.given import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
@@ -80,7 +80,8 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
     if statistic is not None:
         statistic.add(_records(part, tilt), radiance.reshape(-1, 3).T, n)
     features = pilots.features if round_.needs_features else {}
-    return Pilot(film, part.rays, patch_sums(statistic, part.shape), s, features, budget=SPP)
+    rays = part.rays if getattr(statistic, "by_colour", False) else without_colours(part.rays)
+    return Pilot(film, rays, patch_sums(statistic, part.shape), s, features, budget=SPP)
 
 
 def _part(table: SampleTable, begin: int, n: int, s: int) -> SampleTable:

@@ -48,7 +48,7 @@ class SampleTable:
     spp, shading_samples
         Camera samples per pixel, and S.
     rays
-        Rays traced by kind.
+        Rays traced by kind, and those of the pixels of each colour (`dmis.estimator.cost.ray_kind_of_colour`).
     """
 
     pixel: np.ndarray
@@ -135,11 +135,17 @@ def samples(
             rays.update(render_tile(job.scene, observed).rays)
     columns = dict(zip(COLUMNS, map(np.concatenate, zip(*recorder.rows, strict=True)), strict=True))
     columns["f"] *= np.float32(job.gain)
-    s, camera = job.settings.shading_samples, count_camera_samples(rays)
-    of_camera_sample = surface_points(rays) * (CAMERA + SHADING * s) + (SHADING + RAY) * rays["delta"] / camera
+    s, every = job.settings.shading_samples, without_colours(rays)
+    of_deltas = (SHADING + RAY) * rays["delta"] / count_camera_samples(every)
+    of_camera_sample = surface_points(every) * (CAMERA + SHADING * s) + of_deltas
     columns["cost"][columns["technique"] < 0] = of_camera_sample
     table = SampleTable(**columns, shape=shape, spp=spp, shading_samples=s, rays=rays)
     return table.rows(np.isin(table.pixel, chosen))
+
+
+def without_colours(rays: Mapping[str, int]) -> dict[str, int]:
+    """Return the rays by kind, without those that are counted once more by the colour of their pixel."""
+    return {kind: n for kind, n in rays.items() if " of colour " not in kind}
 
 
 class _Recorder:
