@@ -1,4 +1,4 @@
-"""Maps from the unit square to the domains that rendering samples, with the density and the inverse of each.
+"""Maps from the unit square to the domains that rendering samples, with the density of each.
 
 Every map is a pure function of uniform numbers, ``u`` of shape ``(2, N)`` in [0, 1). A test can so compare its
 Jacobian with 1/pdf, invert it, and run a chi-square test. Formulas: Shirley et al., "Sampling Transformations Zoo",
@@ -24,20 +24,10 @@ def square_to_disk(u: Array) -> Array:
     return np.stack([r * np.cos(phi), r * np.sin(phi)])
 
 
-def disk_to_square(p: Array) -> Array:
-    """Return the inverse of `square_to_disk`."""
-    return np.stack([p[0] ** 2 + p[1] ** 2, _turn(p[0], p[1])])
-
-
 def square_to_sphere(u: Array) -> Array:
     """Return uniform directions, ``(3, N)``; ``z = 1 - 2 u0``. Solid-angle density 1/(4 pi)."""
     z = 1 - 2 * u[0]
     return _polar(z, 2 * np.sqrt(u[0] * (1 - u[0])), u[1])
-
-
-def sphere_to_square(w: Array) -> Array:
-    """Return the inverse of `square_to_sphere`."""
-    return np.stack([(1 - w[2]) / 2, _turn(w[0], w[1])])
 
 
 def square_to_hemisphere(u: Array) -> Array:
@@ -45,19 +35,9 @@ def square_to_hemisphere(u: Array) -> Array:
     return _polar(u[0], np.sqrt(1 - u[0] * u[0]), u[1])
 
 
-def hemisphere_to_square(w: Array) -> Array:
-    """Return the inverse of `square_to_hemisphere`."""
-    return np.stack([w[2], _turn(w[0], w[1])])
-
-
 def square_to_cosine(u: Array) -> Array:
     """Return directions about +z with density ``cos/pi``, ``(3, N)``: Malley's method, ``z = sqrt(1 - u0)``."""
     return _polar(np.sqrt(1 - u[0]), np.sqrt(u[0]), u[1])
-
-
-def cosine_to_square(w: Array) -> Array:
-    """Return the inverse of `square_to_cosine`."""
-    return np.stack([1 - w[2] ** 2, _turn(w[0], w[1])])
 
 
 def square_to_cone(u: Array, one_minus_cos: Array) -> Array:
@@ -67,14 +47,6 @@ def square_to_cone(u: Array, one_minus_cos: Array) -> Array:
     """
     h = u[0] * one_minus_cos
     return _polar(1 - h, np.sqrt(h * (2 - h)), u[1])
-
-
-def cone_to_square(w: Array, one_minus_cos: Array) -> Array:
-    """Return the inverse of `square_to_cone`."""
-    sin2 = w[0] ** 2 + w[1] ** 2
-    h = sin2 / (1 + np.sqrt(np.maximum(1 - sin2, 0)))
-    h = np.where(w[2] < 0, 2 - h, h)
-    return np.stack([h / one_minus_cos, _turn(w[0], w[1])])
 
 
 def cone_pdf(one_minus_cos: Array) -> Array:
@@ -88,21 +60,10 @@ def square_to_triangle(u: Array) -> Array:
     return np.stack([1 - root, u[1] * root])
 
 
-def triangle_to_square(b: Array) -> Array:
-    """Return the inverse of `square_to_triangle`."""
-    root = 1 - b[0]
-    return np.stack([root * root, b[1] / np.maximum(root, TINY)])
-
-
 def square_to_power(u: Array, exponent: Array) -> Array:
     """Return directions about +z with density ``(e+1)/(2 pi) cos^e``, ``(3, N)``: Blinn's half vectors."""
     log_cos = np.log(np.maximum(1 - u[0], TINY)) / (exponent + 1)
     return _polar(np.exp(log_cos), np.sqrt(-np.expm1(2 * log_cos)), u[1])
-
-
-def power_to_square(w: Array, exponent: Array) -> Array:
-    """Return the inverse of `square_to_power`."""
-    return np.stack([1 - w[2] ** (exponent + 1), _turn(w[0], w[1])])
 
 
 def power_pdf(cos: Array, exponent: Array) -> Array:
@@ -129,11 +90,6 @@ def _polar(z: Array, r: Array, turn: Array) -> Array:
     np.multiply(r, np.sin(phi), out=xyz[1])
     xyz[2] = z
     return xyz
-
-
-def _turn(x: Array, y: Array) -> Array:
-    """Return the azimuth of the points (x, y) in full turns, in [0, 1)."""
-    return np.arctan2(y, x) / TWO_PI % 1
 
 
 ATAN = np.array(

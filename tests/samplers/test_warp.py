@@ -22,11 +22,23 @@ class Map:
     density: Callable[[Array], Array]
 
 
+def turn(w: Array) -> Array:
+    """Return azimuths in full turns, in [0, 1)."""
+    return np.arctan2(w[1], w[0]) / warp.TWO_PI % 1
+
+
+def cone_height(w: Array) -> Array:
+    """Return ``1 - cos`` of directions, without cancellation near the axis."""
+    sin2 = w[0] ** 2 + w[1] ** 2
+    h = sin2 / (1 + np.sqrt(np.maximum(1 - sin2, 0)))
+    return np.where(w[2] < 0, 2 - h, h)
+
+
 def cone(one_minus_cos: float) -> Map:
     c = np.float64(one_minus_cos)
     return Map(
         lambda u: warp.square_to_cone(u, c.astype(u.dtype)),
-        lambda w: warp.cone_to_square(w, c.astype(w.dtype)),
+        lambda w: np.stack([cone_height(w) / c.astype(w.dtype), turn(w)]),
         lambda w: np.broadcast_to(warp.cone_pdf(c), w.shape[1]),
     )
 
@@ -35,19 +47,31 @@ def lobe(exponent: float) -> Map:
     e = np.float64(exponent)
     return Map(
         lambda u: warp.square_to_power(u, e.astype(u.dtype)),
-        lambda w: warp.power_to_square(w, e.astype(w.dtype)),
+        lambda w: np.stack([1 - w[2] ** (e.astype(w.dtype) + 1), turn(w)]),
         lambda w: warp.power_pdf(w[2], e),
     )
 
 
 MAPS = {
-    "disk": Map(warp.square_to_disk, warp.disk_to_square, lambda p: np.full(p.shape[1], 1 / np.pi)),
-    "sphere": Map(warp.square_to_sphere, warp.sphere_to_square, lambda w: np.full(w.shape[1], 1 / (4 * np.pi))),
-    "hemisphere": Map(
-        warp.square_to_hemisphere, warp.hemisphere_to_square, lambda w: np.full(w.shape[1], 1 / (2 * np.pi))
+    "disk": Map(
+        warp.square_to_disk,
+        lambda p: np.stack([p[0] ** 2 + p[1] ** 2, turn(p)]),
+        lambda p: np.full(p.shape[1], 1 / np.pi),
     ),
-    "cosine": Map(warp.square_to_cosine, warp.cosine_to_square, lambda w: w[2] / np.pi),
-    "triangle": Map(warp.square_to_triangle, warp.triangle_to_square, lambda b: np.full(b.shape[1], 2.0)),
+    "sphere": Map(
+        warp.square_to_sphere,
+        lambda w: np.stack([(1 - w[2]) / 2, turn(w)]),
+        lambda w: np.full(w.shape[1], 1 / (4 * np.pi)),
+    ),
+    "hemisphere": Map(
+        warp.square_to_hemisphere, lambda w: np.stack([w[2], turn(w)]), lambda w: np.full(w.shape[1], 1 / (2 * np.pi))
+    ),
+    "cosine": Map(warp.square_to_cosine, lambda w: np.stack([1 - w[2] ** 2, turn(w)]), lambda w: w[2] / np.pi),
+    "triangle": Map(
+        warp.square_to_triangle,
+        lambda b: np.stack([(1 - b[0]) ** 2, b[1] / (1 - b[0])]),
+        lambda b: np.full(b.shape[1], 2.0),
+    ),
     "cone 1e-12": cone(1e-12),
     "cone 1e-6": cone(1e-6),
     "cone 0.3": cone(0.3),
