@@ -8,7 +8,7 @@ import trimesh
 
 import dmis
 from dmis.cli.commands import main
-from dmis.cli.models import MATERIALS, read_material, read_sky
+from dmis.cli.shared import MATERIALS, read_material, read_sky
 from dmis.image import tonemap, write_exr
 
 SMALL = ["--resolution", "12x8", "--spp", "4", "--rule", "balance", "--threads", "1"]

@@ -1,4 +1,4 @@
-"""Lights of pbrt files: those without a shape, and the emission of area lights.
+"""Lights of pbrt files: those without a shape, their skies, and the emission of area lights.
 
 The strength of a light is its colour times ``scale``; pbrt-v4 brings spectra to luminance 1 and has ``power`` (lumens)
 or ``illuminance`` (lux) in place of the light's own strength.
@@ -11,10 +11,10 @@ from collections.abc import Callable
 import numpy as np
 
 from dmis.base.color import Rgb
-from dmis.base.vectors import Floats
+from dmis.base.patches import row_blocks
+from dmis.base.vectors import Array, Floats
 from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, rgb
 from dmis.formats.pbrt.parameters import Parameters
-from dmis.formats.pbrt.skies import to_latitude_longitude
 from dmis.formats.pbrt.textures import image
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.light.delta import DistantLight, PointLight, SpotLight
@@ -105,3 +105,37 @@ LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
     "infinite": _infinite,
 }
 """Functions that make lights without a shape, by name."""
+
+
+SIDE_SAMPLES = 4096
+"""Lookups along the height of a map, at least one for each row; a texel is the mean of its own."""
+
+
+def sphere_to_square(d: Array) -> Array:
+    """Return coordinates in [0, 1], ``(2, N)``, of unit directions ``(3, N)``."""
+    x, y, z = np.abs(d)
+    radius = np.sqrt(np.maximum(1 - z, 0))
+    angle = np.arctan2(y, x) * (2 / np.pi)  # share of a quarter turn
+    v = angle * radius
+    u = radius - v
+    u, v = np.where(d[2] < 0, (1 - v, 1 - u), (u, v))
+    return (np.stack([np.copysign(u, d[0]), np.copysign(v, d[1])]) + 1) / 2
+
+
+def to_latitude_longitude(square: Array) -> Array:
+    """Return the latitude-longitude map ``(N, 2 N, 3)`` of a map of equal area ``(N, N, 3)``, both row 0 on top."""
+    side = len(square)
+    if square.shape[1] != side:
+        raise ValueError(f"the map of a sky must be square in v4; got {square.shape[1]}x{side} pixels")
+    fine = max(1, min(8, SIDE_SAMPLES // side))
+    offsets = (np.arange(fine) + 0.5) / fine
+    phi = ((np.arange(2 * side)[:, None] + offsets) * (np.pi / side)).reshape(-1)
+    result = np.zeros((side, 2 * side, 3), np.float32)
+    for block in row_blocks(side, 8):
+        theta = ((np.arange(side)[block, None] + offsets) * (np.pi / side)).reshape(-1, 1)
+        d = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi
+        place = sphere_to_square(np.reshape(d, (3, -1)))
+        column, row = np.minimum((place * side).astype(np.int32), side - 1)
+        texels = square[row, column].reshape(-1, fine, 2 * side, fine, 3)
+        result[block] = texels.mean(axis=(1, 3))
+    return result

@@ -32,11 +32,6 @@ Deviations of v3 and v4 are described in the modules: sides of lights and glass 
 
 File names are relative to the folder of the file that they stand in, else to that of the file read first, and must not
 lead out of the latter unless the caller allows it.
-
-The modules, by the way of a line: text (`tokens`, `cursor`, `dialect`), values (`parameters`, `spectra`), directives as
-tables (`directives`, `options`, `world`), what they make (`cameras`, `textures`, `materials`, `materials_v2`,
-`lights`, `shapes`, `quadrics`, `parts`, `suggestions`), and the scene with its warnings and errors (`reader`, `notes`,
-`refusals`).
 """
 
 from __future__ import annotations
@@ -51,10 +46,10 @@ from pathlib import Path
 import numpy as np
 
 from dmis.base.validate import did_you_mean
-from dmis.formats.pbrt.cameras import make_camera
 from dmis.formats.pbrt.dialect import DIALECTS, Dialect, detect
 from dmis.formats.pbrt.directives import MAX_FILES, carry_out
 from dmis.formats.pbrt.notes import PbrtWarning
+from dmis.formats.pbrt.options import make_camera
 from dmis.formats.pbrt.reader import Reader
 from dmis.formats.pbrt.tokens import Source, Token, tokens_of
 from dmis.scene.camera import Camera

@@ -16,12 +16,11 @@ from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.materials import make_material
-from dmis.formats.pbrt.notes import Notes
+from dmis.formats.pbrt.notes import Notes, Refusals
 from dmis.formats.pbrt.parameter import Parameter
 from dmis.formats.pbrt.parameters import Parameters, Textures
 from dmis.formats.pbrt.parts import make_light_part, merge
 from dmis.formats.pbrt.quadrics import TRIANGLE_BUDGET, VISIBLE_ERROR
-from dmis.formats.pbrt.refusals import Refusals
 from dmis.formats.pbrt.shapes import Shape, tessellate_quadrics
 from dmis.formats.pbrt.suggestions import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame

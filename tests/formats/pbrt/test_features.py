@@ -8,9 +8,9 @@ from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.diffuse import Lambert, LambertTransmission
 from dmis.brdf.relief import BumpMap, NormalMap
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
+from dmis.formats.pbrt.lights import sphere_to_square, to_latitude_longitude
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.read import read_pbrt
-from dmis.formats.pbrt.skies import sphere_to_square, to_latitude_longitude
 from dmis.formats.pbrt.tokens import PbrtError
 from dmis.image import write_exr
 from dmis.light.light_sample import LightSample
