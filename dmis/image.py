@@ -113,11 +113,11 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
     return layers, attributes
 
 
-def check_size(width: int, height: int, channels: int) -> None:
-    """Refuse the size that the header of an image file has, before memory is taken for it."""
+def check_size(width: int, height: int, channels: int = 1) -> None:
+    """Refuse an image that is empty or too large, before memory is taken for it."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
         raise ValueError(
-            f"an image must have 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS}; got {width}x{height}"
+            f"resolution must be 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS} pixels; got {width}x{height}"
         )
     if not 1 <= channels <= MAX_CHANNELS or channels * width * height > 16 * MAX_PIXELS:
         raise ValueError(

@@ -18,18 +18,11 @@ from dmis.experiment.bench.data import SCENES as BENCH_SCENES
 from dmis.experiment.bench.results import STYLES
 from dmis.fit.registry import RULES
 from dmis.fit.round import WEIGH
+from dmis.image import check_size
 from dmis.pipeline.executor import MAX_WORKERS
-from dmis.scene import camera
 
 Options = Mapping[str, Mapping[str, Any]]
 """Arguments of ``add_argument`` by option, its names separated by spaces; options of a ``group`` exclude each other."""
-REMOVED_OPTIONS = {
-    "--exercise": "run python docs/exercises/checks N FILE.py in a checkout, which checks the solution of an exercise",
-    "--ladder": "run benchmarks/print_ladder.py SCENE of a checkout, which prints and plots the ladder of bounds",
-    "--continuation": "leave it out, because paths always continue by another ray",
-    "--replicates": "render with several --seed, and average the images (dmis.average in Python)",
-}
-"""What takes the place of options that earlier versions had."""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -55,7 +48,7 @@ def resolution(text: str) -> tuple[int, int]:
     if not (x and width.isdecimal() and height.isdecimal()):
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT with the letter x, such as 342x256; got {text!r}")
     try:
-        camera.check_resolution(int(width), int(height))
+        check_size(int(width), int(height))
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     return int(width), int(height)

@@ -20,7 +20,7 @@ from pathlib import Path
 from dmis import __version__
 from dmis.base.atomic_files import check_folder, check_package, check_writable, replacing
 from dmis.base.plugins import load_plugin
-from dmis.cli.arguments import REMOVED_OPTIONS, make_parser
+from dmis.cli.arguments import make_parser
 from dmis.cli.bench_rules import bench_rules
 from dmis.cli.check import check
 from dmis.cli.rendering import render
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
-        fix = REMOVED_OPTIONS.get(unknown[0], f"python -m dmis {options.command} --help lists its options")
+        fix = f"python -m dmis {options.command} --help lists its options"
         parser.error(f"{options.command} does not take {' '.join(unknown)}; {fix}")
     try:
         with warnings.catch_warnings():

@@ -181,8 +181,6 @@ class OptimalMIS(Combiner):
 
 SPECIAL = {combiner.name: combiner for combiner in (Frozen(), OptimalMIS())}
 """Combiners that are more than a heuristic, by name."""
-_REMOVED = {"controlled": "balance", "optimal-progressive": "optimal"}
-"""Combiners of earlier versions, and what to use in their place."""
 
 
 @cache
@@ -197,8 +195,6 @@ def combiner_by_name(name: str) -> Combiner:
     """
     if name in SPECIAL:
         return SPECIAL[name]
-    if name in _REMOVED:
-        raise ValueError(f"combiner {name} was removed. Use {_REMOVED[name]}")
     if name == "balance":
         return Combiner(name)
     if name == "maximum":
@@ -212,11 +208,6 @@ def combiner_by_name(name: str) -> Combiner:
         return Combiner(name, power(2.0 if number is None else number))
     if kind == "cutoff" and number == number:
         return Combiner(name, cutoff(0.1 if number is None else number))
-    if "+" in name:
-        raise ValueError(
-            f"combiner must be one heuristic, because the pilot no longer chooses between several; got {name!r}. Use "
-            f"balance or power"
-        )
     raise ValueError(
         f"combiner must be balance, power[-EXPONENT], maximum, cutoff[-THRESHOLD], frozen or optimal; got {name!r}"
     )

@@ -21,11 +21,6 @@ from dmis.scene.scene import Scene, SceneWarning
 
 MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
-REMOVED_SETTINGS = {
-    "replicates": "Render with several seeds, and take dmis.average of the results",
-    "continuation": "Leave it out: paths always continue by another ray",
-}
-"""Settings of earlier versions, and what to do in their place."""
 
 
 def _technique_names(name: str, value: Any) -> tuple[str, ...]:
@@ -261,9 +256,6 @@ def make_settings(settings: Settings | None = None, **options: Any) -> Settings:
 
 def _no_such_option(unknown: list[str], names: list[str]) -> ValueError:
     """Return the error that options are no fields of `Settings`, which has the fields `names`."""
-    if removed := REMOVED_SETTINGS.keys() & set(unknown):
-        name = removed.pop()
-        return ValueError(f"option {name} was removed. {REMOVED_SETTINGS[name]}")
     is_parallel = {"threads", "workers", "executor"} & set(unknown)
     hint = ". Write parallel=" if is_parallel else did_you_mean(unknown[-1], names)
     return ValueError(f"options must be among {', '.join(names)}; got {', '.join(unknown)}{hint}")

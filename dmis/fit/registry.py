@@ -46,13 +46,6 @@ _SHIPPED = frozenset(RULES)
 _RESERVED = {"all": "compare has it for every rule", "pinned": "compare has it for its pinned baseline"}
 _GUESSES = {"power": "pbrt", "light": "fixed:1", "brdf": "fixed:0", "bsdf": "fixed:0"}
 """The rules that are meant by names which are none."""
-_REMOVED_RULES = {"linear": "second-moment, which minimises the variance that linear fitted f for"}
-"""What to use in place of rules of earlier versions."""
-_REMOVED_OPTIONS = {
-    "shrink": "leave it out; filter= and size= say how curves of patches are averaged",
-    "strategies": "the pilot has the thesis's three; spp= sets its samples at each",
-}
-"""What to do in place of options of earlier versions."""
 
 
 def register_rule(name: str, cls: Callable[..., Rule]) -> None:
@@ -153,8 +146,6 @@ def _check_object(rule: Any) -> Rule:
 
 def _no_such_rule(name: str) -> ValueError:
     """Return the error that a name is that of no rule."""
-    if name in _REMOVED_RULES:
-        return ValueError(f"rule {name} was removed. Use {_REMOVED_RULES[name]}")
     guess = _GUESSES.get(name.lower(), f"fixed:{name}" if re.fullmatch(r"[01]|[01]?\.\d+", name) else "")
     hint = f", did you mean {guess!r}?" if guess else did_you_mean(name, RULES) or "."
     how = "dmis.register_rule adds one; on the command line, name the file that calls it with --plugin"
@@ -241,7 +232,5 @@ def _read_options(name: str, text: str) -> dict[str, Any]:
 
 def _no_such_option(name: str, key: str, options: Collection[str]) -> ValueError:
     """Return the error that a rule has no option of a name."""
-    if key in _REMOVED_OPTIONS:
-        return ValueError(f"rule {name} has no option {key} any more: {_REMOVED_OPTIONS[key]}")
     known = f"the options {', '.join(options)}" if options else "no options"
     return ValueError(f"rule {name} has {known}; got {key!r}{did_you_mean(key, options)}")

@@ -12,17 +12,9 @@ import numpy as np
 from dmis.base.validate import FARTHEST, direction, number, one_of, pair, vector, whole
 from dmis.base.vectors import TINY, Array, dot, normalise
 from dmis.geometry.mesh import Mesh
-from dmis.image import MAX_PIXELS, MAX_SIDE
+from dmis.image import check_size
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.samplers.warp import square_to_disk
-
-
-def check_resolution(width: int, height: int) -> None:
-    """Refuse an image that is empty or too large, before memory is taken for it."""
-    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
-        raise ValueError(
-            f"resolution must be 1 to {MAX_SIDE} on a side and at most {MAX_PIXELS} pixels; got {width}x{height}"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +72,7 @@ class Camera:
         for name in ("resolution", "corner") if self.frame is None else ("resolution", "corner", "frame"):
             object.__setattr__(self, name, pair(name, getattr(self, name), whole))
         width, height = self.resolution
-        check_resolution(width, height)
+        check_size(width, height)
         (left, top), (wide, high) = self.corner, self.frame or self.resolution
         if not (0 <= left <= wide - width and 0 <= top <= high - height):
             raise ValueError(

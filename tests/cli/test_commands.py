@@ -73,7 +73,7 @@ def test_render_writes_layers_stats_and_preview(scene, tmp_path, capsys):
 
 def test_stats_do_not_render_again(scene, tmp_path, monkeypatch):
     """No tile is rendered again for ``--stats``; threads and processes report the seconds of Embree."""
-    monkeypatch.setattr("dmis.experiment.speed.embree_floor.render_tile", lambda *_: pytest.fail("rendered again"))
+    monkeypatch.setattr("dmis.experiment.speed.bench.render_tile", lambda *_: pytest.fail("rendered again"))
     command = ["render", scene, "-o", str(tmp_path / "a.exr"), "--spp", "12", "--rule", "thesis", "--quiet"]
     for more in (["--threads", "1"], ["--workers", "1"]):
         assert main([*command, *more, "--stats", str(tmp_path / "stats.json")]) == 0
@@ -191,7 +191,7 @@ def test_bench_prints_a_table(scene, capsys):
         ("render SCENE -o a.exr --rule thesis:shape=2", "has the options"),
         ("render SCENE -o a.exr --resolution 4", "WIDTHxHEIGHT"),
         ("render SCENE -o a.exr --resolution 6000x6000", "at most 33554432 pixels; got 6000x6000"),
-        ("bench SCENE --resolution 1x65536", "1 to 65535 on a side"),
+        ("bench SCENE --resolution 1x65536", "1 to 65535 pixels on a side"),
         ("render SCENE -o a.exr --integrator bidirectional", "invalid choice"),
         ("render SCENE -o a.exr --max-depth none", "max_depth must be a number"),
         ("render SCENE -o a.exr --max-depth many", "max-depth"),
@@ -205,9 +205,6 @@ def test_bench_prints_a_table(scene, capsys):
         ("render SCENE -o a.exr --stats SCENE", "must differ from each other and from the scene"),
         ("render SCENE -o a.exr --checkpoint ./a.exr", "must differ from each other"),
         ("render SCENE -o a.exr --samples 4", "render does not take --samples 4; python -m dmis render --help"),
-        ("oracle SCENE -o a --ladder", "run benchmarks/print_ladder.py SCENE"),
-        ("render SCENE -o a.exr --replicates 2", "average the images"),
-        ("render SCENE -o a.exr --continuation own", "leave it out"),
         ("render SCENE", "-o"),
         ("", "COMMAND"),
     ],

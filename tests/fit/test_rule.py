@@ -83,21 +83,12 @@ def test_only_fit_must_be_given(box: dmis.Scene) -> None:
         ("power", "got 'power', did you mean 'pbrt'?"),
         ("light", "got 'light', did you mean 'fixed:1'?"),
         ("brdf", "got 'brdf', did you mean 'fixed:0'?"),
-        ("linear:patch=8", "rule linear was removed. Use second-moment"),
-        ("second-moment:shrink=yes", "rule second-moment has no option shrink any more: leave it out; filter= and"),
-        ("thesis:strategies=5", "rule thesis has no option strategies any more: .* spp= sets"),
     ],
 )
 def test_non_rules_are_refused(rule: Any, message: str) -> None:
-    """Errors say what is missing, what was meant, or what to use in place of what was removed."""
+    """Errors say what is missing, or what was meant."""
     with pytest.raises(ValueError, match=message):
         make_rule(rule)
-
-
-def test_several_heuristics_are_no_combiner() -> None:
-    """The pilot chose between them in earlier versions."""
-    with pytest.raises(ValueError, match=r"must be one heuristic, .* Use balance or power"):
-        dmis.Settings(combiner="balance+power")
 
 
 @pytest.mark.parametrize(

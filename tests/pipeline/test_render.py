@@ -344,10 +344,6 @@ def test_every_part_of_a_scene_is_in_its_hash(box):
             r"progress must be a function progress\(stage, done, total\), True for a bar, or None; got 5",
         ),
         ({"rule": None, "preset": "thesis"}, "; got 4. Use a larger spp or another rule, such as balance"),
-        ({"combiner": "controlled"}, "combiner controlled was removed. Use balance"),
-        ({"combiner": "optimal-progressive"}, "combiner optimal-progressive was removed. Use optimal"),
-        ({"replicates": 2}, r"replicates was removed. Render with several seeds, and take dmis.average"),
-        ({"continuation": "shared"}, r"continuation was removed. Leave it out"),
     ],
 )
 def test_bad_arguments(box, options, message):
