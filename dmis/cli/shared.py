@@ -18,7 +18,7 @@ from dmis.brdf import materials, metallic_roughness, models
 from dmis.brdf.materials import Material
 from dmis.estimator.settings import Settings
 from dmis.formats.load_scene import load_scene
-from dmis.formats.read_model import up_axis
+from dmis.formats.model import up_axis
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.job import DEFAULT_SPP
 from dmis.pipeline.progress import Progress, reporting

@@ -19,10 +19,13 @@ from dmis.base.color import Rgb
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
-from dmis.formats.model import Model
-from dmis.formats.read_model import Y_UP, camera_of, material_of, read_file, up_axis, with_materials
+from dmis.formats.gltf import read_gltf
+from dmis.formats.model import Y_UP, Model, camera_of, material_of, up_axis, with_materials
+from dmis.formats.obj import read_obj_materials
+from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes
+from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes, read_mesh, reading
+from dmis.geometry.wavefront import read_obj
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import AreaLight, Light
@@ -143,6 +146,27 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
     source = {key: value for key, value in about.items() if value}
     suggested = Suggestions("path") if model.lights else Suggestions()  # in a room, walls give light
     return Scene(camera, tuple(parts), tuple(lights), name, suggested, source)
+
+
+def read_file(path: Path, outside: bool, bare: bool) -> Model:
+    """Return the contents of a mesh file; `bare`: of an OBJ file without its materials."""
+    model = Model(path, outside)
+    if path.suffix.lower() == ".obj" and not bare:
+        with reading(path) as data:
+            read_obj_materials(read_obj(data), model)
+    elif path.suffix.lower() in (".glb", ".gltf"):
+        with reading(path) as data:
+            read_gltf(Gltf(path, data, outside), model)
+    else:
+        mesh, unread = read_mesh(path)
+        model.unread.update(unread)
+        if (mesh_with_area := model.drop_flat(mesh)) is not None:
+            model.add(mesh_with_area)
+    if not model.parts:
+        raise ValueError(
+            f"{path}: mesh must have a triangle with an area, because no ray hits others; got {model.flat} without"
+        )
+    return model
 
 
 def light_part(light: AreaLight) -> Part:

@@ -1,10 +1,13 @@
-"""What the readers of models share: the contents of a file, and the files that it names."""
+"""Models: the contents of a file and the files that it names, its camera, and materials in place of its own."""
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +23,8 @@ from dmis.scene.groups import Part
 from dmis.scene.masks import Mask
 
 DEFAULT_MATERIAL = matte()
+Y_UP = ".glb", ".gltf", ".obj"
+"""Extensions of files in which y is up, and which may have materials."""
 
 
 @dataclass
@@ -98,3 +103,50 @@ class Model:
     def summaries(self) -> tuple[str, ...]:
         """Return what is left out, with the number of each kind that there is more than once: "normal map (2)"."""
         return tuple(f"{kind} ({n})" if n > 1 else kind for kind, n in self.unread.items() if n)
+
+
+def with_materials(model: Model, material: Any) -> list[Part]:
+    """Return the parts of a file with a caller's material, one for all or by the names of the file's."""
+    if material is None:
+        return model.parts
+    if not isinstance(material, Mapping):
+        return [replace(part, material=material_of("", material)) for part in model.parts]
+    names = sorted({part.material.name for part in model.parts})
+    for name in material:
+        if name not in names:
+            raise ValueError(f"material must have names of materials in {model.path}: {names}; got {name!r}")
+    return [replace(part, material=material.get(part.material.name, part.material)) for part in model.parts]
+
+
+def material_of(name: str, material: Any) -> Material:
+    """Return the material of the geometry `name`."""
+    if material is None or isinstance(material, Material):
+        return material or DEFAULT_MATERIAL
+    if not isinstance(material, Mapping):
+        raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
+    if name not in material:
+        names = ", ".join(map(repr, material)) or "none"
+        raise ValueError(f"material must have an entry for the geometry {name!r}; given are: {names}")
+    return material[name]
+
+
+def camera_of(
+    source: Any, model: Model, parts: Sequence[Part], camera: Any, up: str | None, fov: float | None
+) -> tuple[Camera, list[str]]:
+    """Return a caller's camera, or one of the file, by default its first, or one that sees all parts, and a note."""
+    if isinstance(camera, Camera):
+        return camera, []
+    if camera is not None and camera not in model.cameras:
+        names = ", ".join(map(repr, model.cameras)) or "none"
+        raise ValueError(f"camera must be a Camera or the name of one in {model.path}: {names}; got {camera!r}")
+    if camera is not None or (model.cameras and up is None):
+        camera = model.cameras[camera] if camera is not None else next(iter(model.cameras.values()))
+        return replace(camera, fov=camera.fov if fov is None else fov), []
+    note = "a camera that sees all of it" if model.cameras else "a camera that sees all of it, because it has none"
+    return Camera.fit([part.mesh for part in parts], up_axis(source, up), fov or 40.0), [note]
+
+
+def up_axis(source: Any, up: str | None) -> tuple[float, float, float]:
+    """Return the axis `up`, ``y`` or ``z``; None: that of the format of a file."""
+    y_up = isinstance(source, str | os.PathLike) and Path(source).suffix.lower() in Y_UP
+    return (0.0, 1.0, 0.0) if up == "y" or (up is None and y_up) else (0.0, 0.0, 1.0)

@@ -22,6 +22,7 @@ import numpy as np
 from dmis.base.named_files import named_file
 from dmis.base.vectors import Floats
 from dmis.geometry.mesh import Mesh, repair_normals
+from dmis.geometry.transforms import rotate
 
 MAX_FACES = 2**25
 """Most triangles of a mesh file, all instances counted."""
@@ -205,15 +206,10 @@ def _local(node: dict[str, Any]) -> Floats:
     if "matrix" in node:
         matrix = np.array(node["matrix"], np.float64).reshape(4, 4).T
     else:
-        x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
-        norm = math.sqrt(x * x + y * y + z * z + w * w) or 1.0
-        x, y, z, w = x / norm, y / norm, z / norm, w / norm
-        matrix = np.eye(4)
-        matrix[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
+        *axis, w = np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
+        # |axis| = sin(angle / 2),  w = cos(angle / 2)
+        half = math.atan2(np.linalg.norm(axis), w)
+        matrix = rotate(math.degrees(2 * half), axis) if any(axis) else np.eye(4)
         matrix[:3, :3] *= np.array(node.get("scale", (1, 1, 1)), np.float64)
         matrix[:3, 3] = node.get("translation", (0, 0, 0))
     if not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):

@@ -7,14 +7,13 @@ of whole numbers (`_WHOLE`) are decoded from sRGB in v4, unless ``encoding`` is 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dmis.base.color import LUMINANCE
 from dmis.base.vectors import Array
-from dmis.brdf.texture import Image, scale
+from dmis.brdf.texture import Image, combine, scale
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.image_reader import IMAGE_SUFFIXES, load_image
@@ -57,9 +56,7 @@ def blend(a: Any, b: Any, amount: Any) -> Any:
     images = [value for value in (a, b, amount) if isinstance(value, Image)]
     if len(images) > 1 or any(image.wrap == "black" for image in images):
         raise ValueError("a mix of several images, or of one that is black outside, is not supported; bake it into one")
-    x, y, t = (np.asarray(v.texels if isinstance(v, Image) else v, float) for v in (a, b, amount))
-    mixed = (1 - t) * x + t * y
-    return replace(images[0], texels=mixed.astype(np.float32)) if images else tuple(np.atleast_1d(mixed).tolist())
+    return combine(lambda x, y, t: (1 - t) * x + t * y, a, b, amount)
 
 
 def _checkerboard(kind: str, name: Token, p: Parameters) -> Image:

@@ -3,7 +3,7 @@
 import numpy as np
 
 import dmis
-from dmis.experiment.speed.embree_floor import Recorder, embree_seconds
+from dmis.experiment.speed.bench import Recorder, embree_seconds
 from dmis.pipeline.job import resolve
 from dmis.pipeline.render import render_job
 from dmis.pipeline.tile import render_tile
