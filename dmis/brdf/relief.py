@@ -36,15 +36,16 @@ class BumpMap:
         One channel.
     unit_tangents
         Whether smooth meshes have tangents of length 1, as in pbrt-v2 and v3; else both are as long as dp/du, as in v4.
+        None: dp/du and dp/dv stay, as on spheres and cylinders of all versions.
     """
 
     image: Image
-    unit_tangents: bool = False
+    unit_tangents: bool | None = False
 
     def normals(self, n: Array, dpdu: Array, dpdv: Array, uv: Array, smooth: bool) -> Array:
         """See `Relief.normals`; slopes are differences over a texel."""
         s, t = (v - n * dot(n, v) for v in (dpdu, dpdv))
-        if smooth:
+        if smooth and self.unit_tangents is not None:
             s = normalise(s) if self.unit_tangents else s
             t = _beside(n, s, t)
         height, width, _ = self.image.texels.shape

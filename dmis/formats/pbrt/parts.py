@@ -19,6 +19,7 @@ from dmis.base.color import Rgb
 from dmis.base.vectors import Floats
 from dmis.brdf.distributions import Anisotropic, Elliptic
 from dmis.brdf.materials import Material
+from dmis.brdf.relief import BumpMap
 from dmis.brdf.texture import Image
 from dmis.formats.pbrt.lights import similarity
 from dmis.formats.pbrt.parameter import rgb
@@ -54,7 +55,7 @@ def make_light_part(shape: Shape, material: Material, radiance: Rgb) -> tuple[Pa
             )
         mesh = _flipped(mesh, bright, material)
         light = _light(shape, mesh, radiance)
-    return Part(mesh, material, light), light
+    return Part(mesh, _with_relief(material, shape.quadric is not None), light), light
 
 
 def _bright(mesh: Mesh, shape: Shape) -> bool | np.ndarray:
@@ -128,17 +129,27 @@ def _parallelogram(mesh: Mesh) -> Floats | None:
 
 def merge(shapes: Iterable[tuple[Shape, Material]]) -> list[Part]:
     """Return the parts of shapes that do not emit: one for each material, mask and kind of mesh, in order."""
-    by_material: dict[int, tuple[Material, dict[tuple[bool, bool, int | None], tuple[Mask | None, list[Mesh]]]]] = {}
+    by_material: dict[
+        int, tuple[Material, dict[tuple[bool, bool, bool, int | None], tuple[Mask | None, list[Mesh]]]]
+    ] = {}
     for shape, material in shapes:
         mesh, mask = _placed(shape, material), shape.mask
         _, kinds = by_material.setdefault(id(material), (material, {}))
-        key = mesh.normals is None, mesh.uv is None, None if mask is None else id(mask.image)
+        curved = shape.quadric is not None and isinstance(material.relief, BumpMap)
+        key = curved, mesh.normals is None, mesh.uv is None, None if mask is None else id(mask.image)
         kinds.setdefault(key, (mask, []))[1].append(mesh)
     return [
-        Part(concatenate(group), material, mask=mask)
+        Part(concatenate(group), _with_relief(material, curved), mask=mask)
         for material, kinds in by_material.values()
-        for mask, group in kinds.values()
+        for (curved, *_), (mask, group) in kinds.items()
     ]
+
+
+def _with_relief(material: Material, curved: bool) -> Material:
+    """Return the material; on a quadric (`curved`) its bump map keeps dp/du and dp/dv, as in all versions of pbrt."""
+    if not curved or not isinstance(material.relief, BumpMap):
+        return material
+    return replace(material, relief=replace(material.relief, unit_tangents=None))
 
 
 def _placed(shape: Shape, material: Material) -> Mesh:
