@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dmis.base.patches import patch_mean, patch_sum
+from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.estimator.cost import RAY, UNTRACED, camera_sample_cost
 from dmis.estimator.records import Record, Statistic
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import technique_by_name
+from dmis.experiment.oracle import Oracle, between
 from dmis.fit.round import Fit, Pilot
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.render import render
@@ -29,46 +30,25 @@ _SPP = 256
 """Camera samples per pixel from which rays are counted and errors are compared."""
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorTime:
-    """Variance and cost of a camera sample per patch at the shares of `dmis.variance.curves.GRID`.
-
-    Attributes
-    ----------
-    variance, cost
-        ``(G, rows, columns)``; variances of absolute or relative errors.
-    patch
-        Side of a patch in pixels.
-    shape
-        ``(H, W)`` of the image; patches at its border may be smaller, and count for less.
-    """
-
-    variance: Array
-    cost: Array
-    patch: int
-    shape: tuple[int, int]
-
-    @cached_property
-    def area(self) -> Array:
-        """Share of the image's pixels in each patch, ``(rows, columns)``."""
-        return patch_sum(np.ones(self.shape), self.patch) / np.prod(self.shape)
+class ErrorTime(Oracle):
+    """An oracle whose cost differs from patch to patch, ``(G, rows, columns)``; variances are absolute or relative."""
 
     def value(self, weight: Array, samples: Array | float = 1.0) -> float:
         """Return error times time over that of w = 1/2 and even samples, at shares and numbers per patch."""
         # mean(V / n) mean(n C)
-        error, time = self._at(self.variance, weight) / samples, self._at(self.cost, weight) * samples
-        half = self._mean(self.variance[HALF]) * self._mean(self.cost[HALF])
-        return self._mean(error) * self._mean(time) / half
+        error, time = between(self.variance, weight) / samples, between(self.cost, weight) * samples
+        half = self.mean(self.variance[HALF]) * self.mean(self.cost[HALF])
+        return self.mean(error) * self.mean(time) / half
 
-    def best(self) -> Array:
+    def best_even(self) -> Array:
         """Return the best shares per patch, ``(rows, columns)``, with even samples.
 
         They are those of `GRID` without its ends: where one technique alone misses a light, its variance is in samples
         too rare to be seen, and the best share by some samples may be the worst by others.
         """
-        w = np.full(self.area.shape, GRID[HALF])
+        w = np.full(self.pixel_share.shape, GRID[HALF])
         for _ in range(20):  # the price of time depends on the map: a fixed point
-            price = self._mean(self._at(self.variance, w)) / self._mean(self._at(self.cost, w))
+            price = self.mean(between(self.variance, w)) / self.mean(between(self.cost, w))
             w = GRID[1:-1][(self.variance + price * self.cost)[1:-1].argmin(axis=0)]
         return w
 
@@ -76,19 +56,9 @@ class ErrorTime:
         """Return the best shares and numbers of samples per patch, ``(rows, columns)`` each, the numbers of mean 1."""
         # n ~ sqrt(V / C),  w = argmin V C   (docs/theory.md, Eq. 20)
         w = GRID[1:-1][(np.maximum(self.variance, 0) * self.cost)[1:-1].argmin(axis=0)]
-        v, c = np.maximum(self._at(self.variance, w), 0), self._at(self.cost, w)
+        v, c = np.maximum(between(self.variance, w), 0), between(self.cost, w)
         n = np.sqrt(np.divide(v, c, out=np.zeros_like(v), where=c > 0))
-        return w, np.clip(n / max(self._mean(n), 1e-30), 1 / MOST_SAMPLES, MOST_SAMPLES)
-
-    def _mean(self, values: Array) -> float:
-        """Return the mean over the image of values per patch."""
-        return float((values * self.area).sum())
-
-    def _at(self, curves: Array, weight: Array) -> Array:
-        """Return curves ``(G, rows, columns)`` at shares ``(rows, columns)``, linear between the shares of `GRID`."""
-        k = np.clip(np.searchsorted(GRID, weight, "right") - 1, 0, len(GRID) - 2)
-        low, high = (np.take_along_axis(curves, i[None], axis=0)[0] for i in (k, k + 1))
-        return np.asarray(low + (weight - GRID[k]) / (GRID[k + 1] - GRID[k]) * (high - low))
+        return w, np.clip(n / max(self.mean(n), 1e-30), 1 / MOST_SAMPLES, MOST_SAMPLES)
 
 
 def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any) -> tuple[Array, Array]:

@@ -101,10 +101,7 @@ class Oracle:
         """Return the variance of a camera sample per patch at a share map ``(H, W)``, or at one share for all."""
         rows, columns = self.variance.shape[1:]
         w = patch_mean(np.asarray(weight), self.patch) if np.ndim(weight) else np.full((rows, columns), float(weight))
-        k = np.clip(np.searchsorted(GRID, w, "right") - 1, 0, len(GRID) - 2)
-        t = (w - GRID[k]) / (GRID[k + 1] - GRID[k])
-        low, high = (_at_index(self.variance, i) for i in (k, k + 1))
-        return low + t * (high - low)
+        return between(self.variance, w)
 
     def saving(self, weight: Array) -> float:
         """Return the share of the best weights' saving over w = 1/2 that a share map reaches.
@@ -166,6 +163,13 @@ class Oracle:
             return 0.0, 0.0
         harmed = (self.at(weight) > HARM_LIMIT * self.variance[HALF])[lit]
         return float(harmed.mean()), float(harmed.std() / np.sqrt(harmed.size))
+
+
+def between(curves: Array, weight: Array) -> Array:
+    """Return curves ``(G, rows, columns)`` at shares ``(rows, columns)``, linear between the shares of `GRID`."""
+    k = np.clip(np.searchsorted(GRID, weight, "right") - 1, 0, len(GRID) - 2)
+    low, high = (_at_index(curves, i) for i in (k, k + 1))
+    return low + (weight - GRID[k]) / (GRID[k + 1] - GRID[k]) * (high - low)
 
 
 def _at_index(values: Array, index: np.ndarray) -> Array:

@@ -52,7 +52,7 @@ def play_page(scene: Scene, spp: int, patch: int, settings: Settings, **options:
     cost, factor = measure_patches(scene, patch, **options)
     # the pilot alone decides the map: 6 samples, and one of the final pass
     thesis = render(scene, Thesis(weigh="samples", combiner=settings.combiner), 7, **options).weight
-    absolute = ErrorTime(oracle.variance, cost, patch, thesis.shape)
+    absolute = ErrorTime(oracle.variance, cost, patch, spp, thesis.shape)
     measures = {"relative": replace(absolute, variance=oracle.variance * factor), "absolute": absolute}
     return page_of(measures, image, thesis, scene.name, spp)
 
@@ -63,12 +63,16 @@ def page_of(measures: Mapping[str, ErrorTime], image: Array, thesis: Array, scen
     `image` is linear RGB ``(H, W, 3)``, and `thesis` the share map of the thesis's rule, ``(H, W)``.
     """
     curves, maps = measures["absolute"], {}
-    even, w = np.ones_like(curves.area), patch_mean(thesis, curves.patch)
+    even, w = np.ones_like(curves.pixel_share), patch_mean(thesis, curves.patch)
     for name, judge in measures.items():
-        named = {"thesis": (w, even), "oracle": (judge.best(), even), "oracle + samples": judge.best_with_samples()}
+        named = {
+            "thesis": (w, even),
+            "oracle": (judge.best_even(), even),
+            "oracle + samples": judge.best_with_samples(),
+        }
         maps[name] = {label: list(map(_text, pair)) for label, pair in named.items()}
     data = {
-        "shape": [*curves.shape, *even.shape],
+        "shape": [*image.shape[:2], *even.shape],
         "patch": curves.patch,
         "most": MOST_SAMPLES,
         "image": png(np.round(255 * tonemap(image.astype(np.float32))).astype(np.uint8)),
