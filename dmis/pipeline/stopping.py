@@ -10,6 +10,8 @@ samples has the error V n^-a, so that
     E[(m - m')^2] = V n^-a - V (2n)^-a = (2^a - 1) V (2n)^-a.
 
 Before the first doubling there is the variance by sub-blocks, (4^a - 1) / 3 times too large (`dmis.variance.moments`).
+If a share r of the samples is of an earlier round, it is too large by r^(2-a) + (1-r)^(2-a) as well, because the rounds
+are joined as if their points did not go on from each other.
 
 All pixels stop at once, by a mean over the image of which each pixel is a small part. What bias is left is measured in
 tests/pipeline/test_stopping.py.
@@ -85,6 +87,8 @@ class Stop:
         final, n = self.final, film.moments.n
         a = EXPONENT if is_sequence(final.settings.sampler) else 1.0
         variance = film.moments.variance() / n if np.min(n) > 1 else np.array(nan)  # one sample has none
+        of_earlier = np.asarray(final.begin)[..., None] / n
+        variance = variance / (of_earlier ** (2 - a) + (1 - of_earlier) ** (2 - a))
         noise = sqrt(self._relative(variance, film.moments.mean) * 3 / (4**a - 1))
         while self._goes_on(noise):
             before, n = film.moments.mean.copy(), film.moments.n
