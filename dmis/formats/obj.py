@@ -51,7 +51,7 @@ def read_obj_materials(obj: Wavefront, model: Model) -> None:
         if (mesh := model.drop_flat(flat)) is None:
             continue
         if name not in materials:
-            model.unread["material without a definition"] += bool(name)
+            model.unread[f"material {name[-60:]!r} without a definition"] += bool(name)
             model.add(mesh)
             continue
         path, said = materials[name]
@@ -78,11 +78,15 @@ def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[Any
     """Add triangles with the material `name` to a model."""
     for word in said:
         model.unread[f"{word} of a material"] += word not in (*READ, *IGNORED)
-    kd: Any = _colour(said, "Kd", 0.5 if "map_Kd" not in said else 1.0)
+    given = {"Kd": _colour(said, "Kd", 0.5 if "map_Kd" not in said else 1.0), "Ks": _colour(said, "Ks", 0.0)}
+    for word, colour in given.items():
+        model.unread[f"{word} above 1 of {name!r}"] += max(colour) > 1
+    kd: Any
+    kd, ks = (tuple(min(x, 1.0) for x in colour) for colour in given.values())
+    emission = _colour(said, "Ke", 0.0)
     if "map_Kd" in said:
         image = _image(said["map_Kd"][1], model, images)
         kd = kd if image is None else scale(kd if any(kd) else 1.0, image)
-    ks, emission = _colour(said, "Ks", 0.0), _colour(said, "Ke", 0.0, np.inf)
     opacity = 1 - _values(said, "Tr", 0.0, 1)[0] if "Tr" in said else _values(said, "d", 1.0, 1)[0]
     roughness = 1 / min(max(_values(said, "Ns", 10.0, np.inf)[0], 1), MAX_LOBE_EXPONENT)
     if opacity < 1:
@@ -107,14 +111,15 @@ def _values(said: Statements, word: str, default: float, most: float, counts: tu
     values = [float(x) for x in words if _NUMBER.fullmatch(x)]
     if len(values) != len(words) or len(words) not in counts or not all(0 <= x <= most and x < np.inf for x in values):
         how_many = " or ".join(map(str, counts))
-        what = f"{how_many} number{'s' * (counts != (1,))} from 0 to {most:g}"
+        limit = f" to {most:g}" if most < np.inf else ""
+        what = f"{how_many} number{'s' * (counts != (1,))} from 0{limit}"
         raise ValueError(f"line {number}: {word} must be {what}; got {argument[:60]!r}")
     return values
 
 
-def _colour(said: Statements, word: str, default: float, most: float = 1.0) -> Rgb:
+def _colour(said: Statements, word: str, default: float) -> Rgb:
     """Return the colour of a statement: three numbers, or one for all channels."""
-    values = _values(said, word, default, most, (1, 3))
+    values = _values(said, word, default, np.inf, (1, 3))
     r, g, b = values * (3 // len(values))
     return r, g, b
 

@@ -113,7 +113,8 @@ def test_materials_by_name(load):
         ("newmtl a\nbump b.png\nmap_Ks s.png\n", "usemtl a\n" + FACE, "bump of a material, map_Ks of a material"),
         ("newmtl a\nmap_Kd none.png\n", "usemtl a\n" + FACE, "missing file 'none.png'"),
         ("newmtl a\nKd 1\n", "mtllib gone.mtl\nusemtl a\n" + FACE, "missing file 'gone.mtl'"),
-        ("newmtl a\nKd 1\n", f"usemtl b\n{FACE}usemtl c\n{FACE}", "material without a definition (2)"),
+        ("newmtl a\nKd 1\n", f"usemtl b\n{FACE}", "material 'b' without a definition"),
+        ("newmtl a\nKd 2\nKs 1.2\n", "usemtl a\n" + FACE, "Kd above 1 of 'a', Ks above 1 of 'a'"),
     ],
 )  # fmt: skip
 def test_what_is_left_out_is_named(load, tmp_path, mtl, obj, named):
@@ -126,7 +127,7 @@ def test_what_is_left_out_is_named(load, tmp_path, mtl, obj, named):
 @pytest.mark.parametrize(
     "line, message",
     [
-        ("Kd 1 2 3", "line 2: Kd must be 1 or 3 numbers from 0 to 1; got '1 2 3'"),
+        ("Kd 1 -2 3", "line 2: Kd must be 1 or 3 numbers from 0; got '1 -2 3'"),
         ("Kd red", "line 2: Kd must be"),
         ("Ks 1 2", "line 2: Ks must be"),
         ("Ke 1e999", "line 2: Ke must be"),
