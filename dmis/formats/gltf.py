@@ -40,7 +40,7 @@ def read_gltf(gltf: Gltf, model: Model) -> None:
     materials = Materials(gltf)
     joined: dict[Any, list[Mesh]] = {}
     for number, primitive in enumerate(gltf.primitives()):
-        if (mesh := model.drop_flat(primitive.mesh)) is None:
+        if materials.is_clear(primitive.material) or (mesh := model.drop_flat(primitive.mesh)) is None:
             continue
         material, image = primitive.material, None
         if primitive.colours is not None:
@@ -68,7 +68,10 @@ def read_gltf(gltf: Gltf, model: Model) -> None:
 
 def _with_colours(materials: Materials, primitive: Primitive, mesh: Mesh) -> tuple[Mesh, Any]:
     """Return a mesh with vertex colours, and these: an image, a colour, or None if they are white or left out."""
-    colours = np.clip(np.asarray(primitive.colours)[:, :3], 0, 1)
+    given = np.clip(np.asarray(primitive.colours), 0, 1)
+    colours, alpha = given[:, :3], given[:, 3:]
+    fades = materials.parts(primitive.material).get("alphaMode", "OPAQUE") != "OPAQUE" and (alpha < 1).any()
+    materials.leave_out("opacity of vertex colours", primitive.material, bool(fades))
     used = colours[np.unique(mesh.faces)]
     if (used == used[0]).all():
         return mesh, None if (used[0] == 1).all() else tuple(used[0].tolist())
@@ -128,11 +131,14 @@ def paint(mesh: Mesh, colours: Floats) -> tuple[Mesh, Image]:
     -----
     Bilinear interpolation in a square is linear on the triangle of three corners, ``c0 + a (c1 - c0) + b (c2 - c0)``,
     if the fourth corner is ``c1 + c2 - c0``. Of the three corners that may be c0, the one is taken for which this is
-    nearest to [0, 1], to which it is clipped: of grey always one is inside.
+    nearest to [0, 1]: of grey always one is inside. Where none is, triangles are split at the midpoints of their edges:
+    with a corner of the old triangle as c0, or a midpoint for the inner one, the fourth is a midpoint or a corner.
     """
     turns = [np.roll(mesh.faces, turn, axis=1) for turn in range(3)]
     fourths = [colours[f[:, 1]] + colours[f[:, 2]] - colours[f[:, 0]] for f in turns]
     beyond = [np.abs(fourth - np.clip(fourth, 0, 1)).max(axis=1) for fourth in fourths]
+    if np.min(beyond, axis=0).max() > 1e-6:
+        return paint(*_split(mesh, colours))
     best = np.argmin(beyond, axis=0)
     triangle = np.arange(len(best))
     corner = np.stack(turns)[best, triangle].ravel()
@@ -151,3 +157,17 @@ def paint(mesh: Mesh, colours: Floats) -> tuple[Mesh, Image]:
     return Mesh(mesh.vertices[corner], faces, normals, uv.reshape(-1, 2)), Image(
         texels.reshape(2 * down, 2 * across, 3), wrap="clamp"
     )
+
+
+def _split(mesh: Mesh, colours: Floats) -> tuple[Mesh, Floats]:
+    """Return a mesh without texture coordinates, each triangle split into four, and the colours of its vertices."""
+
+    def extended(values: Floats) -> Floats:
+        corners = values[mesh.faces]
+        return np.concatenate([values, (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2])
+
+    a, b, c = mesh.faces.T
+    ab, bc, ca = len(mesh.vertices) + np.arange(mesh.faces.size).reshape(-1, 3).T
+    faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+    normals = None if mesh.normals is None else extended(mesh.normals)
+    return Mesh(extended(mesh.vertices), faces, normals), extended(colours)

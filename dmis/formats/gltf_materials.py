@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, cast
+from urllib.parse import unquote
 
+from dmis.base.named_files import named_file
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
@@ -54,7 +56,9 @@ class Materials:
         said = self.parts(number)
         surface, extensions = said.get("pbrMetallicRoughness", {}), said.get("extensions", {})
         *base, alpha = surface.get("baseColorFactor", (1, 1, 1, 1))
-        colour: Any = tuple(base)
+        name = said.get("name") or ("default" if number is None else f"material {number}")
+        self.leave_out(f"base colour above 1 of {name!r}", number, max(base) > 1)
+        colour: Any = tuple(min(x, 1.0) for x in base)
         if (image := self.texture(surface, "baseColorTexture")) is not None:
             colour = scale(colour, image)
         if colours is not None:
@@ -79,7 +83,6 @@ class Materials:
             extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
             alpha if said.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
         )
-        name = said.get("name") or ("default" if number is None else f"material {number}")
         material = Material(made.lobes, name, relief)
         if colours is None:
             self._made[number] = material
@@ -96,6 +99,14 @@ class Materials:
         cutoff = None if mode == "BLEND" else min(max(said.get("alphaCutoff", 0.5), 1e-6), 1.0)
         whole = factor * image.texels.min() >= (cutoff or 1.0)
         return None if whole else Mask(cast(Image, scale(factor, image)), cutoff)
+
+    def is_clear(self, number: int | None) -> bool:
+        """Return whether a material without a texture is nowhere there, because its opacity is below the cutoff."""
+        said = self.parts(number)
+        surface = said.get("pbrMetallicRoughness", {})
+        alpha = surface.get("baseColorFactor", (1, 1, 1, 1))[3]
+        masked = said.get("alphaMode") == "MASK" and "baseColorTexture" not in surface
+        return bool(masked and alpha < said.get("alphaCutoff", 0.5))
 
     def _note(self, said: Mapping[str, Any]) -> None:
         """Count what is left out of a material."""
@@ -128,6 +139,10 @@ class Materials:
         texture = self._gltf.json["textures"][info["index"]]
         if "source" not in texture:
             self.leave_out("texture of another format", info)
+            return None
+        uri = self._gltf.json["images"][texture["source"]].get("uri", "data:")
+        if not uri.startswith("data:") and named_file(self._gltf.path, unquote(uri), self._gltf.outside) is None:
+            self.leave_out(f"missing file {unquote(uri)[-60:]!r}", uri)
             return None
         self.leave_out("rotated texture", info, transform.get("rotation", 0) != 0)
         sampler = self._gltf.json["samplers"][texture["sampler"]] if "sampler" in texture else {}

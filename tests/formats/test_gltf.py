@@ -354,7 +354,7 @@ def test_emission_of_an_image(tmp_path):
 
 
 def test_vertex_colours(tmp_path):
-    """They are interpolated along triangles, exactly for grey; white ones cost nothing, constant ones are a factor."""
+    """They are interpolated along triangles; white ones cost nothing, constant ones are a factor."""
     grey = np.float32([[0.1], [0.9], [0.5], [0.3]]).repeat(3, axis=1)
     material = {"pbrMetallicRoughness": {"metallicFactor": 0, "baseColorFactor": [0.5, 1, 1, 1]}, "extensions": MATTE}
     (part, *_) = File().mesh(material, uv=None, COLOR_0=grey).load(tmp_path, lights=[]).parts
@@ -370,6 +370,35 @@ def test_vertex_colours(tmp_path):
         same = np.full((4, 3), value, np.float32)
         (lobe,) = File().mesh(material, uv=None, COLOR_0=same).load(tmp_path).parts[0].material.lobes
         assert lobe.reflectance == pytest.approx(expected)
+
+
+def test_saturated_vertex_colours(tmp_path):
+    """Triangles of the primaries, whose fourth texel has no colour, are split: each point has its own weights."""
+    colours = np.float32([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
+    material = {"pbrMetallicRoughness": {"metallicFactor": 0}, "extensions": MATTE}
+    (part, *_) = File().mesh(material, uv=None, COLOR_0=colours).load(tmp_path, lights=[]).parts
+    mesh, (lobe,) = part.mesh, part.material.lobes
+    weights = np.random.default_rng(1).dirichlet((1, 1, 1), len(mesh.faces))[:, :, None]
+    points, uv = ((values[mesh.faces] * weights).sum(axis=1) for values in (mesh.vertices, mesh.uv))
+    for k, face in enumerate(FACES.reshape(-1, 3)):
+        affine = np.linalg.solve(np.c_[CORNERS[face][:, :2], np.ones(3)], colours[face])
+        inside = slice(4 * k, 4 * k + 4)
+        expected = np.c_[points[inside, :2], np.ones(4)] @ affine
+        np.testing.assert_allclose(lobe.reflectance(np.float32(uv[inside].T)).T, expected, atol=1e-5)
+
+
+def test_opacity_of_a_factor_or_vertices(tmp_path):
+    """A surface below the cutoff is not there; the opacity of vertices is named, colours above 1 are clipped."""
+    surface = {"baseColorFactor": [2, 1, 1, 0.3]}
+    clear = {"alphaMode": "MASK", "pbrMetallicRoughness": surface}
+    fading = {"alphaMode": "BLEND", "name": "a", "pbrMetallicRoughness": surface}
+    file = File().mesh(clear).mesh(fading, COLOR_0=np.float32([[1, 1, 1, 0.5]]).repeat(4, axis=0))
+    with pytest.warns(SceneWarning, match="left out: opacity of vertex colours, base colour above 1 of 'a'$"):
+        scene = file.load(tmp_path, lights=[])
+    assert len(scene.parts) == 1
+    file.json["materials"][0]["alphaCutoff"] = 0.3
+    with pytest.warns(SceneWarning):
+        assert len(file.load(tmp_path, lights=[]).parts) == 2
 
 
 def test_opacity(tmp_path):
@@ -529,6 +558,10 @@ def test_files_beside_it(tmp_path):
     np.testing.assert_array_equal(triangles(scene), EXPECTED[:1])
     (metal,) = scene.parts[0].material.lobes
     assert metal.fresnel.f0.texels.shape == (4, 6, 3)
+    (tmp_path / "my picture.png").unlink()
+    with pytest.warns(SceneWarning, match="left out: missing file 'my picture.png'$"):
+        scene = dmis.load_scene(tmp_path / "a.gltf")
+    assert scene.parts[0].material.lobes[0].fresnel.f0 == (1, 1, 1)
 
 
 def test_the_page_names_what_is_read():
