@@ -79,15 +79,10 @@ def weight_bar(
     bar.set_ticks([0, 0.25, 0.5, 0.75, 1], labels=["0 BRDF", "0.25", "0.5", "0.75", "1 light"])
 
 
-def mark(axis: Axes, window: Window, colour: str, label: str = "") -> None:
+def mark(axis: Axes, window: Window, colour: str) -> None:
     """Draw a frame around a part of an image."""
     (top, bottom), (left, right) = window
     axis.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor=colour, linewidth=2))
-    if label:
-        axis.annotate(
-            label, (right, top), (3, 0), textcoords="offset points", color=colour, weight="bold", va="center",
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "black", "edgecolor": "none", "alpha": 0.6},
-        )  # fmt: skip
 
 
 def shared_scale(maps: Sequence[Array], quantile: float = 0.995) -> float:

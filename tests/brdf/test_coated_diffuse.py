@@ -8,8 +8,7 @@ from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.brdf.coat_interface import internal_reflectance, transmittance
-from dmis.brdf.coated_diffuse import CoatedBase
+from dmis.brdf.coated_diffuse import CoatedBase, internal_reflectance, transmittance
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.fresnel import Coat, Dielectric, dielectric

@@ -21,8 +21,7 @@ from PIL import Image
 from dmis import plot
 from dmis.experiment.convergence import gains, ratio_text
 from dmis.experiment.report.comparer import linear_png, palette_colours
-from dmis.experiment.report.maps import share_maps
-from dmis.experiment.report.page import write_report
+from dmis.experiment.report.page import share_maps, write_report
 from dmis.experiment.report.plots import INK, convergence, error_lines, map_png, variance_ratio
 from dmis.experiment.runs import PINNED
 from dmis.experiment.table import Comparison
