@@ -42,8 +42,7 @@ from dmis.experiment.bench.data import (
     read_truth,
 )
 from dmis.experiment.bench.decide import decide
-from dmis.experiment.bench.judge import BASELINES, error_time, random_shares, score, shares_and_samples
-from dmis.experiment.bench.results import report
+from dmis.experiment.bench.judge import BASELINES, error_time, random_shares, report, score, shares_and_samples
 from dmis.experiment.bench.samples import COLUMNS, samples
 from dmis.experiment.reference import REFERENCE_SEED
 from dmis.fit.fixed import Fixed

@@ -23,7 +23,7 @@ try:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
-    from matplotlib.ticker import FuncFormatter, LogFormatter, LogLocator, MaxNLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 except ImportError as missing:
     raise ImportError("figures need matplotlib: pip install 'dmis[plot]'") from missing
 Window = tuple[tuple[int, int], tuple[int, int]]
@@ -127,28 +127,12 @@ def round_ticks(side: Any) -> None:
     decades = math.log10(high / low)
     powers = LogLocator(subs=(1, 3) if decades < 3 else (1,), numticks=7)
     side.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]) if decades < 1 else powers)
-    side.set_major_formatter(FuncFormatter(_number))
+    side.set_major_formatter(FuncFormatter(tick_text))
     side.set_minor_formatter(NullFormatter())
 
 
-def plain_exponents(figure: Figure) -> None:
-    """Write 1e-5 in place of ten to a small raised -5 at the logarithmic axes and colour bars of a figure."""
-    for side in (side for axes in figure.axes for side in (axes.xaxis, axes.yaxis)):
-        if isinstance(side.get_major_formatter(), LogFormatter):
-            side.set_major_formatter(_PlainLogFormatter())
-            side.set_minor_formatter(_PlainLogFormatter())
-
-
-class _PlainLogFormatter(LogFormatter):
-    """The tick labels of `LogFormatter`, written by `_number`."""
-
-    def __call__(self, value: float, pos: int | None = None) -> str:
-        """Return the label of a tick; empty where `LogFormatter` has none."""
-        return _number(value) if super().__call__(value, pos) else ""
-
-
-def _number(value: float, _: int = 0) -> str:
-    """Return a tick label."""
+def tick_text(value: float, _: int = 0) -> str:
+    """Return the label of a tick: 1e-5, and no ten to a raised -5."""
     text = f"{value:.3g}" if value >= 1e4 else f"{value:g}"
     return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from matplotlib.ticker import LogFormatter
 
 from dmis import plot
 from dmis.base.atomic_files import check_writable
@@ -139,7 +140,7 @@ class Options:
 
     def save_for_print(self, figure: Any, title: str, caption: str, panel: Any = None, dpi: int = 200) -> None:
         """Write the figure as PDF, and as PNG as `save` does; title and caption are in the metadata of both."""
-        plot.plain_exponents(figure)  # a raised exponent has 0.7 times the size of its label
+        plain_exponents(figure)  # a raised exponent has 0.7 times the size of its label
         metadata = {"Title": title, "Subject": " ".join(caption.split())}
         lay_out(figure)
         figure.savefig(self.output.with_suffix(".pdf"), dpi=dpi, metadata=metadata)
@@ -272,3 +273,19 @@ def spp_in_time(seconds: float, runs: Sequence[Run]) -> int:
     overhead = float(np.median([run.overhead for run in runs]))
     seconds_per_sample = float(np.median([(run.seconds - run.overhead) / (run.spp - pilot) for run in runs]))
     return pilot + max(1, round((seconds - overhead) / seconds_per_sample))
+
+
+def plain_exponents(figure: Any) -> None:
+    """Write 1e-5 in place of ten to a small raised -5 at the logarithmic axes and colour bars of a figure."""
+    for side in (side for axes in figure.axes for side in (axes.xaxis, axes.yaxis)):
+        if isinstance(side.get_major_formatter(), LogFormatter):
+            side.set_major_formatter(PlainLogFormatter())
+            side.set_minor_formatter(PlainLogFormatter())
+
+
+class PlainLogFormatter(LogFormatter):
+    """The tick labels of `LogFormatter`, written by `dmis.plot.tick_text`."""
+
+    def __call__(self, value: float, pos: int | None = None) -> str:
+        """Return the label of a tick; empty where `LogFormatter` has none."""
+        return plot.tick_text(value) if super().__call__(value, pos) else ""

@@ -10,6 +10,7 @@ from matplotlib.image import imread
 from PIL import Image
 
 from dmis import plot
+from examples.gallery import plain_exponents
 
 
 def test_coordinates_are_pixels():
@@ -55,7 +56,7 @@ def test_exponents_are_as_large_as_their_labels():
     axes[0, 2].plot([1, 2], [0.001, 0.002])
     figure.draw_without_rendering()
     places = [axes.get_yticks().tolist() for axes in figure.axes]
-    plot.plain_exponents(figure)
+    plain_exponents(figure)
     figure.draw_without_rendering()
     assert [axes.get_yticks().tolist() for axes in figure.axes] == places
     texts = [label.get_text() for axes in figure.axes for label in (*axes.get_xticklabels(), *axes.get_yticklabels())]

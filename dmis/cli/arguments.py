@@ -15,7 +15,7 @@ from typing import Any
 from dmis import __version__
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import SCENES as BENCH_SCENES
-from dmis.experiment.bench.results import STYLES
+from dmis.experiment.bench.judge import STYLES
 from dmis.fit.registry import RULES
 from dmis.fit.round import WEIGH
 from dmis.image import check_size

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dmis.base.plugins import load_plugin
-from dmis.experiment.bench.judge import BASELINES, score
-from dmis.experiment.bench.results import report
+from dmis.experiment.bench.judge import BASELINES, report, score
 from dmis.fit.registry import RULES
 
 

@@ -16,8 +16,16 @@ from dmis.cli.commands import main
 from dmis.estimator.cost import surface_points
 from dmis.experiment.bench.data import GRID, SMALL, Pilots, Truth, path_of, read_pilots, read_truth
 from dmis.experiment.bench.decide import SETTINGS, SPP, _part, decide
-from dmis.experiment.bench.judge import BASELINES, ORACLES, error_time, least_error_time, of_pixels, score
-from dmis.experiment.bench.results import STYLES, report
+from dmis.experiment.bench.judge import (
+    BASELINES,
+    ORACLES,
+    STYLES,
+    error_time,
+    least_error_time,
+    of_pixels,
+    report,
+    score,
+)
 from dmis.experiment.bench.samples import SampleTable
 from dmis.fit.auto import Auto
 from dmis.fit.round import Budget, Fit, Pilot, Round

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from brute_force import BruteForce
 from helpers import Z_LIMIT, pickled
 
 import dmis
 from dmis.base.vectors import normalise
 from dmis.geometry.mesh import Mesh, concatenate
 from dmis.geometry.shapes import quad
-from dmis.intersect import BruteForce, HoleCaster, Intersector
+from dmis.intersect import HoleCaster, Intersector
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.scene.groups import Part
 from dmis.scene.masks import Mask
