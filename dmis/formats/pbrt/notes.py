@@ -89,6 +89,8 @@ class Refusals:
 
     def __init__(self) -> None:
         self._errors: dict[str, PbrtError] = {}
+        self.complete = False
+        """Whether the file is read to its end."""
 
     def __bool__(self) -> bool:
         return bool(self._errors)
@@ -121,5 +123,6 @@ class Refusals:
         if len(self._errors) > 1:
             least = "at least " if len(self._errors) >= MAX_ERRORS else ""
             places = f"{least}{len(self._errors):,} places of {len(kinds):,} kinds"
-            lines.append(f"{places} must change before the file can be read")
+            more = "" if self.complete or least else "; reading stopped at the last one, so more may follow"
+            lines.append(f"{places} must change before the file can be read{more}")
         return PbrtError("\n".join(lines))

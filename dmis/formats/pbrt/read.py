@@ -83,6 +83,7 @@ def read_pbrt(
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
         with reader.refusals.collect():
             carry_out(reader, reader.source)
+            reader.refusals.complete = True
             camera = make_camera(reader)
         if reader.refusals:
             raise reader.refusals.error()

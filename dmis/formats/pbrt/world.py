@@ -34,8 +34,14 @@ def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parame
     reader.change(textures={**reader.state.textures, key: value})
 
 
+def _check_material(kind: Token) -> None:
+    if kind.name in ("interface", "none", ""):
+        raise kind.error("a surface that only bounds a medium is not supported, nor are media; remove its shapes")
+    kind.among("a material", MATERIALS[kind.dialect])
+
+
 def _material(reader: Reader, name: Token, p: Parameters) -> None:
-    name.among("a material", MATERIALS[name.dialect])
+    _check_material(name)
     reader.change(material=(name, p), named=None)
 
 
@@ -45,7 +51,7 @@ def _make_named_material(reader: Reader, name: Token, p: Parameters) -> None:
     lists = (p, reader.state.material[1]) if reader.dialect is V2 else (p,)
     material = Material(())  # stands for one that is refused
     with reader.refusals.collect():
-        token.among("a material", MATERIALS[token.dialect])
+        _check_material(token)
         material = reader.make_material(token, lists)
     state = replace(reader.state, named_materials={**reader.state.named_materials, name.name: material})
     if reader.dialect is not V2 and reader.dialect.overrides:
