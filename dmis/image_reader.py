@@ -60,6 +60,8 @@ def decode_image(data: bytes, name: str, *, linear: bool = False, alpha: bool = 
     """Return the image of the bytes of a file that is not EXR; `name` is for messages. See `load_image`."""
     tga = ".tga" if name.lower().endswith(".tga") else None
     suffix = next((suffix for signature, suffix in _SIGNATURES.items() if data.startswith(signature)), tga)
+    if not data:
+        raise ValueError(f"{name} is empty (0 bytes)")
     if suffix is None:
         raise ValueError(f"an image must be EXR, PNG, JPG, TGA, HDR or PFM; {name} begins with {data[:8]!r}")
     check_package("OpenImageIO", f"reading {suffix[1:].upper()}", "pip install 'dmis[images]', or convert it to EXR")

@@ -125,10 +125,11 @@ TGA = struct.pack("<BBBHHBHHHHBB", 0, 0, 2, 0, 0, 0, 0, 0, 65535, 65535, 24, 0)
         ("a.pfm", b"PF\n60000 60000\n-1\n0", "exceeds the .* limit|at most"),
         ("a.pfm", b"PF\n1 1\n-1\n" + np.full(3, np.nan, "<f4").tobytes(), "must be finite"),
         ("a.png", encode_png(PIXELS[..., :3])[:90], "cannot read .* as PNG"),
+        ("a.png", b"", r"a\.png is empty \(0 bytes\)"),
         ("a.png", b"GIF89a", "must be EXR, PNG, JPG, TGA, HDR or PFM; .* begins with b'GIF89a'"),
         ("a.exr", b"GIF89a", "cannot read .* as EXR"),
     ],
-    ids=range(10),
+    ids=range(11),
 )
 def test_bad_files_are_refused(tmp_path, name, data, message):
     with pytest.raises(ValueError, match=message):

@@ -19,7 +19,7 @@ def named_file(source: Path, name: str, outside: bool) -> Path | None:
         return None
     if not outside and not path.resolve().is_relative_to(folder.resolve()):
         raise ValueError(
-            f"the file {name[-200:]!r} is outside of the folder {folder}, which a model must not reach unless that is "
-            "allowed (outside=True, --allow-outside)"
+            f"the file {name[-200:]!r} is outside of the folder {folder.resolve()}, which a model must not reach "
+            "unless that is allowed (outside=True, --allow-outside)"
         )
     return path

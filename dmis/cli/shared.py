@@ -32,7 +32,9 @@ def load(options: argparse.Namespace) -> Scene:
     up = up_axis(options.scene, options.up)
     if options.look_at is not None:
         eye, target = tuple(options.look_at[:3]), tuple(options.look_at[3:])
-        more["camera"] = Camera.look_at(eye, target, up, options.fov or 45.0)
+        along = not np.cross(np.subtract(target, eye), up).any()  # of an image that is seen from above or below
+        top = ((0.0, 1.0, 0.0) if up[2] else (0.0, 0.0, -1.0)) if along else up
+        more["camera"] = Camera.look_at(eye, target, top, options.fov or 45.0)
     if options.light is not None:
         more["lights"] = [read_sky(options.light, up)]
     if options.material is not None:
@@ -85,7 +87,9 @@ def read_sky(text: str, up: tuple[float, float, float]) -> EnvironmentLight:
     The top of the image is towards `up`, and it is not mirrored: text in it can be read.
     """
     values = _numbers(text)
-    if values is not None and len(values) in (1, 3):
+    if values is not None:
+        if len(values) not in (1, 3):
+            raise ValueError(f"--light must be an image file, or one number or three; got {len(values)}: {text!r}")
         return EnvironmentLight(np.broadcast_to(values, (16, 32, 3)))
     y_up = up[1] != 0
     return EnvironmentLight(text, np.eye(3)[[0, 2, 1]] if y_up else np.diag((1.0, -1.0, 1.0)))  # type: ignore[arg-type]

@@ -35,8 +35,8 @@ HEIGHT = 480
 """Pixels of the height of an image by a camera of the file."""
 
 
-def read_gltf(gltf: Gltf, model: Model) -> None:
-    """Add the triangles, lights and cameras of a glTF file to a model."""
+def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
+    """Add the triangles, lights and cameras of a glTF file to a model; `bare`: count nothing of its materials."""
     materials = Materials(gltf)
     joined: dict[Any, list[Mesh]] = {}
     for number, primitive in enumerate(gltf.primitives()):
@@ -62,8 +62,9 @@ def read_gltf(gltf: Gltf, model: Model) -> None:
             model.lights.append(_light(lights[of_node["light"]], matrix))
     gltf.unread["animation"] += len(gltf.json.get("animations", []))
     for name in gltf.json.get("extensionsUsed", []):
-        gltf.unread[f"extension {name}"] += name not in EXTENSIONS
-    model.unread.update(gltf.unread)
+        of_material = name.startswith("KHR_materials_")
+        gltf.unread[f"extension {name}"] += name not in EXTENSIONS and not (bare and of_material)
+    model.unread.update(gltf.unread if bare else materials.unread + gltf.unread)
 
 
 def _with_colours(materials: Materials, primitive: Primitive, mesh: Mesh) -> tuple[Mesh, Any]:

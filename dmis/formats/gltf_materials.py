@@ -7,6 +7,7 @@ of the base colour is an image, it is a mask. The occlusion texture is no light 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, cast
 from urllib.parse import unquote
@@ -30,6 +31,7 @@ class Materials:
 
     def __init__(self, gltf: Gltf) -> None:
         self._gltf = gltf
+        self.unread: Counter[str] = Counter()
         self._made: dict[int | None, Material] = {}
         self._images: dict[tuple[int, bool], Array] = {}
         self._counted: set[tuple[str, str]] = set()
@@ -38,7 +40,7 @@ class Materials:
         """Count a thing of the description as left out, once."""
         if is_so and (kind, repr(thing)) not in self._counted:
             self._counted.add((kind, repr(thing)))
-            self._gltf.unread[kind] += 1
+            self.unread[kind] += 1
 
     def parts(self, number: int | None) -> dict[str, Any]:
         """Return the description of a material; that without a number is the default."""

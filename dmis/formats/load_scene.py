@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dmis.base.color import Rgb
-from dmis.base.validate import did_you_mean
+from dmis.base.validate import did_you_mean, number
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.formats.gltf import read_gltf
@@ -109,6 +109,10 @@ def load_scene(
         return read_pbrt(path, resolution, dialect=dialect, outside=outside)
     if up not in (None, "y", "z"):
         raise ValueError(f"up must be y or z, the axis of the default camera; got {up!r}")
+    if isinstance(lights, Light):
+        raise ValueError(f"lights must be a list; got one {type(lights).__name__}. Write lights=[...]")
+    if fov is not None:
+        number("fov", fov)
     return _mesh_scene(source, resolution, (camera, up, fov), lights, material, outside)
 
 
@@ -126,7 +130,7 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         text = f"{model.path}: {model.flat:,} of {total:,} triangles have no area and are left out"
         warnings.warn(SceneWarning(text), stacklevel=3)
     unread = model.summaries()
-    if unread and material is None:
+    if unread:
         warnings.warn(SceneWarning(f"{model.path}: left out: {', '.join(unread)}"), stacklevel=3)  # of load_scene
     bounds = np.array([part.mesh.bounds for part in parts])
     camera, added = camera_of(source, model, parts, *view)
@@ -149,17 +153,17 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
 
 
 def read_file(path: Path, outside: bool, bare: bool) -> Model:
-    """Return the contents of a mesh file; `bare`: of an OBJ file without its materials."""
+    """Return the contents of a mesh file; `bare`: without what is left out of its materials, and of OBJ them."""
     model = Model(path, outside)
     if path.suffix.lower() == ".obj" and not bare:
         with reading(path) as data:
             read_obj_materials(read_obj(data), model)
     elif path.suffix.lower() in (".glb", ".gltf"):
         with reading(path) as data:
-            read_gltf(Gltf(path, data, outside), model)
+            read_gltf(Gltf(path, data, outside), model, bare)
     else:
         mesh, unread = read_mesh(path)
-        model.unread.update(unread)
+        model.unread.update({} if bare else unread)
         if (mesh_with_area := model.drop_flat(mesh)) is not None:
             model.add(mesh_with_area)
     if not model.parts:

@@ -75,6 +75,14 @@ def test_skies_are_upright_and_not_mirrored(tmp_path, up):
     assert np.cross(green, up) @ blue > 0  # to the right of where one looks: green x up
 
 
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_cameras_that_look_along_up(tmp_path, ball, up):
+    """Straight down, as on a map."""
+    above = "0 9 0" if up == "y" else "0 0 9"
+    image, _ = image_of(tmp_path, ball, "--up", up, "--look-at", *f"{above} 0 0 0".split())
+    assert image[3:5, 5:7].min() > 0.1
+
+
 def test_materials():
     (lobe,) = read_material("metallic_roughness:base=0.9 0.6 0.2, metallic=1").lobes
     assert lobe.fresnel.f0 == pytest.approx((0.9, 0.6, 0.2))
@@ -88,6 +96,7 @@ def test_materials():
         (["--material", "matte:colour=1"], "parameters of matte are kd, sigma, such as kd=0.5; got 'colour=1'"),
         (["--material", "matte:kd=red"], "there is no file 'red'"),
         (["--light", "no.hdr"], "no such image: no.hdr"),
+        (["--light", "1 2"], "one number or three; got 2: '1 2'"),
         (["--light", "-1 0 0"], "not negative"),
         (["--camera", "front"], "the name of one in .*: none; got 'front'"),
         (["--look-at", *"000000"], "eye and target must differ"),
