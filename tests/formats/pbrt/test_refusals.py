@@ -75,12 +75,7 @@ def test_a_broken_line_ends_the_list(tmp_path):
     first, broken, summary = refusal(tmp_path, 'WorldBegin\nShape "curve"\nMaterial [1 2]\n' + FILE)
     assert first.startswith('a.pbrt:2: token "curve"') and broken.startswith("a.pbrt:3: token [1 2]: Material needs")
     assert summary.endswith("before the file can be read; reading stopped at the last one, so more may follow")
-
-
-def test_surfaces_that_bound_media(tmp_path):
-    """A material of a medium's boundary is refused as such."""
-    named = 'MakeNamedMaterial "a" "string type" "interface"'
-    *lines, _ = refusal(tmp_path, f'WorldBegin Material "interface" Material "" {named} WorldEnd')
+    *lines, _ = refusal(tmp_path, 'WorldBegin Material "interface" Material "" WorldEnd')
     assert len(lines) > 1 and all("only bounds a medium is not supported" in line for line in lines)
 
 
