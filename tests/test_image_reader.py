@@ -117,7 +117,7 @@ TGA = struct.pack("<BBBHHBHHHHBB", 0, 0, 2, 0, 0, 0, 0, 0, 65535, 65535, 24, 0)
 @pytest.mark.parametrize(
     "name, data, message",
     [
-        ("a.png", png(6000, 6000, bytes(2**22)), f"at most {MAX_PIXELS}; got 6000x6000"),
+        ("a.png", png(6000, 6000, bytes(2**22)), f"at most {MAX_PIXELS} pixels; got 6000x6000"),
         ("a.png", png(60_000, 60_000), "claims a 13732 MB image from a 66 byte file"),
         ("a.png", png(2**31 - 1, 1), "cannot read .* as PNG"),
         ("a.tga", TGA + bytes(100), "12884508675 bytes, implausible for 100"),

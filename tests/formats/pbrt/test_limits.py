@@ -159,7 +159,7 @@ def test_large_images_are_refused_by_their_header(folders, monkeypatch):
     inside, _ = folders
     path = write(inside, USES["sky"].format("a"))
     monkeypatch.setattr("dmis.image.MAX_PIXELS", 4)
-    read_pbrt(path)
+    read_pbrt(path, (1, 1))
     monkeypatch.setattr("dmis.image.MAX_PIXELS", 3)
-    with pytest.raises(PbrtError, match="on a side and at most 3; got 2x2"):
-        read_pbrt(path)
+    with pytest.raises(PbrtError, match="on a side and at most 3 pixels; got 2x2"):
+        read_pbrt(path, (1, 1))
