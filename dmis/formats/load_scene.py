@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dmis.base.color import Rgb
-from dmis.base.validate import did_you_mean, number
+from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.formats.gltf import read_gltf
@@ -109,15 +109,13 @@ def load_scene(
         return read_pbrt(path, resolution, dialect=dialect, outside=outside)
     if up not in (None, "y", "z"):
         raise ValueError(f"up must be y or z, the axis of the default camera; got {up!r}")
-    if isinstance(lights, Light):
-        raise ValueError(f"lights must be a list; got one {type(lights).__name__}. Write lights=[...]")
-    if fov is not None:
-        number("fov", fov)
     return _mesh_scene(source, resolution, (camera, up, fov), lights, material, outside)
 
 
 def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: Any, outside: bool) -> Scene:
     """Return the scene of a mesh or of a mesh file; see `load_scene` for the arguments and defaults."""
+    if isinstance(lights, Light):
+        raise ValueError(f"lights must be a list; got one {type(lights).__name__}. Write lights=[...]")
     if isinstance(source, str | os.PathLike):
         model = read_file(Path(source), outside, isinstance(material, Material))
         parts, name = with_materials(model, material), model.path.stem

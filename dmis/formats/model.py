@@ -13,6 +13,7 @@ import numpy as np
 
 from dmis.base.color import Rgb
 from dmis.base.named_files import named_file
+from dmis.base.validate import number
 from dmis.brdf.materials import Material, matte
 from dmis.brdf.texture import Image
 from dmis.geometry.mesh import Mesh, without_degenerate
@@ -134,6 +135,8 @@ def camera_of(
     source: Any, model: Model, parts: Sequence[Part], camera: Any, up: str | None, fov: float | None
 ) -> tuple[Camera, list[str]]:
     """Return a caller's camera, or one of the file, by default its first, or one that sees all parts, and a note."""
+    if fov is not None:
+        number("fov", fov)
     if isinstance(camera, Camera):
         return camera, []
     if camera is not None and camera not in model.cameras:
