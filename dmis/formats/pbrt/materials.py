@@ -24,10 +24,9 @@ from dmis.brdf.relief import BumpMap, NormalMap, Relief
 from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.specular import SpecularTransmission
 from dmis.brdf.texture import Image, scale
-from dmis.formats.pbrt.materials_v4 import V4_MATERIALS
+from dmis.formats.pbrt.materials_v4 import V4_MATERIALS, alpha_of, alphas_of, refractive, rough_metal, roughnesses
 from dmis.formats.pbrt.parameter import Parameter
 from dmis.formats.pbrt.parameters import Parameters, Textures
-from dmis.formats.pbrt.roughness import alpha_of, alphas_of, refractive, rough_metal, roughnesses
 from dmis.formats.pbrt.textures import blend, image
 from dmis.formats.pbrt.tokens import Token, blame
 
