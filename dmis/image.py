@@ -155,10 +155,7 @@ def write_png(path: str | os.PathLike[str], image: Array, exposure: float = 1.0)
 def png_of(image: Array, exposure: float = 1.0) -> bytes:
     """Return linear RGB ``(H, W, 3)`` times `exposure` as the bytes of a PNG file of 8 bits, sRGB, clipped.
 
-    Raises
-    ------
-    ValueError
-        If the image has another shape.
+    A ValueError if the image has another shape.
     """
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"an image must have shape (H, W, 3); got {image.shape}")

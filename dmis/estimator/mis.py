@@ -188,10 +188,7 @@ def combiner_by_name(name: str) -> Combiner:
     """Return a combiner: ``balance``, ``power`` (exponent 2), ``power-3``, ``maximum``, ``cutoff`` (threshold 0.1),
     ``cutoff-0.5``, or one of `SPECIAL`.
 
-    Raises
-    ------
-    ValueError
-        If there is none of that name, or its number is out of range.
+    A ValueError if there is none of that name, or its number is out of range.
     """
     if name in SPECIAL:
         return SPECIAL[name]

@@ -107,10 +107,7 @@ def register_technique(technique: Technique) -> None:
 def technique_by_name(name: str) -> Technique:
     """Return the technique called `name`.
 
-    Raises
-    ------
-    ValueError
-        If there is none of that name.
+    A ValueError if there is none of that name.
     """
     try:
         return TECHNIQUES[name]

@@ -237,12 +237,7 @@ class Budget:
         """Return the final pass of a fit, in whole numbers of samples, behind `spent` camera samples of pilots.
 
         Its weight in the image is what the budget has left, whatever its numbers of samples are: these depend on the
-        pilot, and would bias the mean.
-
-        Raises
-        ------
-        ValueError
-            If the fit is not right, see `check_fit`, or no sample is left.
+        pilot, and would bias the mean. A ValueError if the fit is not right, see `check_fit`, or no sample is left.
         """
         check_fit(fit, self.shape, len(self.settings.techniques))
         if not 0 <= spent < self.spp:
@@ -283,16 +278,10 @@ def pilot_settings(settings: Settings, paired: bool) -> Settings:
 
 
 def check_fit(fit: Fit, shape: tuple[int, int], techniques: int) -> None:
-    """Raise a ValueError unless a rule's fit has shares of that many `techniques` for an image of `shape`.
+    """Raise a ValueError unless a rule's fit has shares of so many `techniques`, and samples, for an image of `shape`.
 
     A NaN, such as the ratio of two variances that are 0, or a share outside [0, 1] would not stop the render, but make
-    the image wrong.
-
-    Raises
-    ------
-    ValueError
-        If a weight is not in [0, 1], or is not finite, or shares do not add up to 1; if numbers of samples are
-        negative, not finite or all 0; or if either has another shape.
+    the image wrong; so would negative numbers of samples.
     """
     if not isinstance(fit, Fit):
         raise ValueError(f"a rule's fit must be a dmis.Fit; got {type(fit).__name__}. Return dmis.Fit(weight=...)")

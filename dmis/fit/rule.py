@@ -110,10 +110,7 @@ class Rule:
 def next_round(rounds: Generator[Round, Pilot, None], film: Pilot | None) -> Round | None:
     """Send a rule the film of its last round, None before the first; returns its next one, None if there is none.
 
-    Raises
-    ------
-    ValueError
-        If the rule's `Rule.rounds` is no generator, or yields something else than a `Round`.
+    A ValueError if the rule's `Rule.rounds` is no generator, or yields something else than a `Round`.
     """
     if not isinstance(rounds, Generator):
         raise ValueError(f"rounds of a rule must be a generator, which yields Rounds; got {type(rounds).__name__}")

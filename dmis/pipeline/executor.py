@@ -55,10 +55,7 @@ Parallel = int | Processes | Executor | None
 def check_parallel(parallel: Parallel) -> int | Processes | Executor:
     """Return `parallel`, with the number of processors in the place of None.
 
-    Raises
-    ------
-    ValueError
-        If it is nothing that `Parallel` names, or a number that is not from 1 to 1024.
+    A ValueError if it is nothing that `Parallel` names, or a number that is not from 1 to 1024.
     """
     if parallel is None:
         return os.cpu_count() or 1
@@ -97,10 +94,7 @@ class Workers:
     def render(self, tiles: Sequence[Tile]) -> Generator[tuple[Tile, FilmTile], None, None]:
         """Yield rendered tiles in order of completion; tiles are submitted in the order given.
 
-        Raises
-        ------
-        ChildProcessError
-            If a worker died, or the cluster was lost, and no scheduler renders its tiles again.
+        A ChildProcessError if a worker died, or the cluster was lost, and no scheduler renders its tiles again.
         """
         waiting: dict[Future[FilmTile], Tile] = {}
         distributed = sys.modules.get("distributed")  # Dask's, if it is used

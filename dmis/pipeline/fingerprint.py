@@ -146,12 +146,8 @@ def _definition_text(value: Any, path: str) -> str:
 def _source_hash(value: Any) -> str:
     """Return a hash of the file, or of the cell of a notebook, that defines a class or function.
 
-    It is read once: if the file is edited afterwards, the code that runs is still the former one.
-
-    Raises
-    ------
-    ValueError
-        If it is not defined at the top level of a file or of a cell of a notebook.
+    It is read once: if the file is edited afterwards, the code that runs is still the former one. A ValueError if it is
+    not defined at the top level of a file or of a cell of a notebook.
     """
     functions = [f for f in vars(value).values() if isinstance(f, FunctionType)] if isinstance(value, type) else [value]
     module = getattr(sys.modules.get(value.__module__), "__file__", None)

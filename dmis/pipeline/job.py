@@ -119,10 +119,7 @@ class Job:
 def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, settings: Settings) -> Job:
     """Return the job of the arguments of `dmis.pipeline.render.render`, with a value in place of every default.
 
-    Raises
-    ------
-    ValueError
-        If an argument is not right, or arguments do not go together.
+    A ValueError if an argument is not right, or arguments do not go together.
     """
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")

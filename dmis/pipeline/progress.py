@@ -49,10 +49,7 @@ class ProgressBar:
 def reporting(progress: Progress | bool | None, unit: str = "samples") -> Iterator[Progress | None]:
     """Give a function that reports progress, or None; a bar that True has made is removed at the end.
 
-    Raises
-    ------
-    ValueError
-        If `progress` is neither a function, nor True, False or None.
+    A ValueError if `progress` is neither a function, nor True, False or None.
     """
     if progress is True:
         bar = ProgressBar(unit)

@@ -215,10 +215,7 @@ def _camera_rays(
 def _pixel_moments(total: Moments, tile: Tile) -> tuple[Array, Array]:
     """Return mean and root of m2 of the pixels of a tile as images, ``(rows, columns, 3)`` float32, from ``(3, P)``.
 
-    Raises
-    ------
-    ValueError
-        If a pixel is not finite; the message names the first one.
+    A ValueError if a pixel is not finite; the message names the first one.
     """
     finite = np.isfinite(total.mean + total.m2).all(axis=0)
     if not finite.all():

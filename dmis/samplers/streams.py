@@ -196,10 +196,7 @@ def is_sequence(kind: str) -> bool:
 def make_sampler(kind: str, block: PixelBlock) -> Sampler:
     """Return the sampler `kind` of the pixels `block`.
 
-    Raises
-    ------
-    ValueError
-        If the kind is not one of `SAMPLERS`.
+    A ValueError if the kind is not one of `SAMPLERS`.
     """
     if kind not in SAMPLERS:
         raise ValueError(f"sampler must be one of {', '.join(SAMPLERS)}; got {kind!r}")

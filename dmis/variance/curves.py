@@ -145,10 +145,7 @@ class Curves:
 def summed_variance(radiance: Array, count: int) -> Array:
     """Return `count` times the variance of the camera samples ``(3, count * P)`` of each pixel, ``(P,)``.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two camera samples.
+    A ValueError if there are fewer than two camera samples.
     """
     if count < 2:
         raise ValueError(f"curves need at least two camera samples, because they are variances; got {count}")

@@ -63,14 +63,9 @@ class Moments:
     def variance(self) -> Array:
         """Return the unbiased variance of one sample, m2 / (n - 1), float64.
 
-        Its relative standard error from n samples is ``sqrt(2 / (n - 1))`` for a normal distribution: 140 % at
-        n = 2. Rendering is worse: with a spike that one sample in a hundred hits, two samples mostly report
-        a variance far below the true one.
-
-        Raises
-        ------
-        ValueError
-            If there are fewer than two samples.
+        Its relative standard error from n samples is ``sqrt(2 / (n - 1))`` for a normal distribution: 140 % at n = 2.
+        Rendering is worse: with a spike that one sample in a hundred hits, two samples mostly report a variance far
+        below the true one. A ValueError if there are fewer than two samples.
         """
         if np.min(self.n) < 2:
             raise ValueError(f"a variance needs at least two samples; got {np.min(self.n):g}")
