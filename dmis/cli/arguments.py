@@ -88,12 +88,13 @@ def _positive(text: str) -> float:
     return number
 
 
-def _whole(most: int, least: int = 1) -> Any:
-    """Return a parser of whole numbers from `least` to `most`."""
+def _whole(most: int, least: int = 1, factor: int = 1) -> Any:
+    """Return a parser of whole numbers, multiples of `factor`, from `least` to `most`."""
+    kind = "whole number" if factor == 1 else f"multiple of {factor}"
 
     def parse(text: str) -> int:
-        if not (text.isdecimal() and least <= int(text) <= most):
-            raise argparse.ArgumentTypeError(f"must be a whole number from {least} to {most}; got {text!r}")
+        if not (text.isdecimal() and least <= int(text) <= most and int(text) % factor == 0):
+            raise argparse.ArgumentTypeError(f"must be a {kind} from {least} to {most}; got {text!r}")
         return int(text)
 
     return parse
@@ -210,8 +211,8 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **SCENE,
         OUTPUT: _option("page for a browser, which needs no network", Path, required=True, metavar="OUT.html"),
         "--resolution": _option("pixels (default 160x120)", resolution, (160, 120), metavar="WxH"),
-        "--spp": _option("camera samples per pixel of the variance curves, a multiple of 4 (default 2048)", int, 2048),
-        "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _whole(65_535), 4),
+        "--spp": _option("samples per pixel of curves, a multiple of 4 (default 2048)", _whole(2_097_148, 8, 4), 2048),
+        "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _whole(65_536, 4, 4), 4),
         **settings_options("sampler", "preset"),
         **THREADS,
         **QUIET,

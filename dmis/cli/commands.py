@@ -149,6 +149,8 @@ def _play(options: argparse.Namespace) -> int:
     """Run ``play`` and return its exit code."""
     from dmis.experiment.report.play import play_page
 
+    if options.output.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"-o of play must end in .html, the page that it writes; got {str(options.output)!r}")
     check_writable(options.output)
     scene, settings = load(options), make_settings(**given_settings(options))
     with progress_bar(options.quiet) as progress:

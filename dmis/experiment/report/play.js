@@ -8,7 +8,7 @@ const COLOURS = { painted: "#00a17a", balance: "#808080", thesis: "#d55e00", ora
 // What a brush paints: its slider, its colours at both ends, and how far a value is from even, -1 to 1.
 const BRUSHES = {
   w: {
-    label: "share w", min: model.grid[1], max: model.grid.at(-2), step: 0.01, start: 0.84, ends: ["0 BRDF", "1 light"],
+    label: "share w", min: model.grid[1], max: model.grid.at(-2), step: 0.01, start: 0.25, ends: ["0 BRDF", "1 light"],
     colours: [[178, 24, 43], [33, 102, 172]], text: w => w.toFixed(2), far: w => 2 * w - 1, value: x => x,
   },
   n: {
@@ -20,14 +20,17 @@ const BRUSHES = {
 const MARKS = ["none", "thesis", "painted"];
 const MARK_LABELS = { none: "no marks", thesis: "mark thesis", painted: "mark yours" };
 const COPY = "copy for dmis.Given";
-const state = { brush: "w", measure: "relative", marks: "none", hidden: false, x: model.columns / 2, y: model.rows / 2,
+const state = { brush: "w", measure: "relative", marks: "none", hidden: false, x: 0, y: 0,
   values: { w: BRUSHES.w.start, n: BRUSHES.n.start }, strokes: 0, past: [], stroke: null };
 const stage = $("stage"), picture = new Image(), sheet = new OffscreenCanvas(model.columns, model.rows);
 const marked = new OffscreenCanvas(1, 1);
 const tints = sheet.getContext("2d"), pixels = tints.createImageData(model.columns, model.rows);
-const worth = {}; // of the maps that can be loaded, by measure and name
+const models = {}; // of the maps that can be loaded, by measure and name
 for (const measure of MEASURES)
-  worth[measure] = Object.fromEntries(NAMES.map(name => [name, model.valueOf(measure, model.maps[measure][name])]));
+  models[measure] = Object.fromEntries(NAMES.map(name => [name, model.of(model.maps[measure][name])]));
+// the pointer starts at the patch with most of the error
+const noise = [...model.area].map((area, p) => area * model.at(state.measure, p, 0.5)), noisiest = noise.indexOf(Math.max(...noise));
+Object.assign(state, { x: noisiest % model.columns + 0.5, y: Math.floor(noisiest / model.columns) + 0.5 });
 
 // Buttons ------------------------------------------------------------------------------------------------------------
 
@@ -118,7 +121,7 @@ function finish() {
   state.stroke = null;
   state.strokes++;
   model.load(model); // sums anew, without the rounding of many changes
-  show();
+  set({});
 }
 
 function place(event) {
@@ -187,7 +190,7 @@ function tint(patches) {
   const brush = BRUSHES[state.brush], values = model[state.brush];
   for (const p of patches) pixels.data.set(colour(brush, values[p]), 4 * p);
   tints.putImageData(pixels, 0, 0);
-  if (state.marks !== "none") mark(patches);
+  if (state.marks !== "none") mark();
 }
 
 function show() {
@@ -197,13 +200,13 @@ function show() {
   slider.setAttribute("aria-label", brush.label);
   $("shown").textContent = brush.text(brush.value(state.values[state.brush]));
   $("score").innerHTML = `<b>${value.toFixed(3)}</b> × balance`;
-  const beaten = NAMES.filter(name => value < worth[measure][name] - 5e-5), { strokes } = state;
+  const beaten = NAMES.filter(name => state.strokes && value < models[measure][name].value(measure) - 5e-5), { strokes } = state;
   $("strokes").textContent = `${measure} error × time · ${strokes} stroke${strokes === 1 ? "" : "s"}${beaten.length ? ` · beats ${beaten.join(", ")}` : ""}`;
   undoButton.disabled = !state.past.length;
   for (const element of document.querySelectorAll("button"))
     if (element.pressed) element.setAttribute("aria-pressed", element.pressed());
   for (const [name, { cells, bar }] of Object.entries(rows)) {
-    const of = m => name === "painted" ? model.value(m) : worth[m][name];
+    const of = m => (name === "painted" ? model : models[m][name]).value(m);
     MEASURES.forEach((m, k) => {
       cells[k + 1].textContent = of(m).toFixed(3);
       cells[k + 1].classList.toggle("active", m === measure);
@@ -224,7 +227,7 @@ function compose() {
   if (!w || !h) return; // the page is not laid out
   if (stage.width !== w || stage.height !== h) {
     for (const canvas of [stage, marked]) Object.assign(canvas, { width: w, height: h });
-    mark(model.w.keys());
+    mark();
   }
   const context = stage.getContext("2d");
   context.setTransform(sharp, 0, 0, sharp, 0, 0);
@@ -243,28 +246,29 @@ function outline(context, width) {
   context.lineWidth = width; context.strokeStyle = "#fff"; context.stroke();
 }
 
-// Draw anew what marks some patches: rings where the map has less variance times cost than balance, crosses where more,
-// none within 2 %. They are small pictures on a sheet of their own: thousands of them as one path take too long.
-function mark(patches) {
+// Draw the marks: rings where the map's share lowers the number, crosses where it raises it, with areas in proportion,
+// none below the mean. They are small pictures on a sheet of their own: thousands of them as one path take too long.
+function mark() {
   const context = marked.getContext("2d"), unit = marked.width / model.width * model.patch;
   const ring = glyph(unit, (path, x, size) => path.arc(x, x, size, 0, 7));
   const cross = glyph(unit, (path, x, size) => {
     for (const turn of [-1, 1]) { path.moveTo(x - size, x - turn * size); path.lineTo(x + size, x + turn * size); }
   });
-  const w = state.marks === "thesis" ? model.maps[state.measure].thesis.w : model.w;
-  for (const p of patches) {
-    const ratio = model.ratio(state.measure, p, w[p]);
-    const [x, y] = [p % model.columns, Math.floor(p / model.columns)].map(place => Math.round(place * unit));
-    context.clearRect(x, y, ring.width, ring.width);
-    if (ratio < 1 / 1.02) context.drawImage(ring, x, y);
-    else if (ratio > 1.02) context.drawImage(cross, x, y);
-  }
+  const changes = (state.marks === "thesis" ? models[state.measure].thesis : model).changes(state.measure);
+  const mean = changes.reduce((sum, change) => sum + Math.abs(change), 0) / model.count;
+  context.clearRect(0, 0, marked.width, marked.height);
+  changes.forEach((change, p) => {
+    if (Math.abs(change) <= mean) return;
+    const size = ring.width * Math.min(1, 0.4 * Math.sqrt(Math.abs(change) / mean));
+    const [x, y] = [p % model.columns, Math.floor(p / model.columns)].map(place => (place + 0.5) * unit - size / 2);
+    context.drawImage(change < 0 ? ring : cross, x, y, size, size);
+  });
 }
 
 function glyph(unit, draw) {
   const picture = new OffscreenCanvas(Math.ceil(unit), Math.ceil(unit)), context = picture.getContext("2d");
   context.beginPath();
-  draw(context, unit / 2, unit * 0.2);
+  draw(context, unit / 2, unit * 0.35);
   outline(context, Math.max(0.8, unit / 12));
   return picture;
 }

@@ -69,13 +69,11 @@ class Model {
   // Error times time over that of balance.
   value(measure) { return this.error[measure] * this.time / (this.base[measure] * this.base.time); }
 
-  // The same of another map.
-  valueOf(measure, map) {
-    const { w, n, error, time } = this;
-    this.load(map);
-    const value = this.value(measure);
-    Object.assign(this, { w, n, error, time });
-    return value;
+  // The model of another map, with the same curves.
+  of(map) {
+    const model = Object.create(this);
+    model.load(map);
+    return model;
   }
 
   // Change of the logarithm of the value by patch p at w, up to a constant: its parts of error and of time.
@@ -83,10 +81,9 @@ class Model {
     return this.at(measure, p, w) / this.n[p] / this.error[measure] + this.n[p] * this.at("cost", p, w) / this.time;
   }
 
-  // Variance times cost in a patch over that of balance; 1 where there is no variance.
-  ratio(measure, p, w) {
-    const product = share => this.at(measure, p, share) * this.at("cost", p, share);
-    return product(0.5) > 0 ? product(w) / product(0.5) : 1;
+  // What the share of each patch does to the value, as a change of its logarithm from w = 1/2; below 0 it helps.
+  changes(measure) {
+    return this.area.map((area, p) => area * (this.part(measure, p, this.w[p]) - this.part(measure, p, 0.5)));
   }
 
   // Patches whose centres are at most `radius` patches from a line between two places, [x, y] in patches.
