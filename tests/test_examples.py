@@ -167,7 +167,9 @@ def test_points_table_is_resumed(run, tmp_path):
     arguments = ("--seeds", "2", "--scenes", "killeroo-gold", "veach-mis", "--csv", results, "--page", page)
     printed = run(script, *arguments)
     rows = results.read_bytes()
-    assert rows.count(b"\n") == 1 + 2 * 2 * 8 * 2  # header; scenes, budgets, rules, seeds
+    assert (
+        rows.count(b"\n") == 1 + 2 * 2 * 8 * 2 + 2 * 2
+    )  # header; scenes, budgets, rules, seeds; one rule at a third budget
     text = page.read_text("utf-8")
     assert text.count("| auto |") == text.count("| balance, Sobol / balance, independent |") == 2
     steps = (tmp_path / "measurements.md").read_text("utf-8")

@@ -172,7 +172,6 @@ def test_what_is_recognised(
         ),
         ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),
         (None, [], r"no such file: .*my_lobe\.py; check needs a Python file"),
-        (DUST, ["--exercise", "5"], "check does not take --exercise 5; run python docs/exercises/checks N FILE"),
         (DUST, ["--albedo", "1,2"], "must be one number from 0 to 1, or four .*; got '1,2'"),
         (DUST, ["--albedo", "nan"], "must be one number from 0 to 1"),
         ("import dmis\nlamp = dmis.PointLight((0, 0, 2), (1, 1, 1))", ["--albedo", "1"], "has none"),

@@ -124,11 +124,11 @@ def counting(owner: Any, attribute: str, monkeypatch: pytest.MonkeyPatch) -> Cou
     return called
 
 
-@pytest.mark.parametrize("table", ["normals", "uv", "dpdu"])
+@pytest.mark.parametrize("table", ["normals", "uv", "tangents"])
 def test_tables_that_nothing_needs_are_not_built(table: str) -> None:
     """No texture coordinates for a constant texture, no tangents for isotropic lobes, no normals for flat meshes."""
     plain, needs = box_scene(matte(GREY)), {"normals": Part(sphere(0.2, segments=16), matte())}
-    needs |= {"uv": Part(FLOOR, matte(CHECKS)), "dpdu": Part(FLOOR, ggx(alpha=0.1, alpha_v=0.2))}
+    needs |= {"uv": Part(FLOOR, matte(CHECKS)), "tangents": Part(FLOOR, ggx(alpha=0.1, alpha_v=0.2))}
     tile_of(plain)
     assert table not in vars(plain.tables)
     other = replace(plain, parts=(needs[table],))

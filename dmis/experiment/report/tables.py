@@ -54,22 +54,22 @@ def slopes_table(c: Comparison) -> str:
 
 
 def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
-    """Return the table of errors and their ratios of all rules and budgets."""
+    """Return the tables of errors and their ratios of all rules and budgets, one for each measure."""
     alarmed = {budget for budget, runs in c.runs.items() if any(abs(run.mean_z) > alarm.ALARM_LIMIT for run in runs)}
-    head, rows = ["spp", "rule"], []
-    for name in MEASURES.values():
-        head += [name, f"{name} / balance", f"{name}·CPU s / balance", f"seconds at equal {name}"]
+    tables = ""
+    for k, name in enumerate(MEASURES.values()):
+        head = ["spp", "rule", name, f"{name} / balance", f"{name}·CPU s / balance", f"seconds at equal {name}"]
         head += [f"{name} in equal time", f"{name} / pinned", f"{name}·CPU s / pinned"]
-    for g in gains_of_budgets:
-        first = g.rule == "balance"
-        cells = [str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else "")]
-        for m in g.measures:
+        rows = []
+        for g in gains_of_budgets:
+            m, first = g.measures[k], g.rule == "balance"
             dagger = "†" if m.extrapolated and not first and np.isfinite(m.equal_error) else ""
+            cells = [str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else "")]
             cells += [f"{m.error:.4g}", interval_text(m.over_balance), interval_text(m.error_time)]
             cells += [f"{ratio_text(ratio)}{dagger}" for ratio in (m.equal_error, m.equal_time)]
-            cells += [interval_text(m.over_pinned), interval_text(m.error_time_over_pinned)]
-        rows.append(cells)
-    return f'{html_table(head, rows, "efficiency", _row_marks(gains_of_budgets))}<p class="note">{GAINS_NOTE}</p>'
+            rows.append([*cells, interval_text(m.over_pinned), interval_text(m.error_time_over_pinned)])
+        tables += html_table(head, rows, f"efficiency {name}", _row_marks(gains_of_budgets))
+    return f'{tables}<p class="note">{GAINS_NOTE}</p>'
 
 
 def costs_table(gains_of_budgets: Sequence[Gain]) -> str:

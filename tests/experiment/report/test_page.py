@@ -139,11 +139,14 @@ def test_efficiency_follows_from_the_file(made, page):
     """Means, medians and 1 / (MSE s), computed once more from results.csv."""
     with open(made[1] / "results.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    (head, *lines), (costs_head, *costs) = (Tables(page).tables[kind] for kind in ("efficiency", "costs"))
-    assert len(lines) == len(costs) == 10
+    kinds = "efficiency relMSE", "efficiency MSE", "costs"
+    *both, costs = (
+        [dict(zip(head, line, strict=True)) for line in lines] for head, *lines in map(Tables(page).tables.get, kinds)
+    )
+    assert len(both[0]) == len(costs) == 10
     spp = ""
-    for line, cost in zip(lines, costs, strict=True):
-        cells, cost = dict(zip(head, line, strict=True)), dict(zip(costs_head, cost, strict=True))
+    for one, other, cost in zip(*both, costs, strict=True):
+        cells = one | other
         spp = cells["spp"] or spp
         mine, pinned = ([r for r in rows if (r["rule"], r["spp"]) == (rule, spp)] for rule in (cells["rule"], PINNED))
         seconds = np.median([float(row["seconds"]) for row in mine])
@@ -188,7 +191,7 @@ def test_errors_that_have_no_logarithm(made, tmp_path):
         convergence(report, tmp_path / "convergence.png")
         tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
         assert all(row[1:] == ["–"] * 4 for row in tables["slopes"][1:])
-        assert all(row[k : k + 2] == ["–", "–"] for row in tables["efficiency"][1:] for k in (5, 12))
+        assert all(row[5:7] == ["–", "–"] for name in ("relMSE", "MSE") for row in tables[f"efficiency {name}"][1:])
 
 
 def test_linear_png_keeps_all_half_floats():
