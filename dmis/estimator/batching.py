@@ -19,7 +19,7 @@ from dmis.estimator.cost import ray_kind_of_colour
 from dmis.estimator.samples import Samples, Vertices
 from dmis.estimator.technique import SampledLight, technique_by_name
 from dmis.light.light_sample import LightSample
-from dmis.samplers.keys import MORE
+from dmis.samplers.pixel_block import MORE
 from dmis.samplers.streams import BlockSampler
 from dmis.scene.shading_points import ShadingPoints
 

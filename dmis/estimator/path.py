@@ -22,7 +22,7 @@ import numpy as np
 from dmis.base.vectors import Array, Selection, compose, dot, indices, take
 from dmis.brdf.cosines import Directions
 from dmis.brdf.fresnel import relative_ior
-from dmis.samplers.keys import CONTINUE
+from dmis.samplers.pixel_block import CONTINUE
 from dmis.scene.shading_points import ShadingPoints
 
 LobeGroup = int | Literal["reflection", "transmission"]

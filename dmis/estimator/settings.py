@@ -16,8 +16,8 @@ from dmis.estimator.technique import technique_by_name
 from dmis.light.light_sample import check_compensation
 from dmis.light.selection import SELECTIONS
 from dmis.samplers.streams import SAMPLERS
-from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 from dmis.scene.scene import Scene, SceneWarning
+from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
 
 MAX_SHADING_SAMPLES = 100
 """Largest number of shading samples of a camera sample."""
@@ -94,7 +94,7 @@ class Settings:
     max_depth
         Of ``direct``: surfaces that a camera sample may visit through mirrors and glass. Of ``path``: surfaces that
         may scatter light on its way from a light to the camera, 1 being direct lighting; None: any number, ended by
-        Russian roulette. ``auto``: what the scene says, or else `dmis.scene.defaults.DEFAULT_DEPTH`.
+        Russian roulette. ``auto``: what the scene says, or else `dmis.scene.suggestions.DEFAULT_DEPTH`.
     sampler
         ``independent``, ``stratified``, ``sobol`` or ``lowdiscrepancy`` (pbrt-v2's), for the final pass, see
         `dmis.samplers`. ``auto``: ``sobol``.
@@ -265,7 +265,7 @@ def resolve_auto(settings: Settings, scene: Scene) -> Settings:
     """Return `settings` with the scene's integrator and depth, and with a sampler, in place of ``auto``.
 
     A depth that the scene names belongs to the integrator that it names. With the other integrator, or where the scene
-    names no depth, the depth is `dmis.scene.defaults.DEFAULT_DEPTH`. The sampler is ``sobol``.
+    names no depth, the depth is `dmis.scene.suggestions.DEFAULT_DEPTH`. The sampler is ``sobol``.
     """
     integrator, max_depth, sampler = settings.integrator, settings.max_depth, settings.sampler
     if "auto" not in (integrator, max_depth, sampler):

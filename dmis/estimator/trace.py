@@ -19,7 +19,7 @@ from dmis.estimator.direct import add_direct_light
 from dmis.estimator.path import Rays, bounce, merge, scatter
 from dmis.estimator.samples import Vertices
 from dmis.intersect import Hits
-from dmis.samplers.keys import CONTINUE
+from dmis.samplers.pixel_block import CONTINUE
 from dmis.scene.shading_points import ShadingPoints
 
 

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from typing import Any, cast
 from urllib.parse import unquote
 
-from dmis.base.named_files import named_file
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
@@ -143,7 +142,7 @@ class Materials:
             self.leave_out("texture of another format", info)
             return None
         uri = self._gltf.json["images"][texture["source"]].get("uri", "data:")
-        if not uri.startswith("data:") and named_file(self._gltf.path, unquote(uri), self._gltf.outside) is None:
+        if not uri.startswith("data:") and self._gltf.file(uri) is None:
             self.leave_out(f"missing file {unquote(uri)[-60:]!r}", uri)
             return None
         self.leave_out("rotated texture", info, transform.get("rotation", 0) != 0)

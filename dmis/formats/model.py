@@ -97,7 +97,7 @@ class Model:
 
         Raises a ValueError if it is outside of the folder of the model, unless that is allowed.
         """
-        path = named_file(self.path, name, self.outside)
+        path = named_file(self.path.parent, name, None if self.outside else self.path.parent)
         self.unread[f"missing file {name[-60:]!r}"] += path is None
         return path
 

@@ -97,10 +97,14 @@ class Gltf:
         """Return the bytes of a data URI or of a file beside this one."""
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2], validate=True)
-        path = named_file(self.path, unquote(uri), self.outside)
+        path = self.file(uri)
         if path is None:
             raise ValueError(f"there is no file {unquote(uri)[-60:]!r} in its folder")
         return path.read_bytes()
+
+    def file(self, uri: str) -> Path | None:
+        """Return the path of a file beside this one; None if there is none."""
+        return named_file(self.path.parent, unquote(uri), None if self.outside else self.path.parent)
 
     def view(self, number: int) -> tuple[bytes, int]:
         """Return the bytes of a buffer view, and their stride in bytes; 0: elements follow each other."""

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
+from dmis.scene.suggestions import DEFAULT_DEPTH, DEFAULT_INTEGRATOR
 
 if TYPE_CHECKING:
     from dmis.scene.scene import Scene

@@ -19,8 +19,7 @@ from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
 from dmis.intersect import RayCaster, TimedCaster
 from dmis.pipeline.film import FilmTile, Observers, patch_sums
-from dmis.samplers.keys import LENS
-from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.pixel_block import LENS, PixelBlock
 from dmis.samplers.streams import Sampler, make_sampler, stream
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Moments

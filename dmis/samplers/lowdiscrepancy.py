@@ -28,8 +28,7 @@ from functools import lru_cache
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, size, take
-from dmis.samplers.keys import CONTINUE
-from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, PixelBlock
 
 BOUNCES = 3
 """Vertices of a path that have sequences; later ones have random numbers. pbrt-v2's SAMPLE_DEPTH."""

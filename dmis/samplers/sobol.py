@@ -39,8 +39,7 @@ from functools import lru_cache
 import numpy as np
 
 from dmis.base.vectors import Array, Selection, take
-from dmis.samplers.keys import CONTINUE, LENS, MORE, ROUNDING
-from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, LENS, MORE, ROUNDING, PixelBlock
 
 DIGITS = 24
 """Binary digits of a coordinate: as many as float32 has below 1."""

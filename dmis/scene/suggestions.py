@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dmis.base.validate import whole
-from dmis.scene.defaults import DEFAULT_DEPTH, DEFAULT_INTEGRATOR, MAX_DEPTH
+
+DEFAULT_INTEGRATOR = "direct"
+"""Integrator of scenes made in Python. The reader of a file takes the default of the file's dialect."""
+DEFAULT_DEPTH = 5
+"""Default maximum path depth, in surfaces that a path visits; pbrt-v2's."""
+MAX_DEPTH = 10_000
+"""Largest maximum path depth."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.light.area import DiskLight
 from dmis.pipeline.tile import Tile, render_tile
-from dmis.samplers.keys import CONTINUE
 from dmis.samplers.lowdiscrepancy import BOUNCES, LowDiscrepancy
-from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, PixelBlock
 from dmis.samplers.streams import stream
 from dmis.testing.scenes import box_scene
 from dmis.testing.statistics import chi2_p

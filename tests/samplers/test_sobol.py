@@ -14,8 +14,7 @@ from dmis.estimator.settings import Settings
 from dmis.fit.round import Round
 from dmis.light.area import DiskLight
 from dmis.pipeline import tile as tiles
-from dmis.samplers.keys import CONTINUE, MORE, ROUNDING
-from dmis.samplers.pixel_block import PixelBlock
+from dmis.samplers.pixel_block import CONTINUE, MORE, ROUNDING, PixelBlock
 from dmis.samplers.sobol import DIGITS, Sobol, order_of
 from dmis.samplers.streams import stream
 from dmis.testing.scenes import box_scene

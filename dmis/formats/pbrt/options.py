@@ -19,7 +19,7 @@ from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Read
 from dmis.formats.pbrt.tokens import Token, blame
 from dmis.samplers.pixel_filter import PixelFilter
 from dmis.scene.camera import Camera
-from dmis.scene.defaults import MAX_DEPTH
+from dmis.scene.suggestions import MAX_DEPTH
 
 
 def _camera(reader: Reader, name: Token, p: Parameters) -> None:

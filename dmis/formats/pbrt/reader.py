@@ -26,8 +26,8 @@ from dmis.formats.pbrt.suggestions import SampleRequests
 from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.light.light import Light
 from dmis.scene.camera import Camera
-from dmis.scene.defaults import DEFAULT_DEPTH
 from dmis.scene.scene import Scene
+from dmis.scene.suggestions import DEFAULT_DEPTH
 
 MAX_SCENE_TRIANGLES = 2**25
 """Most triangles of a scene: some 8 GB."""

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dmis.base.named_files import named_file
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import V2, Dialect
 
@@ -122,21 +123,11 @@ class Token(NamedTuple):
 
     def file(self, name: str) -> Path:
         """Return the path of the existing file `name`, relative to the folders of this token's file."""
-        root = self.source.root
         for folder in self.source.folders:
-            path = folder / name
-            try:
-                if not path.is_file():
-                    continue
-                inside = root is None or path.resolve().is_relative_to(root)
-            except OSError as error:
-                raise self.error(f"the file {name[:60]!r} cannot be looked for: {error.strerror}") from error
-            if not inside:
-                raise self.error(
-                    f"the file {name!r} is outside of the scene's folder {root}, which a scene must not reach "
-                    "unless that is allowed (outside=True, --allow-outside)"
-                )
-            return path
+            with blame(self):
+                path = named_file(folder, name, self.source.root)
+            if path is not None:
+                return path
         raise self.error(f"there is no file {name!r} in {' or '.join(str(folder) for folder in self.source.folders)}")
 
 
