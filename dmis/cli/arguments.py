@@ -142,9 +142,7 @@ SCENE = {
     "--fov": _option(
         "angle of the camera of a model across the shorter side of the image, in degrees", float, metavar="F"
     ),
-    "--light": _option(
-        "sky of a model, in place of its lights but surfaces that emit: an image file, or 'R G B'", metavar="SKY"
-    ),
+    "--light": _option("sky of a model, for its lights but surfaces: an image file, or 'R G B'", metavar="SKY"),
     "--material": _option(
         "material of a model in place of its own, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'", metavar="M"
     ),

@@ -69,10 +69,9 @@ def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
 
 def _with_colours(materials: Materials, primitive: Primitive, mesh: Mesh) -> tuple[Mesh, Any]:
     """Return a mesh with vertex colours, and these: an image, a colour, or None if they are white or left out."""
-    given = np.clip(np.asarray(primitive.colours), 0, 1)
-    colours, alpha = given[:, :3], given[:, 3:]
-    fades = materials.parts(primitive.material).get("alphaMode", "OPAQUE") != "OPAQUE" and (alpha < 1).any()
-    materials.leave_out("opacity of vertex colours", primitive.material, bool(fades))
+    colours, alpha = np.split(np.clip(np.asarray(primitive.colours), 0, 1), [3], axis=1)
+    fades = materials.parts(primitive.material).get("alphaMode", "OPAQUE") != "OPAQUE" and bool((alpha < 1).any())
+    materials.leave_out("opacity of vertex colours", primitive.material, fades)
     used = colours[np.unique(mesh.faces)]
     if (used == used[0]).all():
         return mesh, None if (used[0] == 1).all() else tuple(used[0].tolist())

@@ -104,10 +104,9 @@ class Materials:
     def is_clear(self, number: int | None) -> bool:
         """Return whether a material without a texture is nowhere there, because its opacity is below the cutoff."""
         said = self.parts(number)
-        surface = said.get("pbrMetallicRoughness", {})
-        alpha = surface.get("baseColorFactor", (1, 1, 1, 1))[3]
-        masked = said.get("alphaMode") == "MASK" and "baseColorTexture" not in surface
-        return bool(masked and alpha < said.get("alphaCutoff", 0.5))
+        surface = {"baseColorFactor": (1, 1, 1, 1), **said.get("pbrMetallicRoughness", {})}
+        is_mask = said.get("alphaMode") == "MASK" and "baseColorTexture" not in surface
+        return is_mask and bool(surface["baseColorFactor"][3] < said.get("alphaCutoff", 0.5))
 
     def _note(self, said: Mapping[str, Any]) -> None:
         """Count what is left out of a material."""

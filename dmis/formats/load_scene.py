@@ -144,7 +144,7 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         lights = [*lights, *(part.light for part in parts if part.light is not None)]
     of_parts = {id(part.light) for part in parts}
     parts += [light_part(light) for light in lights if light.mesh() is not None and id(light) not in of_parts]
-    about = {"unread": list(unread), "added": added, "lit": bool(model.lights)}
+    about = {"unread": list(unread), "added": added, "lit": bool(model.lights), "cameras": list(model.cameras)}
     source = {key: value for key, value in about.items() if value}
     suggested = Suggestions("path") if model.lights else Suggestions()  # in a room, walls give light
     return Scene(camera, tuple(parts), tuple(lights), name, suggested, source)

@@ -2,7 +2,7 @@
 
 `Kd` is the reflectance of a matte surface, which ``map_Kd``, an image, multiplies. With `Ks` it has a coat of index
 1.5, times `Ks`, whose Blinn exponent is `Ns`; a black one with `Ks` is a metal of reflectance `Ks`. `Ke` is the
-radiance that the triangles emit on the side of their normal. A share ``1 - d`` (`Tr`) of light goes straight through;
+radiance that triangles emit, corners counterclockwise. A share ``1 - d`` (`Tr`) of light goes straight through;
 ``map_d`` is an image of d, its opacity if it has any. Ambient colours, ``illum`` and ``Ni`` are no part of this and are
 ignored; other statements are named as left out. Source: Wavefront Technologies, *Advanced Visualizer Manual*, MTL
 material format.

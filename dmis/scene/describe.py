@@ -57,6 +57,8 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
 
 def describe_source(source: Mapping[str, Any]) -> Iterator[str]:
     """Yield lines about how a scene's file was read, see `dmis.scene.scene.Scene`."""
+    if "cameras" in source:
+        yield f"  cameras of the file, the default first: {', '.join(source['cameras'])}"
     if "added" in source:
         yield f"  added to the file: {'; '.join(source['added'])}"
     if "dialect" in source:

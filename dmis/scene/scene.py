@@ -65,7 +65,7 @@ class Scene:
         What the scene's file asks for: integrator and depth.
     source
         How a file was read, JSON data for the provenance of images: ``unread``, a list of contents that are left out,
-        ``added``, a list of what it lacks, ``lit``, whether a model has lights of its own; of a pbrt file ``dialect``
+        ``added``, of what it lacks, ``cameras``, ``lit``, whether it has lights; of a pbrt file ``dialect``
         and ``dialect_from``, ``file`` (its words), ``caller`` or ``guess``; and ``quadrics``, how they are tessellated.
 
     Raises

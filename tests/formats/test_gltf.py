@@ -459,6 +459,7 @@ def test_cameras(tmp_path):
     assert (flat.projection, flat.resolution) == ("orthographic", (960, 480))
     assert np.tan(np.radians(flat.fov / 2)) == pytest.approx(1.5)
     assert file.load(tmp_path, up="y").camera.resolution == (640, 480)
+    assert "cameras of the file, the default first: front, camera 1" in file.load(tmp_path).describe()
     with pytest.raises(ValueError, match=r"name of one in .*a\.glb: 'front', 'camera 1'; got 'back'"):
         file.load(tmp_path, camera="back")
 
