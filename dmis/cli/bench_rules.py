@@ -4,20 +4,42 @@ from __future__ import annotations
 
 import argparse
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
 from dmis.base.plugins import load_plugin
+from dmis.base.validate import one_of
+from dmis.experiment.bench.data import SCENES, SMALL, path_of, read_truth
 from dmis.experiment.bench.judge import BASELINES, report, score
 from dmis.fit.registry import RULES
 
 
 def bench_rules(options: argparse.Namespace) -> int:
     """Run ``bench-rules`` and return its exit code."""
-    rules = {name: rule for text in options.rules for name, rule in rules_of(text).items()} or BASELINES
-    scores = {name: score(rule, options.scenes.split(","), range(options.seeds)) for name, rule in rules.items()}
+    scenes, seeds, scores = options.scenes.split(","), range(options.seeds), {}
+    for scene in scenes:  # before the rules, whose errors name their file
+        read_truth(path_of(one_of("scene", scene, (*SCENES, SMALL))))
+    rules = [(text, *item) for text in options.rules for item in rules_of(text).items()]
+    for text, name, rule in rules or [("", *item) for item in BASELINES.items()]:
+        try:
+            scores[name] = score(rule, scenes, seeds)
+        except Exception as error:
+            if not text.endswith(".py"):
+                raise
+            raise ValueError(_message(text, error)) from error
     print(report(scores, options.format))
     return 0
+
+
+def _message(text: str, error: Exception) -> str:
+    """Return the message of an error of a rule, after its file and the line there, if it happened there."""
+    file = str(Path(text).resolve())
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    if not lines:
+        return f"{text}: {error}"
+    hint = "; tables has w = 0, 0.5, 1" if isinstance(error, KeyError) else ""
+    return f"{text}: line {lines[-1]}: {type(error).__name__} {error}{hint}"
 
 
 def rules_of(text: str) -> dict[str, Any]:

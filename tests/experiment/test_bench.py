@@ -304,7 +304,8 @@ class Unfinished(dmis.Rule):
         ("second-moment:compensation=0.9", "conflicting compensation"),
         (Endless(), "needs 100 camera samples of 2 shading samples at w = 0.5, after 0 others; pilots have"),
         (Unfinished(), "must yield a final round"),
-        (lambda tables: np.ones((2, 2)), "a rule's weight must be of shape"),
+        (lambda tables: np.ones((2, 2)), r"one share or shares \(18, 24\), .* got shape \(2, 2\)"),
+        (lambda tables: None, "a function must return one share .* got None"),
         (lambda tables: np.full(tables[0.5].shape, 2.0), r"weight must be in \[0, 1\]"),
         (SecondMoment, "Make an object of the class"),
     ],
@@ -352,6 +353,14 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench-rules", str(file), "thesis", "--scenes", SMALL]) == 0
     out = capsys.readouterr().out
     assert "rule_of_a_student" in out and "thesis" in out and "relative" in out
+    assert "all scenes" not in out and out.startswith(SMALL)
+    for number, (code, message) in enumerate(
+        {"tables[0.25]": "line 2: KeyError 0.25; tables has", "None": "a fun"}.items()
+    ):
+        wrong = tmp_path / f"wrong_rule_{number}.py"
+        wrong.write_text(f"def rule(tables):\n    return {code}\n")
+        assert main(["bench-rules", str(wrong), "--scenes", SMALL]) == 2
+        assert f"error: {wrong}: {message}" in capsys.readouterr().err
     empty = tmp_path / "rule_without_rule.py"
     empty.write_text("x = 1\n")
     assert main(["bench-rules", str(empty), "--scenes", SMALL]) == 2

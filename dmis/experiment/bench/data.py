@@ -93,7 +93,8 @@ def read_truth(path: Path) -> Truth:
 def _read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
     """Return what the header of a file says about its arrays, and these."""
     if not path.exists():
-        raise ValueError(f"there is no {path}. Make it in a checkout of dmis: python benchmarks/mis_bench.py")
+        make = "Make it in a checkout of dmis: python benchmarks/mis_bench.py (ten minutes)"
+        raise ValueError(f"there is no {path}. {make}, or try --scenes {SMALL}")
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = dict(archive)

@@ -41,7 +41,11 @@ def decide(rule: AnyRule, pilots: Pilots, seed: int = 0) -> Round:
     text, (shape, *_) = rule_text(rule), (table.shape for table in pilots.tables.values())
     if callable(rule) and not isinstance(rule, type):
         result = rule(pilots.tables)
-        rule = Given(*result) if isinstance(result, tuple) else Given(result)
+        maps = result if isinstance(result, tuple) and len(result) == 2 else (result,)
+        if maps[0] is None or np.shape(maps[0]) not in ((), shape):
+            got = "None" if maps[0] is None else f"shape {np.shape(maps[0])}"
+            raise ValueError(f"a function must return one share or shares {shape}, alone or with samples; got {got}")
+        rule = Given(*maps)
     rule = make_rule(rule)  # type: ignore[arg-type]  # refuses a class
     settings = merge_settings(rule, text, SETTINGS)
     if settings.techniques != ("light", "brdf") or settings.allocation != "systematic" or rule.multi_technique:

@@ -170,8 +170,10 @@ def report(scores: Mapping[str, Score], style: str = "text") -> str:
     if style == "json":
         columns = {name: {k: v.T.tolist() for k, v in score.values.items()} for name, score in scores.items()}
         return json.dumps({"columns": COLUMNS, "scores": columns})
-    total = [["all scenes", *COLUMNS], *([name, *map(_cell, s.over_scenes().T)] for name, s in scores.items())]
-    by_scene = [["absolute, relative", *next(iter(scores.values())).values]]
+    scenes = tuple(next(iter(scores.values())).values)
+    heading = "all scenes" if scenes == SCENES else ", ".join(scenes)
+    total = [[heading, *COLUMNS], *([name, *map(_cell, s.over_scenes().T)] for name, s in scores.items())]
+    by_scene = [["absolute, relative", *scenes]]
     for name, score in scores.items():
         by_scene.append([name, *(f"{_cell(v[:, 0])}, {_cell(v[:, 1])}" for v in score.values.values())])
     return "\n\n".join(_lay_out(rows, style) for rows in (total, by_scene))
