@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_170, "tests": 26_680}
+LINES = {"dmis": 27_185, "tests": 26_680}
 """Lines of Python files."""
 WORDS = 43_200
 """Words of the pages, tables included."""

@@ -75,12 +75,14 @@ class Materials:
         relief = None
         if (image := self.texture(said, "normalTexture", True)) is not None:
             relief = NormalMap(image, said["normalTexture"].get("scale", 1.0))
-        self._note(said)
+        coat = extensions.get("KHR_materials_specular", {})
+        self.leave_out("colour of a coat", said, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
+        self.leave_out("texture of a coat", said, bool({"specularTexture", "specularColorTexture"} & set(coat)))
         made = metallic_roughness(
             colour,
             metallic,
             roughness,
-            extensions.get("KHR_materials_specular", {}).get("specularFactor", 1.0),
+            coat.get("specularFactor", 1.0),
             extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
             alpha if said.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
         )
@@ -107,12 +109,6 @@ class Materials:
         surface = {"baseColorFactor": (1, 1, 1, 1), **said.get("pbrMetallicRoughness", {})}
         is_mask = said.get("alphaMode") == "MASK" and "baseColorTexture" not in surface
         return is_mask and bool(surface["baseColorFactor"][3] < said.get("alphaCutoff", 0.5))
-
-    def _note(self, said: Mapping[str, Any]) -> None:
-        """Count what is left out of a material."""
-        coat = said.get("extensions", {}).get("KHR_materials_specular", {})
-        self.leave_out("colour of a coat", said, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
-        self.leave_out("texture of a coat", said, bool({"specularTexture", "specularColorTexture"} & set(coat)))
 
     def emission(self, number: int | None, mesh: Mesh) -> Any:
         """Return the radiance of triangles with a material, a colour or an image; None if they emit nothing."""

@@ -46,7 +46,7 @@ from pathlib import Path
 import numpy as np
 
 from dmis.base.validate import did_you_mean
-from dmis.formats.pbrt.dialect import DIALECTS, Dialect, detect
+from dmis.formats.pbrt.dialect import DIALECTS, detect
 from dmis.formats.pbrt.directives import MAX_FILES, carry_out
 from dmis.formats.pbrt.notes import PbrtWarning
 from dmis.formats.pbrt.options import make_camera
@@ -78,7 +78,7 @@ def read_pbrt(
     guess, fits = detect(_words(source))
     chosen = guess if dialect is None else DIALECTS[dialect]
     if dialect is not None and dialect not in fits:
-        warnings.warn(PbrtWarning(_contradicted(path, dialect, fits)), stacklevel=2)
+        warnings.warn(PbrtWarning(_doubt(path, dialect, fits, True)), stacklevel=2)
     reader = Reader(replace(source, dialect=chosen), resolution)
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
         with reader.refusals.collect():
@@ -90,7 +90,7 @@ def read_pbrt(
         scene = reader.scene(camera)
     reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
     if reason == "guess":
-        warnings.warn(PbrtWarning(_guessed(path, chosen, fits)), stacklevel=2)
+        warnings.warn(PbrtWarning(_doubt(path, chosen.name, fits, False)), stacklevel=2)
     reader.notes.warn(2)
     return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
 
@@ -130,18 +130,12 @@ def _words(source: Source) -> Iterator[Token]:
         before = token.text
 
 
-def _guessed(path: Path, dialect: Dialect, fits: tuple[str, ...]) -> str:
-    """Return the text of the warning that the dialect is a guess."""
+def _doubt(path: Path, dialect: str, fits: tuple[str, ...], asked: bool) -> str:
+    """Return the text of the warning that the dialect is a guess, or not one that the words of the file fit."""
+    how = "as asked, but" if asked else "which is a guess:"
+    text = f"{path}: read as pbrt-{dialect}, {how} the words of the file fit {' and '.join(fits)}"
+    if asked:
+        return f"{text}; leave out dialect= (--dialect) to read it as pbrt-{fits[0]}"
     others = " or ".join(f"dialect={name!r} (--dialect {name})" for name in fits)
-    return (
-        f"{path}: read as pbrt-{dialect.name}, which is a guess: the words of the file fit {' and '.join(fits)}, whose "
-        f"images differ (the integrator and the film where no line names them, materials, textures); give {others}"
-    )
-
-
-def _contradicted(path: Path, dialect: str, fits: tuple[str, ...]) -> str:
-    """Return the text of the warning that the words of a file are not of the dialect that the caller names."""
-    return (
-        f"{path}: read as pbrt-{dialect}, as asked, but the words of the file fit {' and '.join(fits)}; leave out "
-        f"dialect= (--dialect) to read it as pbrt-{fits[0]}"
-    )
+    differ = "whose images differ (the integrator and the film where no line names them, materials, textures)"
+    return f"{text}, {differ}; give {others}"
