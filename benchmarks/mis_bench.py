@@ -27,7 +27,15 @@ from dmis.base.patches import PATCH
 from dmis.base.vectors import Array
 from dmis.cli.bench_rules import rules_of
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.cost import CAMERA, RAY, SHADING, camera_sample_cost, count_camera_samples, surface_points
+from dmis.estimator.cost import (
+    CAMERA,
+    RAY,
+    SHADING,
+    UNTRACED,
+    camera_sample_cost,
+    count_camera_samples,
+    surface_points,
+)
 from dmis.estimator.settings import Settings
 from dmis.experiment.bench.data import (
     GRID,
@@ -211,7 +219,8 @@ def measure(scene: Scene, settings: Settings, final: Round, seconds: float, spp:
     while len(images) < 8 or ((error > SE).any() and process_time() - begin < seconds):
         result = dmis.render(scene, rule, spp, seed=FIRST_SEED + len(images), parallel=1, settings=settings)
         images.append(result.image.mean(axis=2))
-        rays, s = result.rays, settings.shading_samples
+        untraced = round(float(result.samples.sum())) - result.rays["camera"]
+        rays, s = {**result.rays, UNTRACED: untraced}, settings.shading_samples
         per_camera_sample = {
             kind: rays.get(kind, 0) / count_camera_samples(rays) for kind in ("shadow", "brdf", "delta")
         }
