@@ -131,7 +131,7 @@ class Result:
 
     @property
     def light_samples(self) -> Array:
-        """``(H, W)`` float32: light samples of each pixel, or those of whichever technique is the first."""
+        """``(H, W)`` float32: samples of each light, or of the first technique, if all camera samples take them."""
         return self.samples * self.shading_samples * self.light_share
 
     @property
