@@ -144,7 +144,8 @@ SCENE = {
     ),
     "--light": _option("sky of a model, for its lights but surfaces: an image file, or 'R G B'", metavar="SKY"),
     "--material": _option(
-        "material of a model in place of its own, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'", metavar="M"
+        "material that replaces all materials of a model, such as 'metallic_roughness:base=0.9 0.6 0.2,metallic=1'",
+        metavar="M",
     ),
 }
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say")}

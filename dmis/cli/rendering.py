@@ -71,9 +71,9 @@ def render(options: argparse.Namespace) -> int:
 
 
 def _exposure(options: argparse.Namespace, scene: Scene, result: Result) -> float:
-    """Return the exposure of a preview: of a model with lights of its own, whose units may be any, that of a camera.
+    """Return the exposure of a preview: 1, or for a model with lights, whose units are unknown, an automatic one.
 
-    It gives the luminance that 5 % of the pixels exceed the value `EXPOSED`.
+    It maps the 95th percentile of the luminance to `EXPOSED`.
     """
     if options.exposure is not None:
         return float(options.exposure)

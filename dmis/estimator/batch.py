@@ -9,7 +9,7 @@ import numpy as np
 
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import Counts
-from dmis.estimator.patterns import Looks
+from dmis.estimator.patterns import LightSubsets
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.intersect import RayCaster
@@ -38,10 +38,10 @@ class Batch:
         Where shading samples are written down for statistics; None: nowhere.
     colour
         Colour of the pixel of each camera sample, ``(N,)``, by which rays are counted as well; None: they are not.
-    looks
-        Which camera samples look at each light from the first surface; None: all look at all.
-    seldom
-        Radiance ``(B, 3, N)`` of the lights that some do not look at: of the sub-blocks of those that do, see `Looks`.
+    light_subsets
+        Subsets that sample each light at the first surface; None: all camera samples sample all lights.
+    subset_radiance
+        Weighted radiance from lights that a subset samples, by its sub-blocks, ``(B, 3, N)``.
     """
 
     scene: Scene
@@ -55,5 +55,5 @@ class Batch:
     rays: Counter[str] = field(default_factory=Counter)
     records: list[Record] | None = None
     colour: np.ndarray | None = None
-    looks: Looks | None = None
-    seldom: Array | None = None
+    light_subsets: LightSubsets | None = None
+    subset_radiance: Array | None = None

@@ -49,7 +49,7 @@ def camera_sample_cost(
     rays: Mapping[str, int],
     shares: Array,
     pilot_samples: int = 4,
-    shading_samples: float = 2,
+    shading_samples: Array | float = 2,
     techniques: Sequence[str] = ("light", "brdf"),
     lights: int = 1,
 ) -> Array:
@@ -65,9 +65,9 @@ def camera_sample_cost(
     shares
         ``(K, G)``, at G points.
     pilot_samples, shading_samples
-        Shading samples of each camera sample, in the pilot and in the final pass.
+        Shading samples of each camera sample, in the pilot and in the final pass; the latter one number or ``(G,)``.
     lights
-        Lights that have so many each.
+        Number of lights, each with that many shading samples.
     """
     camera, points = count_camera_samples(rays), surface_points(rays)
     per_technique = camera * points * pilot_samples / len(techniques)  # samples of each technique

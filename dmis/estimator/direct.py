@@ -40,26 +40,27 @@ def add_direct_light(batch: Batch, vertices: Vertices) -> None:
         picked = batch.rng.integers(len(lights), size=vertices.radiance.shape[1], dtype=np.int16)
     # 1 / P(light): a light that is picked with probability 1 / n stands for n
     over_probability = np.float32(1 if picked is None else len(lights))
-    looks = None if vertices.path or vertices.beyond else batch.looks
+    subsets = None if vertices.path or vertices.beyond else batch.light_subsets
     for number, light in enumerate(lights):
-        index, to = None if picked is None else indices(picked == number), vertices
-        seldom = looks and looks.at(min(number, len(sampled)), vertices.sample)
-        if seldom:
-            index, to = seldom[0], replace(vertices, radiance=np.zeros_like(vertices.radiance))
+        index, target = None if picked is None else indices(picked == number), vertices
+        subset = subsets and subsets.of_light(min(number, len(sampled)), vertices.sample)  # delta lights share the last
+        if subset:
+            index, target = subset[0], replace(vertices, radiance=np.zeros_like(vertices.radiance))
         if index is not None and len(index) == 0:
             continue
         if light.delta:
             headlight = not vertices.path and number - len(sampled) in plan.headlights
-            _add_delta_light(batch, to, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
+            _add_delta_light(batch, target, light, index, over_probability, traced=not headlight)  # type: ignore[arg-type]
         else:
             key = (*vertices.path, number + len(lights) * vertices.beyond)
-            for samples in shading_samples(batch, to, light, index, key):  # type: ignore[arg-type]
-                _add_samples(batch, to, samples, over_probability)
-        if seldom:
-            assert batch.seldom is not None
-            chosen, weight, block = seldom
-            values = to.radiance.take(chosen, axis=1) * weight
-            batch.seldom[block, :, compose(vertices.sample, chosen)] += values.T
+            for samples in shading_samples(batch, target, light, index, key):  # type: ignore[arg-type]
+                _add_samples(batch, target, samples, over_probability)
+        if subset:
+            # sum of f / p_w over all m camera samples of a pixel ~ m / m' times that over the m' of the subset
+            assert batch.subset_radiance is not None
+            index, weight, block = subset
+            values = target.radiance.take(index, axis=1) * weight
+            batch.subset_radiance[block, :, compose(vertices.sample, index)] += values.T
 
 
 def _add_samples(batch: Batch, vertices: Vertices, samples: Samples, over_probability: np.float32) -> None:

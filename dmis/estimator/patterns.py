@@ -4,9 +4,9 @@ Low-discrepancy points are even only if every camera sample takes the same numbe
 power of two. So where they are used, a share w of light samples is one of few: that of a pattern ``n_l : n_b``, with
 ``w = n_l / (n_l + n_b)``.
 
-Of several lights, weak and smooth ones need fewer samples. A light that is halved e times is sampled by the first
-``m / 2^e`` of the m camera samples of a round, points as even as all of them, with ``2^e`` times the weight. As m of
-them are in sub-blocks (`dmis.variance.moments`), so are these, which tells the variance of their mean.
+Of several lights, weak and smooth ones need fewer samples. With e *halvings* only the first ``m' = m / 2^e`` of the m
+camera samples of a round sample a light, which are as evenly distributed as all m. Their weight is ``m / m'``. They are
+divided into sub-blocks, as the m are (`dmis.variance.moments`), to estimate the variance of their mean.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ SAMPLES_OF = np.array([n_l + n_b for n_l, n_b in PATTERNS])
 BLOCKS = 4
 """Sub-blocks of the camera samples of a pixel; a pixel of fewer samples has one for each."""
 MOST_HALVINGS = 3
-"""How often the camera samples that look at a light are halved at most: one in eight does."""
+"""Largest number of halvings: at least one camera sample in eight samples a light."""
 FEW_LIGHTS = 32
-"""Largest number of lights that have halvings of their own, because statistics of each take memory."""
+"""Largest number of lights for which halvings are chosen, because each light needs statistics in memory."""
 
 
 def separate_lights(plan: Plan, settings: Settings) -> int:
-    """Return L, the lights of two techniques that camera samples may look at seldom; 0: there is nothing to choose.
+    """Return L, the number of lights with two techniques for which halvings are chosen; 0: no halvings.
 
-    That is so with one light, and by paths, where light of later surfaces has most of the variance and of the cost.
+    There are none with a single light, nor for paths, where later surfaces have most of the variance and of the cost.
     """
     lights = len(plan.sampled_lights(settings.lights, settings.sky_compensation))
     several = lights <= FEW_LIGHTS and lights + len(plan.deltas) > 1
@@ -68,8 +68,8 @@ class PatternMap:
     first
         Light and BRDF samples of the camera samples of earlier rounds.
     halvings
-        How often the camera samples that look at each light are halved, lights of a single direction together in the
-        last place, ``(L + 1, H, W)`` uint8; None: all look at all lights.
+        Halvings of each light, ``(L + 1, H, W)`` uint8, delta lights together in the last place; None: all camera
+        samples sample all lights.
     """
 
     patterns: tuple[tuple[int, int], ...]
@@ -82,18 +82,20 @@ class PatternMap:
         halvings = None if self.halvings is None else self.halvings[:, *area]
         return replace(self, pattern=self.pattern[area], halvings=halvings)
 
-    def looks(self, pixel: np.ndarray, number: np.ndarray, samples: np.ndarray) -> Looks:
-        """Return which of the camera samples ``(N,)`` look at which lights, where there are `halvings`.
+    def light_subsets(self, pixel: np.ndarray, number: np.ndarray, samples: np.ndarray) -> LightSubsets:
+        """Return the subsets of N camera samples that sample each light; `halvings` must not be None.
 
         Parameters
         ----------
         pixel, number
-            Pixel of each, and its number among the pixel's camera samples of the round.
+            Pixel of each camera sample, and its number within the pixel and the round, ``(N,)``.
         samples
             Camera samples of each pixel of the map, ``(P,)``.
         """
         assert self.halvings is not None
-        return Looks(self.halvings.reshape(len(self.halvings), -1).take(pixel, axis=1), number, samples.take(pixel))
+        return LightSubsets(
+            self.halvings.reshape(len(self.halvings), -1).take(pixel, axis=1), number, samples.take(pixel)
+        )
 
     def groups(self, samples: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[int, int]]]:
         """Yield the pixels ``(A,)`` of each pattern that have `samples` ``(P,)``, these, and the pattern."""
@@ -113,34 +115,34 @@ class PatternMap:
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
-    """Which of the N camera samples of a batch look at each light.
+class LightSubsets:
+    """Subsets of the N camera samples of a batch that sample each light.
 
     Attributes
     ----------
     halvings
         As in `PatternMap`, ``(L + 1, N)``.
     number
-        Number of each among its pixel's camera samples of the round, ``(N,)``.
+        Number of each camera sample within its pixel and the round, ``(N,)``.
     samples
-        Those camera samples, ``(N,)``.
+        m, camera samples of its pixel in the round, ``(N,)``.
     """
 
     halvings: np.ndarray
     number: np.ndarray
     samples: np.ndarray
 
-    def at(self, light: int, sample: Selection | None) -> tuple[np.ndarray, Array, np.ndarray] | None:
-        """Return which of the camera samples `sample` look at a light, their weights, and sub-blocks, ``(M,)`` each.
+    def of_light(self, light: int, sample: Selection | None) -> tuple[np.ndarray, Array, np.ndarray] | None:
+        """Return the subset of the camera samples `sample` for a light, its weights, and its sub-blocks, ``(M,)`` each.
 
-        None if all of them do, with weight 1.
+        None if the subset is all of them, with weight 1.
         """
         halvings = take(self.halvings[light], sample)
         if not halvings.any():
             return None
-        samples, number = take(self.samples, sample), take(self.number, sample)
-        blocks = np.minimum(samples, BLOCKS)
-        looking = np.maximum(-(-samples >> halvings), blocks)  # rounded up
-        chosen = np.flatnonzero(number < looking)
-        samples, number, blocks, looking = (a.take(chosen) for a in (samples, number, blocks, looking))
-        return chosen, (samples / looking).astype(np.float32), number * blocks // looking
+        m, number = take(self.samples, sample), take(self.number, sample)
+        blocks = np.minimum(m, BLOCKS)
+        m_light = np.maximum(-(-m >> halvings), blocks)  # m / 2^e, rounded up, one in each sub-block at least
+        subset = np.flatnonzero(number < m_light)
+        m, number, blocks, m_light = (a.take(subset) for a in (m, number, blocks, m_light))
+        return subset, (m / m_light).astype(np.float32), number * blocks // m_light

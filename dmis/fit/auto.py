@@ -99,9 +99,9 @@ class Decision:
     pattern_of_patch
         Index of the pattern of each patch of the image.
     cost_ratio
-        Cost of a camera sample over that of one that looks at all lights, ``(A, B)`` or 1.
+        Cost of a camera sample with these halvings over its cost without, ``(A, B)`` or 1.
     halvings
-        See `dmis.estimator.patterns.PatternMap`, ``(L + 1, A, B)``; None: all camera samples look at all lights.
+        Halvings of each light, ``(L + 1, A, B)``; None: no halvings (`dmis.estimator.patterns`).
     """
 
     pattern: np.ndarray
@@ -407,26 +407,19 @@ def _relative_weight(first: Pilot, colour: int) -> tuple[Array, Array]:
 
 
 def _costs(first: Pilot, colour: int) -> tuple[Array, Array]:
-    """Return the cost of a camera sample with each pattern, over that of `EQUAL`, for pixels of a colour.
+    """Return the cost of a camera sample with each pattern over the cost with `EQUAL`, for pixels of a colour.
 
-    And what each light adds to it, lights of a single direction together in the last place, ``(L + 1, patterns)``.
-    Rays are those of the other colours, so that a pixel's own samples do not decide how many it gets.
+    And the part of each light in it, delta lights together in the last place, ``(L + 1, patterns)``. Rays are counted
+    in the other colours, so that a pixel's own samples do not decide how many it gets.
     """
     rays = rays_of_colours(first.rays, [k for k in range(len(COLOURS)) if k != colour])
     shares = np.array([SHARES[SHARE_OF], 1 - SHARES[SHARE_OF]])
     samples = SAMPLES_OF * (first.shading_samples // int(SAMPLES_OF[FIRST]))
     lights = len(first.sums["lights"][0]) - 1 if "lights" in first.sums else 1
 
-    def costs(samples: np.ndarray, rays: Mapping[str, int]) -> Array:
-        """Return the cost with these numbers of shading samples."""
-        return np.concatenate(
-            [
-                camera_sample_cost(rays, shares[:, k, None], first.shading_samples, s, first.techniques, lights)
-                for k, s in enumerate(samples)
-            ]
-        )
-
-    every, unlit = costs(samples, rays), costs(0 * samples, rays)
-    of_light = (every - unlit) / lights
-    of_deltas = unlit - costs(0 * samples, {**rays, "delta": 0})
-    return every / every[EQUAL], np.stack([*[of_light] * lights, of_deltas]) / every[EQUAL]
+    every, unlit, without_deltas = (
+        camera_sample_cost(kinds, shares, first.shading_samples, s, first.techniques, lights)
+        for kinds, s in ((rays, samples), (rays, 0 * samples), ({**rays, "delta": 0}, 0 * samples))
+    )
+    of_lights = np.stack([*[(every - unlit) / lights] * lights, unlit - without_deltas])
+    return every / every[EQUAL], of_lights / every[EQUAL]

@@ -49,9 +49,9 @@ def whole_samples(share: Array, spp: int, rng: np.random.Generator) -> np.ndarra
 
 
 def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float) -> tuple[np.ndarray, Array, Array]:
-    """Return how often the camera samples that look at each light are halved, and what becomes of variance and cost.
+    """Return the best halvings of each light (`dmis.estimator.patterns`), and their effect on variance and cost.
 
-    If a part f_k of the camera samples looks at light k, their error and their cost are in proportion to::
+    If a share f_k of the camera samples samples light k, error and cost are in proportion to::
 
         sum V_k f_k^-a,    C + sum C_k f_k
 
@@ -71,7 +71,7 @@ def light_halvings(variance: Array, cost: Array, camera: Array, exponent: float)
     halvings
         ``-log2 f_k``, rounded, from 0 to `MOST_HALVINGS`, ``(K, ...)`` uint8.
     variance_ratio, cost_ratio
-        Over those where all camera samples look at all lights.
+        Variance and cost over those without halvings, ``(...)``.
     """
     part, halvings = np.ones(variance.shape), np.zeros(variance.shape)
     for _ in range(3):

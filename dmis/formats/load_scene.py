@@ -151,7 +151,7 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
 
 
 def read_file(path: Path, outside: bool, bare: bool) -> Model:
-    """Return the contents of a mesh file; `bare`: without what is left out of its materials, and of OBJ them."""
+    """Return the contents of a mesh file; `bare`: without OBJ materials and without notes on other materials."""
     model = Model(path, outside)
     if path.suffix.lower() == ".obj" and not bare:
         with reading(path) as data:

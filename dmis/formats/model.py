@@ -1,4 +1,4 @@
-"""Models: the contents of a file and the files that it names, its camera, and materials in place of its own."""
+"""Models: the contents of a file, the files that it names, its camera, and replacement of its materials."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Model:
         return path
 
     def summaries(self) -> tuple[str, ...]:
-        """Return what is left out, with the number of each kind that there is more than once: "normal map (2)"."""
+        """Return the contents that are left out, with counts above one: "normal map (2)"."""
         return tuple(f"{kind} ({n})" if n > 1 else kind for kind, n in self.unread.items() if n)
 
 

@@ -41,8 +41,8 @@ class Observers:
     def __init__(self, round_: Round, shape: tuple[int, int]) -> None:
         pixels, settings = shape[0] * shape[1], round_.settings
         self._shape, self._shading_samples = shape, settings.shading_samples  # without those of `Round.patterns`
-        seldom = round_.patterns is not None and round_.patterns.halvings is not None
-        in_blocks = seldom or is_sequence(settings.sampler)
+        has_subsets = round_.patterns is not None and round_.patterns.halvings is not None
+        in_blocks = has_subsets or is_sequence(settings.sampler)
         self._moments = SubBlocks(round_.spp, pixels) if in_blocks else PixelMoments(pixels)
         self.statistic = round_.statistic and round_.statistic(pixels, self._shading_samples)
         samples = round_.spp * np.full(pixels, self._shading_samples)
@@ -68,11 +68,11 @@ class Observers:
         samples: CameraSamples,
         records: list[Record] | None,
         values: Array,
-        seldom: Array | None = None,
+        subset_radiance: Array | None = None,
     ) -> None:
         """Add the camera samples of one batch, their radiance ``(3, N)`` and their shading samples.
 
-        `seldom` is radiance of the sub-blocks ``(B, 3, N)``, whichever camera sample found it.
+        `subset_radiance` ``(B, 3, N)`` is added to the sub-blocks, see `dmis.estimator.batch.Batch`.
         """
         if self._collector is not None:
             first = np.broadcast_to(samples.counts.first, len(samples.pixel))
@@ -86,9 +86,10 @@ class Observers:
             end = begin + block.count * len(block.pixels)
             of_block = values[:, begin:end].reshape(3, block.count, -1).swapaxes(0, 1)
             self._moments.add(of_block, block.pixels, block.first)
-            if seldom is not None:
+            if subset_radiance is not None:
                 assert isinstance(self._moments, SubBlocks)
-                sums = seldom[..., begin:end].reshape(*seldom.shape[:2], block.count, -1).sum(axis=2, dtype=np.float64)
+                by_block = subset_radiance[..., begin:end].reshape(*subset_radiance.shape[:2], block.count, -1)
+                sums = by_block.sum(axis=2, dtype=np.float64)
                 self._moments.add_sums(sums, block.pixels)
             begin = end
 
@@ -188,9 +189,10 @@ class PassFilm:
         self.rays.update(tile.rays)
         self.done[tile.number] = True
 
-    def rays_of_all_pixels(self) -> dict[str, int]:
-        """Return the rays by kind, without those that are counted once more by colour."""
-        return {kind: number for kind, number in self.rays.items() if " of colour " not in kind}
+
+def without_colours(rays: Mapping[str, int]) -> dict[str, int]:
+    """Return the rays by kind, without the counts by colour."""
+    return {kind: n for kind, n in rays.items() if " of colour " not in kind}
 
 
 def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:

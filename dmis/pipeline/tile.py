@@ -13,7 +13,7 @@ from dmis.base.vectors import Array, indices, take
 from dmis.estimator.allocation import CameraSamples, SampleAllocation, sample_batches
 from dmis.estimator.batch import Batch
 from dmis.estimator.batching import take_optional
-from dmis.estimator.patterns import BLOCKS, Looks
+from dmis.estimator.patterns import BLOCKS, LightSubsets
 from dmis.estimator.settings import Settings, resolve_auto
 from dmis.estimator.trace import radiance
 from dmis.fit.round import Round
@@ -89,12 +89,12 @@ class Tile:
             yield pixels, n, shares, replace(settings, shading_samples=n_l + n_b)
 
 
-def _looks(round_: Round, samples: CameraSamples, pixels: int) -> Looks | None:
-    """Return which camera samples of a batch look at which lights; None if all look at all."""
+def _light_subsets(round_: Round, samples: CameraSamples, pixels: int) -> LightSubsets | None:
+    """Return the subsets of a batch's camera samples that sample each light; None if all sample all lights."""
     if round_.patterns is None or round_.patterns.halvings is None:
         return None
     begin = round_.begin if isinstance(round_.begin, int) else round_.begin.take(samples.pixel)
-    return round_.patterns.looks(samples.pixel, samples.number - begin, np.broadcast_to(round_.spp, pixels))
+    return round_.patterns.light_subsets(samples.pixel, samples.number - begin, np.broadcast_to(round_.spp, pixels))
 
 
 def batch_size(settings: Settings) -> int:
@@ -171,12 +171,13 @@ def render_tile(scene: Scene, tile: Tile, caster: RayCaster | None = None) -> Fi
             tilt = take_optional(tile.round.tilt, samples.pixel)
             batch = Batch(scene, timed, settings, sampler, rng, shares_of_samples, samples.counts, tilt, rays, records)
             batch.colour = observers.colours(samples.pixel)
-            batch.looks = _looks(tile.round, samples, tile.pixels)
-            batch.seldom = None if batch.looks is None else np.zeros((BLOCKS, 3, len(samples.pixel)), np.float32)
+            batch.light_subsets = _light_subsets(tile.round, samples, tile.pixels)
+            if batch.light_subsets is not None:
+                batch.subset_radiance = np.zeros((BLOCKS, 3, len(samples.pixel)), np.float32)
             # L_i, the radiance of camera sample i
             may_see = None if covered is None else indices(covered.take(samples.pixel))
             values = radiance(batch, *_camera_rays(scene, sampler, corners, samples.pixel), may_see)
-            observers.add(blocks, samples, records, values, batch.seldom)
+            observers.add(blocks, samples, records, values, batch.subset_radiance)
     mean, root = _pixel_moments(observers.moments(), tile)
     sums, place = patch_sums(observers.statistic, tile.shape), (tile.pass_, tile.number, tile.rows, tile.columns)
     return FilmTile(*place, mean, root, rays, sums, timed.seconds)

@@ -1,4 +1,4 @@
-"""Lights that few camera samples look at: which do, with which weights, and that images keep their mean."""
+"""Lights that a subset of the camera samples samples: subsets, weights, rays, and unchanged means."""
 
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import pytest
 import dmis
 from dmis.base.vectors import Array
 from dmis.estimator.allocation import shares_of
-from dmis.estimator.patterns import BLOCKS, FEW_LIGHTS, MOST_HALVINGS, Looks, PatternMap, separate_lights
+from dmis.estimator.patterns import BLOCKS, FEW_LIGHTS, MOST_HALVINGS, LightSubsets, PatternMap, separate_lights
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import Rule
 from tests.helpers import images_z_score, shared_scene
@@ -20,7 +20,7 @@ LIGHTS = 8
 
 @dataclass(frozen=True)
 class Halved(Rule):
-    """One round of equal numbers; `halvings` of all lights, or random ones; None: all camera samples look at all."""
+    """One round of equal numbers; `halvings` of all lights, or random ones; None: no halvings."""
 
     halvings: int | None = None
     at_random: bool = False
@@ -47,8 +47,8 @@ def images(rule: Rule, seeds: range, **options: object) -> list[Array]:
 def test_weights_add_up_in_all_sub_blocks(samples: int, halvings: int) -> None:
     """A light counts as if all camera samples looked at it, in each sub-block as far as they can be divided evenly."""
     number = np.arange(samples)
-    looks = Looks(np.full((1, samples), halvings, np.uint8), number, np.full(samples, samples, np.int32))
-    at = looks.at(0, None)
+    subsets = LightSubsets(np.full((1, samples), halvings, np.uint8), number, np.full(samples, samples, np.int32))
+    at = subsets.of_light(0, None)
     assert at is not None
     chosen, weight, block = at
     least = min(samples, BLOCKS)

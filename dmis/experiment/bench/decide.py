@@ -14,18 +14,18 @@ from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings
 from dmis.estimator.technique import BRDF, LIGHT
 from dmis.experiment.bench.data import Pilots
-from dmis.experiment.bench.samples import SampleTable, without_colours
+from dmis.experiment.bench.samples import SampleTable
 from dmis.fit.given import Given
 from dmis.fit.registry import make_rule
 from dmis.fit.round import Budget, Pilot, Round
 from dmis.fit.rule import Rule, merge_settings, next_round, rule_text
-from dmis.pipeline.film import patch_sums
+from dmis.pipeline.film import patch_sums, without_colours
 from dmis.variance.moments import Film, Moments
 
 AnyRule = Rule | str | Callable[[Mapping[float, SampleTable]], Any]
 """A rule, its text, or a function of the pilot tables by w: it returns shares ``(H, W)``, or shares and samples."""
 SPP = 32
-"""Camera samples per pixel that rules are told they have."""
+"""Budget of every rule, in camera samples per pixel."""
 SETTINGS = Settings(sampler="independent", reuse_pilot=False, compensation=0)
 """Settings that rules must agree with: independent points, and light sampling of skies as in pbrt."""
 

@@ -25,7 +25,7 @@ COLUMNS = ("absolute", "relative", "saving, abs.", "saving, rel.", "regret", "ha
 of V C beyond the least, over that of balance; share of the patches where V C is above 1.02 times that of balance.
 """
 ORACLES = {"oracle": False, "oracle-samples": True}
-"""Rules that know the converged curves, and whether they also choose numbers of samples."""
+"""Rules computed from the converged curves; True: with numbers of samples as well."""
 
 
 def random_shares(tables: Mapping[float, SampleTable]) -> Array:

@@ -14,6 +14,7 @@ from dmis.estimator.cost import CAMERA, RAY, SHADING, count_camera_samples, surf
 from dmis.estimator.records import Record
 from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.fixed import Fixed
+from dmis.pipeline.film import without_colours
 from dmis.pipeline.job import resolve
 from dmis.pipeline.tile import make_tiles, render_tile
 from dmis.scene.scene import Scene
@@ -141,11 +142,6 @@ def samples(
     columns["cost"][columns["technique"] < 0] = of_camera_sample
     table = SampleTable(**columns, shape=shape, spp=spp, shading_samples=s, rays=rays)
     return table.rows(np.isin(table.pixel, chosen))
-
-
-def without_colours(rays: Mapping[str, int]) -> dict[str, int]:
-    """Return the rays by kind, without those that are counted once more by the colour of their pixel."""
-    return {kind: n for kind, n in rays.items() if " of colour " not in kind}
 
 
 class _Recorder:

@@ -108,7 +108,7 @@ LIGHTS: dict[str, Callable[[Parameters, Floats], Light]] = {
 
 
 SIDE_SAMPLES = 4096
-"""Lookups along the height of a map, at least one for each row; a texel is the mean of its own."""
+"""Lookups along the height of a map, at least one per row; a texel is the mean of the lookups in it."""
 
 
 def sphere_to_square(d: Array) -> Array:
