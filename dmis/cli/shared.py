@@ -106,13 +106,13 @@ def read_material(text: str) -> Material:
             f"--material must be one of {', '.join(MATERIALS)}, with parameters after a colon; got "
             f"{name!r}{did_you_mean(name, MATERIALS)}"
         )
-    known = inspect.signature(MATERIALS[name]).parameters
+    parameters = inspect.signature(MATERIALS[name]).parameters
     given: dict[str, Any] = {}
     for part in rest.split(",") if rest else []:
         key, is_given, value = (piece.strip() for piece in part.partition("="))
-        if not is_given or key not in known:
+        if not is_given or key not in parameters:
             raise ValueError(
-                f"parameters of {name} are {', '.join(known)}, such as {next(iter(known))}=0.5; got {part!r}"
+                f"parameters of {name} are {', '.join(parameters)}, such as {next(iter(parameters))}=0.5; got {part!r}"
             )
         values = _numbers(value)
         given[key] = value if values is None else values[0] if len(values) == 1 else values

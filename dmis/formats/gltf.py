@@ -50,7 +50,7 @@ def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
         joined.setdefault((key, image), []).append(mesh)
     for ((material, *_), image), meshes in joined.items():
         mesh = concatenate(meshes)
-        radiance, two_sided = materials.emission(material, mesh), materials.parts(material).get("doubleSided", False)
+        radiance, two_sided = materials.emission(material, mesh), materials.entry(material).get("doubleSided", False)
         if (light := None if radiance is None else model.lamp(mesh, radiance, two_sided)) is not None:
             mesh = Mesh(mesh.vertices, light.faces, mesh.normals, mesh.uv)
         model.add(mesh, materials.material(material, image), light, materials.mask(material, mesh))
@@ -70,7 +70,7 @@ def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
 def _with_colours(materials: Materials, primitive: Primitive, mesh: Mesh) -> tuple[Mesh, Any]:
     """Return a mesh with vertex colours, and these: an image, a colour, or None if they are white or left out."""
     colours, alpha = np.split(np.clip(np.asarray(primitive.colours), 0, 1), [3], axis=1)
-    fades = materials.parts(primitive.material).get("alphaMode", "OPAQUE") != "OPAQUE" and bool((alpha < 1).any())
+    fades = materials.entry(primitive.material).get("alphaMode", "OPAQUE") != "OPAQUE" and bool((alpha < 1).any())
     materials.leave_out("opacity of vertex colours", primitive.material, fades)
     used = colours[np.unique(mesh.faces)]
     if (used == used[0]).all():

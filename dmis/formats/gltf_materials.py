@@ -31,7 +31,7 @@ class Materials:
     def __init__(self, gltf: Gltf) -> None:
         self._gltf = gltf
         self.unread: Counter[str] = Counter()
-        self._made: dict[int | None, Material] = {}
+        self._materials: dict[int | None, Material] = {}
         self._images: dict[tuple[int, bool], Array] = {}
         self._counted: set[tuple[str, str]] = set()
 
@@ -41,23 +41,23 @@ class Materials:
             self._counted.add((kind, repr(thing)))
             self.unread[kind] += 1
 
-    def parts(self, number: int | None) -> dict[str, Any]:
+    def entry(self, number: int | None) -> dict[str, Any]:
         """Return the description of a material; that without a number is the default."""
         return {} if number is None else dict(self._gltf.json["materials"][number])
 
     def textured(self, number: int | None) -> bool:
         """Return whether a material has a texture."""
-        said = self.parts(number)
-        return any(name.endswith("Texture") for name in (*said, *said.get("pbrMetallicRoughness", {})))
+        entry = self.entry(number)
+        return any(name.endswith("Texture") for name in (*entry, *entry.get("pbrMetallicRoughness", {})))
 
     def material(self, number: int | None, colours: Image | tuple[float, ...] | None = None) -> Material:
         """Return a material, with `colours` that multiply its base colour."""
-        if colours is None and number in self._made:
-            return self._made[number]
-        said = self.parts(number)
-        surface, extensions = said.get("pbrMetallicRoughness", {}), said.get("extensions", {})
+        if colours is None and number in self._materials:
+            return self._materials[number]
+        entry = self.entry(number)
+        surface, extensions = entry.get("pbrMetallicRoughness", {}), entry.get("extensions", {})
         *base, alpha = surface.get("baseColorFactor", (1, 1, 1, 1))
-        name = said.get("name") or ("default" if number is None else f"material {number}")
+        name = entry.get("name") or ("default" if number is None else f"material {number}")
         self.leave_out(f"base colour above 1 of {name!r}", number, max(base) > 1)
         colour: Any = tuple(min(x, 1.0) for x in base)
         if (image := self.texture(surface, "baseColorTexture")) is not None:
@@ -73,51 +73,51 @@ class Materials:
             metal = cast(Image, self.texture(surface, "metallicRoughnessTexture", True, channel=2))
             metallic = scale(metallic, metal) if metallic and metal.texels.any() else 0.0  # which takes no image
         relief = None
-        if (image := self.texture(said, "normalTexture", True)) is not None:
-            relief = NormalMap(image, said["normalTexture"].get("scale", 1.0))
+        if (image := self.texture(entry, "normalTexture", True)) is not None:
+            relief = NormalMap(image, entry["normalTexture"].get("scale", 1.0))
         coat = extensions.get("KHR_materials_specular", {})
-        self.leave_out("colour of a coat", said, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
-        self.leave_out("texture of a coat", said, bool({"specularTexture", "specularColorTexture"} & set(coat)))
-        made = metallic_roughness(
+        self.leave_out("colour of a coat", entry, coat.get("specularColorFactor", [1, 1, 1]) != [1, 1, 1])
+        self.leave_out("texture of a coat", entry, bool({"specularTexture", "specularColorTexture"} & set(coat)))
+        unnamed = metallic_roughness(
             colour,
             metallic,
             roughness,
             coat.get("specularFactor", 1.0),
             extensions.get("KHR_materials_ior", {}).get("ior", 1.5) or 1e4,  # 0: it reflects everything
-            alpha if said.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
+            alpha if entry.get("alphaMode") == "BLEND" and "baseColorTexture" not in surface else 1.0,
         )
-        material = Material(made.lobes, name, relief)
+        material = Material(unnamed.lobes, name, relief)
         if colours is None:
-            self._made[number] = material
+            self._materials[number] = material
         return material
 
     def mask(self, number: int | None, mesh: Mesh) -> Mask | None:
         """Return the holes that the opacity of a material's texture cuts; None if there are none."""
-        said = self.parts(number)
-        mode, surface = said.get("alphaMode", "OPAQUE"), said.get("pbrMetallicRoughness", {})
+        entry = self.entry(number)
+        mode, surface = entry.get("alphaMode", "OPAQUE"), entry.get("pbrMetallicRoughness", {})
         image = self.texture(surface, "baseColorTexture", channel=3) if mode in ("MASK", "BLEND") else None
         if image is None or mesh.uv is None:
             return None
         factor = min(max(surface.get("baseColorFactor", (1, 1, 1, 1))[3], 0.0), 1.0)
-        cutoff = None if mode == "BLEND" else min(max(said.get("alphaCutoff", 0.5), 1e-6), 1.0)
+        cutoff = None if mode == "BLEND" else min(max(entry.get("alphaCutoff", 0.5), 1e-6), 1.0)
         whole = factor * image.texels.min() >= (cutoff or 1.0)
         return None if whole else Mask(cast(Image, scale(factor, image)), cutoff)
 
     def is_clear(self, number: int | None) -> bool:
         """Return whether a material without a texture is nowhere there, because its opacity is below the cutoff."""
-        said = self.parts(number)
-        surface = {"baseColorFactor": (1, 1, 1, 1), **said.get("pbrMetallicRoughness", {})}
-        is_mask = said.get("alphaMode") == "MASK" and "baseColorTexture" not in surface
-        return is_mask and bool(surface["baseColorFactor"][3] < said.get("alphaCutoff", 0.5))
+        entry = self.entry(number)
+        surface = {"baseColorFactor": (1, 1, 1, 1), **entry.get("pbrMetallicRoughness", {})}
+        is_mask = entry.get("alphaMode") == "MASK" and "baseColorTexture" not in surface
+        return is_mask and bool(surface["baseColorFactor"][3] < entry.get("alphaCutoff", 0.5))
 
     def emission(self, number: int | None, mesh: Mesh) -> Any:
         """Return the radiance of triangles with a material, a colour or an image; None if they emit nothing."""
-        said = self.parts(number)
-        strength = said.get("extensions", {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
-        radiance = tuple(strength * x for x in said.get("emissiveFactor", (0, 0, 0)))
-        if not any(radiance) or "emissiveTexture" not in said:
+        entry = self.entry(number)
+        strength = entry.get("extensions", {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
+        radiance = tuple(strength * x for x in entry.get("emissiveFactor", (0, 0, 0)))
+        if not any(radiance) or "emissiveTexture" not in entry:
             return radiance if any(radiance) else None
-        image = self.texture(said, "emissiveTexture")
+        image = self.texture(entry, "emissiveTexture")
         return None if image is None or mesh.uv is None or not image.texels.any() else scale(radiance, image)
 
     def texture(

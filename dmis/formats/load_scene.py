@@ -101,8 +101,8 @@ def load_scene(
         If something of a file is left out, or an image is to be on a mesh without texture coordinates.
     """
     if (path := _pbrt_file(source)) is not None:
-        own = {"camera": camera, "lights": lights, "material": material, "up": up, "fov": fov}
-        if given := [name for name, value in own.items() if value is not None]:
+        model_options = {"camera": camera, "lights": lights, "material": material, "up": up, "fov": fov}
+        if given := [name for name, value in model_options.items() if value is not None]:
             raise ValueError(f"{given[0]} must not be given for {source}, because a pbrt scene has its own")
         from dmis.formats.pbrt.read import read_pbrt  # here, because it takes a fifth of the time of all of dmis
 

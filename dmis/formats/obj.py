@@ -44,7 +44,7 @@ def read_obj_materials(obj: Wavefront, model: Model) -> None:
         several = [] if (model.path.parent / names).is_file() else names.split()
         for name in several or [names]:
             if (path := model.file(name)) is not None:
-                materials |= {material: (path, said) for material, said in _read_mtl(path).items()}
+                materials |= {material: (path, mtl) for material, mtl in _read_mtl(path).items()}
     model.unread["vertex colours"] += obj.coloured
     images: dict[Any, Image | None] = {}
     for name, flat in obj.meshes():
@@ -54,9 +54,9 @@ def read_obj_materials(obj: Wavefront, model: Model) -> None:
             model.unread[f"material {name[-60:]!r} without a definition"] += bool(name)
             model.add(mesh)
             continue
-        path, said = materials[name]
+        path, mtl = materials[name]
         try:
-            _add(name, said, mesh, model, images)
+            _add(name, mtl, mesh, model, images)
         except ValueError as error:
             raise ValueError(f"material file {path}, {error}") from error
 
@@ -64,31 +64,31 @@ def read_obj_materials(obj: Wavefront, model: Model) -> None:
 def _read_mtl(path: Path) -> dict[str, Statements]:
     """Return the statements of each material of an MTL file; of those with one name the last one counts."""
     materials: dict[str, Statements] = {}
-    said: Statements = {}
+    mtl: Statements = {}
     for number, line in enumerate(path.read_text("utf-8", "replace").splitlines(), 1):
         word, _, argument = " ".join(line.split()).partition(" ")
         if word == "newmtl":
-            said = materials[argument] = {}
+            mtl = materials[argument] = {}
         elif word and not word.startswith("#"):
-            said[word] = number, argument
+            mtl[word] = number, argument
     return materials
 
 
-def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[Any, Image | None]) -> None:
+def _add(name: str, mtl: Statements, mesh: Mesh, model: Model, images: dict[Any, Image | None]) -> None:
     """Add triangles with the material `name` to a model."""
-    for word in said:
+    for word in mtl:
         model.unread[f"{word} of a material"] += word not in (*READ, *IGNORED)
-    given = {"Kd": _colour(said, "Kd", 0.5 if "map_Kd" not in said else 1.0), "Ks": _colour(said, "Ks", 0.0)}
+    given = {"Kd": _colour(mtl, "Kd", 0.5 if "map_Kd" not in mtl else 1.0), "Ks": _colour(mtl, "Ks", 0.0)}
     for word, colour in given.items():
         model.unread[f"{word} above 1 of {name!r}"] += max(colour) > 1
     kd: Any
     kd, ks = (tuple(min(x, 1.0) for x in colour) for colour in given.values())
-    emission = _colour(said, "Ke", 0.0)
-    if "map_Kd" in said:
-        image = _image(said["map_Kd"][1], model, images)
+    emission = _colour(mtl, "Ke", 0.0)
+    if "map_Kd" in mtl:
+        image = _image(mtl["map_Kd"][1], model, images)
         kd = kd if image is None else scale(kd if any(kd) else 1.0, image)
-    opacity = 1 - _values(said, "Tr", 0.0, 1)[0] if "Tr" in said else _values(said, "d", 1.0, 1)[0]
-    roughness = 1 / min(max(_values(said, "Ns", 10.0, np.inf)[0], 1), MAX_LOBE_EXPONENT)
+    opacity = 1 - _values(mtl, "Tr", 0.0, 1)[0] if "Tr" in mtl else _values(mtl, "d", 1.0, 1)[0]
+    roughness = 1 / min(max(_values(mtl, "Ns", 10.0, np.inf)[0], 1), MAX_LOBE_EXPONENT)
     if opacity < 1:
         material = uber(kd, ks, roughness=roughness, opacity=opacity)
     elif not any(ks):
@@ -98,15 +98,15 @@ def _add(name: str, said: Statements, mesh: Mesh, model: Model, images: dict[Any
     else:
         material = shiny_metal(ks, 0.0, roughness)
     light = model.lamp(mesh, emission) if any(emission) else None
-    mask = _image(said["map_d"][1], model, images, opacity=True) if "map_d" in said and mesh.uv is not None else None
+    mask = _image(mtl["map_d"][1], model, images, opacity=True) if "map_d" in mtl and mesh.uv is not None else None
     model.add(mesh, Material(material.lobes, name), light, None if mask is None else Mask(mask, None))
 
 
-def _values(said: Statements, word: str, default: float, most: float, counts: tuple[int, ...] = (1,)) -> list[float]:
+def _values(mtl: Statements, word: str, default: float, most: float, counts: tuple[int, ...] = (1,)) -> list[float]:
     """Return the numbers of a statement, from 0 to `most`, as many as `counts` allow; ``[default]`` without it."""
-    if word not in said:
+    if word not in mtl:
         return [default]
-    number, argument = said[word]
+    number, argument = mtl[word]
     words = argument.removeprefix("-halo ").split()
     values = [float(x) for x in words if _NUMBER.fullmatch(x)]
     if len(values) != len(words) or len(words) not in counts or not all(0 <= x <= most and x < np.inf for x in values):
@@ -117,9 +117,9 @@ def _values(said: Statements, word: str, default: float, most: float, counts: tu
     return values
 
 
-def _colour(said: Statements, word: str, default: float) -> Rgb:
+def _colour(mtl: Statements, word: str, default: float) -> Rgb:
     """Return the colour of a statement: three numbers, or one for all channels."""
-    values = _values(said, word, default, np.inf, (1, 3))
+    values = _values(mtl, word, default, np.inf, (1, 3))
     r, g, b = values * (3 // len(values))
     return r, g, b
 

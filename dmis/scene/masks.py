@@ -70,13 +70,13 @@ def see_through(caster: RayCaster, parts: Sequence[Any], uv: Callable[[Index], A
     of_triangle = np.repeat([*numbers, -1], [*(len(part.mesh.faces) for part in parts), 1])  # the last one of a miss
 
     def holes(hits: Hits, direction: Array) -> Index:
-        mask_of, found = of_triangle.take(hits.prim), [np.empty(0, np.int64)]
+        mask_of, holes_of_masks = of_triangle.take(hits.prim), [np.empty(0, np.int64)]
         for k, mask in enumerate(masks):
             index = np.flatnonzero(mask_of == k)
             part = hits.take(index)
             rows = uv(part.prim)
             place = rows[2:4] * part.u + rows[4:6] * part.v + rows[:2]
-            found.append(index[mask.is_hole(place, part, direction[:, index])])
-        return np.concatenate(found)
+            holes_of_masks.append(index[mask.is_hole(place, part, direction[:, index])])
+        return np.concatenate(holes_of_masks)
 
     return HoleCaster(caster, holes, step)

@@ -70,10 +70,12 @@ def _film(round_: Round, pilots: Pilots, used: Counter[float], text: str) -> Pil
     w, same = float(round_.shares.flat[0]), all(a is None or a.ndim == 1 for a in shares)
     table, begin = pilots.tables.get(w), used[w]
     if not isinstance(n, int) or not same or table is None or begin + n > table.spp or s > table.shading_samples:
-        held = ", ".join(f"{t.spp} of {t.shading_samples} shading samples at {w:g}" for w, t in pilots.tables.items())
+        available = ", ".join(
+            f"{t.spp} of {t.shading_samples} shading samples at {w:g}" for w, t in pilots.tables.items()
+        )
         raise ValueError(
             f"rule {text} needs {np.mean(n):g} camera samples of {s} shading samples at w = {w:g}, after {begin} "
-            f"others; pilots have, in all pixels, {held}. Use a smaller pilot"
+            f"others; pilots have, in all pixels, {available}. Use a smaller pilot"
         )
     used[w] += n
     part, tilt = _part(table, begin, n, s), None if round_.tilt is None else float(round_.tilt[0])
