@@ -96,9 +96,18 @@ class Image:
         bordered = np.pad(self.texels, ((1, 1), (1, 1), (0, 0)), modes[self.wrap]).reshape(-1, channels)
         return np.pad(bordered, ((0, 0), (0, channels // 2)))
 
+    @cached_property
+    def levels(self) -> list[Image]:
+        """The image, then at half the size, a quarter and so on to one texel: each texel is a mean, see `halved`."""
+        levels = [self]
+        while max(levels[-1].texels.shape[:2]) > 1:
+            texels = halved(halved(levels[-1].texels).swapaxes(0, 1)).swapaxes(0, 1)
+            levels.append(replace(self, texels=texels, nearest=False))
+        return levels
+
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields, which are pickled; the table of texels is made again."""
-        return {name: value for name, value in self.__dict__.items() if name != "_rows"}
+        """Return the fields, which are pickled; tables of texels are made again."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_rows", "levels")}
 
     def __call__(self, uv: Array) -> Array:
         """Return values ``(C, N)`` at coordinates `uv` ``(2, N)``; texel (i, j) is centred at ((j+.5)/W, (i+.5)/H)."""
@@ -129,6 +138,14 @@ class Image:
     def _gather(self, row: np.ndarray, weight: Array, channels: int) -> Array:
         """Return texels times `weight` ``(N,)``, as ``(C, N)`` with contiguous channels."""
         return np.multiply(self._rows.take(row, axis=0).T[:channels], weight, order="C")
+
+
+def halved(texels: Array) -> Array:
+    """Return means over two rows of ``(H, W, C)`` texels, ``((H + 1) // 2, W, C)``; of an odd number, over less."""
+    edges = np.linspace(0, len(texels), (len(texels) + 1) // 2 + 1)
+    below = np.minimum(edges.astype(int), len(texels) - 1)
+    sums = np.cumsum(np.concatenate([np.zeros_like(texels[:1]), texels]), axis=0, dtype=float)[below]
+    return np.diff(sums + (edges - below)[:, None, None] * texels[below], axis=0) / edges[1]
 
 
 Parameter = float | tuple[float, ...] | Array | Image

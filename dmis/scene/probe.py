@@ -43,9 +43,9 @@ def surface(
         outside=np.full(count, outside),
         dpdu=dpdu,
         epsilon=np.float32(0),
-        reflection=tuple(bind(lobe, None, uv) for lobe in group.reflection),
-        transmission=tuple(bind(lobe, None, uv) for lobe in group.transmission),
-        delta=tuple(bind(lobe, None, uv) for lobe in group.delta),
+        reflection=tuple(bind(lobe, None, lambda image: image(uv)) for lobe in group.reflection),
+        transmission=tuple(bind(lobe, None, lambda image: image(uv)) for lobe in group.transmission),
+        delta=tuple(bind(lobe, None, lambda image: image(uv)) for lobe in group.delta),
     )
 
 

@@ -7,15 +7,18 @@ What the scene needs is worked out once by `dmis.scene.plan`; hits become surfac
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
 
 from dmis.base.vectors import TINY, Array, Index, Selection, columns, dot, normalise, take
+from dmis.brdf.mipmap import averaged
+from dmis.brdf.texture import Image
 from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
 from dmis.light.coincident import two_sided
@@ -24,6 +27,7 @@ from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
 from dmis.scene.describe import describe_plan, describe_source
 from dmis.scene.doubts import camera_doubts, lamp_doubts, offset_doubts
+from dmis.scene.footprint import texture_steps
 from dmis.scene.groups import NO_GROUP, Group, Part
 from dmis.scene.masks import see_through
 from dmis.scene.plan import Plan, textures
@@ -274,8 +278,9 @@ class Scene:
                 _ = self.tables.normals
             if group.textured:
                 _ = self.tables.uv
-            if group.relief is not None or (group.anisotropic and group.tangent is None):
-                _ = self.tables.dpdu
+            anisotropic, averaged_over = group.anisotropic and group.tangent is None, self.camera.texture_filter
+            if group.relief is not None or anisotropic or (group.textured and averaged_over):
+                _ = self.tables.tangents
 
     @cached_property
     def tables(self) -> Tables:
@@ -283,7 +288,7 @@ class Scene:
         return Tables(self.parts)
 
     def shading_points(
-        self, group: Group, hits: Hits, index: Selection | None, direction: Array
+        self, group: Group, hits: Hits, index: Selection | None, direction: Array, from_camera: bool = False
     ) -> tuple[ShadingPoints, Array | None]:
         """Return the shading points of the hits `index` (None: all), all of `group`, and what they emit.
 
@@ -291,6 +296,8 @@ class Scene:
         ----------
         direction
             Unit directions of the rays that hit, ``(3, N)``, of all hits.
+        from_camera
+            Whether they are the camera's, which sees images averaged as `Camera.texture_filter` says.
 
         Returns
         -------
@@ -320,7 +327,11 @@ class Scene:
             dpdu = columns(self.tables.dpdu, prim)
         lobes = {kind: getattr(group, kind) for kind in ("reflection", "transmission", "delta")}
         if row is not None or uv is not None:  # parameters differ from point to point
-            lobes = {kind: tuple(bind(lobe, row, uv) for lobe in unbound) for kind, unbound in lobes.items()}
+            look_up: Callable[[Image], Array] = methodcaller("__call__", uv)
+            if from_camera and uv is not None and self.camera.texture_filter:
+                tangents = (columns(tangent, prim) for tangent in self.tables.tangents)
+                look_up = partial(averaged, uv=uv, steps=texture_steps(self.camera, p, ng, *tangents))
+            lobes = {kind: tuple(bind(lobe, row, look_up) for lobe in unbound) for kind, unbound in lobes.items()}
         points = ShadingPoints(
             p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=epsilon, **lobes
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from functools import cache, cached_property
 from operator import is_
@@ -166,23 +167,22 @@ def _gather(value: Any, index: Selection | None) -> Any:
     return replace(value, **changes) if changes else value
 
 
-def bind(lobe: Any, row: Index | None, uv: Array | None) -> Any:
+def bind(lobe: Any, row: Index | None, look_up: Callable[[Image], Array]) -> Any:
     """Return a group's `lobe` with the parameters of N points.
 
     Parameters
     ----------
     row
         Rows of the points' materials in the parameter tables, ``(N,)``; None: there is one material.
-    uv
-        Where images are looked up, ``(2, N)``; None: there are none.
+    look_up
+        Gives the values of an image at the points, ``(C, N)``.
     """
     changes: dict[str, Any] = {}
     for name, value in parameters(lobe):
         if isinstance(value, Image):
-            assert uv is not None
-            changes[name] = value(uv) if name in lobe.colours else value(uv)[0]
+            changes[name] = look_up(value) if name in lobe.colours else look_up(value)[0]
         elif isinstance(value, Parameters):
-            changes[name] = bind(value, row, uv)
+            changes[name] = bind(value, row, look_up)
         elif row is not None:
             changes[name] = value.take(row, axis=-1)
     return replace(lobe, **changes)
