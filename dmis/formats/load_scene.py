@@ -145,6 +145,8 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
     of_parts = {id(part.light) for part in parts}
     parts += [light_part(light) for light in lights if light.mesh() is not None and id(light) not in of_parts]
     about = {"unread": list(unread), "added": added, "lit": bool(model.lights), "cameras": list(model.cameras)}
+    about["bounds"] = [*bounds[:, 0].min(axis=0).tolist(), *bounds[:, 1].max(axis=0).tolist()]
+    about["up"] = "xyz"[up_axis(source, view[1]).index(1.0)]
     source = {key: value for key, value in about.items() if value}
     suggested = Suggestions("path") if model.lights else Suggestions()  # in a room, walls give light
     return Scene(camera, tuple(parts), tuple(lights), name, suggested, source)
@@ -166,7 +168,8 @@ def read_file(path: Path, outside: bool, bare: bool) -> Model:
             model.add(mesh_with_area)
     if not model.parts:
         raise ValueError(
-            f"{path}: mesh must have a triangle with an area, because no ray hits others; got {model.flat} without"
+            f"{path}: mesh must have a triangle with an area and an opacity, because no ray hits others; got "
+            f"{model.flat} without an area"
         )
     return model
 

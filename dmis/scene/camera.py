@@ -44,7 +44,7 @@ class Camera:
         Depth along z, in units of camera space, at which a lens is sharp.
     texture_filter
         Over how many pixels images of materials are averaged where camera rays meet them; 0: they are not. It trades
-        noise for blur, see docs/scenes.md. A spherical camera has none.
+        noise for blur, see docs/does-not-pay.md. A spherical camera has none.
     """
 
     to_world: Array

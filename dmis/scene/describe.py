@@ -57,6 +57,9 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
 
 def describe_source(source: Mapping[str, Any]) -> Iterator[str]:
     """Yield lines about how a scene's file was read, see `dmis.scene.scene.Scene`."""
+    if "bounds" in source:
+        low, high = (", ".join(f"{x:.4g}" for x in source["bounds"][k : k + 3]) for k in (0, 3))
+        yield f"  from ({low}) to ({high}), {source['up']} is up"
     if "cameras" in source:
         yield f"  cameras of the file, the default first: {', '.join(source['cameras'])}"
     if "added" in source:

@@ -23,7 +23,7 @@ def texture_steps(camera: Camera, p: Array, ng: Array, dpdu: Array, dpdv: Array)
     """
     axes = np.asarray(camera.to_world, float)[:3, :3]
     depth = np.ones(p.shape[1], np.float32)
-    along = axes[:, 2:].astype(np.float32)
+    along: Array = axes[:, 2:].astype(np.float32)
     if camera.projection == "perspective":
         along = p - camera.origin
         depth = np.linalg.inv(axes)[2].astype(np.float32) @ along

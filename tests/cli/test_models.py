@@ -33,7 +33,17 @@ def test_a_model_alone(tmp_path, ball, capsys):
         assert image[3:5, 5:7].min() > 0.1
     assert "added to the file: a camera that sees all of it, because it has none; a sky and" in capsys.readouterr().out
     assert main(["info", ball]) == 0
-    assert "added to the file: a camera that sees all" in capsys.readouterr().out
+    about = capsys.readouterr().out
+    assert "added to the file: a camera that sees all" in about
+    assert "from (-1, -1, -1) to (1, 1, 1), y is up" in about
+
+
+def test_filtered_textures(tmp_path, ball):
+    """The option is a camera's; without images it changes no bit."""
+    plain, filtered = (image_of(tmp_path, ball, *more)[0] for more in ((), ("--filter-textures", "1")))
+    np.testing.assert_array_equal(plain, filtered)
+    with pytest.raises(SystemExit):
+        main(["render", ball, "--filter-textures", "0", "-o", str(tmp_path / "a.exr")])
 
 
 def test_camera_sky_and_material(tmp_path, ball):

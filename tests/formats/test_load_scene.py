@@ -260,7 +260,9 @@ def test_triangles_without_area_are_left_out(tmp_path) -> None:
         scene = load_scene(tmp_path / "a.obj")
     assert scene.parts[0].mesh.triangles == 1 and caught[0].filename == __file__
     (tmp_path / "b.obj").write_text(f"{corners}f 4 5 6\n")
-    with pytest.raises(ValueError, match=r"mesh must have a triangle with an area, .*; got 1 without"):
+    with pytest.raises(
+        ValueError, match=r"mesh must have a triangle with an area and an opacity, .*; got 1 without an area"
+    ):
         load_scene(tmp_path / "b.obj")
 
 

@@ -26,7 +26,7 @@ def floor_scene(**camera: Any) -> Scene:
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_steps_are_those_to_the_rays_of_a_pixel_beside(projection: Any) -> None:
-    """Steps of 0.01 pixels against differences of hits with the plane z = 0, to 10 % of half a pixel's; u and v are sheared."""
+    """Steps of 0.01 pixels against hits of the plane z = 0 half a pixel away, to 10 %; u and v are sheared."""
     camera = replace(floor_scene().camera, projection=projection, texture_filter=0.01)
     x, y = (np.float32(a.ravel()) for a in np.meshgrid(np.arange(1.0, 24, 5), np.arange(14.0, 20)))
 
@@ -45,7 +45,8 @@ def test_steps_are_those_to_the_rays_of_a_pixel_beside(projection: Any) -> None:
 def test_filtered_images_are_right_on_average_and_less_noisy() -> None:
     """Checks smaller than pixels become grey: the mean is the same, the variance a fifth at most."""
     sharp, smooth = (
-        [dmis.render(floor_scene(texture_filter=f), "balance", 4, seed=k).image[10:] for k in range(12)] for f in (0.0, 1.0)
+        [dmis.render(floor_scene(texture_filter=f), "balance", 4, seed=k).image[10:] for k in range(12)]
+        for f in (0.0, 1.0)
     )
     means = [np.mean(images, axis=(1, 2, 3)) for images in (sharp, smooth)]
     difference = means[0].mean() - means[1].mean()
