@@ -297,7 +297,7 @@ class Scene:
         direction
             Unit directions of the rays that hit, ``(3, N)``, of all hits.
         from_camera
-            Whether they are the camera's, which sees images averaged as `Camera.texture_filter` says.
+            Whether they are the camera's, see `Camera.texture_filter`.
 
         Returns
         -------
@@ -320,17 +320,11 @@ class Scene:
         p += ng * epsilon
         n, cos_o = self._shading_normals(group, prim, u, v, wo) if group.turns else (ng, np.abs(facing))
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
-        dpdu, uv = None, self._texture_coordinates(prim, u, v) if group.textured else None
-        if group.tangent is not None:
-            dpdu = group.tangent
-        elif group.anisotropic:
-            dpdu = columns(self.tables.dpdu, prim)
+        uv = self._texture_coordinates(prim, u, v) if group.textured else None
+        dpdu = columns(self.tables.dpdu, prim) if group.anisotropic and group.tangent is None else group.tangent
         lobes = {kind: getattr(group, kind) for kind in ("reflection", "transmission", "delta")}
         if row is not None or uv is not None:  # parameters differ from point to point
-            look_up: Callable[[Image], Array] = methodcaller("__call__", uv)
-            if from_camera and uv is not None and self.camera.texture_filter:
-                tangents = (columns(tangent, prim) for tangent in self.tables.tangents)
-                look_up = partial(averaged, uv=uv, steps=texture_steps(self.camera, p, ng, *tangents))
+            look_up = self._look_up(uv, prim, p, ng, from_camera)
             lobes = {kind: tuple(bind(lobe, row, look_up) for lobe in unbound) for kind, unbound in lobes.items()}
         points = ShadingPoints(
             p=p, ng=ng, n=n, wo=wo, cos_o=cos_o, outside=facing > 0, dpdu=dpdu, epsilon=epsilon, **lobes
@@ -348,6 +342,15 @@ class Scene:
         """Return interpolated texture coordinates ``(2, N)`` at points of triangles."""
         rows = columns(self.tables.uv, prim)
         return rows[2:4] * u + rows[4:6] * v + rows[:2]
+
+    def _look_up(
+        self, uv: Array | None, prim: Index, p: Array, ng: Array, from_camera: bool
+    ) -> Callable[[Image], Array]:
+        """Return what gives the values of images at points of triangles."""
+        if uv is None or not (from_camera and self.camera.texture_filter):
+            return methodcaller("__call__", uv)
+        tangents = (columns(tangent, prim) for tangent in self.tables.tangents)
+        return partial(averaged, uv=uv, steps=texture_steps(self.camera, p, ng, *tangents))
 
     def _shading_normals(self, group: Group, prim: Index, u: Array, v: Array, wo: Array) -> tuple[Array, Array]:
         """Return unit shading normals on wo's side ``(3, N)`` and ``n . wo`` ``(N,)`` at points of triangles."""
