@@ -23,12 +23,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import ROOT, replace_table
 
 import dmis
+from dmis.fit.rule import next_round
 from dmis.pipeline.checkpoint import Store
 from dmis.pipeline.executor import _send
 from dmis.pipeline.film import PassFilm
 from dmis.pipeline.job import resolve
-from dmis.pipeline.render import render_job
-from dmis.pipeline.tile import Tile, render_tile
+from dmis.pipeline.passes import Passes
+from dmis.pipeline.tile import make_tiles, render_tile
 
 PAGE = ROOT / "docs" / "cluster.md"
 RULE, SPP = "auto", 128
@@ -45,9 +46,7 @@ def main():
     size, tasks = ((64, 48), 200) if given.quick else ((256, 192), 2000)
 
     scene = dmis.load_scene("killeroo-diffuse", size)
-    tiles: list[Tile] = []
-    alone = render_job(resolve(scene, RULE, SPP, 0, dmis.Settings()), 1, observer=tiles.extend)
-    finals = [tile for tile in tiles if tile.pass_]
+    alone, finals = dmis.render(scene, RULE, SPP, parallel=1), final_tiles(scene)
     tile_seconds = alone.seconds["render"] / len(finals)
     merge, logged = (merge_seconds(scene, finals, file) for file in (False, True))
     renders = [f"| {scene.name}, {RULE}, {SPP} samples | seconds | pilot | fit | final |", "|---|---|---|---|---|"]
@@ -99,6 +98,17 @@ def main():
     print("\n".join([text, "", *last]))
     if not given.quick or given.page != PAGE:
         replace_table(given.page, "cluster", text)
+
+
+def final_tiles(scene):
+    """Return the tiles of the final round."""
+    job = resolve(scene, RULE, SPP, 0, dmis.Settings())
+    rounds, film = job.rule.rounds(job.budget), None
+    with Passes(job, 1) as passes:
+        while (round_ := next_round(rounds, film)) is not None:
+            tiles = make_tiles(scene.camera.resolution, job.seed, 1, round_)
+            film = passes.render(round_)
+    return tiles
 
 
 def merge_seconds(scene, tiles, file):

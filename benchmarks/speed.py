@@ -2,7 +2,7 @@
 Speed, and what was to be reached
 =================================
 
-How fast the renderer is on the scenes that come with dmis, beside the floor of the same Embree calls alone; where the
+How fast the renderer is on the scenes that come with dmis, beside the floor, the time in Embree; where the
 time goes; two threads; memory; start-up. Prints each target and whether it is met, writes the tables of
 docs/performance.md and everything measured to benchmarks/speed.json. Takes a few minutes and wants an idle machine.
 
@@ -22,13 +22,10 @@ from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path, PurePath
 
-import numpy as np
-
 import dmis
-from dmis.experiment.speed.bench import HEADER, Speed, bench
+from dmis.experiment.speed import HEADER, Speed, bench
 from dmis.pipeline.job import resolve
 from dmis.pipeline.render import render_job
-from dmis.pipeline.tile import Tile, render_tile
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "examples"))
@@ -82,21 +79,15 @@ def target_table(targets: list[Target]) -> list[str]:
     return ["| target | to reach | measured |", "|---|---|---|", *(f"{k} {', '.join(v)} |" for k, v in rows.items())]
 
 
-def time_by_part(name: str, rule: str, resolution: tuple[int, int], spp: int, limit: float = 10.0) -> dict[str, float]:
+def time_by_part(name: str, rule: str, resolution: tuple[int, int], spp: int) -> dict[str, float]:
     """Return the shares of `TIME_PARTS` and of shading in the time of the tiles of a render, which add up to 1.
 
-    With those of pilot and fit in its seconds. Tiles of all passes are rendered once more in a random order under
-    Python's profiler, for about `limit` seconds.
+    With those of pilot and fit in its seconds. It is rendered once more under Python's profiler.
     """
-    tiles: list[Tile] = []
     job = resolve(dmis.load_scene(name, resolution=resolution), rule, spp, 0, dmis.Settings())
-    stages = render_job(job, 1, observer=tiles.extend).seconds
+    stages = render_job(job, 1).seconds
     profile = cProfile.Profile(time.thread_time)
-    end = time.perf_counter() + limit
-    for k in np.random.default_rng(0).permutation(len(tiles)):
-        profile.runcall(render_tile, job.scene, tiles[k])
-        if time.perf_counter() > end:
-            break
+    profile.runcall(render_job, job, 1)
     seconds = dict.fromkeys((*TIME_PARTS, "shading"), 0.0)
     for (file, _, function), (_, _, _, inclusive, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         name = PurePath(file).name

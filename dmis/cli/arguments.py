@@ -233,7 +233,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
             "0, 35, 70 and 85 degrees (default: any, at most 1)", _albedo, (), metavar="A",
         ),
     }),
-    "bench": ("measure the time of renders against that of their Embree calls alone", {
+    "bench": ("measure the time of renders against that in their Embree calls", {
         "scenes": _option("scenes (default: those that come with dmis)", nargs="*", metavar="SCENE"),
         "--rules": _option("rules separated by commas (default %(default)s)", str, "balance,thesis"),
         "--resolution": _option("pixels (default 342x256)", resolution, (342, 256), metavar="WxH"),

@@ -29,7 +29,7 @@ from dmis.estimator.settings import make_settings
 from dmis.experiment.compare import check_output, compare, parse_rules, summary
 from dmis.experiment.oracle import make_oracle
 from dmis.experiment.reference import cache_folder, load_reference, make_reference
-from dmis.experiment.speed.bench import HEADER, bench
+from dmis.experiment.speed import HEADER, bench
 from dmis.fit.registry import RULES, make_rule
 from dmis.formats.load_scene import SHIPPED
 

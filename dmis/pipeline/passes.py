@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from types import TracebackType
 
@@ -22,8 +22,6 @@ from dmis.pipeline.tile import Tile, make_tiles, render_tile
 from dmis.scene.feature_buffers import render_feature_buffers
 from dmis.variance.moments import Film
 
-Observer = Callable[[Sequence[Tile]], None]
-"""Called with the tiles of a pass before they are rendered."""
 _CHECKPOINT_BYTES = 24  # of a pixel in a pass, statistics not counted
 
 
@@ -36,8 +34,6 @@ class Passes:
         As those of `dmis.pipeline.render.render`.
     progress
         Called after each tile.
-    observer
-        See `Observer`.
 
     Attributes
     ----------
@@ -62,9 +58,8 @@ class Passes:
         parallel: Parallel = None,
         progress: Progress | None = None,
         checkpoint: str | os.PathLike[str] | None = None,
-        observer: Observer | None = None,
     ) -> None:
-        self._job, self._progress, self._observer = job, progress, observer
+        self._job, self._progress = job, progress
         self._rounds = 0
         self._pixels = math.prod(job.scene.camera.resolution)
         self._release: Callable[[], None] = release if self._pixels >= LARGE_IMAGE else lambda: None
@@ -97,8 +92,6 @@ class Passes:
         began, resolution = time.perf_counter(), self._job.scene.camera.resolution
         self._release()
         tiles = make_tiles(resolution, self._job.seed, self._rounds, round_)
-        if self._observer:
-            self._observer(tuple(tiles))
         film = PassFilm.empty(resolution, len(tiles), round_)
         for film_tile in self._store.finished_tiles(self._rounds) if self._store else ():
             film.merge_tile(film_tile)

@@ -16,7 +16,7 @@ from dmis.fit.rule import Rule, next_round
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.film import average_films
 from dmis.pipeline.job import Job, resolve
-from dmis.pipeline.passes import Observer, Passes
+from dmis.pipeline.passes import Passes
 from dmis.pipeline.progress import Progress, reporting
 from dmis.pipeline.result import Result, make_result
 from dmis.pipeline.stopping import Stop
@@ -77,15 +77,14 @@ def render_job(
     parallel: Parallel = None,
     progress: Progress | bool | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    observer: Observer | None = None,
     stop: Stop | None = None,
 ) -> Result:
     """Render the rounds that the rule of a job asks for, and the last one doubled until a `stop`.
 
-    Parameters and errors are those of `render`; `observer` gets the tiles of each round before they are rendered.
+    Parameters and errors are those of `render`.
     """
     image, bar, began = [], reporting(progress) if progress else nullcontext(), time.perf_counter()
-    with bar as report, Passes(job, parallel, report, checkpoint, observer) as passes:
+    with bar as report, Passes(job, parallel, report, checkpoint) as passes:
         rounds, film = stop.rounds(job) if stop else job.rule.rounds(job.budget), None
         while (requested := next_round(rounds, film)) is not None:  # variance, fit, filter
             final, film = requested, None  # its statistics are large

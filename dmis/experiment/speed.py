@@ -1,79 +1,25 @@
 """Speed of renders against the Embree floor, as ``python -m dmis bench`` measures it.
 
-The floor of a render is the time of its Embree calls alone (`embree_seconds`). Machines differ and
-their speed varies; the ratio of total to floor, measured in turns, is the cost that NumPy adds.
+The floor of a render is the time in its Embree calls. Machines differ and their speed varies; the ratio of total to
+floor is the cost that NumPy adds.
 """
 
 from __future__ import annotations
 
 import math
 import statistics
-import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
-import numpy as np
-
-from dmis.base.vectors import Array
 from dmis.estimator.settings import make_settings
 from dmis.fit.registry import make_rule
 from dmis.formats.load_scene import load_scene
-from dmis.intersect import Hits, RayCaster
 from dmis.pipeline.job import resolve
 from dmis.pipeline.progress import Progress
 from dmis.pipeline.render import render_job
-from dmis.pipeline.tile import Tile, render_tile
-from dmis.scene.scene import Scene
 
-
-class Recorder:
-    """Ray caster that passes queries on to another one, and keeps them to be repeated."""
-
-    def __init__(self, caster: RayCaster) -> None:
-        self._caster = caster
-        self.queries: list[partial[Any]] = []
-
-    def closest(self, origin: Array, direction: Array) -> Hits:
-        """Return the closest hits, see `dmis.intersect.Intersector.closest`."""
-        self.queries.append(partial(self._caster.closest, origin, direction))
-        return self.queries[-1]()
-
-    def occluded(self, origin: Array, direction: Array, distance: Array) -> np.ndarray:
-        """Return whether rays are occluded, see `dmis.intersect.Intersector.occluded`."""
-        self.queries.append(partial(self._caster.occluded, origin, direction, distance))
-        return self.queries[-1]()
-
-
-def embree_seconds(scene: Scene, tiles: Sequence[Tile], threads: int) -> float:
-    """Return the wall seconds of the Embree calls of `tiles` alone, on `threads` threads.
-
-    Each tile is rendered once more with a caster that records its queries (a tile has the same rays every time), then
-    the queries are repeated alone.
-    """
-
-    def record(tile: Tile) -> list[partial[Any]]:
-        recorder = Recorder(scene.intersector)
-        render_tile(scene, tile, recorder)
-        return recorder.queries
-
-    def repeat(queries: Sequence[partial[Any]]) -> None:
-        for query in queries:
-            query()
-
-    seconds = 0.0
-    with ThreadPoolExecutor(threads) as executor:
-        for k in range(0, len(tiles), 4 * threads):  # a few tiles at a time: their rays are all in memory
-            queries_of_tiles = list(executor.map(record, tiles[k : k + 4 * threads]))
-            begin = time.perf_counter()
-            list(executor.map(repeat, queries_of_tiles))
-            seconds += time.perf_counter() - begin
-    return seconds
-
-
-HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | Embree alone | total / floor | range |
+HEADER = """| scene | rule | Msamples/s | Mrays/s | rays per sample | seconds | in Embree | total / floor | range |
 |---|---|---|---|---|---|---|---|---|"""
 
 
@@ -88,7 +34,7 @@ class Speed:
     rays
         Number of rays of the first render, by kind.
     seconds, floor
-        Wall seconds of each render, and of its Embree calls alone.
+        Wall seconds of each render, and those in its Embree calls, the mean over threads.
     """
 
     scene: str
@@ -127,14 +73,14 @@ def bench(
     progress: Progress | None = None,
     **options: Any,
 ) -> list[Speed]:
-    """Render every scene with every rule `repeats` times, in turns, each time followed by its Embree calls alone.
+    """Render every scene with every rule `repeats` times, in turns.
 
     Parameters
     ----------
     sources
         Names or files of scenes, see `dmis.formats.load_scene.load_scene`.
     parallel
-        Number of threads, of renders and of Embree alone.
+        Number of threads.
     progress
         Called as ``progress(case, done, total)`` after each render.
     options
@@ -152,13 +98,12 @@ def bench(
     speeds: dict[int, Speed] = {}
     for k in range(repeats):
         for n, (scene, rule) in enumerate(cases):
-            tiles: list[Tile] = []
             job = resolve(scene, rule, spp, seed + k, make_settings(**options))
-            result = render_job(job, parallel, observer=tiles.extend)
+            result = render_job(job, parallel)
             samples = math.prod(scene.camera.resolution) * job.spp
             begun = Speed(scene.name, job.rule_text, parallel, samples, dict(result.rays), [], [])
             speeds.setdefault(n, begun).seconds.append(result.seconds["total"])
-            speeds[n].floor.append(embree_seconds(job.scene, tiles, parallel))
+            speeds[n].floor.append(result.seconds["embree"] / parallel)
             if progress:
                 progress(f"{scene.name} {rule}", k * len(cases) + n + 1, repeats * len(cases))
     return list(speeds.values())

@@ -1,1 +1,0 @@
-"""Speed of renders, compared with the time of their Embree calls alone."""
