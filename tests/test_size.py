@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_245, "tests": 26_788}
+LINES = {"dmis": 27_204, "tests": 26_782}
 """Lines of Python files."""
 WORDS = 43_220
 """Words of the pages, tables included."""

@@ -1,8 +1,8 @@
-"""Lamps in one place: triangles that are there twice, stand back to back, or overlap in part.
+"""Lamps in one place: triangles that stand back to back, or overlap.
 
 Every triangle of a light emits on the side that it faces. Of several triangles at one distance a ray caster reports
-one, and which one is arbitrary. So copies of a triangle are left out, of two triangles back to back a ray meets the one
-that faces it, and lamps that overlap otherwise are refused (`dmis.scene.scene.Scene.prepare`).
+one, and which one is arbitrary. So copies of a triangle in one light are left out, of two triangles back to back a ray
+meets the one that faces it, and lamps that overlap otherwise are refused (`dmis.scene.scene.Scene.prepare`).
 """
 
 from __future__ import annotations
@@ -89,18 +89,6 @@ def lamp_triangles(parts: Sequence[Any]) -> tuple[Array, Index, Index]:
     corners = [np.zeros((0, 3, 3)), *(parts[k].mesh.vertices[parts[k].mesh.faces] for k in lamps)]
     numbers = [np.zeros(0, np.int64), *(np.arange(starts[k], starts[k + 1]) for k in lamps)]
     return np.concatenate(corners), np.concatenate(numbers), np.repeat([0, *lamps], [len(n) for n in numbers])
-
-
-def original_lights(parts: Sequence[Any]) -> list[Any]:
-    """Return the light of each part, or None; of a part whose triangles are copies of another's, the other's light."""
-    lights = [part.light for part in parts]
-    triangles, _, owner = lamp_triangles(parts)
-    same, _ = find_twins(triangles)
-    for k in np.unique(owner[owner[same] != owner]).tolist():
-        firsts = np.unique(owner[same[owner == k]])
-        if len(firsts) == 1:  # copies of some triangles only are an overlap in part
-            lights[k] = lights[firsts[0]]
-    return lights
 
 
 def find_overlaps(caster: RayCaster, triangles: Array, reach: float) -> tuple[Index, Index]:

@@ -7,7 +7,6 @@ package.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
@@ -98,10 +97,6 @@ class Light(Protocol):
     def mesh(self) -> Mesh | None:
         """Return the visible surface, whose winding shows the bright side; None for lights without any."""
         return None
-
-    def doubts(self) -> Iterable[str]:
-        """Return messages about the light, which a scene issues as warnings before it is rendered."""
-        return ()
 
     def hides_itself(self) -> bool:
         """Return whether a part of the light may stand in front of another, so that its mesh must be in the scene."""

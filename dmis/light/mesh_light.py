@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -213,16 +212,6 @@ class MeshLight(AreaLight):
 
     def mesh(self) -> Mesh:
         return self._mesh
-
-    def doubts(self) -> Iterator[str]:
-        """Yield a message if triangles are copies of others."""
-        same, _ = find_twins(self._mesh.vertices[self._mesh.faces])
-        copies = np.flatnonzero(same != np.arange(len(same)))
-        if len(copies):
-            yield (
-                f"triangle {copies[0]} of a mesh light is a copy of triangle {same[copies[0]]} and left out, as "
-                f"{len(copies)} of {len(same)} are; list it once, or reverse its corners to emit on the other side"
-            )
 
     def hides_itself(self) -> bool:
         """Return whether the triangles are not in one plane."""

@@ -106,8 +106,6 @@ def _left_out(plan: Plan) -> Iterator[str]:
     """Yield what the plan leaves out, and why."""
     if plan.removed_lights:
         yield f"{_count(plan.removed_lights, 'light')} that emit{'s' * (plan.removed_lights == 1)} nothing"
-    if plan.copied_lights:
-        yield f"{_count(plan.copied_lights, 'light')} in the place of another, a copy"
     if plan.removed_lobes:
         yield f"{_count(plan.removed_lobes, 'lobe')} that reflect{'s' * (plan.removed_lobes == 1)} nothing"
     needs = [*_needs(plan.groups), ("environment lookups", bool(plan.environment))]

@@ -20,7 +20,7 @@ MAX_OFFSET = 1e-3
 
 
 def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: float) -> Iterator[str]:
-    """Yield what lights say of themselves, lamps that are copies, and the first one nearer to a surface than `reach`.
+    """Yield a message about the first lamp that is nearer to a surface than `reach`.
 
     Parameters
     ----------
@@ -32,18 +32,13 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
     Raises
     ------
     ValueError
-        If two lamps overlap in part; it names both.
+        If two lamps overlap; it names both.
     """
     lights = [part.light for part in plan.parts]
     names = [
         f"part {k} ({part.material.name if light is None else type(light).__name__})"
         for k, (part, light) in enumerate(zip(parts, lights, strict=True))
     ] + [f"a {type(light).__name__} without a part" for light in plan.unseen]
-    for k, (part, light) in enumerate(zip(parts, lights, strict=True)):
-        if light is not None and light is not part.light:
-            yield f"{names[k]} is a copy of {names[lights.index(light)]} and left out"
-    for sampled in plan.sampled:
-        yield from sampled.doubts()
     unseen = [Part(mesh, Material(()), light) for light in plan.unseen if (mesh := light.mesh()) is not None]  # type: ignore[arg-type]
     triangles, _, owner = lamp_triangles([*plan.parts, *unseen])
     number, prim = find_overlaps(caster, triangles, reach)
@@ -56,8 +51,8 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
             near.append(f"{names[lamp]} is nearer to {names[other]} than {reach:.2g}, {place}")
         elif lamp < len(parts) and lights[other] is not lights[lamp]:
             raise ValueError(
-                f"lamps must not overlap in part, because a ray meets only one of them; got {names[lamp]} and "
-                f"{names[other]} in one place {place}. Move one, cut them, or make them equal and opposite"
+                f"lamps must not overlap, because a ray meets only one of them; got {names[lamp]} and {names[other]} "
+                f"in one place {place}. Move one, cut them, leave out one of equal ones, or make them opposite"
             )
     if near:
         more = f" (and {len(near) - 1} more such pairs)" if len(near) > 1 else ""

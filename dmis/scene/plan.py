@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from dmis.brdf.materials import Material
-from dmis.light.coincident import original_lights
 from dmis.light.light import AreaLight, DeltaLight, InfiniteLight, Light, SampledLight
 from dmis.light.pieces import Pieces
 from dmis.light.selection import SELECTIONS, select_lights
@@ -46,10 +45,9 @@ class Plan:
     environment
         Infinite lights, which camera rays see where they leave the scene.
     parts
-        The scene's parts, simplified. Their lights have power; that of a part that copies another is the other's.
-    removed_lights, copied_lights, removed_lobes
-        Number of lights without power, of lights whose parts are copies of others, and of black lobes, which are left
-        out.
+        The scene's parts, simplified. Their lights have power.
+    removed_lights, removed_lobes
+        Number of lights without power, and of black lobes, which are left out.
     unseen
         Sampled lights with a surface that no part has, so that the camera does not see it.
     headlights
@@ -87,12 +85,8 @@ class Plan:
             )
             for part in parts
         )
-        originals = original_lights(parts)
-        copies = {id(part.light) for part in parts} - {id(light) for light in originals}
-        self.copied_lights = len(copies)
-        self.sampled = tuple(light for light in self.sampled if id(light) not in copies)
-        self.parts = parts = tuple(replace(part, light=light) for part, light in zip(parts, originals, strict=True))
-        seen = {id(light) for light in originals}
+        self.parts = parts
+        seen = {id(part.light) for part in parts}
         self.unseen = tuple(light for light in self.sampled if id(light) not in seen and light.mesh() is not None)
         for part in parts:
             key = batch_key(part)

@@ -131,19 +131,13 @@ def test_twins_have_the_same_corners() -> None:
     assert same.tolist() == [0, 0, 2, 2, 4, 0] and reverse.tolist() == [2, 2, 0, 0, -1, 2]
 
 
-def test_copies_are_left_out() -> None:
-    """With a warning: triangles of a mesh, and whole lamps, whose parts show the light that is left."""
+def test_copies_are_left_out_of_a_mesh_and_refused_of_lamps() -> None:
+    """Triangles that a mesh light lists twice count once; two lamps in one place would be twice as bright, or not."""
     doubled, single = (scene_of((MeshLight(CORNERS, np.array(faces), RED),)) for faces in (DOWN + DOWN, DOWN))
-    with pytest.warns(SceneWarning, match="triangle 2 of a mesh light is a copy of triangle 0 and left out, as 2 of 4"):
-        image = render(doubled, "balance", 16, seed=1).image
-    np.testing.assert_array_equal(image, render(single, "balance", 16, seed=1).image)
-    twice, once = (
-        scene_of(lamps) for lamps in ((BELOW, QuadLight(BELOW.corner, BELOW.edge_u, BELOW.edge_v, BLUE)), (BELOW,))
-    )
-    assert twice.plan.sampled == (BELOW,) and "1 light in the place of another, a copy" in twice.describe()
-    with pytest.warns(SceneWarning, match="part 3 .* is a copy of part 2 .* and left out"):
-        image = render(twice, "balance", 16, seed=1).image
-    np.testing.assert_array_equal(image, render(once, "balance", 16, seed=1).image)
+    images = [render(scene, "balance", 16, seed=1).image for scene in (doubled, single)]
+    np.testing.assert_array_equal(*images)
+    with pytest.raises(ValueError, match=r"got part \d \(QuadLight\) and part \d \(QuadLight\) in one place at"):
+        scene_of((BELOW, QuadLight(BELOW.corner, BELOW.edge_u, BELOW.edge_v, BLUE))).prepare()
 
 
 def test_overlaps_in_part_are_refused() -> None:
