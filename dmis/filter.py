@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from dmis.base.validate import positive, whole
 from dmis.base.vectors import Array
 
 MAX_TAPS = 1001
@@ -30,10 +31,8 @@ def gaussian(values: Array, sigma: float = 1.0, radius: int = 2, weight: Array |
     weight
         Weight of each entry in the averages, ``(H, W)``, not negative; None: all have the same.
     """
-    if not (sigma > 0 and np.isfinite(sigma)):
-        raise ValueError(f"sigma must be positive; got {sigma}")
-    if radius < 0:
-        raise ValueError(f"radius must not be negative; got {radius}")
+    positive("sigma", sigma)
+    whole("radius", radius, 0)
     values = np.asarray(values, np.float64)
     count = np.isfinite(values).astype(np.float64)
     if weight is not None:
@@ -97,10 +96,6 @@ def joint(
     entries
         Effective number of entries in each mean, ``(sum w)^2 / sum w^2``, ``(H, W)``.
     """
-    if not (sigma > 0 and np.isfinite(sigma)):
-        raise ValueError(f"sigma must be positive; got {sigma}")
-    if radius < 0:
-        raise ValueError(f"radius must not be negative; got {radius}")
     height, width = values.shape[-2:]
     stacked = np.concatenate([np.zeros((1, height, width)), *(g / scales[name] for name, g in features.items())])
     total = np.array(values, np.float64)

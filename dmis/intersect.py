@@ -63,7 +63,7 @@ class Intersector:
     Parameters
     ----------
     vertices, faces
-        ``(V, 3)`` and ``(F, 3)``.
+        ``(V, 3)`` and ``(F, 3)``, at least one face, as a `dmis.Mesh` has checked them: Embree does not.
     check
         Whether every ray is tested for NaN: one NaN makes Embree walk its whole tree, about 1 ms per ray, which looks
         like a hang. Default: `CHECK_RAYS`.
@@ -75,7 +75,6 @@ class Intersector:
 
         keep()  # Embree's threads would have an arena of their own
         self._scene = rtcore_scene.EmbreeScene(robust=True)
-        vertices, faces = _checked_mesh(vertices, faces)
         self._mesh = TriangleMesh(
             self._scene, vertices.astype(np.float32, copy=False), faces.astype(np.int32, copy=False)
         )
@@ -168,17 +167,3 @@ class HoleCaster:
             hits = self.closest(origin[:, ray], direction[:, ray])
             blocked[ray] = (hits.prim >= 0) & (hits.distance < distance[ray])
         return blocked
-
-
-def _checked_mesh(vertices: Array, faces: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Return vertices (V, 3) and faces (F, 3) as arrays; raise a ValueError on faults that Embree does not check."""
-    vertices, faces = np.asarray(vertices), np.asarray(faces)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-        raise ValueError(
-            f"a mesh needs vertices (V, 3) and at least one face (F, 3); got {vertices.shape} and {faces.shape}"
-        )
-    if not np.isfinite(vertices).all():
-        raise ValueError("vertices must be finite, because Embree misbehaves silently on NaN and infinity")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError(f"faces must index the {len(vertices)} vertices; got {faces.min()} to {faces.max()}")
-    return vertices, faces

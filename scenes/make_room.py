@@ -100,8 +100,8 @@ def leaf() -> Array:
 def things(metals: bool = False, leaves: bool = True) -> list[Thing]:
     """The contents of the room."""
     brass: dict[str, Any] = {"colour": (0.91, 0.72, 0.38), "metallic": 1.0, "roughness": 0.42}
-    pot = shapes.cylinder(0.3, 0.0, 0.5).transformed(transforms.rotate(-90, (1, 0, 0)))
-    top = shapes.disk(0.5, 0.3).transformed(transforms.rotate(-90, (1, 0, 0)))
+    pot = shapes.cylindrical(0.3, 0.0, 0.5).mesh().transformed(transforms.rotate(-90, (1, 0, 0)))
+    top = shapes.circular(0.5, 0.3).mesh().transformed(transforms.rotate(-90, (1, 0, 0)))
     move = transforms.translate((0.75, 0, -0.2))
     contents = [
         Thing("floor", quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)), image=planks(), roughness=0.45 if metals else None),

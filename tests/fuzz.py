@@ -414,15 +414,13 @@ KINDS = {
 @contextlib.contextmanager
 def small():
     """Limits that are reached in time; no plots."""
-    full = {name: getattr(shapes, name) for name in ("sphere", "disk", "cylinder")}
+    mesh = shapes.Quadric.mesh
     with contextlib.ExitStack() as stack:
         stack.enter_context(mock.patch.object(subdivision, "MAX_SUBDIVIDED", 2**10))
         stack.enter_context(mock.patch.object(reader, "MAX_SCENE_TRIANGLES", 2**14))
         for plot in ("experiment.report.page.write_report", "experiment.report.plots.convergence"):
             stack.enter_context(mock.patch(f"dmis.{plot}"))
-        for name, of in full.items():
-            few = lambda *a, of=of, **k: of(*a, **{**k, "segments": 8})  # noqa: E731
-            stack.enter_context(mock.patch.object(shapes, name, few))
+        stack.enter_context(mock.patch.object(shapes.Quadric, "mesh", lambda quadric, segments=8: mesh(quadric, 8)))
         yield
 
 

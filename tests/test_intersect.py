@@ -1,7 +1,5 @@
 """Embree against brute force, and what it refuses."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from brute_force import BruteForce
@@ -96,24 +94,6 @@ def test_few_rays(count: int) -> None:
     for caster in (Intersector(*soup()), BruteForce(*soup())):
         assert caster.closest(origin, direction).prim.shape == (count,)
         assert caster.occluded(origin, direction, np.ones(count, np.float32)).shape == (count,)
-
-
-@pytest.mark.parametrize(
-    "vertices, faces, message",
-    [
-        (np.zeros((3, 2)), [[0, 1, 2]], "a mesh needs vertices"),
-        (np.zeros((3, 3)), [[0, 1]], "a mesh needs vertices"),
-        (np.zeros((3, 3)), np.empty((0, 3), int), "at least one face"),
-        (np.full((3, 3), np.nan), [[0, 1, 2]], "vertices must be finite"),
-        (np.full((3, 3), np.inf), [[0, 1, 2]], "vertices must be finite"),
-        (np.zeros((3, 3)), [[0, 1, 3]], "faces must index the 3 vertices; got 0 to 3"),
-        (np.zeros((3, 3)), [[-1, 1, 2]], "faces must index"),
-    ],
-)
-def test_bad_meshes(vertices: Array, faces: Any, message: str) -> None:
-    """Embree does not check: wrong shapes and indices would read foreign memory."""
-    with pytest.raises(ValueError, match=message):
-        Intersector(vertices, np.asarray(faces))
 
 
 @pytest.mark.parametrize(

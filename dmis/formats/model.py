@@ -16,7 +16,7 @@ from dmis.base.named_files import named_file
 from dmis.base.validate import number
 from dmis.brdf.materials import Material, matte
 from dmis.brdf.texture import Image
-from dmis.geometry.mesh import Mesh, without_degenerate
+from dmis.geometry.mesh import Mesh, have_area
 from dmis.light.light import Light
 from dmis.light.mesh_light import MeshLight
 from dmis.scene.camera import Camera
@@ -84,13 +84,11 @@ class Model:
 
     def drop_flat(self, mesh: Mesh) -> Mesh | None:
         """Return a mesh without its triangles that have no area, which are counted; None if all are such."""
-        try:
-            mesh, dropped = without_degenerate(mesh)
-        except ValueError:
-            self.flat += mesh.triangles
-            return None
-        self.flat += dropped
-        return mesh
+        kept = have_area(mesh)
+        self.flat += int((~kept).sum())
+        if kept.all():
+            return mesh
+        return Mesh(mesh.vertices, mesh.faces[kept], mesh.normals, mesh.uv) if kept.any() else None
 
     def file(self, name: str) -> Path | None:
         """Return the path of a file that this one names; None if there is none, which is counted as left out.

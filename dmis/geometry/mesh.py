@@ -51,7 +51,6 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = table("vertices", self.vertices, 3)
         rows = len(vertices)
-        _check_near("vertices", vertices, "Embree computes")
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
             what = "integers of shape (F, 3), F >= 1, three vertex indices per triangle"
@@ -69,8 +68,6 @@ class Mesh:
                 raise ValueError(f"normals must not be zero, because they give directions; got a zero in row {row}")
             normals = normals / length
         uv = None if self.uv is None else table("uv", self.uv, 2, rows)
-        if uv is not None:
-            _check_near("uv", uv, "lookups are")
         vars(self).update(vertices=vertices, faces=np.ascontiguousarray(faces, np.int32), normals=normals, uv=uv)
 
     @property
@@ -126,17 +123,10 @@ def concatenate(meshes: Sequence[Mesh]) -> Mesh:
     return Mesh(np.concatenate([m.vertices for m in meshes]), faces, normals, uv)
 
 
-def without_degenerate(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return a mesh without its triangles that have no area, up to rounding, and their number.
-
-    A ValueError if all are such.
-    """
+def have_area(mesh: Mesh) -> npt.NDArray[np.bool_]:
+    """Return whether triangles have an area, up to rounding, (F,): no ray hits others."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    kept = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * _longest(a, b, c)
-    if not kept.any():
-        raise ValueError(f"mesh must have a triangle with an area, because no ray hits others; got {len(kept)} without")
-    dropped = len(kept) - int(kept.sum())
-    return (Mesh(mesh.vertices, mesh.faces[kept], mesh.normals, mesh.uv) if dropped else mesh), dropped
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12 * _longest(a, b, c))
 
 
 def _longest(a: Floats, b: Floats, c: Floats) -> Floats:
@@ -201,22 +191,14 @@ def unit(vectors: Floats) -> Floats:
 
 
 def table(name: str, value: npt.ArrayLike, columns: int, rows: int | None = None) -> Floats:
-    """Return `value` as float64 of shape (rows, columns); raise a ValueError on another shape or a NaN or infinity."""
+    """Return `value` as float64 of shape (rows, columns); a ValueError unless all is finite and within `FARTHEST`."""
     table = np.ascontiguousarray(value, np.float64)
     if table.ndim != 2 or table.shape[1] != columns or rows not in (None, len(table)):
         shape = f"(V, {columns})" if rows is None else f"({rows}, {columns}), a row for each vertex"
         raise ValueError(f"{name} must have shape {shape}; got {table.shape}")
-    finite = np.isfinite(table).all(axis=1)
-    if not finite.all():
-        row = int(np.argmin(finite))
-        got = f"{table[row].tolist()} in row {row}"
-        raise ValueError(f"{name} must be finite, because Embree does not check; got {got}")
+    near = (np.abs(table) <= FARTHEST).all(axis=1)
+    if not near.all():
+        row = int(np.argmin(near))
+        rule = f"finite, within {FARTHEST:g} of 0, because they become float32"
+        raise ValueError(f"{name} must be {rule}; got {table[row].tolist()} in row {row}")
     return table
-
-
-def _check_near(name: str, table: Floats, what: str) -> None:
-    """Raise a ValueError unless all rows are within `FARTHEST` of the origin."""
-    if len(table) and np.abs(table).max() > FARTHEST:
-        row = int(np.argmax(np.abs(table).max(axis=1)))
-        got = f"{table[row].tolist()} in row {row}"
-        raise ValueError(f"{name} must be within {FARTHEST:g} of the origin, because {what} in float32; got {got}")

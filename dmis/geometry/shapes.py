@@ -16,35 +16,6 @@ from dmis.base.vectors import Floats
 from dmis.geometry.mesh import Mesh, vertex_normals, weld
 
 
-def sphere(
-    radius: float = 1, zmin: float | None = None, zmax: float | None = None, phimax: float = 360, segments: int = 256
-) -> Mesh:
-    """Return the mesh of a sphere about the origin, from height `zmin` to `zmax`, up to azimuth `phimax`; normals out.
-
-    `segments` quads go around a full circle. The heights default to the poles and are clamped to them. uv are pbrt's:
-    azimuth, and polar angle from `zmin` to `zmax`.
-    """
-    quadric = spherical(radius, zmin, zmax, phimax)
-    return quadric.mesh(*quadric.lines(segments))
-
-
-def cylinder(radius: float = 1, zmin: float = -1, zmax: float = 1, phimax: float = 360, segments: int = 256) -> Mesh:
-    """Return the mesh of an open cylinder about z, up to azimuth `phimax`; normals out; uv are azimuth and height."""
-    quadric = cylindrical(radius, zmin, zmax, phimax)
-    return quadric.mesh(*quadric.lines(segments))
-
-
-def disk(
-    height: float = 0, radius: float = 1, innerradius: float = 0, phimax: float = 360, segments: int = 256
-) -> Mesh:
-    """Return the mesh of a disk or ring at z = `height`, up to azimuth `phimax`; normal +z.
-
-    uv are pbrt's: azimuth, and radius from the rim to the centre.
-    """
-    quadric = circular(height, radius, innerradius, phimax)
-    return quadric.mesh(*quadric.lines(segments))
-
-
 @dataclass(frozen=True, eq=False)
 class Quadric:
     """A quadric of pbrt in object space: a map from (u, v) in [0, 1]^2, which a grid of lines tessellates.
@@ -77,14 +48,22 @@ class Quadric:
         columns = int(np.ceil(whole("segments", segments, 3) * self.phimax / 360))
         return np.linspace(0, 1, columns + 1), np.linspace(0, 1, max(1, segments // 2 if self.arc else 1) + 1)
 
-    def mesh(self, u: Floats, v: Floats) -> Mesh:
+    def mesh(self, segments: int = 256) -> Mesh:
+        """Return its mesh with `segments` quads around a full circle, evenly spaced; uv are (u, v)."""
+        return self.mesh_between(*self.lines(segments))
+
+    def mesh_between(self, u: Floats, v: Floats) -> Mesh:
         """Return the mesh of the triangles between lines u (A,) and v (B,), both from 0 to 1; uv are (u, v)."""
         uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=2)
         return grid(*self.at(np.radians(self.phimax) * uv[..., 0], uv[..., 1]), uv)
 
 
 def spherical(radius: float = 1, zmin: float | None = None, zmax: float | None = None, phimax: float = 360) -> Quadric:
-    """Return the quadric of `sphere`, which tessellates it."""
+    """Return a sphere about the origin, from height `zmin` to `zmax`, up to azimuth `phimax`; normals out.
+
+    The heights default to the poles and are clamped to them. uv are pbrt's: azimuth, and polar angle from `zmin` to
+    `zmax`.
+    """
     low, high = -positive("radius", radius) if zmin is None else zmin, radius if zmax is None else zmax
     bottom, top = (float(np.arccos(np.clip(z / radius, -1, 1))) for z in (low, high))
     if not bottom > top:
@@ -99,7 +78,7 @@ def spherical(radius: float = 1, zmin: float | None = None, zmax: float | None =
 
 
 def cylindrical(radius: float = 1, zmin: float = -1, zmax: float = 1, phimax: float = 360) -> Quadric:
-    """Return the quadric of `cylinder`, which tessellates it."""
+    """Return an open cylinder about z, up to azimuth `phimax`; normals out; uv are azimuth and height."""
     positive("radius", radius)
     if not zmin < zmax:
         raise ValueError(f"zmin must be below zmax, else the cylinder is empty; got {zmin}, {zmax}")
@@ -112,7 +91,10 @@ def cylindrical(radius: float = 1, zmin: float = -1, zmax: float = 1, phimax: fl
 
 
 def circular(height: float = 0, radius: float = 1, innerradius: float = 0, phimax: float = 360) -> Quadric:
-    """Return the quadric of `disk`, which tessellates it."""
+    """Return a disk or ring at z = `height`, up to azimuth `phimax`; normal +z.
+
+    uv are pbrt's: azimuth, and radius from the rim to the centre.
+    """
     if not 0 <= innerradius < positive("radius", radius):
         raise ValueError(f"innerradius must be at least 0 and less than the radius {radius}; got {innerradius}")
 
@@ -121,6 +103,11 @@ def circular(height: float = 0, radius: float = 1, innerradius: float = 0, phima
         return np.stack([r * np.cos(phi), r * np.sin(phi), 0 * r + height], axis=2), None
 
     return Quadric(radius, phimax, at)
+
+
+def sphere(radius: float = 1, segments: int = 256) -> Mesh:
+    """Return the mesh of a whole sphere about the origin, with `segments` quads around a full circle; normals out."""
+    return spherical(radius).mesh(segments)
 
 
 def quad(corner: npt.ArrayLike, u: npt.ArrayLike, v: npt.ArrayLike) -> Mesh:

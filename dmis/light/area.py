@@ -96,7 +96,7 @@ class DiskLight(AreaLight):
         matrix = transforms.translate(self.centre)
         s, t = (axis[:, 0].astype(float) for axis in frame(normal[:, None]))
         matrix[:3, :3] = np.stack([s, t if np.cross(s, t) @ normal > 0 else -t, normal], axis=1)
-        return shapes.disk(radius=self.radius).transformed(matrix)
+        return shapes.circular(radius=self.radius).mesh().transformed(matrix)
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,8 +103,12 @@ class Independent:
         return self._rng.random((2, size(index, self._size)), dtype=np.float32)
 
 
-class _Sequence:
-    """Base of the samplers with a point sequence per pixel: the index in it that a sample uses."""
+class Stratified:
+    """Sampler of a jittered grid: n points fill ``floor(sqrt n)`` rows of equal columns; the rest are random.
+
+    All pixels use the cells of a draw in one order, but each pixel starts it at a random cell. With one start for all,
+    every pixel would combine the same cells of two draws, and the errors of their products would be correlated.
+    """
 
     def __init__(self, block: PixelBlock) -> None:
         self._rng, self._pixels, self._spp = block.rng, len(block.pixels), block.stops[-1]
@@ -113,38 +117,24 @@ class _Sequence:
         steps = itertools.pairwise((0, *block.stops))
         self._camera = np.concatenate([a + block.rng.permutation(b - a) for a, b in steps])
         self._pixel = self._number = np.empty(0, np.int64)
-        self._orders: dict[Hashable, np.ndarray] = {}
-        self._begins: dict[Hashable, np.ndarray] = {}
+        self._cells: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
 
     def start(self, pixel: np.ndarray, number: np.ndarray) -> None:
         """See `Sampler.start`."""
         self._pixel, self._number = pixel, number
 
-    def _place(self, key: Hashable, index: Selection | None, number: np.ndarray | None) -> np.ndarray:
-        """Return the index in its pixel's sequence for each selected sample, ``(N,)``."""
-        if number is not None:
-            return np.minimum(number, self._length - 1)
-        sample_index = take(self._number, index)
-        return self._camera.take(sample_index) if key == "camera" else sample_index
-
-
-class Stratified(_Sequence):
-    """Sampler of a jittered grid: n points fill ``floor(sqrt n)`` rows of equal columns; the rest are random.
-
-    All pixels use the cells of a draw in one order, but each pixel starts it at a random cell. With one start for all,
-    every pixel would combine the same cells of two draws, and the errors of their products would be correlated.
-    """
-
     def draw(self, key: Hashable, index: Selection | None, number: np.ndarray | None = None) -> Array:
         """See `Sampler.draw`."""
         n = self._spp if number is None else self._length
-        if key not in self._orders:
-            self._orders[key] = self._rng.permutation(n)
-            self._begins[key] = self._rng.integers(n, size=self._pixels)
+        if key not in self._cells:
+            self._cells[key] = self._rng.permutation(n), self._rng.integers(n, size=self._pixels)
+        order, begins = self._cells[key]
+        place = take(self._number, index) if number is None else np.minimum(number, self._length - 1)
+        if number is None and key == "camera":
+            place = self._camera.take(place)
+        cell = order.take(place + begins.take(take(self._pixel, index)), mode="wrap")
         rows = int(np.sqrt(n))
         columns = n // rows
-        begin = self._begins[key].take(take(self._pixel, index))
-        cell = self._orders[key].take(self._place(key, index, number) + begin, mode="wrap")
         u = self._rng.random((2, len(cell)), dtype=np.float32)
         inside = cell < rows * columns
         y, x = np.divmod(cell, columns)

@@ -15,7 +15,7 @@ import trimesh
 from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
 from dmis.geometry.mesh_files import from_trimesh, load_mesh
-from dmis.geometry.shapes import cylinder, disk, quad, sphere
+from dmis.geometry.shapes import circular, cylindrical, quad, sphere, spherical
 from dmis.geometry.subdivision import loop_subdivide
 from dmis.geometry.transforms import look_at, rotate, scale, translate
 
@@ -377,7 +377,7 @@ def test_sphere():
 
 
 def test_sphere_zone():
-    mesh = sphere(2, -1, 1.5, 90, segments=64)
+    mesh = spherical(2, -1, 1.5, 90).mesh(64)
     np.testing.assert_allclose([mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()], [-1, 1.5])
     assert (mesh.vertices[:, :2] > -1e-12).all()
     v0, v1 = np.arccos(-1 / 2), np.arccos(1.5 / 2)
@@ -385,11 +385,11 @@ def test_sphere_zone():
     np.testing.assert_allclose(
         np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0]), mesh.uv[:, 0] * np.pi / 2, atol=1e-8
     )
-    np.testing.assert_allclose(sphere(1, -9, 9, segments=8).vertices, sphere(segments=8).vertices)
+    np.testing.assert_allclose(spherical(1, -9, 9).mesh(8).vertices, sphere(segments=8).vertices)
 
 
 def test_cylinder():
-    mesh = cylinder(2, -1, 3, 180, segments=100)
+    mesh = cylindrical(2, -1, 3, 180).mesh(100)
     assert mesh.triangles == 100
     np.testing.assert_allclose(np.hypot(*mesh.vertices[:, :2].T), 2)
     np.testing.assert_allclose(mesh.normals, mesh.vertices / 2 * [1, 1, 0], atol=1e-8)
@@ -399,7 +399,7 @@ def test_cylinder():
 
 @pytest.mark.parametrize("inner, phimax", [(0, 360), (0.5, 360), (0, 100), (0.5, 100)])
 def test_disk(inner, phimax):
-    mesh = disk(3, 2, inner, phimax)
+    mesh = circular(3, 2, inner, phimax).mesh()
     np.testing.assert_allclose(flat_normals(mesh.vertices, mesh.faces), np.broadcast_to([0, 0, 1], (mesh.triangles, 3)))
     np.testing.assert_array_equal(mesh.vertices[:, 2], 3)
     np.testing.assert_allclose(area_of(mesh).sum(), np.pi * (4 - inner**2) * phimax / 360, rtol=1e-3)
@@ -498,7 +498,7 @@ V, F = TRIANGLE
         (lambda: Mesh(V, F, normals=V[:2]), r"normals must have shape \(3, 3\), a row for each vertex; got \(2, 3\)"),
         (lambda: Mesh(V, F, normals=V), r"normals must not be zero, .* in row 0"),
         (lambda: Mesh(V, F, uv=V), r"uv must have shape \(3, 2\)"),
-        (lambda: Mesh(V, F, uv=np.full((3, 2), 1e19)), r"uv must be within 1e\+18 of the origin, .* in row 0"),
+        (lambda: Mesh(V, F, uv=np.full((3, 2), 1e19)), r"uv must be finite, within 1e\+18 of 0, .* in row 0"),
         (lambda: Mesh(V, F).transformed(np.eye(3)), r"matrix must be finite, 4x4"),
         (lambda: Mesh(V, F).transformed(np.diag([1, 1, 0, 1])), r"matrix must be invertible, because normals"),
         (lambda: concatenate([]), r"meshes must hold at least one mesh"),
@@ -514,11 +514,11 @@ V, F = TRIANGLE
         (lambda: loop_subdivide(V, F, 13), r"levels must leave at most 16777216 triangles, .* got 13 for 1 triangles"),
         (lambda: loop_subdivide(V, [[0, 1, 1]], 1), r"three different corners; got \[0, 1, 1\] in face 0"),
         (lambda: sphere(-1), r"radius must be positive and finite; got -1"),
-        (lambda: sphere(1, 2, 3), r"zmin must be below zmax on a sphere of radius 1, .*; got 2, 3"),
-        (lambda: sphere(phimax=0), r"phimax must be above 0 and at most 360 degrees; got 0"),
+        (lambda: spherical(1, 2, 3), r"zmin must be below zmax on a sphere of radius 1, .*; got 2, 3"),
+        (lambda: spherical(phimax=0), r"phimax must be above 0 and at most 360 degrees; got 0"),
         (lambda: sphere(segments=2), r"segments must be a whole number of at least 3; got 2"),
-        (lambda: cylinder(zmin=1, zmax=1), r"zmin must be below zmax"),
-        (lambda: disk(innerradius=1), r"innerradius must be at least 0 and less than the radius 1; got 1"),
+        (lambda: cylindrical(zmin=1, zmax=1), r"zmin must be below zmax"),
+        (lambda: circular(innerradius=1), r"innerradius must be at least 0 and less than the radius 1; got 1"),
         (lambda: quad(V[0], V[1], V[1]), r"u x v must not be zero"),
     ],
 )

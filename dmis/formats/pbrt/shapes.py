@@ -76,7 +76,7 @@ def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: b
     with blame(name):
         surface, size = SHAPES[name.name](parameters)
         quadric = surface if isinstance(surface, Quadric) else None
-        mesh = surface.mesh(*surface.lines(8)) if isinstance(surface, Quadric) else surface
+        mesh = surface.mesh(8) if isinstance(surface, Quadric) else surface
         mask = make_mask(name.name, parameters)
     return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), size, quadric, mask)
 
@@ -214,7 +214,7 @@ def tessellate_quadrics(
         if shape.quadric is not None:
             u, v, error = next(grids)
             key = id(shape.quadric), u.tobytes(), v.tobytes()
-            meshes[key] = meshes.get(key) or shape.quadric.mesh(u, v)
+            meshes[key] = meshes.get(key) or shape.quadric.mesh_between(u, v)
             shape = replace(shape, mesh=meshes[key])
             pixels[emits], triangles = max(pixels[emits], error), triangles + shape.mesh.triangles
         finished.append(shape)
