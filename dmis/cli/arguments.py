@@ -227,7 +227,6 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
     }),
     "check": ("check lobes, lights, techniques and rules of your own", {
         "file": _option("Python file that defines lobes, lights, techniques or rules", metavar="FILE.py"),
-        OUTPUT: _option("directory of the pictures of what failed (default: that of the file)", Path, metavar="DIR"),
         "--albedo": _option(
             "largest channel of the albedo that a lobe must have: one number, or four separated by commas, for wo at "
             "0, 35, 70 and 85 degrees (default: any, at most 1)", _albedo, (), metavar="A",

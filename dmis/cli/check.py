@@ -6,18 +6,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from dmis.base.atomic_files import check_folder
 from dmis.base.plugins import load_plugin
 from dmis.testing.find import RECOGNISED, find
-from dmis.testing.outcome import Outcome, attempt, line, summary, write_figures
+from dmis.testing.outcome import Outcome, attempt, line, summary
 
 
 def check(options: argparse.Namespace) -> int:
     """Run ``check`` and return its exit code: 1 if a check failed, or a class of the file was not checked."""
     file = Path(options.file)
-    folder = file.parent if options.output is None else options.output
-    if options.output is not None:
-        check_folder(folder)
     if not file.is_file():
         raise FileNotFoundError(f"no such file: {file}; check needs a Python file with the code to check")
     load_plugin(file)
@@ -38,9 +34,4 @@ def check(options: argparse.Namespace) -> int:
         print(*map(line, results), sep="\n", flush=True)
         outcomes += results
     print(summary(outcomes, list(skipped)))
-    try:
-        for path in write_figures(outcomes, folder, file.stem):
-            print(path)
-    except ImportError as error:
-        print(f"dmis: pictures of what failed are left out ({error})", file=sys.stderr)
     return int(bool(skipped) or not all(outcome.passed for outcome in outcomes))

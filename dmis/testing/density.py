@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -131,28 +130,14 @@ class DensityView:
         missed, square = (float(cells.integrate(part)[0].sum()) for part in (largest * (pdf <= 0), ratio))
         return Integral(sums[:, 0], sums[:, 1], missed, square)
 
-    def figure(self) -> Any:
-        """Return a figure of observed and expected counts and their difference in standard deviations."""
-        from dmis import plot
-
-        figure, axes = plot.canvas(1, 3, 13, 4.2)
+    def worst(self) -> str:
+        """Return the direction around which the counts of a cell are least expected, and these."""
         expected, error = self.expected
-        difference = (self.observed - expected) / np.sqrt(np.maximum(expected + error**2, 1))
-        counts = {"vmin": 0, "vmax": max(self.observed.max(), expected.max())}
-        maps = (
-            ("directions of sample in each cell", self.observed, counts),
-            (f"expected by {self.pdf_name}", expected, counts),
-            ("difference / standard deviation", difference, {"vmin": -6, "vmax": 6, "cmap": "RdBu_r"}),
-        )
-        for axis, (name, values, options) in zip(axes[0], maps, strict=True):
-            axis.set_title(name, fontsize="medium")
-            figure.colorbar(axis.pcolormesh(np.degrees(self.cells.phi), range(len(values) + 1), values, **options))
-            rows = np.arange(0, len(values) + 1, 2)
-            axis.set_yticks(rows, [f"{edge:.3g}°" for edge in np.degrees(self.cells.theta[rows])], fontsize="x-small")
-        figure.supxlabel("azimuth about the axis (degrees)", fontsize="small")
-        figure.supylabel("angle from the axis (edges of rings)", fontsize="small")
-        figure.suptitle(f"sample and {self.pdf_name}, {self.place}", parse_math=False)
-        return figure
+        deviation = np.abs(self.observed - expected) / np.sqrt(np.maximum(expected + error**2, 1))
+        k = int(deviation.argmax())
+        wi = self.cells.nodes.reshape(3, deviation.size, -1)[:, k].mean(axis=1)
+        counts = f"{self.observed.flat[k]:.0f} directions, {expected.flat[k]:.0f} expected"
+        return f"most around wi = ({', '.join(f'{x:.2f}' for x in wi)}): {counts}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ def check_mass(views: Views, level: float) -> str:
     for view in views:
         if not view.mass_agrees(limit) and not (view := view.finer()).mass_agrees(limit):
             text = f"it integrates to {view.mass:.4f}, and {view.share:.4f} of the directions of sample are accepted"
-            raise Fault(f"{view.pdf_name} is not the density of sample: {text} ({view.place})", view.figure)
+            raise Fault(f"{view.pdf_name} is not the density of sample: {text} ({view.place})")
     return f"integrals {', '.join(f'{view.mass:.3f}' for view in views)}"
 
 
@@ -53,8 +53,8 @@ def check_chi_square(views: Views, level: float) -> str:
     """Raise a Fault unless the samples follow each pdf; return the p-values."""
     for view in views:
         if view.p <= level and (view := view.finer()).p <= level:
-            text = f"p = {view.p:.1g}; {view.pdf_name} integrates to {view.mass:.3f}"
-            raise Fault(f"sample does not follow {view.pdf_name}: {text} ({view.place})", view.figure)
+            text = f"p = {view.p:.1g}; {view.pdf_name} integrates to {view.mass:.3f}; {view.worst()}"
+            raise Fault(f"sample does not follow {view.pdf_name}: {text} ({view.place})")
     return f"p = {', '.join(f'{view.p:.2g}' for view in views)}"
 
 
@@ -67,7 +67,7 @@ def check_integral(views: Views, level: float, name: str) -> str:
         ratio = np.divide(value, pdf, out=np.zeros_like(value), where=view.accepted & (pdf > 0))
         mean, limit = ratio.mean(axis=1), z_limit(level)
         if _difference(mean, view.integral, limit) and (text := _difference(mean, view.finer().integral, limit)):
-            raise Fault(f"{text.format(pdf=view.pdf_name, name=name)} ({view.place})", view.figure)
+            raise Fault(f"{text.format(pdf=view.pdf_name, name=name)} ({view.place})")
     return f"integrals {', '.join(f'{view.integral.value.max():.3f}' for view in views)}"
 
 

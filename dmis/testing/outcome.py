@@ -1,18 +1,14 @@
-"""Outcomes of checks: what was checked, whether it holds, a message that names the function at fault, and pictures."""
+"""Outcomes of checks: what was checked, whether it holds, a message that names the function at fault."""
 
 from __future__ import annotations
 
-import re
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-
-from dmis.base.atomic_files import replacing
 
 _PATHS = sysconfig.get_paths()
 _OTHERS = (Path(__file__).parents[1], *(Path(_PATHS[key]) for key in ("stdlib", "purelib", "platlib")))
@@ -35,14 +31,11 @@ class Outcome:
         Whether it holds.
     message
         The measured numbers; of a failure also the function at fault.
-    figure
-        Makes a picture of a failure, with matplotlib; None: there is none.
     """
 
     name: str
     passed: bool
     message: str
-    figure: Callable[[], Any] | None = None
 
 
 def require(outcomes: Iterable[Outcome]) -> None:
@@ -68,7 +61,7 @@ def run_checks(name: str, checks: Iterable[Check]) -> list[Outcome]:
             with np.errstate(all="ignore"):  # a function may divide by 0 where its result is masked
                 outcomes.append(Outcome(full, True, check()))
         except Fault as fault:
-            outcomes.append(Outcome(full, False, str(fault), fault.figure))
+            outcomes.append(Outcome(full, False, str(fault)))
         except Exception as error:
             outcomes.append(Outcome(full, False, raised(error)))
         if not outcomes[0].passed:
@@ -77,11 +70,7 @@ def run_checks(name: str, checks: Iterable[Check]) -> list[Outcome]:
 
 
 class Fault(Exception):
-    """A check that fails: the message of its outcome, and its picture."""
-
-    def __init__(self, message: str, figure: Callable[[], Any] | None = None) -> None:
-        super().__init__(message)
-        self.figure = figure
+    """A check that fails, with the message of its outcome."""
 
 
 def line(outcome: Outcome) -> str:
@@ -94,25 +83,6 @@ def summary(outcomes: Sequence[Outcome], not_checked: Sequence[str] = ()) -> str
     failed, count = sum(not outcome.passed for outcome in outcomes), len(outcomes)
     text = f"{failed} of {count} checks failed" if failed else f"all {count} checks passed"
     return f"{text.removeprefix('all ')}; not checked: {', '.join(not_checked)}" if not_checked else text
-
-
-def write_figures(outcomes: Sequence[Outcome], folder: Path, stem: str) -> list[Path]:
-    """Write the pictures of failed outcomes as PNG files into a folder, which is made, and return their paths.
-
-    An ImportError if matplotlib is not installed, an OSError if a file cannot be written.
-    """
-    paths: list[Path] = []
-    for outcome in outcomes:
-        if outcome.passed or outcome.figure is None:
-            continue
-        words = re.sub(r"\W+", "-", outcome.name.split(" (")[0]).strip("-").lower()
-        path = folder / f"{stem}-{words}.png"
-        figure = outcome.figure()
-        folder.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as partial:
-            figure.savefig(partial, format="png", dpi=100)
-        paths.append(path)
-    return paths
 
 
 def attempt(name: str, check: Callable[[], list[Outcome]]) -> list[Outcome]:

@@ -46,6 +46,15 @@ def test_a_density_with_an_edge_passes(cos: float) -> None:
     assert not wrong.mass_agrees(5) and wrong.mass == pytest.approx(1.07, abs=0.01)
 
 
+def test_worst_cell_is_where_samples_are_missing() -> None:
+    """Uniform directions without a cap about +y."""
+    w = square_to_sphere(uniforms(2**16, 3))
+    w = w[:, w[1] < 0.8]
+    text = DensityView(w, lambda d: np.full(d.shape[1], 0.25 / np.pi), np.ones(w.shape[1], bool)).worst()
+    wi = [float(x) for x in text[text.index("(") + 1 : text.index(")")].split(", ")]
+    assert wi[1] > 0.8 and ": 0 directions" in text
+
+
 def test_cells_integrate_with_an_error() -> None:
     """The integral of the cosine over a hemisphere, pi, and of a step that falls between nodes."""
     cells = Cells(np.array([0.0, 0.0, 1.0]), np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 9), 16)

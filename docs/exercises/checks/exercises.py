@@ -10,13 +10,12 @@ import argparse
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 
 from dmis.base.plugins import load_plugin
-from dmis.testing.outcome import Outcome, attempt, line, summary, write_figures
+from dmis.testing.outcome import Outcome, attempt, line, summary
 from grading import EXERCISES
 
 for _name in ("one_batch", "monte_carlo", "sampling", "mis", "parabola", "pilot", "own"):
@@ -28,10 +27,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser("python docs/exercises/checks", description="Check the solution of an exercise.")
     parser.add_argument("exercise", type=int, choices=EXERCISES, metavar="N", help=f"its number, 1 to {len(EXERCISES)}")
     parser.add_argument("file", type=Path, metavar="FILE.py", help="the solution: the starter file, completed")
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="directory of pictures (default: the file's)")
     options = parser.parse_args(arguments)
     try:
-        outcomes = check_file(options.exercise, options.file, options.output or options.file.parent)
+        outcomes = check_file(options.exercise, options.file)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -39,8 +37,8 @@ def main(arguments: list[str] | None = None) -> int:
     return int(not all(outcome.passed for outcome in outcomes))
 
 
-def check_file(number: int, file: Path, folder: Path) -> list[Outcome]:
-    """Return the outcomes of an exercise's check for the solution in `file`; write pictures of failures to `folder`.
+def check_file(number: int, file: Path) -> list[Outcome]:
+    """Return the outcomes of an exercise's check for the solution in `file`.
 
     The solution runs in a process of its own. If that ends before it has reported the outcomes, the check has failed.
 
@@ -51,17 +49,12 @@ def check_file(number: int, file: Path, folder: Path) -> list[Outcome]:
     """
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         try:
-            return pool.submit(_check, number, file, folder).result()
+            return pool.submit(_check, number, file).result()
         except BrokenProcessPool:
             return [Outcome(f"exercise {number}", False, f"{file} ended the process before its check was complete")]
 
 
-def _check(number: int, file: Path, folder: Path) -> list[Outcome]:
-    """Return the outcomes of the check of a file, in this process, without their pictures, which are written."""
+def _check(number: int, file: Path) -> list[Outcome]:
+    """Return the outcomes of the check of a file, in this process."""
     load_plugin(file)
-    outcomes = attempt(f"exercise {number}", lambda: EXERCISES[number](sys.modules[file.stem]))
-    try:
-        write_figures(outcomes, folder, file.stem)
-    except ImportError as error:
-        print(f"pictures of what failed are left out ({error})", file=sys.stderr)
-    return [replace(outcome, figure=None) for outcome in outcomes]
+    return attempt(f"exercise {number}", lambda: EXERCISES[number](sys.modules[file.stem]))

@@ -186,4 +186,5 @@ def check_directions(name: str, wi: Array, density: Callable[[Array], Array]) ->
     yield compare(f"{name}: the density integrates to 1", view.mass, 1.0, tolerance, "Which factor is missing?")
     title = f"{name}: samples follow the density"
     message = f"p = {view.p:.2g} by the chi-square test, at least {LEAST_P:g} is needed"
-    yield Outcome(title, view.p >= LEAST_P, message, view.figure)
+    message += "" if view.p >= LEAST_P else f"; {view.worst()}"
+    yield Outcome(title, view.p >= LEAST_P, message)
