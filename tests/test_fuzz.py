@@ -21,6 +21,7 @@ import dmis
 from dmis.cli.commands import main
 from dmis.experiment.reference import load_reference
 from dmis.fit.registry import make_rule
+from dmis.geometry.mesh_files import placed_meshes
 from dmis.image import read_exr, write_exr
 from dmis.scene.scene import Scene
 
@@ -188,10 +189,10 @@ def test_instances_are_counted(monkeypatch):
     monkeypatch.setattr("dmis.geometry.mesh_files.MAX_FACES", 20)
     scene = trimesh.Scene(trimesh.creation.box())
     name = next(iter(scene.geometry))
-    assert dmis.geometry.mesh_files.from_trimesh(scene).triangles == 12
+    assert [mesh.triangles for _, mesh in placed_meshes(scene)] == [12]
     scene.graph.update("again", geometry=name)
     with pytest.raises(ValueError, match="at most 20 triangles, because instances are copied"):
-        dmis.geometry.mesh_files.from_trimesh(scene)
+        placed_meshes(scene)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ file's numbers: candela, lux and nits are not converted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -101,20 +101,13 @@ def _light(light: Mapping[str, Any], matrix: Floats) -> Light:
     """Return a light of KHR_lights_punctual; it shines along -z of its node."""
     place, axis = tuple(matrix[:3, 3].tolist()), matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     strength = tuple(light.get("intensity", 1.0) * x for x in light.get("color", (1, 1, 1)))
-    return _LIGHTS[light["type"]](place, axis, strength, light.get("spot", {}))
-
-
-def _spot(place: Any, axis: Floats, strength: Any, spot: Mapping[str, Any]) -> Light:
-    inner, outer = spot.get("innerConeAngle", 0.0), spot.get("outerConeAngle", math.pi / 4)
+    if light["type"] == "directional":
+        return DistantLight(tuple(axis), strength)
+    if light["type"] == "point":
+        return PointLight(place, strength)
+    cone = light["spot"]
+    inner, outer = cone.get("innerConeAngle", 0.0), cone.get("outerConeAngle", math.pi / 4)
     return SpotLight(place, tuple(-axis), strength, math.degrees(outer), math.degrees(inner))
-
-
-_LIGHTS: dict[str, Callable[..., Light]] = {
-    "directional": lambda place, axis, strength, spot: DistantLight(tuple(axis), strength),
-    "point": lambda place, axis, strength, spot: PointLight(place, strength),
-    "spot": _spot,
-}
-"""Functions that make the lights of KHR_lights_punctual, by type."""
 
 
 def paint(mesh: Mesh, colours: Floats) -> tuple[Mesh, Image]:

@@ -24,7 +24,7 @@ from dmis.formats.model import Y_UP, Model, camera_of, material_of, up_axis, wit
 from dmis.formats.obj import read_obj_materials
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.mesh_files import MESH_SUFFIXES, from_trimesh, placed_meshes, read_mesh, reading
+from dmis.geometry.mesh_files import MESH_SUFFIXES, load_mesh, placed_meshes, reading, unread_of_ply
 from dmis.geometry.wavefront import read_obj
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
@@ -121,7 +121,7 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         parts, name = with_materials(model, material), model.path.stem
     else:
         model = Model(Path())
-        named = [("", source)] if isinstance(source, Mesh) else _trimeshes(source)
+        named = [("", source)] if isinstance(source, Mesh) else placed_meshes(source)
         parts, name = [Part(mesh, material_of(geometry, material)) for geometry, mesh in named], "scene"
     if model.flat:
         total = model.flat + sum(part.mesh.triangles for part in parts)
@@ -162,10 +162,10 @@ def read_file(path: Path, outside: bool, bare: bool) -> Model:
         with reading(path) as data:
             read_gltf(Gltf(path, data, outside), model, bare)
     else:
-        mesh, unread = read_mesh(path)
-        model.unread.update({} if bare else unread)
-        if (mesh_with_area := model.drop_flat(mesh)) is not None:
-            model.add(mesh_with_area)
+        if (mesh := model.drop_flat(load_mesh(path))) is not None:
+            model.add(mesh)
+        if path.suffix.lower() == ".ply" and not bare:
+            model.unread.update(unread_of_ply(path))
     if not model.parts:
         raise ValueError(
             f"{path}: mesh must have a triangle with an area and an opacity, because no ray hits others; got "
@@ -195,15 +195,6 @@ def _pbrt_file(source: Any) -> Path | None:
         f"a scene must be a file ending in {', '.join(('.pbrt', *MESH_SUFFIXES))}, or one of the scenes that come with "
         f"dmis: {', '.join(SHIPPED) or 'none'}; got {str(path)!r}{did_you_mean(str(path), SHIPPED, 0.5)}"
     )
-
-
-def _trimeshes(source: Any) -> list[tuple[str, Mesh]]:
-    """Return the meshes of a source with their geometries' names."""
-    import trimesh
-
-    if not isinstance(source, trimesh.Scene | trimesh.Trimesh):
-        raise ValueError(f"source must be a path, a name, a Mesh, or of trimesh; got {type(source).__name__}")
-    return placed_meshes(source) if isinstance(source, trimesh.Scene) else [("", from_trimesh(source))]
 
 
 def default_lights(camera: Camera, low: Array, high: Array, up: Rgb | None = None) -> list[Light]:

@@ -10,7 +10,6 @@ material format.
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from dmis.brdf.materials import Material, matte, plastic, shiny_metal, uber
 from dmis.brdf.texture import Image, scale
 from dmis.formats.model import Model
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.wavefront import Wavefront
+from dmis.geometry.wavefront import NUMBER, Wavefront
 from dmis.image_reader import load_image
 from dmis.scene.masks import Mask
 
@@ -31,7 +30,6 @@ READ = "Kd", "Ks", "Ns", "Ke", "d", "Tr", "map_Kd", "map_d"
 """Statements of MTL files that are read."""
 IGNORED = "Ka", "map_Ka", "illum", "Ni", "sharpness", "Tf"
 """Statements that say nothing about the light of a scene here."""
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 Statements = dict[str, tuple[int, str]]
 """The line and the argument of each statement of a material."""
 
@@ -108,7 +106,7 @@ def _values(mtl: Statements, word: str, default: float, most: float, counts: tup
         return [default]
     number, argument = mtl[word]
     words = argument.removeprefix("-halo ").split()
-    values = [float(x) for x in words if _NUMBER.fullmatch(x)]
+    values = [float(x) for x in words if NUMBER.fullmatch(x)]
     if len(values) != len(words) or len(words) not in counts or not all(0 <= x <= most and x < np.inf for x in values):
         how_many = " or ".join(map(str, counts))
         limit = f" to {most:g}" if most < np.inf else ""
@@ -130,9 +128,9 @@ def _image(argument: str, model: Model, images: dict[Any, Image | None], opacity
     while len(words) > 1 and words[0].startswith("-"):
         name = words.pop(0)
         values = []
-        while len(words) > 1 and (_NUMBER.fullmatch(words[0]) or words[0] in ("on", "off", "")):
+        while len(words) > 1 and (NUMBER.fullmatch(words[0]) or words[0] in ("on", "off", "")):
             values.append(words.pop(0))
-        given = [float(x) for x in values if _NUMBER.fullmatch(x)]
+        given = [float(x) for x in values if NUMBER.fullmatch(x)]
         options[name] = [*given, *options.get(name, [])[len(given) :]]
         model.unread[f"{name} of an image"] += name not in ("-s", "-o")
     file = " ".join(words)

@@ -23,41 +23,41 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 """Extensions that :func:`load_mesh` reads."""
 
 
-def from_trimesh(mesh: trimesh.Trimesh | trimesh.Scene) -> Mesh:
-    """Convert a trimesh object to a `Mesh`; the geometries of a scene are placed by its graph and joined.
+def from_trimesh(mesh: trimesh.Trimesh) -> Mesh:
+    """Convert a trimesh object to a `Mesh`; a ValueError if it has no triangles.
 
     Normals are kept if the object has some: from its file, or because a caller has read them, since trimesh computes
-    missing normals on demand and keeps them. `load_mesh` keeps those of the file only. Geometries that the graph
-    mirrors keep their outside, as glTF defines it. Raises a ValueError if there are no triangles.
+    missing normals on demand and keeps them. `load_mesh` keeps those of the file only.
     """
-    import trimesh
-
-    if isinstance(mesh, trimesh.Scene):
-        return concatenate([placed for _, placed in placed_meshes(mesh)])
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        raise ValueError(f"mesh must be a trimesh.Trimesh with faces, or a Scene of them; got {mesh!r}")
+    if not len(getattr(mesh, "faces", ())):
+        raise ValueError(f"mesh must be a trimesh.Trimesh with faces; got {mesh!r}")
     vertices, faces, normals = np.asarray(mesh.vertices), np.asarray(mesh.faces), None
     if "vertex_normals" in mesh._cache:
         normals = repair_normals(vertices, faces, np.array(mesh.vertex_normals))
     return Mesh(vertices, faces, normals, getattr(mesh.visual, "uv", None))
 
 
-def placed_meshes(scene: trimesh.Scene) -> list[tuple[str, Mesh]]:
-    """Return the geometries of a trimesh scene with their names, an entry for each place where its graph has one.
+def placed_meshes(source: trimesh.Trimesh | trimesh.Scene) -> list[tuple[str, Mesh]]:
+    """Return the geometries of a trimesh object with their names, an entry for each place where a scene has one.
 
-    Raises a ValueError if there are no triangles, or more than `MAX_FACES`.
+    Geometries that the scene mirrors keep their outside, as glTF defines it. Raises a ValueError if it is no such
+    object, or there are no triangles, or more than `MAX_FACES`.
     """
     import trimesh
 
-    places = [scene.graph[node] for node in scene.graph.nodes_geometry]
-    places = [(matrix, name) for matrix, name in places if isinstance(scene.geometry[name], trimesh.Trimesh)]
+    if isinstance(source, trimesh.Trimesh):
+        return [("", from_trimesh(source))]
+    if not isinstance(source, trimesh.Scene):
+        raise ValueError(f"source must be a path, a name, a Mesh, or triangles of trimesh; got {type(source).__name__}")
+    places = [source.graph[node] for node in source.graph.nodes_geometry]
+    places = [(matrix, name) for matrix, name in places if isinstance(source.geometry[name], trimesh.Trimesh)]
     if not places:
         raise ValueError("mesh must hold triangles, because only they can be hit; got a scene without any")
-    if sum(len(scene.geometry[name].faces) for _, name in places) > MAX_FACES:
+    if sum(len(source.geometry[name].faces) for _, name in places) > MAX_FACES:
         raise ValueError(f"mesh must have at most {MAX_FACES} triangles, because instances are copied")
     meshes = []
     for matrix, name in places:
-        placed = from_trimesh(scene.geometry[name]).transformed(matrix)
+        placed = from_trimesh(source.geometry[name]).transformed(matrix)
         if np.linalg.det(matrix[:3, :3]) < 0:
             placed = Mesh(placed.vertices, placed.faces[:, ::-1], placed.normals, placed.uv)
         meshes.append((str(name), placed))
@@ -82,11 +82,6 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     ValueError
         If the extension is unknown, or the file cannot be read or holds no triangles. Both messages name the file.
     """
-    return read_mesh(path, smooth)[0]
-
-
-def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple[Mesh, dict[str, int]]:
-    """Read a mesh file, see `load_mesh`, and return numbers of what is not read of a PLY file: materials, textures."""
     path = Path(path)
     suffix = path.suffix.lower()
     with reading(path) as data:
@@ -96,14 +91,13 @@ def read_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> tuple
             mesh = concatenate([primitive.mesh for primitive in Gltf(path, data).primitives()])
         else:
             mesh = _load(data, suffix)
-        unread = _unread(data) if suffix == ".ply" else {}
     if smooth is None or smooth == (mesh.normals is not None):
-        return mesh, unread
+        return mesh
     normals = None
     if smooth:
         same = weld(mesh.vertices)
         normals = vertex_normals(mesh.vertices, same[mesh.faces])[same]
-    return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv), unread
+    return Mesh(mesh.vertices, mesh.faces, normals, mesh.uv)
 
 
 @contextmanager
@@ -137,7 +131,7 @@ def _load(data: bytes, suffix: str) -> Mesh:
         data, bare = header + end + rest, {"skip_materials": True}  # a material is an image
     # process=True would merge and reorder vertices
     loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, **bare)
-    return from_trimesh(loaded)
+    return concatenate([mesh for _, mesh in placed_meshes(loaded)])  # ASCII STL may hold several
 
 
 _PLAIN_PLY = re.compile(
@@ -180,8 +174,9 @@ def _check_ply(header: str, body: bytes) -> None:
         begin += int(count)
 
 
-def _unread(data: bytes) -> dict[str, int]:
+def unread_of_ply(path: Path) -> dict[str, int]:
     """Return the numbers of materials and textures of a PLY file, and whether it has colours."""
-    header = data[: data.find(b"end_header")]
+    with path.open("rb") as file:
+        header = file.read(2**16).partition(b"end_header")[0]
     numbers = {"material": header.count(b"element material"), "texture": header.count(b"comment TextureFile")}
     return numbers | {"vertex colours": len(re.findall(rb"property \w+ (?:diffuse_)?red\s", header))}

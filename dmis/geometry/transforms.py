@@ -37,7 +37,7 @@ def look_at(eye: npt.ArrayLike, at: npt.ArrayLike, up: npt.ArrayLike) -> Floats:
     The columns of its inverse are x = up x z, y = z x x, z = at - eye, all of unit length, and the eye.
     """
     origin = vector("eye", eye)
-    z = direction("at - eye", vector("at", at) - origin)
+    z = direction("the line of sight from eye to target", vector("target", at) - origin)
     x = np.cross(direction("up", up), z)
     if np.linalg.norm(x) < 1e-9:
         raise ValueError(f"up must not be parallel to the line of sight {z.tolist()}; got {up!r}")

@@ -19,7 +19,7 @@ from dmis.geometry.mesh import Ints, Mesh, flat_normals, repair_normals
 
 _CORNER = re.compile(r"(-?\d{1,12})(?:/(-?\d{1,12})?(?:/(-?\d{1,12})?)?)?", re.ASCII)
 """A corner of a face: the index of its position, and those of its texture coordinates and its normal, if it has any."""
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _ABSENT = 2**40
 """Index of what a corner lacks: larger than any of a file."""
 _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
@@ -114,7 +114,7 @@ def _numbers(lines: list[str], heads: Any, word: str, least: int, columns: int) 
     try:
         flat = np.array([number for line in words for number in line] + [0], np.float64)
     except ValueError:
-        bad = next(k for k, line in zip(rows, words, strict=True) if not all(map(_NUMBER.fullmatch, line)))
+        bad = next(k for k, line in zip(rows, words, strict=True) if not all(map(NUMBER.fullmatch, line)))
         raise _fault(lines, bad, "must have numbers only") from None
     place = (np.cumsum(counts) - counts)[:, None] + np.arange(columns)
     return flat[np.where(np.arange(columns) < counts[:, None], place, -1)], bool((counts >= 6).any())

@@ -9,7 +9,7 @@ sinc. Each is a product of its profiles along x and y.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -50,9 +50,8 @@ class PixelFilter:
                 f"a pixel filter must be one of {', '.join(PIXEL_FILTERS)}, because samples are drawn from it, which "
                 f"a filter with negative parts does not allow; got {self.kind!r}"
             )
-        object.__setattr__(self, "radius", pair("radius of a pixel filter", self.radius, number))
-        if not all(0 < radius <= MAX_RADIUS for radius in self.radius):
-            raise ValueError(f"the radius of a pixel filter must be above 0, at most {MAX_RADIUS:g}; got {self.radius}")
+        in_range = partial(number, least=1e-6, most=MAX_RADIUS, more="in pixels")
+        object.__setattr__(self, "radius", pair("radius of a pixel filter", self.radius, in_range))
         object.__setattr__(self, "sigma", number("sigma of a pixel filter", self.sigma, 1e-3, 1e3, "in pixels"))
 
     def offsets(self, u: Array) -> Array:

@@ -9,8 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from dmis.base.validate import FARTHEST, direction, number, one_of, pair, vector, whole
+from dmis.base.validate import FARTHEST, direction, number, one_of, pair, whole
 from dmis.base.vectors import TINY, Array, dot, normalise
+from dmis.geometry import transforms
 from dmis.geometry.mesh import Mesh
 from dmis.image import check_size
 from dmis.samplers.pixel_filter import PixelFilter
@@ -108,16 +109,9 @@ class Camera:
         resolution: tuple[int, int] = (640, 480),
     ) -> Camera:
         """Return a right-handed camera at `eye` that looks at `target` (what a photograph would show)."""
-        origin = vector("eye", eye)
-        forward = vector("target", target) - origin
-        if not np.linalg.norm(forward) > 0:
-            raise ValueError(f"eye and target must differ, because they give the line of sight; got {eye} for both")
-        right = np.cross(forward, direction("up", up))
-        if not np.linalg.norm(right) > 1e-12 * np.linalg.norm(forward):
-            raise ValueError(f"up must not be parallel to the line of sight; got up {up}, eye {eye}, target {target}")
-        forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+        left, upwards, forward = transforms.look_at(eye, target, up)[:3, :3]
         matrix = np.eye(4)
-        matrix[:3] = np.stack([right, np.cross(right, forward), forward, origin], axis=1)
+        matrix[:3] = np.stack([-left, upwards, forward, eye], axis=1)
         return cls(matrix, fov, resolution)
 
     @classmethod

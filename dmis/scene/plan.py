@@ -65,18 +65,15 @@ class Plan:
         self.environment: tuple[InfiniteLight, ...] = tuple(light for light in lights if light.infinite)  # type: ignore[misc]
         eye = camera.origin[:, 0]
         faded = any(part.mask is not None and part.mask.cutoff is None for part in parts)
-        heads = (
-            () if faded or not camera.is_pinhole else enumerate(self.deltas)
-        )  # a shadow ray may meet what the camera ray passed
+        # through a mask that fades, a shadow ray may meet what the camera ray passed
+        heads = () if faded or not camera.is_pinhole else enumerate(self.deltas)
         self.headlights = frozenset(k for k, light in heads if light.is_at(eye, 0.1 * epsilon))
         self._sampled: dict[str, tuple[SampledLight, ...]] = {}
         keys: dict[Any, dict[tuple[int, int], tuple[int, Material, AreaLight | None]]] = {}
-        part_keys = []
-        simplified = {id(part.material): simplify(part.material) for part in parts}
-        self.removed_lobes = sum(
-            len(material.lobes) - len(simplified[id(material)].lobes)
-            for material in {id(part.material): part.material for part in parts}.values()
-        )
+        part_keys, part_rows = [], []
+        materials = {id(part.material): part.material for part in parts}
+        simplified = {number: simplify(material) for number, material in materials.items()}
+        self.removed_lobes = sum(len(materials[k].lobes) - len(simplified[k].lobes) for k in materials)
         parts = tuple(
             replace(
                 part,
@@ -92,7 +89,8 @@ class Plan:
             key = batch_key(part)
             part_keys.append(key)
             members = keys.setdefault(key, {})
-            members.setdefault((id(part.material), id(part.light)), (len(members), part.material, part.light))
+            member = members.setdefault((id(part.material), id(part.light)), (len(members), part.material, part.light))
+            part_rows.append(member[0])
         live = [key for key in keys if key is not None]
         if len(live) >= NO_GROUP:
             raise ValueError(
@@ -100,14 +98,10 @@ class Plan:
             )
         self.groups = tuple(make_group(key, [member[1:] for member in keys[key].values()]) for key in live)
         self.part_group = [NO_GROUP if key is None else live.index(key) for key in part_keys]
-        face_group, face_row = [], []
-        for part, key, group in zip(parts, part_keys, self.part_group, strict=True):
-            row = keys[key][id(part.material), id(part.light)][0]
-            face_group.append(np.full(len(part.mesh.faces), group, np.uint8))
-            face_row.append(np.full(len(part.mesh.faces), row, np.int32))
+        triangles = [part.mesh.triangles for part in parts]
         # One entry more than there are triangles: the -1 of a miss reads the last one.
-        self.face_group = np.concatenate([*face_group, np.array([NO_GROUP], np.uint8)])
-        self.face_row = np.concatenate(face_row)
+        self.face_group = np.repeat(np.array([*self.part_group, NO_GROUP], np.uint8), [*triangles, 1])
+        self.face_row = np.repeat(np.array(part_rows, np.int32), triangles)
 
     def sampled_lights(self, lights: str, compensation: float) -> tuple[SampledLight, ...]:
         """Return what light samples are taken of: `sampled`, or one light in the place of many of them.
@@ -151,8 +145,6 @@ class Plan:
         if name is not None:
             alone = (light for light in self.sampled if id(light) not in self.many)
             return (select_lights(name, list(self.many.values())), *alone)
-        if not any(self.selects_triangles(light, lights) for light in self.sampled):
-            return self.sampled
         return tuple(
             select_lights("tree", [self.many[id(light)]]) if self.selects_triangles(light, lights) else light
             for light in self.sampled

@@ -321,7 +321,7 @@ class Scene:
         n, cos_o = self._shading_normals(group, prim, u, v, wo) if group.turns else (ng, np.abs(facing))
         row = self.plan.face_row.take(prim) if len(group.materials) > 1 else None
         uv = self._texture_coordinates(prim, u, v) if group.textured else None
-        dpdu = columns(self.tables.dpdu, prim) if group.anisotropic and group.tangent is None else group.tangent
+        dpdu = columns(self.tables.tangents[0], prim) if group.anisotropic and group.tangent is None else group.tangent
         lobes = {kind: getattr(group, kind) for kind in ("reflection", "transmission", "delta")}
         if row is not None or uv is not None:  # parameters differ from point to point
             look_up = self._look_up(uv, prim, p, ng, from_camera)

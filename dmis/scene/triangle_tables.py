@@ -68,14 +68,9 @@ class Tables:
         rows[:, 1:] -= rows[:, :1]
         return rows.reshape(-1, 6)
 
-    @property
-    def dpdu(self) -> Array:
-        """Per triangle: dp/du ``(T, 3)``; the first edge where the coordinates are degenerate."""
-        return self.tangents[0]
-
     @cached_property
     def tangents(self) -> tuple[Array, Array]:
-        """Per triangle: dp/du and dp/dv, ``(T, 3)`` each; any two where the coordinates are degenerate."""
+        """Per triangle: dp/du and dp/dv, ``(T, 3)`` each; the first edge and across it for degenerate coordinates."""
         du1, dv1, du2, dv2 = self.uv[:, 2:].T[:, :, None]
         edge_u, edge_v = self.corners[:, 3:6], self.corners[:, 6:9]
         determinant = du1 * dv2 - du2 * dv1

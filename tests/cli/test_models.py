@@ -102,7 +102,7 @@ def test_materials():
         (["--light", "1 2"], "one number or three; got 2: '1 2'"),
         (["--light", "-1 0 0"], "not negative"),
         (["--camera", "front"], "the name of one in .*: none; got 'front'"),
-        (["--look-at", *"000000"], "eye and target must differ"),
+        (["--look-at", *"000000"], "line of sight from eye to target must not be zero"),
         (["--fov", "200"], "fov must be between 0 and 180"),
         (["--exposure", "0"], "must be a positive number"),
     ],

@@ -189,7 +189,7 @@ def test_area_lights_get_a_surface_that_they_hit(light):
         ("scenes/ttt.pbrt", {}, FileNotFoundError, r"ttt\.pbrt, did you mean 'tt\.pbrt'\?"),
         ("none.ply", {}, FileNotFoundError, r"none\.ply"),
         ("", {}, ValueError, "got '.'"),
-        (7, {}, ValueError, "source must be a path, a name, a Mesh, or of trimesh; got int"),
+        (7, {}, ValueError, "source must be a path, a name, a Mesh, or triangles of trimesh; got int"),
         (trimesh.Scene(), {}, ValueError, "must hold triangles"),
         (BOX, {"material": "matte"}, ValueError, "material must be a Material, or a dict of them by name; got str"),
         (BOX, {"resolution": (0, 3)}, ValueError, "resolution must be 1 to 65535"),

@@ -14,7 +14,7 @@ import trimesh
 
 from dmis.geometry import mesh_files, subdivision
 from dmis.geometry.mesh import Mesh, concatenate, flat_normals, vertex_normals
-from dmis.geometry.mesh_files import from_trimesh, load_mesh
+from dmis.geometry.mesh_files import from_trimesh, load_mesh, placed_meshes
 from dmis.geometry.shapes import circular, cylindrical, quad, sphere, spherical
 from dmis.geometry.subdivision import loop_subdivide
 from dmis.geometry.transforms import look_at, rotate, scale, translate
@@ -465,7 +465,7 @@ def test_scene_graph_is_applied():
     scene.add_geometry(thing, transform=translate([5, 0, 0]))
     scene.add_geometry(thing, transform=translate([0, 7, 0]) @ scale([-1, 2, 1]))
     scene.add_geometry(trimesh.PointCloud([[0, 0, 0]]))
-    mesh = from_trimesh(scene)
+    mesh = concatenate([placed for _, placed in placed_meshes(scene)])
     assert mesh.triangles == 16 and mesh.normals is None
     centre = np.where(np.arange(16)[:, None] < 8, [5, 0, 0], [0, 7, 0])
     outwards = mesh.vertices[mesh.faces].mean(axis=1) - centre
@@ -502,12 +502,12 @@ V, F = TRIANGLE
         (lambda: Mesh(V, F).transformed(np.eye(3)), r"matrix must be finite, 4x4"),
         (lambda: Mesh(V, F).transformed(np.diag([1, 1, 0, 1])), r"matrix must be invertible, because normals"),
         (lambda: concatenate([]), r"meshes must hold at least one mesh"),
-        (lambda: from_trimesh(trimesh.Scene()), r"mesh must hold triangles"),
+        (lambda: placed_meshes(trimesh.Scene()), r"mesh must hold triangles"),
         (lambda: from_trimesh(trimesh.PointCloud(V)), r"mesh must be a trimesh.Trimesh with faces"),
         (lambda: translate([1, 2]), r"offset must be three finite numbers; got \[1.0, 2.0\]"),
         (lambda: scale([1, np.inf, 1]), r"factors must be three finite numbers"),
         (lambda: rotate(30, [0, 0, 0]), r"axis must not be zero, because it gives a direction"),
-        (lambda: look_at(V[0], V[0], V[1]), r"at - eye must not be zero"),
+        (lambda: look_at(V[0], V[0], V[1]), r"the line of sight from eye to target must not be zero"),
         (lambda: look_at(V[0], V[1], V[1]), r"up must not be parallel to the line of sight"),
         (lambda: loop_subdivide(V, F, -1), r"levels must be a whole number of at least 0; got -1"),
         (lambda: loop_subdivide(V, F, 1.5), r"levels must be a whole number of at least 0; got 1.5"),

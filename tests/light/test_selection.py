@@ -224,7 +224,7 @@ SCENES = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "scene
 def test_plan_decides_by_the_number_of_lights() -> None:
     """Few lights have samples of their own, the same bits as with ``all``; many are one light, and `info` says so."""
     few, many = (SCENES.many_lights(count=count, resolution=(8, 5)) for count in (MANY_LIGHTS - 1, MANY_LIGHTS))
-    assert few.plan.selection("auto") is None and few.plan.sampled_lights("auto", 0) is few.plan.sampled
+    assert few.plan.selection("auto") is None and few.plan.sampled_lights("auto", 0) == few.plan.sampled
     assert few.plan.selection("power") == "power" and many.plan.selection("all") is None
     (light,) = many.plan.sampled_lights("auto", 0)
     assert isinstance(light.selection, TreeSelection)  # type: ignore[attr-defined]

@@ -115,7 +115,12 @@ def test_bad_cameras(to_world: Array, fov: float, resolution: tuple[int, int], m
     "eye, target, up, message",
     [
         ((0, 0, 0), (0, 0, 1), (0, 0, 2), "up must not be parallel"),
-        ((1, 1, 1), (1, 1, 1), (0, 0, 1), r"eye and target must differ, .*; got \(1, 1, 1\)"),
+        (
+            (1, 1, 1),
+            (1, 1, 1),
+            (0, 0, 1),
+            r"the line of sight from eye to target must not be zero, .*; got \[0.0, 0.0, 0.0\]",
+        ),
         ((0, np.nan, 0), (0, 0, 1), (0, 1, 0), "eye must be three finite numbers"),
         ((0, 0, 0), (0, 0, np.nan), (0, 1, 0), "target must be three finite numbers"),
         ((0, 0, 0), (0, 0, 1), (0, np.inf, 0), "up must be three finite numbers"),

@@ -590,7 +590,11 @@ BAD_OPTIONS = [
     ("v4", 'Film "rgb" "float iso" 1 "float iso" 2', "parameter 'iso' is given twice"),
     ("v4", 'PixelFilter "sinc"', "a pixel filter must be one of box, triangle, gaussian, because"),
     ("v3", 'PixelFilter "gaussian" "float alpha" 0', "alpha must be positive"),
-    ("v4", 'PixelFilter "box" "float xradius" 65', "radius of a pixel filter must be above 0, at most 64"),
+    (
+        "v4",
+        'PixelFilter "box" "float xradius" 65',
+        "radius of a pixel filter must be a number from 1e-06 to 64, in pixels",
+    ),
     ("v4", 'Integrator "path" "integer maxdepth" 0', "maxdepth must let 1 to 10000 surfaces"),
     ("v4", 'Renderer "sampler"', "Renderer belongs to v2"),
 ]

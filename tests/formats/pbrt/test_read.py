@@ -739,7 +739,7 @@ BAD_OPTIONS = [
     ('Film "image" "integer xresolution" 70000', 1, "token Film: resolution must be 1 to 65535"),
     ('Film "image" "integer xresolution" 60000 "integer yresolution" 60000', 1, "at most 33554432 pixels"),
     ('PixelFilter "sinc"', 1, "a pixel filter must be one of box, triangle, gaussian"),
-    ('PixelFilter "box" "float xwidth" 0', 1, "radius of a pixel filter must be above 0"),
+    ('PixelFilter "box" "float xwidth" 0', 1, "radius of a pixel filter must be a number from 1e-06"),
     ('SurfaceIntegrator "volpath"', 1, "the integrator must be directlighting, whitted, path"),
     ('SurfaceIntegrator "directlighting" "string strategy" "none"', 1, "must be all or one; got 'none'"),
     ('Renderer "aggregatetest"', 1, "the renderer must be sampler or metropolis"),
