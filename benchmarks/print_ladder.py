@@ -14,7 +14,7 @@ from ladder import RUNGS, Ladder, halved_oracle, make_ladder
 
 import dmis
 from dmis import plot
-from dmis.cli.arguments import resolution
+from dmis.cli.arguments import RESOLUTION
 
 MIN_BAR = 1e-4
 """Least end of a bar; rungs may be smaller, and estimates of them below 0."""
@@ -40,7 +40,7 @@ def write_ladder(ladder: Ladder, path: Path, scene: str) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("scene")
-    parser.add_argument("--resolution", type=resolution, metavar="WxH")
+    parser.add_argument("--resolution", type=RESOLUTION, metavar="WxH")
     parser.add_argument("--spp", type=int, default=2048, help="camera samples per pixel, a multiple of 4 (2048)")
     parser.add_argument("--compensation", type=float, metavar="SHARE")
     parser.add_argument("--threads", type=int)

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_043, "tests": 26_755}
+LINES = {"dmis": 26_991, "tests": 26_764}
 """Lines of Python files."""
 WORDS = 43_010
 """Words of the pages, tables included."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import sysconfig
 import traceback
 from pathlib import Path
 
@@ -45,10 +46,24 @@ def load_plugin(file: str | os.PathLike[str]) -> None:
         module = importlib.import_module(name)
     except (Exception, SystemExit) as error:
         sys.path.remove(folder)
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-        line = getattr(error, "lineno", None) or (lines or [1])[-1]
-        raise ValueError(f"plugin {file}, line {line}: {type(error).__name__}: {error}") from error
+        raise ValueError(f"plugin {file}: {raised(error)}") from error
     if getattr(module, "__file__", None) != str(path):
         sys.path.remove(folder)
         raise ValueError(f"plugin {file} must have another name, because {name} is a Python module already: {module}")
     _LOADED.append(path)
+
+
+def raised(error: BaseException) -> str:
+    """Return the message of an exception with the function, file and line of the user's code that raised it."""
+    libraries = (sysconfig.get_path(key) for key in ("stdlib", "purelib", "platlib"))
+    others = Path(__file__).parents[1], *map(Path, libraries)
+    own = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith("<")  # generated, such as a dataclass's __init__
+        and not any(Path(frame.filename).is_relative_to(folder) for folder in others)
+    ]
+    if not own:
+        return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    frame = own[-1]
+    return f"{frame.name} raised {type(error).__name__}: {error} ({Path(frame.filename).name}, line {frame.lineno})"

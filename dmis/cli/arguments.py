@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 import argparse
-import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from dmis.experiment.bench.data import SCENES as BENCH_SCENES
 from dmis.experiment.bench.judge import STYLES
 from dmis.fit.registry import RULES
 from dmis.fit.round import WEIGH
-from dmis.image import check_size
+from dmis.image import MAX_SIDE
 from dmis.pipeline.executor import MAX_WORKERS
 
 Options = Mapping[str, Mapping[str, Any]]
@@ -42,62 +41,32 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def resolution(text: str) -> tuple[int, int]:
-    """Return the width and height of WIDTHxHEIGHT."""
-    width, x, height = text.lower().partition("x")
-    if not (x and width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT with the letter x, such as 342x256; got {text!r}")
-    try:
-        check_size(int(width), int(height))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-    return int(width), int(height)
+def _number(most: float, least: float = 1, parse: Any = int) -> Any:
+    """Return a parser of numbers from `least` to `most`, whole ones unless `parse` is float."""
 
-
-def _sample_counts(text: str) -> list[int]:
-    """Return positive whole numbers from a text that separates them by commas."""
-    return [_whole(2**63)(number.strip()) for number in text.split(",")]
-
-
-def _crop(text: str) -> tuple[int, ...]:
-    """Return four whole numbers from a text that separates them by commas."""
-    if not re.fullmatch(r"\d+(,\d+){3}", text):
-        raise argparse.ArgumentTypeError(f"must be x0,y0,x1,y1 in pixels, such as 0,0,64,48; got {text!r}")
-    return tuple(map(int, text.split(",")))
-
-
-def _albedo(text: str) -> tuple[float, ...]:
-    """Return one number, or four separated by commas."""
-    try:
-        numbers = tuple(map(float, text.split(",")))
-    except ValueError:
-        numbers = ()
-    if len(numbers) not in (1, 4) or not all(0 <= number <= 1 for number in numbers):
-        raise argparse.ArgumentTypeError(f"must be one number from 0 to 1, or four separated by commas; got {text!r}")
-    return numbers
-
-
-def _positive(text: str) -> float:
-    """Return a positive number."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not 0 < number < 1e30:
-        raise argparse.ArgumentTypeError(f"must be a positive number; got {text!r}")
-    return number
-
-
-def _whole(most: int, least: int = 1, factor: int = 1) -> Any:
-    """Return a parser of whole numbers, multiples of `factor`, from `least` to `most`."""
-    kind = "whole number" if factor == 1 else f"multiple of {factor}"
-
-    def parse(text: str) -> int:
-        if not (text.isdecimal() and least <= int(text) <= most and int(text) % factor == 0):
+    def parsed(text: str) -> Any:
+        try:
+            value = parse(text)
+        except ValueError:
+            value = None
+        if value is None or not least <= value <= most:
+            kind = "whole number" if parse is int else "number"
             raise argparse.ArgumentTypeError(f"must be a {kind} from {least} to {most}; got {text!r}")
-        return int(text)
+        return value
 
-    return parse
+    return parsed
+
+
+def _numbers(form: str, number: Any, counts: Container[int], separator: str = ",") -> Any:
+    """Return a parser of numbers with separators between them, `counts` of which are allowed; messages have `form`."""
+
+    def parsed(text: str) -> tuple[Any, ...]:
+        parts = text.lower().split(separator)
+        if len(parts) not in counts:
+            raise argparse.ArgumentTypeError(f"must be {form}; got {text!r}")
+        return tuple(map(number, parts))
+
+    return parsed
 
 
 def settings_options(*without: str) -> dict[str, dict[str, Any]]:
@@ -121,11 +90,14 @@ def _flag(text: str, group: str = "") -> dict[str, Any]:
     return {"help": text, "action": "store_true", "group": group}
 
 
+POSITIVE = _number(1e30, 1e-30, float)
+RESOLUTION = _numbers("WIDTHxHEIGHT with the letter x, such as 342x256", _number(MAX_SIDE), (2,), "x")
+"""Parser of the width and height of an image."""
 PLUGIN_HELP = "import this Python file first, so that what it registers has names (repeatable)"
 PLUGIN = {"--plugin": _option(PLUGIN_HELP, default=[], action="append", metavar="FILE.py")}
 SCENE = {
     "scene": _option("a pbrt file, a mesh file, or the name of a scene that comes with dmis"),
-    "--resolution": _option("pixels (default: as the scene says)", resolution, metavar="WxH"),
+    "--resolution": _option("pixels (default: as the scene says)", RESOLUTION, metavar="WxH"),
     "--dialect": _option("version of pbrt files (default: recognised by their words)", choices=("v2", "v3", "v4")),
     "--allow-outside": _flag("allow the scene to read files outside of its folder"),
     "--up": _option("axis of a model that is up (default: y; PLY and STL: z)", choices=("y", "z")),
@@ -143,7 +115,7 @@ SCENE = {
         "angle of the camera of a model across the shorter side of the image, in degrees", float, metavar="F"
     ),
     "--filter-textures": _option(
-        "average images over N pixels where the camera sees them: less noise, more blur", _positive, metavar="N"
+        "average images over N pixels where the camera sees them: less noise, more blur", POSITIVE, metavar="N"
     ),
     "--light": _option("sky of a model, for its lights but surfaces: an image file, or 'R G B'", metavar="SKY"),
     "--material": _option(
@@ -152,7 +124,10 @@ SCENE = {
     ),
 }
 AS_IN_FILE = {"--as-in-file": _flag("take sampler, samples and strategy from the scene file, unless other options say")}
-WORKERS, SEED = _whole(MAX_WORKERS), _whole(2**63, 0)
+SPP_LIST = _numbers("", _number(2**63), range(1, 2**16))
+CROP = _numbers("x0,y0,x1,y1 in pixels, such as 0,0,64,48", _number(MAX_SIDE, 0), (4,))
+ALBEDO = _numbers("one number, or four separated by commas", _number(1, 0, float), (1, 4))
+WORKERS, SEED = _number(MAX_WORKERS), _number(2**63, 0)
 THREADS = {"--threads": _option("number of threads (default: one per processor)", WORKERS, group="executor")}
 QUIET = {"--quiet": _flag("print warnings and errors only", "output")}
 VERBOSE = {"--verbose": _flag("also print the scene's plan, rays and seconds, or a line for each render", "output")}
@@ -166,7 +141,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         OUTPUT: _option("image with its layers; or OUT.png, a preview alone", required=True, metavar="OUT.exr"),
         "--png": _option("also write a preview image", metavar="OUT.png"),
         "--exposure": _option(
-            "factor of the preview (default 1; of a model with lights, by its image)", _positive, metavar="X"
+            "factor of the preview (default 1; of a model with lights, by its image)", POSITIVE, metavar="X"
         ),
         "--spp": _option("camera samples per pixel, pilot included (default 128); the most with the next two", int),
         "--noise": _option("double the samples until the root of the estimated relMSE is X", float, metavar="X"),
@@ -187,14 +162,14 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         **SCENE,
         OUTPUT: _option("output directory; an existing comparison in it is resumed", **FOLDER),
         "--rules": _option("rules separated by commas, or all (default %(default)s)", str, "balance,thesis,auto"),
-        "--spp": _option("camera samples per pixel of each budget (default 128)", _sample_counts, metavar="N,N,..."),
-        "--seeds": _option("number of seeds, from --seed on (default 5)", _whole(10_000), 5, metavar="K"),
+        "--spp": _option("camera samples per pixel of each budget (default 128)", SPP_LIST, metavar="N,N,..."),
+        "--seeds": _option("number of seeds, from --seed on (default 5)", _number(10_000), 5, metavar="K"),
         "--seed": _option("first seed (default 0)", SEED, 0),
         **settings_options(),
         **AS_IN_FILE,
         "--reference": _option(".exr or .npy file (default: rendered once, then cached)", Path, metavar="REF"),
         "--reference-spp": _option("camera samples per pixel of each half of a reference (default 1024)", int, 1024),
-        "--crop": _option("window of the errors in pixels, x1 and y1 excluded", _crop, metavar="x0,y0,x1,y1"),
+        "--crop": _option("window of the errors in pixels, x1 and y1 excluded", CROP, metavar="x0,y0,x1,y1"),
         "--oracle-spp": _option("also render the oracle, with N samples per pixel, or read it", int, metavar="N"),
         **THREADS,
         **QUIET,
@@ -212,9 +187,9 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
     "play": ("write a page to paint weights on, which shows the error times time that they would have", {
         **SCENE,
         OUTPUT: _option("page for a browser, which needs no network", Path, required=True, metavar="OUT.html"),
-        "--resolution": _option("pixels (default 160x120)", resolution, (160, 120), metavar="WxH"),
-        "--spp": _option("samples per pixel of curves, a multiple of 4 (default 2048)", _whole(2_097_148, 8, 4), 2048),
-        "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _whole(65_536, 4, 4), 4),
+        "--resolution": _option("pixels (default 160x120)", RESOLUTION, (160, 120), metavar="WxH"),
+        "--spp": _option("samples per pixel of curves, a multiple of 4 (default 2048)", int, 2048),
+        "--patch": _option("side of a patch in pixels, a multiple of 4 (default 4)", _number(65_536), 4),
         **settings_options("sampler", "preset"),
         **THREADS,
         **QUIET,
@@ -229,13 +204,13 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
         "file": _option("Python file that defines lobes, lights, techniques or rules", metavar="FILE.py"),
         "--albedo": _option(
             "largest channel of the albedo that a lobe must have: one number, or four separated by commas, for wo at "
-            "0, 35, 70 and 85 degrees (default: any, at most 1)", _albedo, (), metavar="A",
+            "0, 35, 70 and 85 degrees (default: any, at most 1)", ALBEDO, (), metavar="A",
         ),
     }),
     "bench": ("measure the time of renders against that in their Embree calls", {
         "scenes": _option("scenes (default: those that come with dmis)", nargs="*", metavar="SCENE"),
         "--rules": _option("rules separated by commas (default %(default)s)", str, "balance,thesis"),
-        "--resolution": _option("pixels (default 342x256)", resolution, (342, 256), metavar="WxH"),
+        "--resolution": _option("pixels (default 342x256)", RESOLUTION, (342, 256), metavar="WxH"),
         "--spp": _option("camera samples per pixel (default 64)", int, 64),
         **settings_options(),
         "--threads": _option("number of threads (default 1)", WORKERS, 1),
@@ -245,7 +220,7 @@ COMMANDS: Mapping[str, tuple[str, Options]] = {
     "bench-rules": ("score weight rules on MIS-Bench, without rendering", {
         "rules": _option("Python files of rules, or rules (default: the table of results)", nargs="*", metavar="RULE"),
         "--scenes": _option("scenes separated by commas, or small (default: all eight)", str, ",".join(BENCH_SCENES)),
-        "--seeds": _option("number of seeds of the pilots (default %(default)s)", _whole(100), 4, metavar="K"),
+        "--seeds": _option("number of seeds of the pilots (default %(default)s)", _number(100), 4, metavar="K"),
         "--format": _option("of the tables (default %(default)s)", str, "text", choices=STYLES),
     }),
 }  # fmt: skip

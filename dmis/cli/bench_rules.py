@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-import traceback
 from pathlib import Path
 from typing import Any
 
-from dmis.base.plugins import load_plugin
+from dmis.base.plugins import load_plugin, raised
 from dmis.base.validate import one_of
 from dmis.experiment.bench.data import SCENES, SMALL, path_of, read_truth
 from dmis.experiment.bench.judge import BASELINES, report, score
@@ -27,19 +26,9 @@ def bench_rules(options: argparse.Namespace) -> int:
         except Exception as error:
             if not text.endswith(".py"):
                 raise
-            raise ValueError(_message(text, error)) from error
+            raise ValueError(f"{text}: {raised(error)}") from error
     print(report(scores, options.format))
     return 0
-
-
-def _message(text: str, error: Exception) -> str:
-    """Return the message of an error of a rule, after its file and the line there, if it happened there."""
-    file = str(Path(text).resolve())
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-    if not lines:
-        return f"{text}: {error}"
-    hint = "; tables has w = 0, 0.5, 1" if isinstance(error, KeyError) else ""
-    return f"{text}: line {lines[-1]}: {type(error).__name__} {error}{hint}"
 
 
 def rules_of(text: str) -> dict[str, Any]:

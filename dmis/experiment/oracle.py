@@ -205,7 +205,9 @@ def make_oracle(
     """
     spp, patch = whole("spp", spp, 1), whole("patch", patch, 1)
     if spp < 8 or spp % 4:
-        raise ValueError(f"spp of an oracle must be a multiple of 4 of at least 8, for two halves of pairs; got {spp}")
+        raise ValueError(
+            f"spp of an oracle must be a multiple of 4, and at least 8, for two halves of pairs; got {spp}"
+        )
     settings = make_settings(settings, **options)
     check_weigh(weigh, settings.combiner)
     path = oracle_path(scene, spp, patch, settings, folder, weigh)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
+from dmis.base.plugins import raised
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.materials import Material
 from dmis.estimator.technique import TECHNIQUES, Technique
@@ -16,7 +16,7 @@ from dmis.fit.rule import Rule
 from dmis.light.light import Light
 from dmis.testing.light import check_light
 from dmis.testing.lobe import check_lobe
-from dmis.testing.outcome import Outcome, raised
+from dmis.testing.outcome import Outcome
 from dmis.testing.rule import check_rule
 from dmis.testing.technique import check_technique
 
@@ -68,16 +68,10 @@ def find(module: ModuleType) -> tuple[list[Subject], dict[str, str]]:
     skipped: dict[str, str] = {}
     for name, cls in variables.items():
         if isinstance(cls, type) and cls.__module__ == module.__name__ and _kind(cls) and cls not in used:
-            if missing := _required(cls):
-                example = f"my_{name.lower()} = {name}({', '.join(f'{field}=...' for field in missing)})"
-                has, it = ("has", "it") if len(missing) == 1 else ("have", "them")
-                what = f"{', '.join(missing)} {has} no default"
-                skipped[name] = f"{what}. Give {it} one, or add an object to the file: {example}"
-                continue
             try:
                 add(name, cls())
             except Exception as error:
-                skipped[name] = raised(error)
+                skipped[name] = f"{raised(error)}. Give it defaults, or add an object: my_{name.lower()} = {name}(...)"
     subjects += [Subject(name, "rule", name) for name in rules]
     for technique in TECHNIQUES.values():
         add(technique.name, technique)
@@ -96,10 +90,3 @@ def _items(variables: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 def _kind(cls: type) -> str:
     """Return the kind of the objects of a class; empty if they are none that is checked."""
     return next((kind for kind, base in _KINDS.items() if base in cls.__mro__), "")
-
-
-def _required(cls: type) -> list[str]:
-    """Return the arguments of a class that have no default."""
-    rest = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    parameters = inspect.signature(cls).parameters.items()
-    return [name for name, p in parameters if p.default is p.empty and p.kind not in rest]

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sysconfig
-import traceback
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-_PATHS = sysconfig.get_paths()
-_OTHERS = (Path(__file__).parents[1], *(Path(_PATHS[key]) for key in ("stdlib", "purelib", "platlib")))
-"""Folders whose code is not the user's."""
-
+from dmis.base.plugins import raised
 
 Check = tuple[str, Callable[[], str]]
 """Title of a check, and function that returns the message of success or raises a `Fault`."""
@@ -91,17 +85,3 @@ def attempt(name: str, check: Callable[[], list[Outcome]]) -> list[Outcome]:
         return check()
     except Exception as error:
         return [Outcome(name, False, raised(error))]
-
-
-def raised(error: BaseException) -> str:
-    """Return the message of an exception with the function, file and line of the user's code that raised it."""
-    own = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith("<")  # generated, such as a dataclass's __init__
-        and not any(Path(frame.filename).is_relative_to(folder) for folder in _OTHERS)
-    ]
-    if not own:
-        return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-    frame = own[-1]
-    return f"{frame.name} raised {type(error).__name__}: {error} ({Path(frame.filename).name}, line {frame.lineno})"

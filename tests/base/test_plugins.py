@@ -119,12 +119,20 @@ def test_a_plugin_without_a_rule_is_named(tmp_path: Path, capsys: pytest.Capture
             r"a plugin must be a Python file with a name such as my_rule\.py; got .*my_rules\.txt",
         ),
         ("numpy.py", "", r"plugin .*numpy\.py must have another name, because numpy is a Python module already: .*"),
-        ("my_rules.py", "a = 1\nb = = 2\n", r"plugin .*my_rules\.py, line 2: SyntaxError: invalid syntax .*"),
-        ("my_rules.py", "\n\n1 / 0\n", r"plugin .*my_rules\.py, line 3: ZeroDivisionError: division by zero"),
+        (
+            "my_rules.py",
+            "a = 1\nb = = 2\n",
+            r"plugin .*my_rules\.py: SyntaxError: invalid syntax \(my_rules\.py, line 2\)",
+        ),
+        (
+            "my_rules.py",
+            "\n\n1 / 0\n",
+            r"plugin .*: <module> raised ZeroDivisionError: division by zero \(my_rules\.py, line 3\)",
+        ),
         (
             "my_rules.py",
             "import dmis\ndmis.make_rule('nix')\n",
-            r"plugin .*, line 2: ValueError: rule must be one of .*",
+            r"plugin .*: <module> raised ValueError: rule must be one of .* \(my_rules\.py, line 2\)",
         ),
     ],
 )

@@ -137,9 +137,10 @@ def test_what_is_recognised(
         "technique hidden",
     ]  # fmt: skip
     assert error.splitlines() == [
-        "dmis: Tinted is not checked: tint, gloss have no default. Give them one, or add an object to the file: "
-        "my_tinted = Tinted(tint=..., gloss=...)",
-        "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 34)",
+        "dmis: Tinted is not checked: TypeError: Tinted.__init__() missing 2 required positional arguments: 'tint' and "
+        "'gloss'. Give it defaults, or add an object: my_tinted = Tinted(...)",
+        "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 34). Give it defaults, "
+        "or add an object: my_broken = Broken(...)",
     ]
 
 
@@ -150,14 +151,14 @@ def test_what_is_recognised(
         (
             DUST.replace("tint: Any = 0.5", "tint: Any"),
             [],
-            r"Dust is not checked: tint has no default\. Give it one, or add an object to the file: my_dust = "
-            r"Dust\(tint=\.\.\.\)\ndmis: error: nothing in my_lobe\.py can be checked as it stands; "
+            r"Dust is not checked: .* argument: 'tint'\. Give it defaults, or add an object: my_dust = "
+            r"Dust\(\.\.\.\)\ndmis: error: nothing in my_lobe\.py can be checked as it stands; "
             r"the lines above say how",
         ),
-        ("1 / 0", [], r"plugin .*my_lobe\.py, line 1: ZeroDivisionError"),
+        ("1 / 0", [], r"plugin .* raised ZeroDivisionError: .* \(my_lobe\.py, line 1\)"),
         (None, [], r"no such file: .*my_lobe\.py; check needs a Python file"),
-        (DUST, ["--albedo", "1,2"], "must be one number from 0 to 1, or four .*; got '1,2'"),
-        (DUST, ["--albedo", "nan"], "must be one number from 0 to 1"),
+        (DUST, ["--albedo", "1,2"], "must be one number, or four .*; got '1,2'"),
+        (DUST, ["--albedo", "nan"], "must be a number from 0 to 1"),
         ("import dmis\nlamp = dmis.PointLight((0, 0, 2), (1, 1, 1))", ["--albedo", "1"], "has none"),
     ],
 )

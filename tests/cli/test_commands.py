@@ -190,7 +190,7 @@ def test_bench_prints_a_table(scene, capsys):
         ("render SCENE -o a.exr --rule thesis:shape=2", "has the options"),
         ("render SCENE -o a.exr --resolution 4", "WIDTHxHEIGHT"),
         ("render SCENE -o a.exr --resolution 6000x6000", "at most 33554432 pixels; got 6000x6000"),
-        ("bench SCENE --resolution 1x65536", "1 to 65535 pixels on a side"),
+        ("bench SCENE --resolution 1x65536", "from 1 to 65535"),
         ("render SCENE -o a.exr --integrator bidirectional", "invalid choice"),
         ("render SCENE -o a.exr --max-depth none", "max_depth must be a number"),
         ("render SCENE -o a.exr --max-depth many", "max-depth"),
@@ -320,7 +320,7 @@ def test_unwritable_output_is_refused_first(scene, tmp_path, monkeypatch, capsys
         ("compare SCENE -o taken", "", "report.html: it is a directory"),
         ("oracle SCENE -o out", "matplotlib", "the plot of an oracle needs matplotlib"),
         ("oracle SCENE -o scene.pbrt", "", "scene.pbrt is not a directory"),
-        ("oracle SCENE -o out --spp 6", "", "must be a multiple of 4 of at least 8, for two halves"),
+        ("oracle SCENE -o out --spp 6", "", "must be a multiple of 4, and at least 8, for two halves"),
         ("bench SCENE --rules balance,thesis --spp 6", "", "pilot's 6 camera samples of rule thesis"),
     ],
 )

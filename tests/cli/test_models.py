@@ -104,7 +104,7 @@ def test_materials():
         (["--camera", "front"], "the name of one in .*: none; got 'front'"),
         (["--look-at", *"000000"], "line of sight from eye to target must not be zero"),
         (["--fov", "200"], "fov must be between 0 and 180"),
-        (["--exposure", "0"], "must be a positive number"),
+        (["--exposure", "0"], "must be a number from 1e-30"),
     ],
 )
 def test_bad_options(tmp_path, ball, capsys, words, message):

@@ -355,7 +355,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "rule_of_a_student" in out and "thesis" in out and "relative" in out
     assert "all scenes" not in out and out.startswith(SMALL)
     for number, (code, message) in enumerate(
-        {"tables[0.25]": "line 2: KeyError 0.25; tables has", "None": "a fun"}.items()
+        {"tables[0.25]": "rule raised KeyError: 0.25 (wrong_rule_0.py, line 2)", "None": "a fun"}.items()
     ):
         wrong = tmp_path / f"wrong_rule_{number}.py"
         wrong.write_text(f"def rule(tables):\n    return {code}\n")

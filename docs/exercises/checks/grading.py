@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.plugins import raised
 from dmis.base.vectors import Array
 from dmis.testing.density import DensityView
-from dmis.testing.outcome import Outcome, raised
+from dmis.testing.outcome import Outcome
 from dmis.testing.statistics import chi2_p
 
 Z_LIMIT = 4.0
