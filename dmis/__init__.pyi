@@ -13,6 +13,7 @@ from dmis.brdf.materials import uber as uber
 from dmis.brdf.metallic_roughness import metallic_roughness as metallic_roughness
 from dmis.brdf.models import ashikhmin_shirley as ashikhmin_shirley
 from dmis.brdf.models import blinn_phong as blinn_phong
+from dmis.brdf.models import coated_conductor as coated_conductor
 from dmis.brdf.models import coated_diffuse as coated_diffuse
 from dmis.brdf.models import cook_torrance as cook_torrance
 from dmis.brdf.models import ggx as ggx

@@ -69,8 +69,8 @@ TYPES = [*sorted(DIALECTS["v3"].types), "bool", "string", "texture", "spectrum"]
 VALUES = ['"a.exr"', '"a.ply"', '"a.spd"', '"matte"', '"a"', "true", '"metal-Cu-eta"', "3", "-1", ".5"]
 MAKERS = {
     "Shape": "sphere disk cylinder trianglemesh plymesh loopsubdiv bilinearmesh",
-    "Material": "matte plastic metal mirror glass uber mix diffuse conductor dielectric coateddiffuse translucent "
-    "diffusetransmission",
+    "Material": "matte plastic metal mirror glass uber mix diffuse conductor dielectric coateddiffuse "
+    "coatedconductor translucent diffusetransmission",
     "LightSource": "point spot distant infinite",
     "AreaLightSource": "diffuse area",
     'Texture "t" "spectrum"': "constant scale imagemap mix checkerboard",

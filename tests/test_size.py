@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 26_991, "tests": 26_764}
+LINES = {"dmis": 27_295, "tests": 26_889}
 """Lines of Python files."""
-WORDS = 43_010
+WORDS = 43_064
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""

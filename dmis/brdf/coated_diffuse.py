@@ -19,9 +19,8 @@ would be (R I)^bounces. Its roulette changes no mean. Where the coat is rough, v
 ``Sample_f``, which has the mean given here: it puts together two estimates of the way out with weights whose sum is
 not 1, because one has the density of the reversed path.
 
-A layer of optical thickness t below the interface keeps ``exp(-t / c)`` of a ray of cosine c. Facets are averaged over
-the half vectors that wo sees, by a Gauss rule for the cap of `dmis.brdf.microfacet.GGX.sample` and a midpoint rule
-around it, in float64, once for each interface. Masking and shadowing are correlated, ``G2 = 1 / (1 + L(wo) + L(wi))``.
+A layer of optical thickness t below the interface keeps ``exp(-t / c)`` of a ray of cosine c. Facets are averaged once
+for each interface, see `dmis.brdf.facet_quadrature`.
 
 Sources: Saunderson 1942; Walter et al. 2007; Elias, Simonot and Menu 2001; Guo, Hasan and Zhao, "Position-Free Monte
 Carlo Simulation for Arbitrary Layered BSDFs", 2018; bxdfs.h of pbrt-v4.
@@ -38,18 +37,13 @@ import numpy as np
 from dmis.base.vectors import Array
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import CosineLobe
+from dmis.brdf.facet_quadrature import LEAST_COSINE, NODES, gauss, interpolate, reflected, refracted
 from dmis.brdf.fresnel import dielectric
 from dmis.brdf.texture import Image
 from dmis.samplers.warp import INV_PI
 
-TABLE_INTERVALS = 512
-"""Intervals of the table of `transmittance`: error below 1e-4 for indices 1.1 to 4, alpha and thickness to 1."""
-HALF_VECTOR_NODES = 32
-"""Nodes in each of the two coordinates of half vectors."""
 DIFFUSE_NODES = 64
 """Nodes of diffuse light on either side of the critical angle."""
-_LEAST_COSINE = np.float32(1e-7)
-"""Smallest cosine: at the horizon the terms have the limit 0 / 0."""
 
 
 def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float = 0.0) -> Array:
@@ -59,27 +53,19 @@ def transmittance(cos: Array, eta: float, alpha: float = 0.0, thickness: float =
     table in ``sqrt(cos)``, along which the share is smooth to the horizon.
     """
     if alpha:
-        values, steps = _table(eta, alpha, thickness)
-        at = np.sqrt(cos) * np.float32(TABLE_INTERVALS)
-        node = at.astype(np.int32)
-        return values.take(node, mode="clip") + steps.take(node, mode="clip") * (at - node.astype(np.float32))
+        return interpolate(_table(eta, alpha, thickness), cos)
     share = 1 - dielectric(cos, np.float32(eta))
     if thickness:
         inside = np.sqrt(np.maximum(1 - (1 - cos * cos) * np.float32(1 / (eta * eta)), 0))
-        share *= np.exp(np.float32(-thickness) / np.maximum(inside, _LEAST_COSINE))
+        share *= np.exp(np.float32(-thickness) / np.maximum(inside, LEAST_COSINE))
     return share
 
 
 @cache
-def _table(eta: float, alpha: float, thickness: float) -> tuple[Array, Array]:
-    """Return `transmittance` at cosines ``(k / TABLE_INTERVALS)^2``, and the differences to the next, as rows."""
-    cos = np.maximum(np.linspace(0, 1, TABLE_INTERVALS + 1) ** 2, _LEAST_COSINE)
-    cos_o, cos_d, cos_h, weight = _facets(cos, alpha)
-    beyond = np.sqrt(1 - (1 - cos_d * cos_d) / (eta * eta))
-    cos_i = cos_o / eta + cos_h * (beyond - cos_d / eta)
-    share = (1 - dielectric(cos_d, np.asarray(eta))) * _unmasked(cos_o, cos_i, alpha) * np.exp(-thickness / cos_i)
-    values = (share * weight).sum(axis=(1, 2)).astype(np.float32)
-    return values, np.diff(values, append=values[-1:])
+def _table(eta: float, alpha: float, thickness: float) -> Array:
+    """Return `transmittance` at `NODES`, ``(TABLE_INTERVALS + 1,)``."""
+    cos, share = refracted(NODES, alpha, eta)
+    return (share * np.exp(-thickness / cos)).sum(axis=(1, 2)).astype(np.float32)
 
 
 @cache
@@ -92,47 +78,14 @@ def internal_reflectance(eta: float, alpha: float = 0.0, thickness: float = 0.0)
     that Fresnel's reflectance has there. Smooth and without absorption it is ``1 - (1 - F) / eta^2``, where F is the
     same integral from outside.
     """
-    nodes, weights = _gauss(DIFFUSE_NODES)
+    nodes, weights = gauss(DIFFUSE_NODES)
     critical2 = 1 - 1 / (eta * eta)
     cos2 = np.concatenate([critical2 * (1 - nodes**2), critical2 + (1 - critical2) * nodes**2])
     weights = np.concatenate([critical2 * weights, (1 - critical2) * weights]) * np.tile(2 * nodes, 2)
-    cos_o, cos_d, cos_h, weight = _facets(np.sqrt(np.maximum(cos2, _LEAST_COSINE)), alpha)
-    cos_i = np.maximum(2 * cos_d * cos_h - cos_o, _LEAST_COSINE)
-    share = dielectric(cos_d, np.asarray(1 / eta)) * _unmasked(cos_o, cos_i, alpha) * (cos_i > _LEAST_COSINE)
-    share = share * np.exp(-thickness / cos_o - thickness / cos_i)
-    return float(weights @ (share * weight).sum(axis=(1, 2)))
-
-
-def _facets(cos: Array, alpha: float) -> tuple[Array, Array, Array, Array]:
-    """Return the half vectors that directions of cosines `cos` ``(M,)`` see: nodes of a quadrature, float64.
-
-    These are the cosines of wo with the normal ``(M, 1, 1)``, of wo and of the normal with the half vectors ``(M,
-    HALF_VECTOR_NODES, HALF_VECTOR_NODES)``, and weights ``(HALF_VECTOR_NODES, 1)``, whose sum over both axes is 1.
-    """
-    nodes, weights = _gauss(HALF_VECTOR_NODES)
-    u = (1 - (1 - nodes) ** 2)[:, None]  # many nodes near 1, where facets stand upright
-    phi = np.pi * (np.arange(HALF_VECTOR_NODES) + 0.5) / HALF_VECTOR_NODES  # the other half circle is the same
-    cos_o = cos[:, None, None].astype(np.float64)
-    sin_o = np.sqrt(np.maximum(1 - cos_o * cos_o, 0))
-    length = np.hypot(alpha * sin_o, cos_o)
-    below = u * (1 + cos_o / length)
-    r = np.sqrt(np.maximum(below * (2 - below), 0))
-    x, y = alpha * (r * np.cos(phi) + alpha * sin_o / length), alpha * r * np.sin(phi)
-    z = (1 - u) * (1 + cos_o / length)
-    size = np.sqrt(x * x + y * y + z * z)
-    return cos_o, (sin_o * x + cos_o * z) / size, z / size, (weights * 2 * (1 - nodes) / HALF_VECTOR_NODES)[:, None]
-
-
-def _unmasked(cos_o: Array, cos_i: Array, alpha: float) -> Array:
-    """Return G2 / G1, the share of what facets that wo sees send to wi past other facets."""
-    o, i = (np.sqrt(alpha * alpha * np.maximum(1 - c * c, 0) + c * c) / c for c in (cos_o, cos_i))
-    return (1 + o) / (o + i)
-
-
-def _gauss(count: int) -> tuple[Array, Array]:
-    """Return nodes and weights of Gauss's rule in [0, 1]."""
-    x, weights = np.polynomial.legendre.leggauss(count)
-    return (x + 1) / 2, weights / 2
+    up = np.sqrt(np.maximum(cos2, LEAST_COSINE))
+    down, share = reflected(up, alpha, lambda cos: dielectric(cos, np.asarray(1 / eta)))
+    absorbed = np.exp(-thickness / down) * np.exp(-thickness / up)[:, None, None]
+    return float(weights @ (share * absorbed).sum(axis=(1, 2)))
 
 
 @dataclass(frozen=True, eq=False)

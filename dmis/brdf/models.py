@@ -19,15 +19,17 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.color import Rgb
 from dmis.base.vectors import Array
 from dmis.brdf.ashikhmin_shirley import AshikhminShirley, BlendBase
+from dmis.brdf.coated_conductor import CoatedConductor, CoatedFresnel
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.diffuse import Lambert
 from dmis.brdf.distributions import MIN_ALPHA, Anisotropic, Beckmann, Blinn, Elliptic, Isotropic, Roughness
-from dmis.brdf.fresnel import Coat, Dielectric, Fresnel, check_ior
+from dmis.brdf.fresnel import Coat, Dielectric, Fresnel, check_ior, check_metal_index
 from dmis.brdf.lobe import Lobe
-from dmis.brdf.materials import Material, assemble, is_black
+from dmis.brdf.materials import COPPER_ETA, COPPER_K, Material, assemble, is_black
 from dmis.brdf.microfacet import GGX, Microfacet
 from dmis.brdf.phong import BlinnPhong, Lafortune
 from dmis.brdf.rough_glass import RoughReflection, RoughTransmission
@@ -136,21 +138,73 @@ def coated_diffuse(
     bounces
         How many reflections by the base count; None: all.
     """
-    bounds = ("alpha", alpha, 0, 10), ("eta", eta, 1, 100), ("thickness", thickness, 0, 1000)
-    alpha, eta, thickness = (
-        check_number(name, value, f"from {least} to {most}", "what crosses the coat is tabulated", least, most)
-        for name, value, least, most in bounds
+    alpha, eta, thickness = _check_layers(
+        bounces, alpha=(alpha, 0, 10), eta=(eta, 1, 100), thickness=(thickness, 0, 1000)
     )
-    if 0 < alpha < MIN_ALPHA:
-        raise ValueError(f"alpha must be 0 or at least {MIN_ALPHA:g}, what float32 directions resolve; got {alpha}")
-    if bounces is not None and not (isinstance(bounces, int | np.integer) and bounces >= 1):
-        raise ValueError(f"bounces must be an integer, at least 1, because the first is what is seen; got {bounces}")
     check_values("kd", kd, "in [0, 1]", "it is reflected again and again", 0, 1)
     base = CoatedBase(kd, eta, alpha if eta > 1 else 0.0, thickness, bounces)
     lobes: tuple[Lobe, ...] = () if is_black("kd", kd) else (base,)
-    if eta > 1:
-        lobes += (GGX(1.0, facet_roughness(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
-    return Material(lobes, "coateddiffuse")
+    return Material((*lobes, *_coat(alpha, eta)), "coateddiffuse")
+
+
+def coated_conductor(
+    eta: Rgb = COPPER_ETA,
+    k: Rgb = COPPER_K,
+    alpha: float = 0.0,
+    coat_alpha: float = 0.0,
+    coat_eta: float = 1.5,
+    thickness: float = 0.0,
+    bounces: int = 100,
+) -> Material:
+    """Make a metal under a dielectric coat, with all reflections in between; see `dmis.brdf.coated_conductor`.
+
+    Parameters
+    ----------
+    eta, k
+        The metal's index of refraction and absorption: numbers or RGB triples; copper by default.
+    alpha
+        Roughness of the metal, a number up to 1; 0 is smooth.
+    coat_alpha, coat_eta, thickness
+        The coat: its roughness up to 1, and `eta` and `thickness` of `coated_diffuse`.
+    bounces
+        How many reflections by the metal count.
+    """
+    alpha, coat_alpha, coat_eta, thickness = _check_layers(
+        bounces,
+        alpha=(alpha, 0, 1),
+        coat_alpha=(coat_alpha, 0, 1),
+        coat_eta=(coat_eta, 1, 100),
+        thickness=(thickness, 0, 1000),
+    )
+    check_values("eta", eta, "positive and finite", "it is part of a metal's index", FLOAT32_TINY, image=False)
+    index, absorption = (np.array(check_metal_index(*item)) / coat_eta for item in (("eta", eta), ("k", k)))
+    metal = tuple(index.tolist()), tuple(absorption.tolist())
+    if alpha == coat_alpha == 0:
+        mirror = CoatedFresnel(coat_eta, metal, thickness, bounces)
+        return Material((SpecularReflection(1.0, mirror),), "coatedconductor")
+    base = CoatedConductor(metal, alpha, coat_eta, coat_alpha, thickness, bounces)
+    return Material((base, *_coat(coat_alpha, coat_eta)), "coatedconductor")
+
+
+def _check_layers(bounces: int | None, **bounds: tuple[float, float, float]) -> list[float]:
+    """Return the values of layers, which must be in their `bounds` (value, least, most); check `bounces`, too."""
+    values = []
+    for name, (value, least, most) in bounds.items():
+        reason = "what crosses the coat is tabulated"
+        values.append(check_number(name, value, f"from {least} to {most}", reason, least, most))
+        if name.endswith("alpha") and 0 < value < MIN_ALPHA:
+            text = f"must be 0 or at least {MIN_ALPHA:g}, what float32 directions resolve"
+            raise ValueError(f"{name} {text}; got {value}")
+    if bounces is not None and not (isinstance(bounces, int | np.integer) and bounces >= 1):
+        raise ValueError(f"bounces must be an integer, at least 1, because the first is what is seen; got {bounces}")
+    return values
+
+
+def _coat(alpha: float, eta: float) -> tuple[Lobe, ...]:
+    """Return the lobe of a coat's outer side; none at index 1."""
+    if eta == 1:
+        return ()
+    return (GGX(1.0, facet_roughness(alpha), Dielectric(eta)) if alpha else SpecularReflection(1.0, Coat(eta)),)
 
 
 def _over(kd: Any, ks: Any, lobe: Lobe, name: str) -> Material:

@@ -79,6 +79,7 @@ _MAKERS = (
     materials.matte, materials.plastic, materials.metal, materials.shiny_metal, materials.substrate, materials.uber,
     materials.mirror, materials.glass, metallic_roughness.metallic_roughness, models.phong, models.blinn_phong,
     models.ward, models.ashikhmin_shirley, models.cook_torrance, models.ggx, models.rough_glass, models.coated_diffuse,
+    models.coated_conductor,
 )  # fmt: skip
 MATERIALS: dict[str, Callable[..., Material]] = {make.__name__: make for make in _MAKERS}
 """Materials by the names of their functions."""

@@ -1,5 +1,6 @@
-"""A diffuse base under a coat: energy, random walks of light through the layers, tables, and scenes."""
+"""A diffuse or metallic base under a coat: energy, random walks of light through the layers, tables, and scenes."""
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -8,18 +9,21 @@ from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.base.vectors import Array
+from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase, internal_reflectance, transmittance
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert
-from dmis.brdf.fresnel import Coat, Dielectric, dielectric
+from dmis.brdf.fresnel import Coat, Dielectric, ExactConductor, dielectric
 from dmis.brdf.materials import Material
 from dmis.brdf.microfacet import GGX
 from dmis.brdf.specular import SpecularReflection
 from dmis.brdf.texture import Image
 from dmis.scene.groups import Part
 from dmis.scene.shading_points import bind
+from dmis.testing.lobe import check_lobe
+from dmis.testing.outcome import require
 from dmis.testing.scenes import FLOOR, box_scene, surface
-from dmis.testing.sphere import polar
+from dmis.testing.sphere import polar, uniforms
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
 COS, WEIGHTS = (NODES + 1) / 2, WEIGHTS / 2
@@ -98,24 +102,51 @@ def meet(wo: Array, eta: float, alpha: float, rng: np.random.Generator) -> tuple
     return on, crosses, weight * right, shadow(wo, on, alpha)
 
 
-def walk(degrees: float, reflectance: float, coat: tuple[float, ...], bounces: int, count: int) -> Array:
-    """Cosines at which walks leave the layers, their weights, and the bounces before, ``(3, count)``; else weight 0."""
+Scatter = Callable[[Array, np.random.Generator], tuple[Array, Array]]
+
+
+def lambertian(reflectance: float) -> Scatter:
+    """A base that scatters light by the cosine: directions up and weights for directions to where it came from."""
+
+    def scatter(w: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        u, phi = rng.random(w.shape[1]), 2 * np.pi * rng.random(w.shape[1])
+        return np.stack([np.sqrt(u) * np.cos(phi), np.sqrt(u) * np.sin(phi), np.sqrt(1 - u)]), np.array(reflectance)
+
+    return scatter
+
+
+def metallic(metal: ExactConductor, alpha: float) -> Scatter:
+    """A base of rough metal, its first channel."""
+
+    def scatter(w: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        h, weight = facets(w, alpha, rng)
+        cos_d = np.clip((w * h).sum(axis=0), 0, 1)
+        up = 2 * cos_d * h - w
+        weight = weight * (up[2] > 0) * metal(cos_d)[0]
+        up = np.where(up[2] > 0, up, [[0.0], [0.0], [1.0]])
+        return up, weight * shadow(w, up, alpha)
+
+    return scatter
+
+
+def walk(degrees: float, scatter: Scatter, coat: tuple[float, ...], bounces: int, count: int) -> Array:
+    """Directions in which walks leave the layers, their weights, and the bounces before, ``(5, count)``."""
     eta, alpha, thickness = coat
     rng = np.random.default_rng(5)
     wo = np.repeat(polar(degrees)[:, None], count, axis=1)
     down, crosses, weight, masking = meet(wo, eta, alpha, rng)
     weight = weight * masking * crosses * np.exp(-thickness / np.abs(down[2]))
-    walks = np.zeros((3, count))
+    walks = np.zeros((5, count))
     index = np.arange(count)
     for k in range(bounces):
-        index, weight = index[weight > 0], weight[weight > 0]
-        u, phi = rng.random(len(index)), 2 * np.pi * rng.random(len(index))
-        up = np.stack([np.sqrt(u) * np.cos(phi), np.sqrt(u) * np.sin(phi), np.sqrt(1 - u)])
-        weight = weight * reflectance * np.exp(-thickness / up[2])
+        index, down, weight = index[weight > 0], down[:, weight > 0], weight[weight > 0]
+        up, factor = scatter(-down, rng)
+        weight = weight * factor * np.exp(-thickness / up[2])
         # seen from inside, with the axis turned round: wo is the direction back to the base
-        on, crosses, factor, masking = meet(up, 1 / eta, alpha, rng)
+        on, crosses, factor, masking = meet(up * [[-1], [-1], [1]], 1 / eta, alpha, rng)
+        down = on * [[1], [1], [-1]]
         weight = weight * factor * masking
-        walks[:, index[crosses]] = np.abs(on[2, crosses]), weight[crosses], np.full(crosses.sum(), k)
+        walks[:, index[crosses]] = *down[:, crosses], weight[crosses], np.full(crosses.sum(), k)
         weight = np.where(crosses, 0, weight * np.exp(-thickness / np.abs(on[2])))
     return walks
 
@@ -128,13 +159,72 @@ def walk(degrees: float, reflectance: float, coat: tuple[float, ...], bounces: i
 def test_random_walks(coat: tuple[float, ...], degrees: float, reflectance: float) -> None:
     """Light that is followed from interface to interface leaves in the directions that the formula says, as often."""
     edges = np.linspace(0, 1, 7)
-    cos, weight, bounce = walk(degrees, reflectance, coat, 40, 2**17)
+    _, _, cos, weight, bounce = walk(degrees, lambertian(reflectance), coat, 40, 2**17)
     for bounces in (1, 3, None):
         material = base(reflectance, *coat, bounces=bounces)
         for low, high in [(0.0, 1.0), *pairwise(edges)]:
             expected = (high - low) * (WEIGHTS @ leaving(material, degrees, low + (high - low) * COS))
             inside = (cos > low) & (cos <= high) & (bounce < (bounces or np.inf))
             assert abs(z_score(weight * inside, expected)) < Z_LIMIT
+
+
+ALUMINIUM = (0.83, 0.6, 0.4), (5.1, 4.4, 3.5)
+SMOOTH_METAL = ExactConductor(*ALUMINIUM)
+
+
+@pytest.mark.parametrize(
+    "alpha, coat, spread",
+    [
+        (0.2236, (1.5, 0.0, 0.01), (0.07, 0.12)),
+        (0.0447, (1.5, 0.1414, 0.01), (0.13, 0.28)),
+        (0.0, (1.5, 0.3162, 0.0), (0.13, 0.25)),
+        (0.4, (1.8, 0.0, 0.3), (0.07, 0.12)),
+    ],
+)
+@pytest.mark.parametrize("angle", [0, 1])
+def test_random_walks_over_metal(alpha: float, coat: tuple, spread: tuple, angle: int) -> None:
+    """As much light leaves as by walks, within 2 %, and most of it where the lobe says."""
+    degrees, count = (30.0, 75.0)[angle], 2**16
+    *wi, weight, _ = walk(degrees, metallic(SMOOTH_METAL, alpha), coat, 5, count)
+    lobe = CoatedConductor(ALUMINIUM, alpha, *coat, bounces=5)
+    points = surface(Material((lobe,)), polar(degrees), count)
+    samples = points.sample(uniforms(count))
+    directions = Directions(points, samples)
+    pdf = np.where(directions.above, points.pdf(directions), np.inf)
+    got = points.eval(directions)[0] * directions.cos_i / np.maximum(pdf, 1e-30)
+    assert got.mean() == pytest.approx(weight.mean(), rel=0.02, abs=Z_LIMIT * weight.std() / np.sqrt(count))
+    one, other = (np.histogram2d(*w[:2], 12, [[-1, 1]] * 2, weights=x)[0] for w, x in ((wi, weight), (samples, got)))
+    assert np.abs(one / one.sum() - other / other.sum()).sum() / 2 < spread[angle]
+
+
+@pytest.mark.parametrize("degrees", [0.0, 40.0, 80.0])
+def test_smooth_metal_under_a_smooth_coat(degrees: float) -> None:
+    """A mirror whose reflectance is that of walks, and of a barely rough metal."""
+    ((mirror,),) = [dmis.coated_conductor(*ALUMINIUM, thickness=0.1, bounces=2).lobes]
+    metal = tuple(np.array(ALUMINIUM) / 1.5)
+    walks = walk(degrees, metallic(ExactConductor(*metal), 0), (1.5, 0.0, 0.1), 2, 2**17)
+    outer = Coat(1.5)(polar(degrees)[2:].astype(np.float32)).item()
+    assert isinstance(mirror, SpecularReflection) and mirror.fresnel is not None
+    got = mirror.fresnel(polar(degrees)[2:].astype(np.float32))[0].item()
+    assert abs(z_score(walks[3], got - outer)) < Z_LIMIT
+
+
+@pytest.mark.parametrize("alpha, coat_alpha", [(0.1, 0.0), (0.3, 0.2), (0.0, 0.2)])
+def test_checks_of_coated_metal(alpha: float, coat_alpha: float) -> None:
+    """Samples, densities, energy (of metal that absorbs next to nothing), symmetry, renders."""
+    white = (1.0, 1.0, 1.0), (1e3, 1e3, 1e3)
+    require(check_lobe(CoatedConductor(white, alpha, 1.5, coat_alpha), f"metal {alpha} coat {coat_alpha}"))
+
+
+def test_metal_without_a_coat_is_ggx() -> None:
+    """Index 1 reflects nothing, and neither bends rays."""
+    coated, plain = (
+        dmis.coated_conductor(*ALUMINIUM, 0.3, coat_eta=1.0),
+        dmis.ggx(0, 1, 0.3, fresnel=SMOOTH_METAL),
+    )
+    assert len(coated.lobes) == 1
+    cos = COS[COS > 0.05]
+    np.testing.assert_allclose(leaving(coated, 40.0, cos), leaving(plain, 40.0, cos), rtol=0.01)
 
 
 # Interfaces ---------------------------------------------------------------------------------------------------------
@@ -252,3 +342,19 @@ def test_bad_parameters(arguments: dict, message: str) -> None:
     """Errors name the parameter, the constraint and the value."""
     with pytest.raises(ValueError, match=message):
         dmis.coated_diffuse(**arguments)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ({"eta": 0}, "eta must be positive and finite, because"),
+        ({"k": -1}, "k must be finite and not negative, because"),
+        ({"coat_alpha": 1e-6}, "coat_alpha must be 0 or at least 0.0001"),
+        ({"coat_eta": 0.5}, "coat_eta must be from 1 to 100, because"),
+        ({"bounces": 0}, "bounces must be an integer, at least 1"),
+    ],
+)
+def test_bad_parameters_of_coated_metal(arguments: dict, message: str) -> None:
+    """Errors name the parameter, the constraint and the value."""
+    with pytest.raises(ValueError, match=message):
+        dmis.coated_conductor(**arguments)

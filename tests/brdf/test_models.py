@@ -241,6 +241,7 @@ EXTREME = {
     "torrance-sparrow": (dmis.torrance_sparrow(0, 1, 0.01), dmis.torrance_sparrow(0, 1, 1e6)),
     "cook-torrance": (dmis.cook_torrance(0, 1, 1e-4), dmis.cook_torrance(0, 1, 10.0, 1e-4, Dielectric())),
     "ggx": (dmis.ggx(0, 1, 1e-4), dmis.ggx(0, 1, 10.0), dmis.ggx(0, 1, 1e-4, 10.0, Dielectric())),
+    "coated metal": (dmis.coated_conductor(alpha=1e-4), dmis.coated_conductor(alpha=1, coat_alpha=1, coat_eta=4)),
     "coated diffuse": (dmis.coated_diffuse(1), dmis.coated_diffuse(1, 1e-4), dmis.coated_diffuse(1, 10.0, 4.0, 9.0)),
 }
 

@@ -173,7 +173,7 @@ v3 v4 : Shape          : plymesh
 v4    : Film           : rgb gbuffer spectral
 v4    : Sampler        : independent paddedsobol pmj02bn zsobol
 v4    : Shape          : bilinearmesh
-v4    : Material       : diffuse conductor dielectric coateddiffuse
+v4    : Material       : diffuse conductor dielectric coateddiffuse coatedconductor
 """)
 """Dialects that have a directive with this first string, which is supported; those of a material also in
 MakeNamedMaterial."""

@@ -1,7 +1,6 @@
 """pbrt-v3 and v4: the same scene in three dialects is the same scene; what differs, by hand; what is refused."""
 
 import dataclasses
-import functools
 import warnings
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 import dmis
 from dmis.base.color import LUMINANCE
 from dmis.brdf.ashikhmin_shirley import BlendBase, BlendCoat
+from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.cosines import Directions
 from dmis.brdf.diffuse import Lambert, OrenNayar
@@ -396,6 +396,7 @@ REMAPPED = {0.1: 0.4618, 0.01: 0.1389, 0.001: 0.0473, 0.0: 0.0473}
 """alpha of pbrt-v3, by hand from its polynomial: 1.62142 - 1.88801 + 0.91935 - 0.20900 + 0.01801 for 0.1."""
 GLASS, BLEND = [RoughReflection, RoughTransmission], [BlendBase, BlendCoat]
 SMOOTH, COATED = [SpecularReflection, SpecularTransmission], [CoatedBase, SpecularReflection]
+METAL_COATED, ROUGH_METAL = [CoatedConductor, SpecularReflection], '"float conductor.roughness" .04'
 FINE, COARSE = '"float uroughness" .01 "float roughness" .1', '"float uroughness" .1 "float vroughness" .01'
 PLAIN = '"bool remaproughness" "false"'
 LOBES = [  # dialect, material, its parameters, its lobes, and attributes of some of them
@@ -427,6 +428,18 @@ LOBES = [  # dialect, material, its parameters, its lobes, and attributes of som
     ("v4", "coateddiffuse", '"float eta" 1.3', COATED, {"0.eta": 1.3, "1.fresnel.eta": 1.3}),
     ("v4", "coateddiffuse", '"integer maxdepth" 101 "integer nsamples" 4', COATED, {"0.bounces": 51}),
     ("v4", "coateddiffuse", '"float thickness" -1 "float g" .5', COATED, {"0.thickness": 0}),
+    ("v4", "coatedconductor", "", [SpecularReflection], {"0.fresnel.bounces": 5, "0.fresnel.thickness": 0.01}),
+    ("v4", "coatedconductor", '"float conductor.roughness" .04', METAL_COATED, {"0.alpha": 0.2, "0.bounces": 5}),
+    ("v4", "coatedconductor", '"float interface.roughness" .04', [CoatedConductor, GGX], {"0.roughness": 0.2}),
+    ("v4", "coatedconductor", f'{ROUGH_METAL} "float interface.eta" 1.2', METAL_COATED, {"1.fresnel.eta": 1.2}),
+    (
+        "v4",
+        "coatedconductor",
+        f'{ROUGH_METAL} "rgb conductor.eta" [3 2 1.5]',
+        METAL_COATED,
+        {"0.metal.0": (2, 4 / 3, 1)},
+    ),
+    ("v4", "coatedconductor", f'{ROUGH_METAL} "rgb reflectance" [.5 .5 .5]', METAL_COATED, {"0.metal.1": [4 / 3] * 3}),
 ]
 
 
@@ -436,7 +449,10 @@ def test_lobes_of_materials(read, dialect, kind, parameters, kinds, values):
     assert [type(lobe) for lobe in found] == kinds
     for path, value in values.items():
         number, *names = path.split(".")
-        np.testing.assert_allclose(functools.reduce(getattr, names, found[int(number)]), value, atol=1e-4)
+        item = found[int(number)]
+        for name in names:
+            item = item[int(name)] if name.isdigit() else getattr(item, name)
+        np.testing.assert_allclose(item, value, atol=1e-4)
 
 
 def test_uber_of_v3(read):
@@ -603,6 +619,8 @@ BAD_WORLDS = [
     ("v4", 'Material "coateddiffuse" "float vroughness" .1', "roughness must be the same along"),
     ("v4", 'Material "coateddiffuse" "integer maxdepth" 0', "'maxdepth' must be at least 1"),
     ("v4", 'Material "coateddiffuse" "float eta" .9', "eta must be from 1"),
+    ("v4", 'Material "coatedconductor" "float conductor.uroughness" .1', "roughness must be the same along"),
+    ("v4", 'Material "coatedconductor" "rgb reflectance" [0 0 0] "rgb conductor.k" [1 1 1]', "must not stand beside"),
     ("v4", 'Material "conductor" "float uroughness" .1', "must be rough along both tangents"),
     (
         "v3",
