@@ -18,7 +18,7 @@ from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.environment import EnvironmentLight
 from dmis.samplers import warp
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import SAMPLERS, Independent, make_sampler
+from dmis.samplers.streams import SAMPLERS, Independent
 from dmis.scene.shading_points import ShadingPoints
 from dmis.variance.moments import Moments
 
@@ -126,7 +126,7 @@ def test_vectors(benchmark: Any, name: str) -> None:
 def test_random_numbers(benchmark: Any, kind: Any) -> None:
     pixels = 1024
     block = PixelBlock(np.random.default_rng(1), 1, np.arange(pixels), [N // pixels], 2)
-    sampler = make_sampler(kind, block)
+    sampler = SAMPLERS[kind](block)
     sampler.start(np.tile(np.arange(pixels), N // pixels), np.repeat(np.arange(N // pixels), pixels))
     assert isinstance(sampler, Independent) == (kind == "independent")
     assert benchmark(lambda: sampler.draw("camera", None)).shape == (2, N)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmis.geometry import wavefront
 from dmis.geometry.gltf import MAX_FACES, Gltf
 from dmis.geometry.mesh import Mesh, concatenate, repair_normals, vertex_normals, weld
+from dmis.geometry.wavefront import read_obj
 
 if TYPE_CHECKING:
     import trimesh
@@ -86,7 +86,7 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     suffix = path.suffix.lower()
     with reading(path) as data:
         if suffix == ".obj":
-            mesh = wavefront.read_obj(data).mesh()
+            mesh = concatenate([mesh for _, mesh in read_obj(data).meshes()])
         elif suffix in (".glb", ".gltf"):
             mesh = concatenate([primitive.mesh for primitive in Gltf(path, data).primitives()])
         else:

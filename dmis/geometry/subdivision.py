@@ -71,13 +71,6 @@ class _HalfEdges:
     valence: npt.NDArray[np.int64]
     rim: npt.NDArray[np.bool_]
 
-    @classmethod
-    def of(cls, faces: npt.NDArray[np.int64], twin: npt.NDArray[np.int64], count: int) -> _HalfEdges:
-        """Build the half-edges of `faces` with their twins, for `count` vertices."""
-        tail, rim = faces.ravel(), np.zeros(count, np.bool_)
-        rim[tail[twin < 0]] = True
-        return cls(faces, twin, tail, _turn(faces, 1), np.bincount(tail, minlength=count) + rim, rim)
-
     def places(self) -> npt.NDArray[np.int64]:
         """Return the place 0, 1, … of each half-edge about its tail, counter-clockwise; -1 in a second fan of faces.
 
@@ -96,7 +89,7 @@ class _HalfEdges:
 
 
 def _half_edges(faces: npt.NDArray[np.int64], count: int) -> _HalfEdges:
-    """Build the half-edges of a cage with `count` vertices; raise a ValueError if it is no oriented manifold."""
+    """Build the half-edges of `faces` between `count` vertices; raise a ValueError if it is no oriented manifold."""
     tail, head = faces.ravel(), _turn(faces, 1)
     if (tail == head).any():
         face = int(np.argmax(tail == head)) // 3
@@ -110,7 +103,9 @@ def _half_edges(faces: npt.NDArray[np.int64], count: int) -> _HalfEdges:
         rule = "meet at most two at an edge, and run through it in opposite directions"
         raise ValueError(f"faces must {rule}; not so at edge {edge}")
     place = np.searchsorted(ordered, back).clip(max=len(order) - 1)
-    net = _HalfEdges.of(faces, np.where(ordered[place] == back, order[place], -1), count)
+    twin, rim = np.where(ordered[place] == back, order[place], -1), np.zeros(count, np.bool_)
+    rim[tail[twin < 0]] = True
+    net = _HalfEdges(faces, twin, tail, head, np.bincount(tail, minlength=count) + rim, rim)
     loose = net.places() < 0
     if loose.any():
         vertex = int(tail[np.argmax(loose)])
@@ -159,15 +154,7 @@ def _refine(net: _HalfEdges) -> tuple[Any, _HalfEdges]:
     middle = (count + number).reshape(-1, 3)
     corner = np.stack([faces, middle, np.roll(middle, 1, axis=1)], axis=2)
     children = np.concatenate([corner, middle[:, None]], axis=1).reshape(-1, 3)
-    # Half-edge k was cut into side 0 of child k and side 2 of child k + 1, its twin the other way round;
-    # side 1 of child k lies along side k - 1 of the child in the middle.
-    first, k = 12 * np.arange(len(faces))[:, None], np.arange(3)
-    start, end = (first + 3 * k).ravel(), (first + 3 * ((k + 1) % 3) + 2).ravel()
-    inner, outer = (first + 3 * k + 1).ravel(), (first + 9 + (k + 2) % 3).ravel()
-    twins = np.empty(4 * len(twin), np.int64)
-    twins[start], twins[end] = np.where(edge, -1, end[twin]), np.where(edge, -1, start[twin])
-    twins[inner], twins[outer] = outer, inner
-    return rule, _HalfEdges.of(children, twins, count + edges)
+    return rule, _half_edges(children, count + edges)
 
 
 def _limit_normals(points: Floats, net: _HalfEdges) -> Floats:

@@ -53,10 +53,6 @@ class Wavefront:
     libraries: tuple[str, ...]
     coloured: bool
 
-    def mesh(self) -> Mesh:
-        """Return the mesh of all triangles."""
-        return _mesh(self.tables, self.corners.copy())
-
     def meshes(self) -> Iterator[tuple[str, Mesh]]:
         """Yield the mesh of each material that has triangles, with its name."""
         for number in np.unique(self.material):

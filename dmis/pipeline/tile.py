@@ -20,7 +20,7 @@ from dmis.fit.round import Round
 from dmis.intersect import RayCaster, TimedCaster
 from dmis.pipeline.film import FilmTile, Observers, patch_sums
 from dmis.samplers.pixel_block import LENS, PixelBlock
-from dmis.samplers.streams import Sampler, make_sampler, stream
+from dmis.samplers.streams import SAMPLERS, Sampler, stream
 from dmis.scene.scene import Scene
 from dmis.variance.moments import Moments
 
@@ -76,7 +76,7 @@ class Tile:
         rows, columns = np.arange(*self.rows), np.arange(*self.columns)
         pixels = (rows[:, None] * width + columns).reshape(-1)
         stops = np.unique(self.round.spp + self.round.begin).tolist()
-        return make_sampler(settings.sampler, PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples))
+        return SAMPLERS[settings.sampler](PixelBlock(rng, self.seed, pixels, stops, settings.shading_samples))
 
     def groups(self) -> Iterator[tuple[np.ndarray, Array | int, Array, Settings]]:
         """Yield the pixels ``(A,)`` that are rendered together, with their samples, shares and settings."""

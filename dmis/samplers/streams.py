@@ -181,13 +181,3 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
 def is_sequence(kind: str) -> bool:
     """Return whether the sampler `kind` takes neighbours of a sequence, and says so by an attribute ``sequence``."""
     return getattr(SAMPLERS[kind], "sequence", False)
-
-
-def make_sampler(kind: str, block: PixelBlock) -> Sampler:
-    """Return the sampler `kind` of the pixels `block`.
-
-    A ValueError if the kind is not one of `SAMPLERS`.
-    """
-    if kind not in SAMPLERS:
-        raise ValueError(f"sampler must be one of {', '.join(SAMPLERS)}; got {kind!r}")
-    return SAMPLERS[kind](block)

@@ -20,7 +20,9 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         left -= triangles
         names = ", ".join(sorted({material.name for material in group.materials}))
         lobes = " + ".join(type(lobe).__name__ for lobe in (*group.reflection, *group.transmission, *group.delta))
-        needs = ", ".join(name for name, needed in _needs((group,)) if needed) or "nothing else"
+        costs = group.textured, group.smooth, group.anisotropic, group.emission is not None
+        named = zip(("textures", "interpolated normals", "tangents", "emission"), costs, strict=True)
+        needs = ", ".join(name for name, needed in named if needed) or "nothing else"
         lines.append(
             f"  group {k}: {len(group.materials)} x {names}: {lobes or 'no lobes'}; {triangles:,} triangles; "
             f"needs {needs}; {_sampling(plan, group)}"
@@ -51,7 +53,9 @@ def describe_plan(plan: Plan, unread: Sequence[str] = ()) -> str:
         lines.append("  nothing to mix: no light can be reached by two techniques, so rules learn no shares")
     if unread:
         lines.append(f"  not read from the file: {', '.join(unread)}")
-    lines.append(f"  left out: {'; '.join(_left_out(plan)) or 'nothing'}")
+    for number, what in ((plan.removed_lights, "lights that emit"), (plan.removed_lobes, "lobes that reflect")):
+        if number:
+            lines.append(f"  left out: {number} {what} nothing")
     return "\n".join(lines)
 
 
@@ -79,14 +83,6 @@ def describe_source(source: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
-def _needs(groups: Iterable[Group]) -> Iterator[tuple[str, bool]]:
-    groups = tuple(groups)
-    yield "textures", any(group.textured for group in groups)
-    yield "interpolated normals", any(group.smooth for group in groups)
-    yield "tangents", any(group.anisotropic for group in groups)
-    yield "emission", any(group.emission is not None for group in groups)
-
-
 def _sampling(plan: Plan, group: Group) -> str:
     """Return how the light that a group's surfaces reflect is sampled, kind of light by kind of light."""
     if not (group.reflection or group.transmission or group.delta):
@@ -100,24 +96,6 @@ def _sampling(plan: Plan, group: Group) -> str:
     if group.delta:
         ways.append("mirrored and refracted rays are followed")
     return "; ".join(ways) or "no light: no samples"
-
-
-def _left_out(plan: Plan) -> Iterator[str]:
-    """Yield what the plan leaves out, and why."""
-    if plan.removed_lights:
-        yield f"{_count(plan.removed_lights, 'light')} that emit{'s' * (plan.removed_lights == 1)} nothing"
-    if plan.removed_lobes:
-        yield f"{_count(plan.removed_lobes, 'lobe')} that reflect{'s' * (plan.removed_lobes == 1)} nothing"
-    needs = [*_needs(plan.groups), ("environment lookups", bool(plan.environment))]
-    needs.append(("mirrored and refracted rays", any(group.delta for group in plan.groups)))
-    unneeded = [name for name, needed in needs if not needed]
-    if unneeded:
-        yield f"{', '.join(unneeded)}, because nothing needs them"
-
-
-def _count(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural unless the number is 1."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _names(lights: Iterable[Light]) -> str:

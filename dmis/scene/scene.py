@@ -46,11 +46,6 @@ RAY_OFFSET = 1e-6
 """Ray offset: distance of ray origins from the surfaces that rays leave, in extents of these (rounding of float32)."""
 
 
-def _extent(low: Array, high: Array) -> float:
-    """Return the larger of the diagonal and the largest coordinate, which sets the rounding of float32 positions."""
-    return float(max(np.linalg.norm(high - low), np.abs(low).max(), np.abs(high).max()))
-
-
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A camera, parts and lights.
@@ -167,8 +162,10 @@ class Scene:
 
     @cached_property
     def epsilon(self) -> np.float32:
-        """Offset of ray origins along the geometric normal, `RAY_OFFSET` of the extent of `bounds`."""
-        return np.float32(RAY_OFFSET * _extent(*self.bounds))
+        """Offset of ray origins along the geometric normal: `RAY_OFFSET` of the diagonal of `bounds`, or of the largest
+        coordinate, whichever is larger, because these set the rounding of float32 positions."""
+        low, high = self.bounds
+        return np.float32(RAY_OFFSET * max(np.linalg.norm(high - low), np.abs([low, high]).max()))
 
     @cached_property
     def bodies(self) -> Array:

@@ -30,7 +30,7 @@ from dmis.brdf.microfacet import GGX
 from dmis.estimator.mis import balance
 from dmis.intersect import Intersector
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import make_sampler, stream
+from dmis.samplers.streams import Independent, stream
 
 QUICK = os.environ.get("DMIS_QUICK") == "1"  # small and fast, for tests
 RESOLUTION = (96, 72) if QUICK else (320, 240)
@@ -65,7 +65,7 @@ spp, pixels = 16, width * height
 pixel = np.tile(np.arange(pixels), spp)
 number = np.repeat(np.arange(spp), pixels)
 block = PixelBlock(stream(1, 0, 0), 1, np.arange(pixels), [spp], 2)
-sampler = make_sampler("independent", block)
+sampler = Independent(block)
 sampler.start(pixel, number)
 y, x = np.divmod(pixel, width)
 u = sampler.draw("camera", None)

@@ -9,7 +9,7 @@ from dmis.base.vectors import Array
 from dmis.estimator.allocation import Counts, SampleAllocation, allocate, sample_batches, shares_of
 from dmis.estimator.records import Record
 from dmis.samplers.pixel_block import PixelBlock
-from dmis.samplers.streams import make_sampler
+from dmis.samplers.streams import SAMPLERS
 from dmis.testing.statistics import chi2_p
 from dmis.variance.simplex_curves import rounding_covariance
 
@@ -35,7 +35,7 @@ def allocation_of(shares, spp, settings):
     """Allocation of a tile with the sampler of the settings."""
     rng = np.random.default_rng(2)
     block = PixelBlock(rng, 1, np.arange(PIXELS), np.unique(spp).tolist(), settings.shading_samples)
-    return SampleAllocation(shares, 0, PIXELS, settings, rng, make_sampler(settings.sampler, block))
+    return SampleAllocation(shares, 0, PIXELS, settings, rng, SAMPLERS[settings.sampler](block))
 
 
 @pytest.mark.parametrize("sampler", ["independent", "sobol"])

@@ -305,7 +305,7 @@ def unread_files(folder):
 
 
 def test_materials_of_mesh_files_that_are_not_read_are_named(tmp_path, capsys):
-    """In a warning if none is given in their place, and by info, which does not say that nothing needs them."""
+    """In a warning if none is given in their place, and by info."""
     for path, named in unread_files(tmp_path).items():
         with pytest.warns(SceneWarning) as caught:
             scene = load_scene(path, (8, 8))
@@ -323,14 +323,14 @@ def test_materials_of_mesh_files_that_are_not_read_are_named(tmp_path, capsys):
 
 
 def test_files_without_materials_load_without_a_warning(tmp_path, capsys):
-    """And info says of what is left out that nothing needs it."""
+    """And info names nothing that is not read."""
     for suffix in ("glb", "obj", "ply", "stl"):
         BOX.export(tmp_path / f"box.{suffix}")
         scene = load_scene(tmp_path / f"box.{suffix}", (8, 8))
         assert "unread" not in scene.source and scene.name == "box"
     assert main(["info", str(tmp_path / "box.ply"), "--resolution", "8x8"]) == 0
     output = capsys.readouterr()
-    assert "because nothing needs them" in output.out and "not read" not in output.out and output.err == ""
+    assert "needs interpolated normals" not in output.out and "not read" not in output.out and output.err == ""
 
 
 def test_an_image_on_a_mesh_without_texture_coordinates_warns():
