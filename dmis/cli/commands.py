@@ -96,7 +96,7 @@ def _compare(options: argparse.Namespace) -> int:
     with progress_bar(options.quiet) as progress:
         of_renders = {"parallel": options.threads, "progress": progress}
         if options.reference is not None:
-            reference = load_reference(options.reference, scene, make_settings(**expected))
+            reference = load_reference(options.reference)
         else:
             reference = make_reference(scene, options.reference_spp, **of_renders, **expected)
         oracle = None
@@ -113,8 +113,7 @@ def _compare(options: argparse.Namespace) -> int:
         print(f"dmis: {rule} is left out at {n} samples per pixel, {why}", file=sys.stderr)
     if not options.quiet:
         print(summary(comparison.runs, comparison.window, comparison.few_pixels()))
-        files = (options.output / name for name in ("results.csv", "report.html"))
-        print(*filter(Path.exists, files), sep="\n")
+        print(options.output / "results.csv", options.output / "report.html", sep="\n")
     return 0
 
 

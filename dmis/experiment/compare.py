@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,9 +20,6 @@ from dmis.fit.registry import RULES, make_rule
 from dmis.fit.rule import merge_settings, rule_text
 from dmis.pipeline.progress import Progress
 from dmis.scene.scene import Scene
-
-PLOT_FILES = ("convergence.png", "report.html")
-"""Files of a comparison that need matplotlib."""
 
 
 def parse_rules(text: str) -> list[str]:
@@ -47,24 +43,15 @@ def parse_rules(text: str) -> list[str]:
 
 
 def check_output(folder: str | os.PathLike[str]) -> None:
-    """Raise an OSError if a comparison cannot be written into `folder`, a ValueError if OpenEXR is missing.
-
-    Warn if matplotlib cannot be imported, so that plot and report are left out.
-    """
+    """Raise an OSError if a comparison cannot be written into `folder`, a ValueError if a package for it is missing."""
     folder = Path(folder)
     for inside in (folder, folder / "images"):
         check_folder(inside)
-    for name in ("results.csv", "comparison.json", *PLOT_FILES) if folder.exists() else ():
+    files = "results.csv", "comparison.json", "convergence.png", "report.html"
+    for name in files if folder.exists() else ():
         check_writable(folder / name)
     check_package("OpenEXR", "a comparison, which keeps images as EXR,", "pip install OpenEXR")
-    try:
-        import dmis.experiment.report.plots  # noqa: F401
-    except ImportError as error:
-        warnings.warn(
-            f"{' and '.join(PLOT_FILES)} are left out ({error}). Install it and repeat the call: it adds them and "
-            f"renders nothing again",
-            stacklevel=1,  # the same place for every caller: a command that checks before `compare` warns once
-        )
+    check_package("matplotlib", "the report of a comparison", "pip install 'dmis[plot]'")
 
 
 def compare(
@@ -82,8 +69,8 @@ def compare(
 ) -> Comparison:
     """Render a scene with several rules, numbers of samples and seeds, and write table, plot and report into `folder`.
 
-    ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` (with matplotlib only) follow
-    at the end. Two baselines are always measured: the balance heuristic with these settings, and the pinned one
+    ``results.csv`` gets a row after each render, ``convergence.png`` and ``report.html`` follow at the end. Two
+    baselines are always measured: the balance heuristic with these settings, and the pinned one
     (`dmis.experiment.runs.PINNED`). A rule whose pilot does not fit into a number of samples is left out there. Rows
     that are in ``results.csv`` are not rendered again.
 
@@ -106,7 +93,7 @@ def compare(
     ------
     ValueError
         If an argument is not of this form, the reference is of another size, ``results.csv`` was measured under other
-        conditions, or the package that writes images is missing.
+        conditions, or OpenEXR or matplotlib is missing.
     OSError
         If a file of `folder` cannot be written.
     """
@@ -158,12 +145,10 @@ def _check_arguments(
 
 
 def _draw(comparison: Comparison, folder: Path) -> None:
-    """Write plot and report of a comparison, if matplotlib can be imported."""
-    try:
-        from dmis.experiment.report.page import write_report
-        from dmis.experiment.report.plots import convergence
-    except ImportError:
-        return  # the table is there without matplotlib
+    """Write plot and report of a comparison."""
+    from dmis.experiment.report.page import write_report  # imported where used: they bring matplotlib
+    from dmis.experiment.report.plots import convergence
+
     convergence(comparison, folder / "convergence.png")
     write_report([comparison], folder / "report.html")
 

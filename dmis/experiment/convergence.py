@@ -54,12 +54,10 @@ class ErrorRatios:
         The same ratio to the pinned baseline (`dmis.experiment.runs.PINNED`); NaN if it was not measured.
     error_time, error_time_over_pinned
         Ratios of means over seeds of error times CPU seconds, see `error_times`.
-    equal_error
-        Seconds over those that the balance heuristic needs for the same error.
     equal_time
         Error over that of the balance heuristic in the same seconds.
     extrapolated
-        Whether either lies outside of the budgets that the balance heuristic was measured at.
+        Whether these lie outside of the budgets that the balance heuristic was measured at.
     """
 
     error: float
@@ -67,7 +65,6 @@ class ErrorRatios:
     over_pinned: Interval
     error_time: Interval
     error_time_over_pinned: Interval
-    equal_error: float
     equal_time: float
     extrapolated: bool
 
@@ -215,15 +212,13 @@ def _ratios_by_budget(runs: Mapping[Budget, Sequence[Run]], measure: Measure) ->
     over = [_over(runs, name, measure, times_cpu) for times_cpu in (False, True) for name in ("balance", PINNED)]
     result = {}
     for budget, by_seed in runs.items():
-        error, time = float(_errors(by_seed, measure).mean()), median_seconds(by_seed)
-        equal_error_seconds, between = interpolate_log_log(baseline, seconds, error)
-        equal_time_error, within = interpolate_log_log(seconds, baseline, time)
+        error = float(_errors(by_seed, measure).mean())
+        equal_time_error, within = interpolate_log_log(seconds, baseline, median_seconds(by_seed))
         equal_time = error / equal_time_error if error > 0 else float("nan")
         balance, pinned, time_balance, time_pinned = (of[budget] for of in over)
         result[budget] = ErrorRatios(
-            error, balance, pinned, time_balance, time_pinned, time / equal_error_seconds, equal_time,
-            extrapolated=not (between and within),
-        )  # fmt: skip
+            error, balance, pinned, time_balance, time_pinned, equal_time, extrapolated=not within
+        )
     return result
 
 

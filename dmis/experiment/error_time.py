@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -46,11 +46,8 @@ class ErrorTime(Oracle):
         They are those of `GRID` without its ends: where one technique alone misses a light, its variance is in samples
         too rare to be seen, and the best share by some samples may be the worst by others.
         """
-        w = np.full(self.pixel_share.shape, GRID[HALF])
-        for _ in range(20):  # the price of time depends on the map: a fixed point
-            price = self.mean(between(self.variance, w)) / self.mean(between(self.cost, w))
-            w = GRID[1:-1][(self.variance + price * self.cost)[1:-1].argmin(axis=0)]
-        return w
+        inner = replace(self, variance=self.variance[1:-1], cost=self.cost[1:-1])
+        return GRID[1:-1][inner.best_index(costly=True)]
 
     def best_with_samples(self) -> tuple[Array, Array]:
         """Return the best shares and numbers of samples per patch, ``(rows, columns)`` each, the numbers of mean 1."""

@@ -26,7 +26,6 @@ from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
 from dmis.experiment.reference import REFERENCE_SEED, cache_path, remove_halves, render_halves
-from dmis.fit.curve_minimum import cost_weighted
 from dmis.fit.round import Budget, Fit, Pilot, Round, check_weigh
 from dmis.fit.second_moment import SecondMoment
 from dmis.pipeline.executor import Parallel
@@ -55,7 +54,7 @@ class Oracle:
         Variance of a camera sample at the shares of `dmis.variance.curves.GRID`, per patch, ``(G, rows, columns)``, of
         the mean of the channels' radiance.
     cost
-        Cost of a camera sample at these shares, ``(G,)``, see `dmis.estimator.cost`.
+        Cost of a camera sample at these shares, ``(G,)``, or in each patch, as `variance`; see `dmis.estimator.cost`.
     patch
         Side of a patch in pixels.
     spp
@@ -77,6 +76,16 @@ class Oracle:
         area = patch_sum(np.ones(self.shape or (rows * self.patch, columns * self.patch)), self.patch)
         return area / area.sum()
 
+    @cached_property
+    def costs(self) -> Array:
+        """Cost of a camera sample in each patch, ``(G, rows, columns)``."""
+        return np.broadcast_to(self.cost if self.cost.ndim > 1 else self.cost[:, None, None], self.variance.shape)
+
+    @property
+    def half(self) -> int:
+        """Index of w = 1/2 in the grid, its middle."""
+        return len(self.variance) // 2
+
     def mean(self, values: Array) -> float:
         """Return the mean over the image of values per patch."""
         return float((values * self.pixel_share).sum())
@@ -93,8 +102,8 @@ class Oracle:
         """Return the indices in the grid of `best`."""
         best = self.variance.argmin(axis=0)
         for _ in range(10 if costly else 0):  # the price of cost depends on the map: a fixed point
-            price = self.mean(_at_index(self.variance, best)) / self.mean(self.cost[best])
-            best = cost_weighted(self.variance, self.cost, price).argmin(axis=0)
+            price = self.mean(_at_index(self.variance, best)) / self.mean(_at_index(self.costs, best))
+            best = (self.variance + price * self.costs).argmin(axis=0)
         return best
 
     def at(self, weight: Array | float) -> Array:
@@ -116,8 +125,8 @@ class Oracle:
         equal time by the cost model, without a pilot. 1 where there is no variance.
         """
         best = self.best_index(costly)
-        cost = self.mean(self.cost[best]) / self.cost[HALF] if costly else 1.0
-        half, variance = self.mean(self.variance[HALF]), self.mean(_at_index(self.variance, best))
+        cost = self.mean(_at_index(self.costs, best)) / self.mean(self.costs[self.half]) if costly else 1.0
+        half, variance = self.mean(self.variance[self.half]), self.mean(_at_index(self.variance, best))
         return float(variance / half * cost) if half > 0 else 1.0
 
     def spread_evenly(self) -> float:
@@ -134,11 +143,11 @@ class Oracle:
 
         That is ``mean(sqrt(V C))^2 / (mean(V) C)`` without a pilot; 1 if there is no variance.
         """
-        half = self.mean(self.variance[HALF])
+        half = self.mean(self.variance[self.half])
         if not half > 0:
             return 1.0
-        least = (np.maximum(self.variance, 0) * self.cost[:, None, None]).min(axis=0)
-        return float(self.mean(np.sqrt(least)) ** 2 / (half * self.cost[HALF]))
+        least = (np.maximum(self.variance, 0) * self.costs).min(axis=0)
+        return self.mean(np.sqrt(least)) ** 2 / (half * self.mean(self.costs[self.half]))
 
     def text(self) -> str:
         """Return a sentence with what the best weights and numbers of samples leave of the error of w = 1/2."""

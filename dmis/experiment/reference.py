@@ -19,7 +19,7 @@ import numpy as np
 
 from dmis.base.validate import whole
 from dmis.base.vectors import Array
-from dmis.estimator.settings import Settings, make_settings, resolve_auto
+from dmis.estimator.settings import Settings, make_settings
 from dmis.fit.rule import Rule
 from dmis.image import check_image, read_exr, write_exr
 from dmis.pipeline.checkpoint import UnusableCheckpoint, remove_checkpoint
@@ -201,23 +201,22 @@ def cache_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     return Path(folder or os.environ.get("DMIS_CACHE") or Path(home) / "dmis")
 
 
-def load_reference(path: Path, scene: Scene | None = None, settings: Settings | None = None) -> Reference:
+def load_reference(path: Path) -> Reference:
     """Return the reference in a file: EXR with layers ``first`` and ``second`` or with one image, or ``.npy``.
 
-    An image of dmis, which names its scene, integrator and depth, must be one of `scene` with `settings`, if given. A
-    FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels.
+    A FileNotFoundError if there is no such file, a ValueError if it holds no image of three finite channels. Whether it
+    is an image of what is compared, `dmis.experiment.alarm` finds out.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no reference {path}: give an .exr or .npy file")
     layers: dict[str, Array] = {}
-    attributes: dict[str, str] = {}
     if path.suffix == ".npy":
         try:  # no pickles, no memory for a wrong header
             layers["RGB"] = np.lib.format.open_memmap(path, mode="r")
         except Exception as error:  # a damaged header may raise anything
             raise ValueError(f"reference {path} is not readable as a NumPy array: {error}") from error
     else:
-        layers, attributes = read_exr(path)
+        layers, _ = read_exr(path)
     first = layers.get("first", layers.get("RGB"))
     second = layers.get("second", first)
     for half in (first, second):
@@ -225,25 +224,4 @@ def load_reference(path: Path, scene: Scene | None = None, settings: Settings | 
             what = "an image of three channels, or halves first and second, of finite numbers"
             raise ValueError(f"reference {path} must hold {what}")
     assert first is not None and second is not None
-    if scene is not None and first.shape[1::-1] == scene.camera.resolution:
-        _check_provenance(path, attributes.get("dmis.provenance", ""), scene, settings or Settings())
     return Reference(np.array(first), np.array(second), 0)
-
-
-def _check_provenance(path: Path, provenance: str, scene: Scene, settings: Settings) -> None:
-    """Raise a ValueError if an image's provenance, which may be empty, names another scene, integrator or depth."""
-    try:
-        image = json.loads(provenance)
-        got = {name: image["settings"][name] for name in ("integrator", "max_depth")}
-        name, scene_hash = image["scene"], image["scene_hash"]
-    except (ValueError, KeyError, TypeError):
-        return  # of another program
-    resolved = resolve_auto(settings, scene)
-    wanted = {"integrator": resolved.integrator, "max_depth": resolved.max_depth}
-    if scene_hash is not None:  # its content could be hashed
-        got["scene"], wanted["scene"] = f"{name} ({scene_hash})", f"{scene.name} ({fingerprint(scene)})"
-    if wrong := [f"{key} {got[key]} in place of {value}" for key, value in wanted.items() if got[key] != value]:
-        raise ValueError(
-            f"reference {path} must be an image of what is compared; it has {' and '.join(wrong)}. Give another file, "
-            f"or leave --reference out: the reference is rendered then"
-        )

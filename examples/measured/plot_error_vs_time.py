@@ -54,10 +54,10 @@ for column, (name, about) in zip(axes.T, SCENES.items(), strict=True):
     )
     print(
         f"    {'rule':14} {'slope over samples':>20} {'over seconds':>18}"
-        f" {'seconds at equal error':>24}"
+        f" {'MSE in equal time':>24}"
     )
     times = {
-        gain.rule: gain.mse.equal_error
+        gain.rule: gain.mse.equal_time
         for gain in gains(runs)
         if gain.spp == BUDGETS[-1]
     }

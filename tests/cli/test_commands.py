@@ -1,6 +1,5 @@
 """The command line: exit codes, messages and files, as other tools rely on them."""
 
-import importlib.util
 import json
 import os
 import re
@@ -316,6 +315,7 @@ def test_unwritable_output_is_refused_first(scene, tmp_path, monkeypatch, capsys
     [
         ("render SCENE -o a.exr", "OpenEXR", "pip install OpenEXR, or write .png"),
         ("compare SCENE -o out", "OpenEXR", "a comparison, which keeps images as EXR, needs OpenEXR"),
+        ("compare SCENE -o out", "matplotlib", "the report of a comparison needs matplotlib"),
         ("compare SCENE -o scene.pbrt/out", "", "scene.pbrt is not a directory"),
         ("compare SCENE -o taken", "", "report.html: it is a directory"),
         ("oracle SCENE -o out", "matplotlib", "the plot of an oracle needs matplotlib"),
@@ -336,32 +336,6 @@ def test_output_is_checked_first(scene, tmp_path, monkeypatch, capsys, arguments
     error = capsys.readouterr().err
     assert message in error and len(error.splitlines()) == 1
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["report.html", "scene.pbrt", "taken"]
-
-
-@pytest.mark.filterwarnings("default")
-def test_comparison_without_matplotlib_says_so_first(scene, tmp_path, monkeypatch, capsys):
-    """Without matplotlib ``compare`` warns before the first ray and writes its table; with it, it adds the plots."""
-    monkeypatch.setenv("DMIS_CACHE", str(tmp_path / "cache"))
-    words = ["--rules", "balance", "--spp", "2", "--seeds", "1", "--reference-spp", "2", "--resolution", "12x8"]
-    command = ["compare", scene, *words, "-o", str(tmp_path / "out"), "--quiet"]
-    with monkeypatch.context() as without:
-        for name in [n for n in sys.modules if n.startswith(("dmis.experiment.report", "dmis.plot"))]:
-            without.delitem(sys.modules, name)
-        without.delitem(vars(dmis), "plot", raising=False)
-        for name in ["matplotlib", *(n for n in sys.modules if n.startswith("matplotlib."))]:
-            without.setitem(sys.modules, name, None)
-        with without.context() as stopped:
-            stopped.setattr(
-                "dmis.pipeline.executor.Workers.render", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
-            )
-            assert main(command) == 130
-        error = capsys.readouterr().err
-        assert "warning: convergence.png and report.html are left out (figures need matplotlib: pip install" in error
-        assert main(command) == 0 and capsys.readouterr().err.count("left out") == 1
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["comparison.json", "images", "results.csv"]
-    if importlib.util.find_spec("matplotlib"):
-        monkeypatch.setattr("dmis.experiment.runs.render", lambda *_, **__: pytest.fail("rendered again"))
-        assert main(command) == 0 and (tmp_path / "out" / "report.html").exists()
 
 
 def test_oracle(tmp_path, monkeypatch, capsys):

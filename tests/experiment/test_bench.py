@@ -21,12 +21,12 @@ from dmis.experiment.bench.judge import (
     ORACLES,
     STYLES,
     error_time,
-    least_error_time,
     of_pixels,
     report,
     score,
 )
 from dmis.experiment.bench.samples import SampleTable
+from dmis.experiment.oracle import Oracle
 from dmis.fit.auto import Auto
 from dmis.fit.round import Budget, Fit, Pilot, Round
 from dmis.fit.second_moment import SecondMoment
@@ -206,13 +206,14 @@ def test_error_times_cost_of_planted_curves(planted: Truth) -> None:
 
 def test_oracles_of_planted_curves(planted: Truth) -> None:
     """No map of shares on the grid has less than the oracle, and numbers of samples gain what the formula says."""
-    least = least_error_time(planted, 0, False)
-    area = np.array([16, 8]) / 24
+    curves, area = Oracle(planted.variance[0, 0], planted.cost, 4, SPP, planted.shape), np.array([16, 8]) / 24
     v, c = planted.variance[0, 0, :, 0], planted.cost[:, 0, 0]
+    half = error_time(round_of(planted, 0.5), planted, 0)
+    least = curves.limit(costly=True) * half
     every = [(area @ [v[i, 0], v[j, 1]]) * (area @ [c[i], c[j]]) for i in range(len(GRID)) for j in range(len(GRID))]
     assert least == pytest.approx(min(every))
     roots = np.sqrt((v * c[:, None]).min(axis=0))
-    assert least_error_time(planted, 0, True) == pytest.approx((area @ roots) ** 2)
+    assert curves.limit_with_counts() * half == pytest.approx((area @ roots) ** 2)
     assert (area @ roots) ** 2 < least
 
 

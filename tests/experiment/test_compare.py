@@ -1,7 +1,6 @@
 """``compare``: table, plot, references, and the parser of rules with options."""
 
 import csv
-from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -160,32 +159,12 @@ def test_given_reference(tmp_path, kind):
     np.save(path, image) if kind == "npy" else dmis.write_image(path, image)
     small = ["--resolution", "24x18", "--rules", "balance", "--spp", "4", "--seeds", "2", "--quiet"]
     assert main(["compare", "teapot-area-light", *small, "--reference", str(path), "-o", str(tmp_path / "a")]) == 0
-    reference = load_reference(path, scene)
+    reference = load_reference(path)
     runs = dmis.compare(scene, ["balance"], [4], 2, reference, tmp_path / "b").runs["balance", 4]
     expected = [dmis.mse(dmis.render(scene, "balance", 4, seed=seed), reference) for seed in (0, 1)]
     with open(tmp_path / "a" / "results.csv", encoding="utf-8") as file:
         rows = [float(row["mse"]) for row in csv.DictReader(file) if row["rule"] == "balance"]
     assert rows == pytest.approx(expected, rel=1e-4) and [run.mse for run in runs] == pytest.approx(expected, rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    "name, options, message",
-    [
-        ("teapot-area-light", [], None),
-        ("cornell", [], r"it has scene cornell \(\w{16}\) in place of teapot-area-light \(\w{16}\). Give another"),
-        (
-            "teapot-area-light",
-            ["--integrator", "path", "--max-depth", "3"],
-            "integrator path in place of direct and max_depth 3 in place of 5",
-        ),
-    ],
-)
-def test_reference_of_another_scene(tmp_path, name, options, message):
-    """An image of dmis says of what it is; its scene, integrator and depth must be those that are compared."""
-    path, scene = tmp_path / "other.exr", dmis.load_scene("teapot-area-light", resolution=(24, 18))
-    assert main(["render", name, "--spp", "4", "-o", str(path), "--resolution", "24x18", "--quiet", *options]) == 0
-    with nullcontext() if message is None else pytest.raises(ValueError, match=message):
-        load_reference(path, scene)
 
 
 @pytest.mark.parametrize(

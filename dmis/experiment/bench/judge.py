@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmis.base.patches import PATCH, patch_mean, patch_spread, patch_sum
+from dmis.base.patches import PATCH, patch_mean, patch_spread
 from dmis.base.validate import one_of
 from dmis.base.vectors import TINY, Array
 from dmis.experiment.bench.data import GRID, HALF, SCENES, SMALL, Truth, path_of, read_pilots, read_truth
 from dmis.experiment.bench.decide import SETTINGS, SPP, AnyRule, decide
 from dmis.experiment.bench.samples import SampleTable
 from dmis.experiment.metrics import mean_and_error
-from dmis.experiment.oracle import HARM_LIMIT
+from dmis.experiment.oracle import HARM_LIMIT, Oracle
 from dmis.fit.objectives import OBJECTIVE_NAMES
 from dmis.fit.round import Budget, Fit, Round
 from dmis.fit.rule import rule_text
@@ -91,10 +91,11 @@ def _columns(rule: AnyRule, scene: str, seed: int, truth: Truth) -> list[float]:
     balance = Budget(SPP, truth.shape, SETTINGS).final(Fit(0.5))
     ratios, savings = [], []
     for measure in range(2):
-        of_balance, least = error_time(balance, truth, measure), least_error_time(truth, measure, adaptive)
-        value = least if final is None else error_time(final, truth, measure)
-        ratios.append(value / of_balance)
-        savings.append((of_balance - value) / (of_balance - least) if least < of_balance else np.nan)
+        curves = Oracle(truth.variance[measure, 0], truth.cost, PATCH, SPP, truth.shape)
+        least = curves.limit_with_counts() if adaptive else curves.limit(costly=True)
+        of_balance = error_time(balance, truth, measure)
+        ratios.append(least if final is None else error_time(final, truth, measure) / of_balance)
+        savings.append((1 - ratios[-1]) / (1 - least) if least < 1 else np.nan)
     products = truth.variance[0, 0] * truth.cost
     lit = products[HALF] > 0
     least_product = product = products.min(axis=0)
@@ -141,20 +142,6 @@ def error_time(final: Round, truth: Truth, measure: int) -> float:
     """Return error times cost of a round's image, ``mean(V / n) mean(n C)``; measure 0 is absolute, 1 relative."""
     variance, cost, n = of_pixels(final, truth, measure)
     return float((variance / n).mean() * (n * cost).mean())
-
-
-def least_error_time(truth: Truth, measure: int, adaptive: bool) -> float:
-    """Return the least error times cost of shares per patch; if `adaptive`, of shares and numbers of samples."""
-    area = patch_sum(np.ones(truth.shape), PATCH)
-    share, variance, cost = area / area.sum(), truth.variance[measure, 0], truth.cost
-    if adaptive:
-        # n ~ sqrt(V / C)   (docs/theory.md, Eq. 20)
-        return float((share * np.sqrt(np.maximum(variance * cost, 0).min(axis=0))).sum() ** 2)
-    error = time = 1.0
-    for _ in range(10):  # min over w of V + price C, where the price, error over time, depends on the shares
-        best = (variance + error / time * cost).argmin(axis=0)[None]
-        error, time = (float((share * np.take_along_axis(a, best, axis=0)[0]).sum()) for a in (variance, cost))
-    return error * time
 
 
 STYLES = {"text": ("", "  ", ""), "markdown": ("| ", " | ", " |"), "latex": ("", " & ", r" \\"), "json": ("", "", "")}

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dmis import plot
-from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.experiment.convergence import MEASURES, Axis, Measure, line
 from dmis.experiment.oracle import Oracle
@@ -141,10 +140,3 @@ def map_png(values: Array, palette: str, low: float, high: float) -> str:
     colours = matplotlib.colormaps[palette].with_extremes(bad="#808080")
     shares = np.ma.masked_invalid((np.asarray(values, np.float64) - low) / (high - low))
     return png(colours(shares, bytes=True)[..., :3])
-
-
-def variance_ratio(layers: Mapping[str, Array], baseline: Mapping[str, Array], patch: int = 4) -> Array:
-    """Return the estimated variance of an image over that of another, per patch; NaN where that of the other is 0."""
-    variances = (image["variance"].astype(np.float64).mean(axis=2) for image in (layers, baseline))
-    variance, base = (patch_mean(values, patch) for values in variances)
-    return np.divide(variance, base, out=np.full_like(base, np.nan), where=base > 0)

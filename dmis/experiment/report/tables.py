@@ -21,13 +21,12 @@ GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means ov
 pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of d².
 In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
 they are wider (Holm). ·CPU s: error times CPU seconds, whose intervals include the scatter of the times. Bold: the
-lowest relMSE·CPU s / balance, if its interval is below 1. Seconds at equal error: the rule's seconds over those in
-which the balance heuristic reaches this error. In equal time: error over that of the balance heuristic in the rule's
-seconds. Both are interpolated on the line of the balance heuristic; † where it is extrapolated as error ∝ 1 / seconds.
-Pinned: the balance heuristic with preset=thesis, which is one light and one BRDF sample and independent points,
-whatever the settings of the others."""
-OVERVIEW_NOTE = """Seconds at equal relMSE, over those of the balance heuristic, at the largest number of samples. Below
-1 is better."""
+lowest relMSE·CPU s / balance, if its interval is below 1. In equal time: error over that of the balance heuristic in
+the rule's seconds, interpolated on its line; † where it is extrapolated as error ∝ 1 / seconds. Pinned: the balance
+heuristic with preset=thesis, which is one light and one BRDF sample and independent points, whatever the settings of
+the others."""
+OVERVIEW_NOTE = """relMSE over that of the balance heuristic in equal time, at the largest number of samples. Below 1 is
+better."""
 RUNS_NOTE = f"""mean_z: mean of the image less that of the reference, in standard errors, of the channel where it is
 largest. About ±1 is noise; beyond ±{alarm.ALARM_LIMIT:g} the errors above are not noise, and a paragraph above says why
 that may be. The other columns are explained in docs/report.md."""
@@ -58,15 +57,15 @@ def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
     alarmed = {budget for budget, runs in c.runs.items() if any(abs(run.mean_z) > alarm.ALARM_LIMIT for run in runs)}
     tables = ""
     for k, name in enumerate(MEASURES.values()):
-        head = ["spp", "rule", name, f"{name} / balance", f"{name}·CPU s / balance", f"seconds at equal {name}"]
-        head += [f"{name} in equal time", f"{name} / pinned", f"{name}·CPU s / pinned"]
+        head = ["spp", "rule", name, f"{name} / balance", f"{name}·CPU s / balance", f"{name} in equal time"]
+        head += [f"{name} / pinned", f"{name}·CPU s / pinned"]
         rows = []
         for g in gains_of_budgets:
             m, first = g.measures[k], g.rule == "balance"
-            dagger = "†" if m.extrapolated and not first and np.isfinite(m.equal_error) else ""
+            dagger = "†" if m.extrapolated and not first and np.isfinite(m.equal_time) else ""
             cells = [str(g.spp) if first else "", _rule(g.rule) + (" ⚠" if (g.rule, g.spp) in alarmed else "")]
             cells += [f"{m.error:.4g}", interval_text(m.over_balance), interval_text(m.error_time)]
-            cells += [f"{ratio_text(ratio)}{dagger}" for ratio in (m.equal_error, m.equal_time)]
+            cells += [f"{ratio_text(m.equal_time)}{dagger}"]
             rows.append([*cells, interval_text(m.over_pinned), interval_text(m.error_time_over_pinned)])
         tables += html_table(head, rows, f"efficiency {name}", _row_marks(gains_of_budgets))
     return f'{tables}<p class="note">{GAINS_NOTE}</p>'
@@ -98,7 +97,7 @@ def _rule(name: str) -> str:
 
 
 def overview_table(comparisons: Sequence[Comparison]) -> str:
-    """Return the table of seconds at equal relMSE of all rules on all scenes, each at its largest budget."""
+    """Return the table of relMSE in equal time of all rules on all scenes, each at its largest budget."""
     by_scene = []
     for c in comparisons:
         gains_of_budgets = gains(c.runs)
@@ -106,7 +105,7 @@ def overview_table(comparisons: Sequence[Comparison]) -> str:
         by_scene.append({g.rule: g for g in gains_of_budgets if g.spp == largest})
     rules = dict.fromkeys(rule for gains_of_rules in by_scene for rule in gains_of_rules)
     ratios = {
-        rule: [ratio_text(of[rule].relmse.equal_error) if rule in of else "–" for of in by_scene] for rule in rules
+        rule: [ratio_text(of[rule].relmse.equal_time) if rule in of else "–" for of in by_scene] for rule in rules
     }
     rows = [[_rule(rule), *of_scenes] for rule, of_scenes in ratios.items()]
     head = ["rule", *(escaped(c.scene) for c in comparisons)]
