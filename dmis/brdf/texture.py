@@ -91,10 +91,15 @@ class Image:
 
         A lookup reads all channels of a texel from one place in memory, and needs no wrap mode.
         """
-        modes: Any = {"repeat": "wrap", "black": "constant", "clamp": "edge"}
-        channels = self.texels.shape[2]
-        bordered = np.pad(self.texels, ((1, 1), (1, 1), (0, 0)), modes[self.wrap]).reshape(-1, channels)
-        return np.pad(bordered, ((0, 0), (0, channels // 2)))
+        height, width, channels = self.texels.shape
+        table = np.zeros((height + 2, width + 2, channels + channels // 2), np.float32)
+        table[1:-1, 1:-1, :channels] = self.texels
+        if self.wrap != "black":
+            before, behind = (-2, 1) if self.wrap == "repeat" else (1, -2)
+            table[0], table[-1] = table[before], table[behind]
+            table[:, 0], table[:, -1] = table[:, before], table[:, behind]
+        object.__setattr__(self, "texels", table[1:-1, 1:-1, :channels])  # large images are kept once
+        return table.reshape(-1, table.shape[2])
 
     @cached_property
     def levels(self) -> list[Image]:
