@@ -7,7 +7,6 @@ import struct
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,12 +24,8 @@ MAX_CHANNELS = 64
 def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
     """Check that an image file of `size` bytes can be written, before the image is rendered.
 
-    Raises
-    ------
-    ValueError
-        If the extension is neither .exr nor .png, or the package that writes EXR cannot be imported.
-    OSError
-        If the file cannot be written, see `dmis.base.atomic_files.check_writable`.
+    A ValueError if the extension is neither .exr nor .png, or the package that writes EXR cannot be imported; an
+    OSError if the file cannot be written, see `dmis.base.atomic_files.check_writable`.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in (".exr", ".png"):
@@ -59,8 +54,7 @@ def write_exr(
     path = Path(path)
     if path.suffix.lower() != ".exr":
         raise ValueError(f"an image file must end in .exr (or .png for a preview); got {path}")
-    if not path.resolve().parent.is_dir():
-        raise FileNotFoundError(f"cannot write {path}: its directory does not exist; create it first")
+    check_writable(path)
     channels = {}
     for name, layer in layers.items():
         if layer.ndim not in (2, 3) or (layer.ndim == 3 and layer.shape[2] != 3):
@@ -69,11 +63,7 @@ def write_exr(
             raise ValueError(f"an image must be finite; {np.size(layer) - np.isfinite(layer).sum()} values are not")
         dtype = np.float16 if layer.dtype == np.float16 else np.float32
         channels[name] = np.ascontiguousarray(layer, dtype)  # OpenEXR writes strided arrays wrong
-    header: dict[str, Any] = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        **(attributes or {}),
-    }
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(attributes or {})}
     with replacing(path) as partial, OpenEXR.File(header, channels) as file:
         try:
             file.write(os.fspath(partial))
@@ -140,12 +130,8 @@ def tonemap(image: Array, exposure: float = 1.0) -> Array:
 def write_png(path: str | os.PathLike[str], image: Array, exposure: float = 1.0) -> None:
     """Write linear RGB ``(H, W, 3)`` times `exposure` as a PNG of 8 bits in sRGB, clipped.
 
-    Raises
-    ------
-    ValueError
-        If the image has another shape.
-    OSError
-        If it cannot be written; an earlier file at `path` is then left as it was.
+    A ValueError if the image has another shape; an OSError if it cannot be written: an earlier file at `path` is then
+    left as it was.
     """
     data = png_of(image, exposure)
     with replacing(path) as partial:

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_175, "tests": 26_826}
+LINES = {"dmis": 27_121, "tests": 26_825}
 """Lines of Python files."""
 WORDS = 43_064
 """Words of the pages, tables included."""

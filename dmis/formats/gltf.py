@@ -16,7 +16,7 @@ from dmis.base.vectors import Floats
 from dmis.brdf.texture import Image
 from dmis.formats.gltf_materials import Materials
 from dmis.formats.model import Model
-from dmis.geometry.gltf import Gltf, Primitive
+from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh, concatenate
 from dmis.light.delta import DistantLight, PointLight, SpotLight
 from dmis.light.light import Light
@@ -39,12 +39,12 @@ def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
     """Add the triangles, lights and cameras of a glTF file to a model; `bare`: count nothing of its materials."""
     materials = Materials(gltf)
     joined: dict[Any, list[Mesh]] = {}
-    for number, primitive in enumerate(gltf.primitives()):
-        if materials.is_clear(primitive.material) or (mesh := model.drop_flat(primitive.mesh)) is None:
+    for number, (whole, colours, material) in enumerate(gltf.primitives()):
+        if materials.is_clear(material) or (mesh := model.drop_flat(whole)) is None:
             continue
-        material, image = primitive.material, None
-        if primitive.colours is not None:
-            mesh, image = _with_colours(materials, primitive, mesh)
+        image = None
+        if colours is not None:
+            mesh, image = _with_colours(materials, material, mesh, colours)
         # primitives of a material are one part, where their vertices have the same attributes
         key = material, mesh.uv is None, mesh.normals is None, None if image is None else number
         joined.setdefault((key, image), []).append(mesh)
@@ -67,16 +67,16 @@ def read_gltf(gltf: Gltf, model: Model, bare: bool = False) -> None:
     model.unread.update(gltf.unread if bare else materials.unread + gltf.unread)
 
 
-def _with_colours(materials: Materials, primitive: Primitive, mesh: Mesh) -> tuple[Mesh, Any]:
+def _with_colours(materials: Materials, material: int | None, mesh: Mesh, given: Floats) -> tuple[Mesh, Any]:
     """Return a mesh with vertex colours, and these: an image, a colour, or None if they are white or left out."""
-    colours, alpha = np.split(np.clip(np.asarray(primitive.colours), 0, 1), [3], axis=1)
-    fades = materials.entry(primitive.material).get("alphaMode", "OPAQUE") != "OPAQUE" and bool((alpha < 1).any())
-    materials.leave_out("opacity of vertex colours", primitive.material, fades)
+    colours, alpha = np.split(np.clip(given, 0, 1), [3], axis=1)
+    fades = materials.entry(material).get("alphaMode", "OPAQUE") != "OPAQUE" and bool((alpha < 1).any())
+    materials.leave_out("opacity of vertex colours", material, fades)
     used = colours[np.unique(mesh.faces)]
     if (used == used[0]).all():
         return mesh, None if (used[0] == 1).all() else tuple(used[0].tolist())
-    if materials.textured(primitive.material):
-        materials.leave_out("material with vertex colours over a texture", primitive.material)
+    if materials.textured(material):
+        materials.leave_out("material with vertex colours over a texture", material)
         return mesh, None
     return paint(mesh, colours)
 

@@ -34,25 +34,6 @@ _TRIANGLES = 4
 """Mode of a list of triangles."""
 
 
-@dataclass(frozen=True, eq=False)
-class Primitive:
-    """Triangles of one material at one place of the scene.
-
-    Attributes
-    ----------
-    mesh
-        In world space; texture coordinates are those of the first set, v from the bottom to the top.
-    colours
-        Of the vertices, ``(V, 3)`` or ``(V, 4)``, linear; None if there are none.
-    material
-        Number of the material; None: it has none.
-    """
-
-    mesh: Mesh
-    colours: Floats | None
-    material: int | None
-
-
 @dataclass(eq=False)
 class Gltf:
     """A glTF file.
@@ -162,8 +143,11 @@ class Gltf:
             stack += [(child, matrix) for child in node.get("children", [])[::-1]]
         return placed
 
-    def primitives(self) -> Iterator[Primitive]:
+    def primitives(self) -> Iterator[tuple[Mesh, Floats | None, int | None]]:
         """Yield the lists of triangles of the scene; other primitives, skins and morph targets are counted as left out.
+
+        Each has its mesh in world space, whose texture coordinates are those of the first set, v from the bottom to the
+        top; colours of the vertices, ``(V, 3)`` or ``(V, 4)``, linear, and the number of its material, or None.
 
         Raises a ValueError if there are more than `MAX_FACES`.
         """
@@ -183,10 +167,10 @@ class Gltf:
                 if total > MAX_FACES:
                     raise ValueError(f"it must have at most {MAX_FACES} triangles, because instances are copied")
                 if corners["count"] > 2:
-                    yield self._placed(primitive, matrix)
+                    yield *self._placed(primitive, matrix), primitive.get("material")
 
-    def _placed(self, primitive: dict[str, Any], matrix: Floats) -> Primitive:
-        """Return the triangles of a primitive moved by `matrix`."""
+    def _placed(self, primitive: dict[str, Any], matrix: Floats) -> tuple[Mesh, Floats | None]:
+        """Return the triangles of a primitive moved by `matrix`, and the colours of their vertices."""
         attributes = primitive["attributes"]
         vertices = np.asarray(self.array(attributes["POSITION"]), np.float64)
         index = self.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertices))
@@ -201,8 +185,7 @@ class Gltf:
         if "TEXCOORD_0" in attributes:
             uv = np.asarray(self.array(attributes["TEXCOORD_0"]), np.float64) * (1, -1) + (0, 1)
         colours = np.asarray(self.array(attributes["COLOR_0"]), np.float64) if "COLOR_0" in attributes else None
-        mesh = Mesh(world, faces[:, ::-1] if mirrored else faces, normals, uv)
-        return Primitive(mesh, colours, primitive.get("material"))
+        return Mesh(world, faces[:, ::-1] if mirrored else faces, normals, uv), colours
 
 
 def _local(node: dict[str, Any]) -> Floats:

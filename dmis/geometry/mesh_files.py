@@ -88,7 +88,7 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
         if suffix == ".obj":
             mesh = concatenate([mesh for _, mesh in read_obj(data).meshes()])
         elif suffix in (".glb", ".gltf"):
-            mesh = concatenate([primitive.mesh for primitive in Gltf(path, data).primitives()])
+            mesh = concatenate([mesh for mesh, *_ in Gltf(path, data).primitives()])
         else:
             mesh = _load(data, suffix)
     if smooth is None or smooth == (mesh.normals is not None):

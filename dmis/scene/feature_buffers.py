@@ -12,7 +12,6 @@ import numpy as np
 
 from dmis.base.patches import PATCH, patch_mean
 from dmis.base.vectors import Array
-from dmis.brdf.lobe import Lobe
 from dmis.scene.groups import NO_GROUP
 from dmis.scene.scene import Scene
 
@@ -34,8 +33,8 @@ def render_feature_buffers(scene: Scene) -> tuple[dict[str, Array], int]:
     -------
     features
         Means over rays, ``(C, rows, columns)`` float32: ``normal`` (3), the shading normal on the camera's side, 0
-        where nothing is seen; ``albedo`` (3), see `albedo`; ``material``, shares of the materials that are seen,
-        "nothing" being one.
+        where nothing is seen; ``albedo`` (3), the sum of the lobes' nominal reflectances; ``material``, shares of the
+        materials that are seen, "nothing" being one.
     rays
         Number of rays.
     """
@@ -54,17 +53,6 @@ def render_feature_buffers(scene: Scene) -> tuple[dict[str, Array], int]:
         return patch_mean(image, PATCH // BLOCK_SIDE).astype(np.float32)
 
     return {"normal": mean(normal), "albedo": mean(colour), "material": np.concatenate([*map(mean, kinds)])}, len(x)
-
-
-def albedo(lobes: tuple[Lobe, ...], n: int) -> Array:
-    """Return the nominal reflectance at n points, the sum of the lobes' `albedo`, ``(3, n)``.
-
-    A number to tell surfaces apart, not an integral of the BRDF.
-    """
-    total = np.zeros((3, n), np.float32)
-    for lobe in lobes:
-        total += lobe.albedo()
-    return total
 
 
 def _centres(size: int) -> Array:
@@ -89,6 +77,7 @@ def _look(scene: Scene, x: Array, y: Array) -> tuple[Array, Array, Array]:
         if len(index):
             surface, _ = scene.shading_points(group, hits, index, direction)
             normal[:, index] = surface.n
-            colour[:, index] = albedo((*surface.reflection, *surface.transmission, *surface.delta), len(index))
+            lobes = (*surface.reflection, *surface.transmission, *surface.delta)
+            colour[:, index] = sum(lobe.albedo() for lobe in lobes)
             material[index] = number + (NO_GROUP + 1) * plan.face_row.take(hits.prim.take(index))
     return normal, colour, material
