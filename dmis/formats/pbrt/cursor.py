@@ -48,7 +48,13 @@ class Cursor:
         return token
 
     def numbers(self, directive: Token, count: int) -> Floats:
-        """Read `count` numbers without brackets, (count,)."""
+        """Read `count` numbers without brackets, (count,); sixteen stand in brackets, a matrix (4, 4) by columns."""
+        if count == 16:
+            token = self.next()
+            matrix = numbers_of(token) if token.kind == "list" else np.empty(0)
+            if len(matrix) != 16:
+                raise token.error(f"{directive.text} needs 16 numbers in brackets, a 4x4 matrix column by column")
+            return matrix.reshape(4, 4).T
         values = []
         for k in range(count):
             token = self.next()
@@ -56,16 +62,6 @@ class Cursor:
                 raise token.error(f"{directive.text} needs {count} numbers; got {k}")
             values.append(number_of(token))
         return np.array(values)
-
-    def matrix(self, directive: Token) -> Floats:
-        """Read sixteen numbers in brackets, column by column, as a 4x4 matrix."""
-        token = self.next()
-        if token.kind != "list":
-            raise token.error(f"{directive.text} needs 16 numbers in brackets, a 4x4 matrix column by column")
-        values = numbers_of(token)
-        if len(values) != 16:
-            raise token.error(f"{directive.text} needs 16 numbers, a 4x4 matrix column by column; got {len(values)}")
-        return values.reshape(4, 4).T
 
     def parameters(self, directive: Token) -> Parameters:
         """Read the ``"type name" value`` pairs up to the next directive."""

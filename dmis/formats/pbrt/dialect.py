@@ -55,8 +55,6 @@ class Dialect:
         Whether textures and named materials outlive the block that defines them, and exist once.
     beyond
         Number of scattering surfaces beyond ``maxdepth`` of a path integrator.
-    overrides
-        Whether parameters in a Shape line replace those of its material.
     bare_words
         Whether true and false may stand without quotes.
     ends
@@ -77,7 +75,6 @@ class Dialect:
     t_up: bool = True
     global_names: bool = False
     beyond: int = 0
-    overrides: bool = True
     bare_words: bool = False
     ends: bool = True
 
@@ -118,7 +115,6 @@ V4 = Dialect(
     radius=("xradius", "yradius"),
     filter=PixelFilter("gaussian", (1.5, 1.5), 0.5),
     global_names=True,
-    overrides=False,
     bare_words=True,
     ends=False,
 )

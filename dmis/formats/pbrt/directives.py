@@ -16,7 +16,7 @@ from dmis.base.vectors import Floats
 from dmis.formats.pbrt.cursor import Cursor
 from dmis.formats.pbrt.dialect import DIALECTS
 from dmis.formats.pbrt.options import OPTIONS
-from dmis.formats.pbrt.reader import KEPT, MATRIX, OPTIONAL, PARAMETERS, WORD, Directive, Reader
+from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, WORD, Directive, Reader
 from dmis.formats.pbrt.tokens import Source, Token, blame
 from dmis.formats.pbrt.world import WORLD
 from dmis.geometry import transforms
@@ -75,8 +75,6 @@ def _argument(reader: Reader, cursor: Cursor, kind: int | str) -> Any:
     token = reader.token
     if isinstance(kind, int):
         return cursor.numbers(token, kind)
-    if kind == MATRIX:
-        return cursor.matrix(token)
     if kind == WORD or (kind == OPTIONAL and cursor.peek().kind == "string" and " " not in cursor.peek().name):
         return cursor.next()
     if kind == OPTIONAL:
@@ -168,8 +166,8 @@ _DIRECTIVES: dict[str, Directive] = {
     "Scale": ("any", _concatenated(transforms.scale), (3,)),
     "Rotate": ("any", _concatenated(lambda numbers: transforms.rotate(numbers[0], numbers[1:])), (4,)),
     "LookAt": ("any", _concatenated(lambda numbers: transforms.look_at(*numbers.reshape(3, 3))), (9,)),
-    "Transform": ("any", lambda reader, matrix: _set_transform(reader, matrix.copy()), (MATRIX,)),
-    "ConcatTransform": ("any", _concatenated(lambda matrix: matrix), (MATRIX,)),
+    "Transform": ("any", lambda reader, matrix: _set_transform(reader, matrix.copy()), (16,)),
+    "ConcatTransform": ("any", _concatenated(lambda matrix: matrix), (16,)),
     "CoordinateSystem": ("any", _name_system, ("a name",)),
     "CoordSysTransform": ("any", _return_to_system, ("a name",)),
     "ActiveTransform": ("any", _active_transform, (WORD,)),

@@ -6,7 +6,7 @@ Source: materials/ and core/microfacet.h of pbrt-v3.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -25,8 +25,7 @@ from dmis.brdf.rough_glass import RoughReflection
 from dmis.brdf.specular import SpecularTransmission
 from dmis.brdf.texture import Image, scale
 from dmis.formats.pbrt.materials_v4 import V4_MATERIALS, alpha_of, alphas_of, refractive, rough_metal, roughnesses
-from dmis.formats.pbrt.parameter import Parameter
-from dmis.formats.pbrt.parameters import Parameters, Textures
+from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.textures import blend, image
 from dmis.formats.pbrt.tokens import Token, blame
 
@@ -85,27 +84,12 @@ V2_MATERIALS: dict[str, Callable[[Parameters], Material]] = {
 """Functions that make materials, by name. pbrt-v2 swaps the two media of plastic and uber."""
 
 
-def make_material(
-    name: Token, lists: Sequence[Parameters], textures: Textures, named: Mapping[str, Material]
-) -> Material:
-    """Return the material `name`, with each parameter from the first of the `lists` that has it.
-
-    In pbrt-v2 a texture in any list counts before a constant in any list. `named` are the materials that a mix may
-    name. What is read is noted in all lists, reflectances outside of [0, 1] in the first one.
-    """
-    items: dict[str, Parameter] = {}
-    for p in reversed(lists):
-        items |= p.items
-    if name.dialect == "v2":
-        for p in reversed(lists):
-            items |= {key: item for key, item in p.items.items() if item.kind == "texture"}
-    joined = replace(lists[0], directive=name, items=items, textures=textures, read_names=set())
+def make_material(name: Token, p: Parameters, named: Mapping[str, Material]) -> Material:
+    """Return the material `name` made from parameters; `named` are the materials that a mix may name."""
+    p = replace(p, directive=name)
     make = MATERIALS[name.dialect][name.name]
     with blame(name), materials.unbounded():
-        material = _mix(joined, named) if make is None else replace(make(joined), relief=_relief(joined))
-    for p in lists:
-        p.read_names |= joined.read_names
-    return material
+        return _mix(p, named) if make is None else replace(make(p), relief=_relief(p))
 
 
 def _relief(p: Parameters) -> Relief | None:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -31,10 +31,10 @@ from dmis.scene.suggestions import DEFAULT_DEPTH
 
 MAX_SCENE_TRIANGLES = 2**25
 """Most triangles of a scene: some 8 GB."""
-PARAMETERS, KEPT, MATRIX, WORD, OPTIONAL = "parameters", "kept parameters", "matrix", "word", "optional string"
+PARAMETERS, KEPT, WORD, OPTIONAL = "parameters", "kept parameters", "word", "optional string"
 """Arguments of a directive: parameters, of which those that it does not read are noted for a warning; parameters that
-are read later; sixteen numbers in brackets; a word; a string that may be absent. A whole number stands for as many
-numbers, any other text for a string in quotes that it describes."""
+are read later; a word; a string that may be absent. A whole number stands for as many numbers, any other text for a
+string in quotes that it describes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,6 @@ class State:
         Name of the material of the NamedMaterial line, which replaces the Material line.
     named_materials, textures
         Materials and textures by name.
-    recipes
-        Kinds and parameters of named materials that Shape lines may override (v3).
     area_light
         Parameters of the AreaLightSource line; None if shapes do not emit.
     added
@@ -67,7 +65,6 @@ class State:
     named: str | None = None
     named_materials: Mapping[str, Material] = field(default_factory=dict)
     textures: Textures = field(default_factory=dict)
-    recipes: Mapping[str, tuple[Token, Parameters]] = field(default_factory=dict)
     area_light: Parameters | None = None
     added: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
 
@@ -133,29 +130,22 @@ class Reader:
         kept = self.state if self.dialect.global_names else saved
         self.state = replace(saved, textures=kept.textures, named_materials=kept.named_materials)
 
-    def material_for(self, shape: Parameters) -> Material:
-        """Return the current material, with the parameters that the Shape line overrides.
-
-        Shapes that change nothing get the same object, by which they can be joined.
-        """
+    def material(self) -> Material:
+        """Return the current material, the same object for all shapes that have it, by which they can be joined."""
         state = self.state
         if state.named is not None:
             return state.named_materials[state.named]
         name, parameters = state.material
         key = id(parameters), id(state.textures)
         if key not in self._materials:
-            material = self.make_material(name, (parameters,))
-            self._materials[key] = material, state  # keeps alive what the key is the address of
+            self._materials[key] = self.make_material(name, parameters), state  # keeps alive what the key refers to
+            self.notes.add_findings(parameters)
             self.notes.add_unread(parameters)
-        if not self.dialect.overrides or parameters.read_names.isdisjoint(shape.items):
-            return self._materials[key][0]
-        return self.make_material(name, (shape, parameters))
+        return self._materials[key][0]
 
-    def make_material(self, name: Token, lists: Sequence[Parameters]) -> Material:
-        """Return the material `name` made from the parameter `lists`; note what was found of parameters."""
-        material = make_material(name, lists, self.state.textures, self.state.named_materials)
-        self.notes.add_findings(lists[0])
-        return material
+    def make_material(self, name: Token, parameters: Parameters) -> Material:
+        """Return the material `name` made from parameters."""
+        return make_material(name, replace(parameters, textures=self.state.textures), self.state.named_materials)
 
     def to_world(self) -> Floats:
         """Return the current transform (4, 4), which must be invertible, finite and affine where it is used."""

@@ -26,6 +26,9 @@ from dmis.scene.masks import Mask
 LEAST_ALPHA = 1e-6
 """Smallest alpha of a surface that is there in v2 and v3, which ask whether it is 0."""
 
+OF_MATERIALS = "Kd Ks Kr Kt sigma roughness uroughness vroughness eta k index opacity bumpmap reflect transmit".split()
+"""Parameters by which a Shape line would change the material in v2 and v3."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -73,6 +76,8 @@ def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: b
     if parameters.constant("shadowalpha", 1.0) != 1:
         parameters.refuse("shadows of another shape than the surface are not supported; use alpha", "shadowalpha")
     parameters.refuse("this is not supported; remove the parameter", "displacement", "emissionfilename", "S")
+    if name.dialect != "v4":
+        parameters.refuse("a parameter of materials must stand in a Material line before the shape", *OF_MATERIALS)
     with blame(name):
         surface, size = SHAPES[name.name](parameters)
         quadric = surface if isinstance(surface, Quadric) else None

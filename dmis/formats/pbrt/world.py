@@ -48,15 +48,16 @@ def _material(reader: Reader, name: Token, p: Parameters) -> None:
 def _make_named_material(reader: Reader, name: Token, p: Parameters) -> None:
     kind = p.string("type")
     token = p.items["type"].token._replace(text=f'"{kind}"')
-    lists = (p, reader.state.material[1]) if reader.dialect is V2 else (p,)
+    own = p
+    if reader.dialect is V2:  # what it lacks is that of the Material line, whose textures count before constants
+        line = reader.state.material[1].items
+        textures = {key: item for items in (line, p.items) for key, item in items.items() if item.kind == "texture"}
+        own = replace(p, items={**line, **p.items, **textures})
     material = Material(())  # stands for one that is refused
     with reader.refusals.collect():
         _check_material(token)
-        material = reader.make_material(token, lists)
-    state = replace(reader.state, named_materials={**reader.state.named_materials, name.name: material})
-    if reader.dialect is not V2 and reader.dialect.overrides:
-        state = replace(state, recipes={**state.recipes, name.name: (token, p)})
-    reader.state = state
+        material = reader.make_material(token, own)
+    reader.change(named_materials={**reader.state.named_materials, name.name: material})
 
 
 def _named_material(reader: Reader, name: Token) -> None:
@@ -64,10 +65,7 @@ def _named_material(reader: Reader, name: Token) -> None:
         reader.notes.add("material that is not defined, the Material line taken, as pbrt does", name.text, name)
         return
     name.find("material", name.name, reader.state.named_materials)
-    if name.name in reader.state.recipes:  # as if its line stood here, so that Shape lines may change it
-        reader.change(material=reader.state.recipes[name.name], named=None)
-    else:
-        reader.change(named=name.name)
+    reader.change(named=name.name)
 
 
 def _light_source(reader: Reader, name: Token, p: Parameters) -> None:
@@ -93,7 +91,7 @@ def _shape(reader: Reader, name: Token, p: Parameters) -> None:
         p.read_names |= set(p.items)
         return
     shape = make_shape(name, p, reader.to_world(), state.reverse)
-    material = reader.material_for(p)
+    material = reader.material()
     if state.area_light is None:
         reader.add(shape, material)
         return

@@ -372,13 +372,7 @@ def test_float_images_of_colours(read, tmp_path):
         close(lobes(rough)[0].roughness.alpha.texels[..., 0], expected)
 
 
-def test_which_parameter_counts(read, tmp_path):
-    """In v3 those of the shape come first, textures or not; and textures may be named twice."""
-    write_exr(tmp_path / "a.exr", {"RGB": np.random.default_rng(2).random((2, 2, 3), np.float32)})
-    texture = 'Texture "t" "spectrum" "imagemap" "string filename" "a.exr" '
-    triangle = TRIANGLE[:-1] + '"rgb Kd" [.1 .2 .3]\n'
-    (lobe,) = lobes(read("v3", texture + 'Material "matte" "texture Kd" "t"', add=triangle))
-    close(lobe.reflectance, [0.1, 0.2, 0.3])
+def test_textures_may_be_named_twice_but_in_v4(read):
     twice = 'Texture "t" "spectrum" "constant" "rgb value" [.1 .1 .1] ' * 2
     close(lobes(read("v3", twice + 'Material "matte" "texture Kd" "t"'))[0].reflectance, [0.1] * 3)
     with pytest.raises(PbrtError, match="there is a texture of this name"):
@@ -462,13 +456,13 @@ def test_uber_of_v3(read):
     assert mirror.fresnel.eta == through.eta == 1.2  # not swapped as in v2
 
 
-def test_shape_lines_change_named_materials_in_v3_only(read):
+def test_shape_lines_do_not_change_materials(read):
     named = 'MakeNamedMaterial "a" "string type" "{}" NamedMaterial "a"\n'
-    shape = TRIANGLE[:-1] + ' "rgb Kd" [.2 .2 .2] "rgb reflectance" [.2 .2 .2]\n'
+    with pytest.raises(PbrtError, match='token "rgb Kd": a parameter of materials must stand in a Material line'):
+        read("v3", named.format("matte"), add=TRIANGLE[:-1] + ' "rgb Kd" [.2 .2 .2]\n')
     with pytest.warns(PbrtWarning, match="'reflectance' of Shape"):
-        close(lobes(read("v3", named.format("matte"), add=shape))[0].reflectance, [0.2] * 3)
-    with pytest.warns(PbrtWarning, match="'reflectance' of Shape"):
-        close(lobes(read("v4", named.format("diffuse"), add=shape))[0].reflectance, [0.5] * 3)
+        scene = read("v4", named.format("diffuse"), add=TRIANGLE[:-1] + ' "rgb reflectance" [.2 .2 .2]\n')
+    close(lobes(scene)[0].reflectance, [0.5] * 3)
 
 
 def test_mix(read):

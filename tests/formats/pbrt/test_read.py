@@ -404,17 +404,15 @@ def test_types_of_spectra(read, tmp_path, kind, value, rgb):
         assert lobes(scene) == ()
 
 
-def test_shape_line_overrides_the_material(read):
-    world = 'Material "matte" "color Kd" [.1 .1 .1]\n' + TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n'
-    scene = read(world + TRIANGLE)
-    close([part.material.lobes[0].reflectance for part in scene.parts], [[0.2] * 3, [0.1] * 3])
+@pytest.mark.parametrize("line", ['Material "matte"', 'MakeNamedMaterial "a" "string type" "matte" NamedMaterial "a"'])
+def test_shape_line_must_not_change_the_material(read, line):
+    with pytest.raises(PbrtError, match="a parameter of materials must stand in a Material line before the shape"):
+        read(line, add=TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n')
 
 
-def test_texture_of_the_material_beats_constant_of_the_shape(read):
+def test_texture_of_the_material_line_beats_constant_of_a_named_material(read):
     world = 'Texture "t" "color" "constant" "color value" [.3 .3 .3] Material "matte" "texture Kd" "t"\n'
-    scene = read(world, add=TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n')
-    close(lobes(scene)[0].reflectance, [0.3] * 3)
-    scene = read(world.replace('"matte" "texture Kd" "t"', '"matte"'), add=TRIANGLE[:-1] + ' "texture Kd" "t"\n')
+    scene = read(world + 'MakeNamedMaterial "a" "string type" "matte" "color Kd" [.2 .2 .2] NamedMaterial "a"')
     close(lobes(scene)[0].reflectance, [0.3] * 3)
 
 
@@ -431,13 +429,6 @@ def test_named_materials(read):
     close(scene.parts[0].material.lobes[0].reflectance, [0.1] * 3)  # what it lacks is from the Material line
     close(scene.parts[1].material.lobes[0].reflectance, [0.4] * 3)
     assert [part.material.name for part in scene.parts] == ["matte", "plastic", "mirror"]
-
-
-def test_named_material_ignores_the_shape_line(read):
-    world = 'MakeNamedMaterial "a" "string type" "matte" NamedMaterial "a"\n'
-    with pytest.warns(PbrtWarning, match="parameter 'Kd' of Shape"):
-        scene = read(world, add=TRIANGLE[:-1] + ' "color Kd" [.2 .2 .2]\n')
-    close(lobes(scene)[0].reflectance, [0.5] * 3)
 
 
 # Textures ---------------------------------------------------------------------------------------------------------
@@ -641,7 +632,10 @@ WARNINGS = [  # a line of the world, which is line 3 of the file, and the warnin
         'MakeNamedMaterial "a" "string type" "mirror" "color Kr" [1 1 1.01]',
         f"{ABOVE}'Kr' of MakeNamedMaterial (line 3)",
     ),
-    ('TRIANGLE "color Kd" [3 3 3] TRIANGLE "color Kd" [3 3 3]', f"{ABOVE}'Kd' of Shape (line 3 and 1 more)"),
+    (
+        'Material "matte" "color Kd" [3 3 3] TRIANGLE Material "matte" "color Kd" [3 3 3]',
+        f"{ABOVE}'Kd' of Material (line 3 and 1 more)",
+    ),
     (
         'Material "matte" "color Kd" [1 1 1.0001]',
         None,
