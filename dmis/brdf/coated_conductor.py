@@ -29,6 +29,7 @@ Decomposition with Statistical Operators", 2018; Sinkhorn and Knopp 1967 for h.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
@@ -36,7 +37,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dmis.base.color import Rgb
-from dmis.base.vectors import TINY, Array, dot, frame, normalise
+from dmis.base.vectors import TINY, Array, dot, normalise
 from dmis.brdf.cosines import MIN_COSINE, Directions, LocalFrame
 from dmis.brdf.distributions import MIN_ALPHA, Isotropic
 from dmis.brdf.facet_quadrature import LEAST_COSINE, NODES, interpolate, reflected, refracted
@@ -109,7 +110,7 @@ class CoatedConductor(Lobe):
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
         """Sample directions ``(3, N)``; straight down where light is totally reflected inside."""
-        wi = self._base.sample(_Inside(surface, self.eta), u)
+        wi = self._base.sample(_inside(surface, self.eta), u)
         out, cos = _refract(surface.n, wi, dot(surface.n, wi), 1 / self.eta)
         return normalise(np.where(cos > 0, out, -surface.n))
 
@@ -120,22 +121,17 @@ class CoatedConductor(Lobe):
 
     def _inside(self, directions: Directions) -> Directions:
         wi, _ = _refract(directions.surface.n, directions.wi, directions.cos_i_signed, self.eta)
-        return Directions(_Inside(directions.surface, self.eta), wi)
+        return Directions(_inside(directions.surface, self.eta), wi)
 
     def albedo(self) -> Array:
         return self.share * ExactConductor(*self.metal)(np.ones(1, np.float32))
 
 
-class _Inside(LocalFrame):
-    """Shading points seen along rays that are refracted into a coat of index `eta`."""
-
-    def __init__(self, surface: LocalFrame, eta: float) -> None:
-        self.n, self.outside = surface.n, surface.outside
-        self.wo, self.cos_o = _refract(surface.n, surface.wo, surface.cos_o, eta)
-
-    @property
-    def tangents(self) -> tuple[Array, Array]:
-        return frame(self.n)
+def _inside(surface: LocalFrame, eta: float) -> LocalFrame:
+    """Return shading points seen along rays that are refracted into a coat of index `eta`."""
+    inside = copy(surface)
+    inside.wo, inside.cos_o = _refract(surface.n, surface.wo, surface.cos_o, eta)
+    return inside
 
 
 def _refract(n: Array, w: Array, cos: Array, eta: float) -> tuple[Array, Array]:

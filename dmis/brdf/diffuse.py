@@ -13,24 +13,15 @@ from dmis.brdf.lobe import Lobe
 from dmis.samplers.warp import INV_PI, square_to_sphere
 
 
-def cosine_pdf(directions: Directions) -> Array:
-    """Return the density of `cosine_sample`, ``(N,)``."""
-    return np.maximum(directions.cos_i_signed, 0) * INV_PI
-
-
-def cosine_sample(surface: LocalFrame, u: Array) -> Array:
-    """Sample directions with density ``cos/pi``: the unit sphere on the surface needs no frame."""
-    return normalise(surface.n + square_to_sphere(u))
-
-
 class CosineLobe(Lobe, Protocol):
     """A lobe that is sampled by the cosine."""
 
     def pdf(self, directions: Directions) -> Array:
-        return cosine_pdf(directions)
+        return np.maximum(directions.cos_i_signed, 0) * INV_PI
 
     def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return cosine_sample(surface, u)
+        """Sample directions with density ``cos/pi``: the unit sphere on the surface needs no frame."""
+        return normalise(surface.n + square_to_sphere(u))
 
 
 @dataclass(frozen=True, eq=False)

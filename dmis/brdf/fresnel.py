@@ -39,23 +39,40 @@ def check_metal_index(name: str, value: Any) -> Rgb:
     return r, g, b
 
 
+class Fresnel:
+    """Fresnel reflectance as a function of the cosine between a direction and the normal of a facet.
+
+    Attributes
+    ----------
+    has_sides
+        Whether it differs between inside and outside of a mesh.
+    """
+
+    has_sides: ClassVar[bool] = False
+
+    def __call__(self, cos: Array) -> Array:
+        """Return the reflectance at cosines ``(N,)``, one row or three, from outside."""
+        raise NotImplementedError
+
+    def on_side(self, cos: Array, outside: Array) -> Array:
+        """Return the reflectance where wo is `outside` the mesh, or inside, ``(N,)`` bool."""
+        return self(cos)
+
+    def check(self) -> None:
+        """Raise a ValueError if a parameter is out of bounds."""
+
+
 @dataclass(frozen=True)
-class Coat:
+class Coat(Fresnel):
     """Fresnel reflectance of a coat of index `eta`: from outside, whichever side of the mesh that is."""
 
     eta: float = 1.5
-    has_sides: ClassVar[bool] = False
 
     def __call__(self, cos: Array) -> Array:
         return dielectric(cos, np.float32(self.eta))
 
     def check(self) -> None:
-        """Raise a ValueError if the index is not positive."""
         check_ior("eta of fresnel", self.eta)
-
-    def on_side(self, cos: Array, outside: Array) -> Array:
-        """Return the reflectance where wo is `outside` the mesh, or inside, ``(N,)`` bool."""
-        return self(cos)
 
 
 @dataclass(frozen=True)
@@ -69,7 +86,7 @@ class Dielectric(Coat):
 
 
 @dataclass(frozen=True)
-class Conductor(Parameters):
+class Conductor(Fresnel, Parameters):
     """Fresnel reflectance of a metal, the approximate form of PBR 8.2.1.
 
     Index `eta` and absorption `k` are RGB triples; bound to points, ``(1 or 3, N)``.
@@ -78,15 +95,9 @@ class Conductor(Parameters):
     eta: Any
     k: Any
     colours: ClassVar[tuple[str, ...]] = ("eta", "k")
-    has_sides: ClassVar[bool] = False
 
     def check(self) -> None:
-        """Raise a ValueError if index or absorption are negative."""
         check_metal_index("eta of fresnel", self.eta), check_metal_index("k of fresnel", self.k)
-
-    def on_side(self, cos: Array, outside: Array) -> Array:
-        """Return the reflectance, the same on both sides."""
-        return self(cos)
 
     def __call__(self, cos: Array) -> Array:
         eta, k = as_columns(self.eta), as_columns(self.k)
@@ -110,22 +121,17 @@ def fifth_power(x: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Schlick(Parameters):
+class Schlick(Fresnel, Parameters):
     """Fresnel reflectance from `f0` at normal incidence, a number, an RGB triple or an image, to `f90` at grazing."""
 
     f0: Any
     f90: Any = 1.0
     colours: ClassVar[tuple[str, ...]] = ("f0",)
     scalars: ClassVar[tuple[str, ...]] = ("f90",)
-    has_sides: ClassVar[bool] = False
 
     def __call__(self, cos: Array) -> Array:
         f0 = as_columns(self.f0)
         return f0 + (self.f90 - f0) * fifth_power(np.maximum(1 - cos, np.float32(0)))
-
-    def on_side(self, cos: Array, outside: Array) -> Array:
-        """Return the reflectance, the same on both sides."""
-        return self(cos)
 
 
 @dataclass(frozen=True)
@@ -139,6 +145,3 @@ class ExactConductor(Conductor):
         parallel = (index * cos - cos_t) / (index * cos + cos_t + TINY)
         perpendicular = (cos - index * cos_t) / (cos + index * cos_t + TINY)
         return ((np.abs(parallel) ** 2 + np.abs(perpendicular) ** 2) / 2).astype(np.float32)
-
-
-Fresnel = Coat | Conductor | Schlick

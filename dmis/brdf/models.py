@@ -210,10 +210,10 @@ def _coat(alpha: float, eta: float) -> tuple[Lobe, ...]:
 def _over(kd: Any, ks: Any, lobe: Lobe, name: str) -> Material:
     """Return a glossy lobe of reflectance `ks` and a Lambert lobe, without black ones; check the Fresnel term."""
     fresnel = getattr(lobe, "fresnel", None)
-    if fresnel is not None and hasattr(fresnel, "check"):
-        fresnel.check()
-    elif fresnel is not None and not callable(fresnel):
+    if not isinstance(fresnel, Fresnel | None):
         raise ValueError(f"fresnel must be a Dielectric or Conductor, because it takes cosines, or None; got {fresnel}")
+    if fresnel is not None:
+        fresnel.check()
     material = assemble(name, ("kd", kd, Lambert(kd)), ("ks", ks, lobe))
     head_on = 1.0 if fresnel is None else np.ravel(fresnel(np.ones(1, np.float32)))
     reflected = _largest(kd) + _largest(ks) * head_on

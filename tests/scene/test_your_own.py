@@ -11,8 +11,8 @@ from helpers import Z_LIMIT, z_score
 
 import dmis
 from dmis.base.vectors import Array, dot, normalise
-from dmis.brdf.cosines import Directions, LocalFrame
-from dmis.brdf.diffuse import Lambert, cosine_pdf, cosine_sample
+from dmis.brdf.cosines import Directions
+from dmis.brdf.diffuse import CosineLobe, Lambert
 from dmis.brdf.lobe import Lobe
 from dmis.brdf.texture import Image
 from dmis.formats.load_scene import light_part
@@ -54,7 +54,7 @@ class Candle(DeltaLight):
 
 
 @dataclass(frozen=True, eq=False)
-class Paper(Lobe):
+class Paper(CosineLobe):
     """Diffuse transmission: light from the other side leaves with the same radiance in all directions."""
 
     share: Any
@@ -64,15 +64,9 @@ class Paper(Lobe):
     def eval(self, directions: Directions) -> Array:
         return self.share * (directions.above / np.float32(np.pi))
 
-    def pdf(self, directions: Directions) -> Array:
-        return cosine_pdf(directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return cosine_sample(surface, u)
-
 
 @dataclass(frozen=True, eq=False)
-class Paint(Lobe):
+class Paint(CosineLobe):
     """Lambert's lobe, with another name for its colour."""
 
     tint: Any
@@ -80,12 +74,6 @@ class Paint(Lobe):
 
     def eval(self, directions: Directions) -> Array:
         return self.tint * np.float32(1 / np.pi)
-
-    def pdf(self, directions: Directions) -> Array:
-        return cosine_pdf(directions)
-
-    def sample(self, surface: LocalFrame, u: Array) -> Array:
-        return cosine_sample(surface, u)
 
 
 @dataclass(frozen=True, eq=False)
