@@ -3,7 +3,7 @@ A report on the four scenes
 ===========================
 
 Error against time of five rules on the four scenes, in one page that can be sent around: ``figures/report.html``.
-Samples are independent, so that the slopes are those of 1 / n and the best weights a bound. What is measured is kept in
+Samples are independent, so that lines fall as 1 / n and the best weights a bound. What is measured is kept in
 ``figures/report/``, a folder for each scene, so that an interrupted run goes on where it was, and a second one with
 more seeds renders only those. Made to take less than ten minutes on two quiet cores.
 """
@@ -17,7 +17,7 @@ from common import SCENES, TABLES, machine, options, replace_table, show
 import dmis
 from dmis import plot
 from dmis.experiment.compare import summary
-from dmis.experiment.convergence import MEASURES, gains, line, slope
+from dmis.experiment.convergence import MEASURES, gains
 from dmis.experiment.report.page import write_report
 from dmis.experiment.report.plots import error_lines
 
@@ -74,8 +74,6 @@ for column, comparison, oracle in zip(axes.T, comparisons, limits, strict=True):
         error_lines(axis, runs, over, oracle)
     column[0].set_title(title, fontsize=11)
     for gain in (gain for gain in gains(runs) if gain.spp == BUDGETS[-1]):
-        slopes = [slope(*line(runs, gain.rule, over)) for over in ("spp", "seconds")]
-        print(title, gain.rule, "slopes:", *(f"{value:.3f} ± {error:.3f}" for value, error in slopes))
         if gain.rule in rows:
             for m in gain.measures:
                 rows[gain.rule] += f" {m.over_balance.text()}, {m.equal_time:.2f}{'†' if m.extrapolated else ''} |"

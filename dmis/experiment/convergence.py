@@ -1,4 +1,4 @@
-"""Error against run time: slopes, and ratios to the balance heuristic, below 1 where a rule is better."""
+"""Error against run time: lines, and ratios to the balance heuristic, below 1 where a rule is better."""
 
 from __future__ import annotations
 
@@ -114,28 +114,6 @@ def line(runs: Mapping[Budget, Sequence[Run]], rule: str, axis: Axis, measure: M
         "seconds": [median_seconds(by_seed) for by_seed in budgets],
     }[axis]
     return np.array(x, np.float64), np.array([_errors(by_seed, measure) for by_seed in budgets]).T
-
-
-def slope(x: Array, mse: Array) -> tuple[float, float]:
-    """Return the slope of log RMSE over log `x` by least squares, and its standard error; it is -1/2 for N^-1/2.
-
-    Arguments are those that `line` returns. The slope is that of the root of the mean over seeds, and its standard
-    error that of the jackknife, which leaves out one seed at a time. They are `nan` if they are unknown: for one
-    budget, for budgets with the same time, for errors below zero; the standard error also for one seed.
-    """
-    value, seeds = _log_slope(x, mse.mean(axis=0)), len(mse)
-    if seeds < 2:
-        return value, float("nan")
-    others = np.array([_log_slope(x, np.delete(mse, k, axis=0).mean(axis=0)) for k in range(seeds)])
-    return value, float(np.sqrt((seeds - 1) * others.var()))
-
-
-def _log_slope(x: Array, mse: Array) -> float:
-    """Return the slope of log RMSE over log `x`, NaN if it is unknown."""
-    # means of the same times may differ in their last digit
-    if not (x > 0).all() or not (mse > 0).all() or np.ptp(np.log(x)) < 1e-9:
-        return float("nan")
-    return float(np.polyfit(np.log(x), np.log(mse) / 2, 1)[0])
 
 
 def interpolate_log_log(x: Array, y: Array, at: float) -> tuple[float, bool]:

@@ -64,7 +64,7 @@ def _section(number: int, c: Comparison) -> str:
         _verdict(rows, c.seeds),
         *(f"<p>{escaped(text)}</p>" for text in [c.few_pixels()] if text),
         f'<div class="plots">{error_svg(c, "seconds", "relmse")}{error_svg(c, "seconds")}{error_svg(c, "rays")}</div>',
-        tables.slopes_table(c),
+        f'<p class="note">{tables.LINES_NOTE}</p>',
         "<h3>Efficiency</h3>",
         tables.efficiency_table(c, rows),
         "<h3>Costs</h3>",

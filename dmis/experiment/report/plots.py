@@ -28,8 +28,8 @@ RULE_COLOURS = (
     "#808080", "#d55e00", "#2b8cd6", "#00a17a", "#c565b0", "#d9a200", "#8a6fd1", "#b0413e", "#4fb3bf", "#7d8f1f",
 )  # fmt: skip
 """Colours of rules in their order, the balance heuristic first; distinct on white and on black."""
-RULE_MARKS = {"o": "●", "s": "■", "^": "▲", "D": "◆", "v": "▼", "P": "✚", "X": "✖"}
-"""Markers of rules, in plots and as characters. Each rule has the next one; as there are ten colours and seven markers,
+RULE_MARKS = "os^DvPX"
+"""Markers of rules. Each rule has the next one; as there are ten colours and seven markers,
 70 rules differ in one of the two, and rules of one colour differ in their markers."""
 INK = "#010203"
 """Placeholder of the colour of the page's text in `error_svg`."""
@@ -38,7 +38,7 @@ AXIS_LABELS: dict[Axis, str] = {"spp": "camera samples per pixel", "rays": "rays
 
 def line_style(index: int) -> tuple[str, str]:
     """Return the colour and marker of a rule, by its index in the order of rules."""
-    return RULE_COLOURS[index % len(RULE_COLOURS)], list(RULE_MARKS)[index % len(RULE_MARKS)]
+    return RULE_COLOURS[index % len(RULE_COLOURS)], RULE_MARKS[index % len(RULE_MARKS)]
 
 
 def error_lines(

@@ -9,14 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmis.experiment import alarm
-from dmis.experiment.convergence import MEASURES, Axis, Gain, Interval, gains, line, ratio_text, slope
-from dmis.experiment.report.plots import RULE_MARKS, line_style
+from dmis.experiment.convergence import MEASURES, Gain, Interval, gains, ratio_text
 from dmis.experiment.table import COLUMNS, Comparison, cells, run_by_key
 
-LINES_NOTE = """Lines: root of the error over {seeds}; bands: lowest to highest seed. Dotted: the slope −½ of
-N<sup>−1/2</sup>.{oracle} Slopes are those of the roots, fitted by least squares, ± one standard error (jackknife over
-seeds). A rule with a pilot can be steeper than −½, because the share of the pilot in the time falls."""
-BEST_WEIGHTS_NOTE = " Dashed or ×, by MSE: the best weights by the oracle, in time and rays of the balance heuristic."
+LINES_NOTE = """Lines: root of the mean error over seeds; bands: lowest to highest seed. Dotted: the slope −½ of
+N<sup>−1/2</sup>. A rule with a pilot can be steeper, because the share of the pilot in the time falls. Dashed or ×, by
+MSE, if there is an oracle: the best weights by it, in time and rays of the balance heuristic."""
 GAINS_NOTE = """Ratios below 1 are better than the baseline. Errors are means over seeds; seconds are medians, from the
 pilot to the last sample. relMSE: mean of d² / (r² + 0.01), d being the difference to the reference r; MSE: mean of d².
 In brackets: 95 % intervals of the ratios' logarithms over paired seeds; with several rules at one number of samples
@@ -35,21 +33,6 @@ that may be. The other columns are explained in docs/report.md."""
 def best_gain(rows: Sequence[Gain]) -> Gain | None:
     """Return the most efficient rule at one budget whose interval of relMSE × CPU time is below 1, or None."""
     return min((g for g in rows if g.wins), key=lambda g: g.relmse.error_time.value, default=None)
-
-
-def slopes_table(c: Comparison) -> str:
-    """Return the table of the slopes of all rules, with the mark of each in the plots."""
-    overs: tuple[Axis, ...] = ("spp", "rays", "seconds")
-    rows = []
-    for k, rule in enumerate(c.rules):
-        slopes = [plus_minus(*slope(*line(c.runs, rule, "seconds", "relmse")))]
-        slopes += [plus_minus(*slope(*line(c.runs, rule, over))) for over in overs]
-        colour, mark = line_style(k)
-        swatch = f'<i class="swatch" style="color:{colour}" data-mark="{RULE_MARKS[mark]}"></i>'
-        rows.append([f"{swatch}{escaped(rule)}", *slopes])
-    note = LINES_NOTE.format(seeds=count_text(c.seeds, "seed"), oracle=BEST_WEIGHTS_NOTE if c.oracle else "")
-    head = ["rule", "slope of relMSE over seconds", "of MSE over samples", "over rays", "over seconds"]
-    return f'{html_table(head, rows, "slopes")}<p class="note">{note}</p>'
 
 
 def efficiency_table(c: Comparison, gains_of_budgets: Sequence[Gain]) -> str:
@@ -130,14 +113,6 @@ def html_table(
     ]
     content = f"<thead><tr>{titles}</tr></thead><tbody>{''.join(lines)}</tbody>"
     return f'<div class="wide"><table class="{kind}">{content}</table></div>'
-
-
-def plus_minus(value: float, error: float) -> str:
-    """Return a value with its standard error, a dash for NaN."""
-    if np.isnan(value):
-        return "–"
-    number = f"{value:.3f}".replace("-", "−")
-    return number if np.isnan(error) else f"{number} ± {error:.3f}"
 
 
 def interval_text(interval: Interval) -> str:

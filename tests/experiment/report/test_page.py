@@ -190,7 +190,6 @@ def test_errors_that_have_no_logarithm(made, tmp_path):
         write_report([report], tmp_path / "report.html")
         convergence(report, tmp_path / "convergence.png")
         tables = Tables((tmp_path / "report.html").read_text("utf-8")).tables
-        assert all(row[1:] == ["–"] * 4 for row in tables["slopes"][1:])
         assert all(row[5] == "–" for name in ("relMSE", "MSE") for row in tables[f"efficiency {name}"][1:])
 
 

@@ -97,8 +97,8 @@ def test_browser_page_fits(opened, width):
     opened.set_viewport_size({"width": width, "height": 800})
     opened.evaluate("() => document.querySelectorAll('details').forEach(d => d.open = true)")
     tables = opened.evaluate("() => [...document.querySelectorAll('.wide')].map(e => [e.scrollWidth, e.clientWidth])")
-    assert len(tables) == 5 and opened.evaluate("() => document.documentElement.scrollWidth") <= width
-    assert width < 1000 or [wide - visible for wide, visible in tables] == [0] * 5
+    assert len(tables) == 4 and opened.evaluate("() => document.documentElement.scrollWidth") <= width
+    assert width < 1000 or [wide - visible for wide, visible in tables] == [0] * 4
 
 
 def test_browser_tick_labels_do_not_overlap(opened):
