@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 27_031, "tests": 26_773}
+LINES = {"dmis": 27_002, "tests": 26_773}
 """Lines of Python files."""
 WORDS = 42_988
 """Words of the pages, tables included."""

@@ -20,7 +20,7 @@ from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.formats.gltf import read_gltf
-from dmis.formats.model import Y_UP, Model, camera_of, material_of, up_axis, with_materials
+from dmis.formats.model import DEFAULT_MATERIAL, Y_UP, Model, camera_of, up_axis, with_materials
 from dmis.formats.obj import read_obj_materials
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
@@ -77,8 +77,8 @@ def load_scene(
         Area lights get a visible surface, which blocks light and reflects none. Default: those of the file, else an
         even sky and a lamp, see `default_lights`. Surfaces of a file that emit do so in any case.
     material
-        One for all, or a dict by the names of the file's materials, which leaves the others, or of the geometries of a
-        trimesh scene. Default: those of a glTF or OBJ file, else matte grey.
+        One for all, or a dict by the names of the file's materials, or of the geometries of a trimesh scene, which
+        leaves the others. Default: those of a glTF or OBJ file, else matte grey.
     dialect
         Dialect of a pbrt file: ``v2``, ``v3`` or ``v4``. Default: detected from the words of the file.
     outside
@@ -92,8 +92,8 @@ def load_scene(
     FileNotFoundError
         If there is no such file.
     ValueError
-        If the source is none of these, a file cannot be read, a geometry has no material, or what a pbrt scene has
-        itself is given for one (`dmis.formats.pbrt.tokens.PbrtError`).
+        If the source is none of these, a file cannot be read, there is no such name of a material, or what a
+        pbrt scene has itself is given for one (`dmis.formats.pbrt.tokens.PbrtError`).
 
     Warns
     -----
@@ -118,11 +118,13 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         raise ValueError(f"lights must be a list; got one {type(lights).__name__}. Write lights=[...]")
     if isinstance(source, str | os.PathLike):
         model = read_file(Path(source), outside, isinstance(material, Material))
-        parts, name = with_materials(model, material), model.path.stem
+        names = [part.material.name for part in model.parts]
     else:
-        model = Model(Path())
+        model = Model(Path("scene"))
         named = [("", source)] if isinstance(source, Mesh) else placed_meshes(source)
-        parts, name = [Part(mesh, material_of(geometry, material)) for geometry, mesh in named], "scene"
+        names = [name for name, _ in named]
+        model.parts = [Part(mesh, DEFAULT_MATERIAL) for _, mesh in named]
+    parts, name = with_materials(model.parts, names, material), model.path.stem
     if model.flat:
         total = model.flat + sum(part.mesh.triangles for part in parts)
         text = f"{model.path}: {model.flat:,} of {total:,} triangles have no area and are left out"

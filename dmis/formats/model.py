@@ -104,29 +104,21 @@ class Model:
         return tuple(f"{kind} ({n})" if n > 1 else kind for kind, n in self.unread.items() if n)
 
 
-def with_materials(model: Model, material: Any) -> list[Part]:
-    """Return the parts of a file with a caller's material, one for all or by the names of the file's."""
+def with_materials(parts: list[Part], names: Sequence[str], material: Any) -> list[Part]:
+    """Return parts with a caller's material, one for all, or a dict by their `names`, which leaves the others."""
     if material is None:
-        return model.parts
-    if not isinstance(material, Mapping):
-        return [replace(part, material=material_of("", material)) for part in model.parts]
-    names = sorted({part.material.name for part in model.parts})
-    for name in material:
-        if name not in names:
-            raise ValueError(f"material must have names of materials in {model.path}: {names}; got {name!r}")
-    return [replace(part, material=material.get(part.material.name, part.material)) for part in model.parts]
-
-
-def material_of(name: str, material: Any) -> Material:
-    """Return the material of the geometry `name`."""
-    if material is None or isinstance(material, Material):
-        return material or DEFAULT_MATERIAL
+        return parts
+    if isinstance(material, Material):
+        return [replace(part, material=material) for part in parts]
     if not isinstance(material, Mapping):
         raise ValueError(f"material must be a Material, or a dict of them by name; got {type(material).__name__}")
-    if name not in material:
-        names = ", ".join(map(repr, material)) or "none"
-        raise ValueError(f"material must have an entry for the geometry {name!r}; given are: {names}")
-    return material[name]
+    for name in material:
+        if name not in names:
+            known = sorted(set(names))
+            raise ValueError(
+                f"material must have names of materials or geometries of the source, {known}; got {name!r}"
+            )
+    return [replace(part, material=material.get(name, part.material)) for name, part in zip(names, parts, strict=True)]
 
 
 def camera_of(

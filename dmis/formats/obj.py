@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.color import Rgb
 from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.materials import Material, matte, plastic, shiny_metal, uber
 from dmis.brdf.texture import Image, scale
@@ -76,17 +75,18 @@ def _add(name: str, mtl: Statements, mesh: Mesh, model: Model, images: dict[Any,
     """Add triangles with the material `name` to a model."""
     for word in mtl:
         model.unread[f"{word} of a material"] += word not in (*READ, *IGNORED)
-    given = {"Kd": _colour(mtl, "Kd", 0.5 if "map_Kd" not in mtl else 1.0), "Ks": _colour(mtl, "Ks", 0.0)}
+    grey = 0.5 if "map_Kd" not in mtl else 1.0
+    given = {"Kd": _values(mtl, "Kd", (grey,) * 3), "Ks": _values(mtl, "Ks", (0.0,) * 3)}
     for word, colour in given.items():
         model.unread[f"{word} above 1 of {name!r}"] += max(colour) > 1
     kd: Any
     kd, ks = (tuple(min(x, 1.0) for x in colour) for colour in given.values())
-    emission = _colour(mtl, "Ke", 0.0)
+    emission = _values(mtl, "Ke", (0.0,) * 3)
     if "map_Kd" in mtl:
         image = _image(mtl["map_Kd"][1], model, images)
         kd = kd if image is None else scale(kd if any(kd) else 1.0, image)
-    opacity = 1 - _values(mtl, "Tr", 0.0, 1)[0] if "Tr" in mtl else _values(mtl, "d", 1.0, 1)[0]
-    roughness = 1 / min(max(_values(mtl, "Ns", 10.0, np.inf)[0], 1), MAX_LOBE_EXPONENT)
+    opacity = 1 - _values(mtl, "Tr", (0.0,), 1)[0] if "Tr" in mtl else _values(mtl, "d", (1.0,), 1)[0]
+    roughness = 1 / min(max(_values(mtl, "Ns", (10.0,))[0], 1), MAX_LOBE_EXPONENT)
     if opacity < 1:
         material = uber(kd, ks, roughness=roughness, opacity=opacity)
     elif not any(ks):
@@ -100,26 +100,18 @@ def _add(name: str, mtl: Statements, mesh: Mesh, model: Model, images: dict[Any,
     model.add(mesh, Material(material.lobes, name), light, None if mask is None else Mask(mask, None))
 
 
-def _values(mtl: Statements, word: str, default: float, most: float, counts: tuple[int, ...] = (1,)) -> list[float]:
-    """Return the numbers of a statement, from 0 to `most`, as many as `counts` allow; ``[default]`` without it."""
+def _values(mtl: Statements, word: str, default: tuple[float, ...], most: float = np.inf) -> Any:
+    """Return the numbers of a statement, from 0 to `most`, as many as its `default`, or one that stands for all."""
     if word not in mtl:
-        return [default]
+        return default
     number, argument = mtl[word]
     words = argument.removeprefix("-halo ").split()
     values = [float(x) for x in words if NUMBER.fullmatch(x)]
-    if len(values) != len(words) or len(words) not in counts or not all(0 <= x <= most and x < np.inf for x in values):
-        how_many = " or ".join(map(str, counts))
-        limit = f" to {most:g}" if most < np.inf else ""
-        what = f"{how_many} number{'s' * (counts != (1,))} from 0{limit}"
+    fits = len(values) == len(words) and len(values) in (1, len(default))
+    if not fits or not all(0 <= x <= most and x < np.inf for x in values):
+        what = f"{'1 number' if len(default) == 1 else '1 or 3 numbers'} from 0{f' to {most:g}' * (most < np.inf)}"
         raise ValueError(f"line {number}: {word} must be {what}; got {argument[:60]!r}")
-    return values
-
-
-def _colour(mtl: Statements, word: str, default: float) -> Rgb:
-    """Return the colour of a statement: three numbers, or one for all channels."""
-    values = _values(mtl, word, default, np.inf, (1, 3))
-    r, g, b = values * (3 // len(values))
-    return r, g, b
+    return tuple(values * (len(default) // len(values)))
 
 
 def _image(argument: str, model: Model, images: dict[Any, Image | None], opacity: bool = False) -> Image | None:

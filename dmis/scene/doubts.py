@@ -20,7 +20,7 @@ MAX_OFFSET = 1e-3
 
 
 def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: float) -> Iterator[str]:
-    """Yield a message about the first lamp that is nearer to a surface than `reach`.
+    """Yield a message about the first lamp that is nearer to a surface than `reach`; a ValueError if two overlap.
 
     Parameters
     ----------
@@ -28,11 +28,6 @@ def lamp_doubts(parts: Sequence[Part], plan: Plan, caster: RayCaster, reach: flo
         Those of the scene.
     reach
         Two ray offsets: a surface within one gets no light, and some up to another.
-
-    Raises
-    ------
-    ValueError
-        If two lamps overlap; it names both.
     """
     lights = [part.light for part in plan.parts]
     names = [

@@ -257,15 +257,8 @@ class Scene:
     def prepare(self) -> None:
         """Build now what is otherwise built when it is first needed, so that it is not part of a measured time.
 
-        Raises
-        ------
-        ValueError
-            If two lamps overlap in part.
-
-        Warns
-        -----
-        SceneWarning
-            If float32 does not resolve a small part, or a lamp is nearer to a surface than rays can tell.
+        A ValueError if two lamps overlap; a SceneWarning if float32 does not resolve a small part, or a lamp is nearer
+        to a surface than rays can tell.
         """
         for text in self._doubts:
             warnings.warn(SceneWarning(f"scene {self.name}: {text}"), stacklevel=3)

@@ -103,7 +103,7 @@ def test_materials_by_name(load):
     red = dmis.matte((1, 0, 0))
     scene = load("newmtl a\nKd .2\nnewmtl b\nKd .4\n", f"usemtl a\n{FACE}usemtl b\n{FACE}", material={"b": red})
     assert scene.parts[1].material is red and scene.parts[0].material.name == "a"
-    with pytest.raises(ValueError, match=r"material must have names of materials in .*: \['a'\]; got 'c'"):
+    with pytest.raises(ValueError, match=r"material must have names of materials .*, \['a'\]; got 'c'"):
         load("newmtl a\nKd .2\n", material={"c": red})
 
 
