@@ -11,7 +11,7 @@ from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import SAME_TYPE
 from dmis.formats.pbrt.parameter import SPECTRUM_TYPES, Parameter
 from dmis.formats.pbrt.parameters import Parameters
-from dmis.formats.pbrt.tokens import Source, Token, either, is_number, number_of, numbers_of, tokens_of
+from dmis.formats.pbrt.tokens import Source, Token, either, is_number, tokens_of, values_of
 
 _WORDS = ("bool", "string", "texture")
 
@@ -51,8 +51,8 @@ class Cursor:
         """Read `count` numbers without brackets, (count,); sixteen stand in brackets, a matrix (4, 4) by columns."""
         if count == 16:
             token = self.next()
-            matrix = numbers_of(token) if token.kind == "list" else np.empty(0)
-            if len(matrix) != 16:
+            matrix = values_of(token) if token.kind == "list" else ()
+            if isinstance(matrix, tuple) or len(matrix) != 16:
                 raise token.error(f"{directive.text} needs 16 numbers in brackets, a 4x4 matrix column by column")
             return matrix.reshape(4, 4).T
         values = []
@@ -60,7 +60,7 @@ class Cursor:
             token = self.next()
             if not is_number(token):
                 raise token.error(f"{directive.text} needs {count} numbers; got {k}")
-            values.append(number_of(token))
+            values.append(values_of(token)[0])
         return np.array(values)
 
     def parameters(self, directive: Token) -> Parameters:
@@ -83,44 +83,13 @@ class Cursor:
             what = f"the type of a parameter must be {either(types)} in {declaration.dialect}"
             raise declaration.error(f"{what}; got {kind!r}")
         token = self.next()
-        values: Floats | tuple[str, ...]
-        if token.kind == "list":
-            values = numbers_of(token)
-        elif is_number(token):
-            values = np.array([number_of(token)])
-        elif token.kind == "string" or _bare(token):
-            values = (token.text.strip('"'),)
-        elif token.kind == "open":
-            values = self._strings(token)
-        else:
+        bare = token.source.dialect.bare_words and token.text in ("true", "false")
+        if token.kind not in ("list", "string") and not bare and not is_number(token):
             raise token.error(f"parameter {name!r} needs a value: a number, a string, or a list of them in brackets")
-        parameter = Parameter(SAME_TYPE.get(kind, kind), name, values, declaration, directive)
+        parameter = Parameter(SAME_TYPE.get(kind, kind), name, values_of(token), declaration, directive)
         if fault := _fault(parameter, kind):
             raise parameter.error(fault)
         return parameter
-
-    def _strings(self, opening: Token) -> tuple[str, ...]:
-        """Read the rest of a list that does not consist of numbers alone."""
-        values = []
-        numeric = False
-        while (token := self.next()).kind != "close":
-            if is_number(token):
-                numeric = True
-            elif token.kind == "string" or _bare(token):
-                values.append(token.text.strip('"'))
-            elif token.kind in ("end", "open", "list"):
-                raise opening.error("this list has no end: a closing bracket ] is missing")
-            else:
-                where = f"the bracket of line {opening.line} may not be closed"
-                raise token.error(f"a list holds numbers or quoted strings; {where}")
-            if numeric and values:
-                raise token.error("a list holds numbers or quoted strings, not both")
-        return tuple(values)
-
-
-def _bare(token: Token) -> bool:
-    """Return whether a token is true or false without quotes, in a dialect that allows it."""
-    return token.source.dialect.bare_words and token.kind == "word" and token.text in ("true", "false")
 
 
 def _fault(parameter: Parameter, kind: str) -> str | None:

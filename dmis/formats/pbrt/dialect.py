@@ -210,7 +210,7 @@ def detect(tokens: Iterable[Any]) -> tuple[Dialect, tuple[str, ...]]:
             break
         if token.kind == "word" and token.text[0].isalpha():
             directive = token.text
-        before = before if token.kind == "open" else token.text
+        before = token.text
     if "v2" not in remaining and len(remaining) > 1:  # no WorldEnd: v3 has one
         remaining = {"v4"}
     fits = tuple(sorted(remaining))
@@ -222,13 +222,11 @@ def _marks(token: Any, directive: str, before: str) -> Iterator[str]:
     everywhere = "v2 v3 v4"
     if token.kind == "word":
         yield _SHARED.get(token.text, everywhere)
-    if token.kind != "string":
-        return
-    if before == directive:
-        yield _NAMES.get((directive, token.name), everywhere)
     elif directive == "MakeNamedMaterial" and before == '"string type"':
-        yield _NAMES.get(("Material", token.name), everywhere)
-    else:
+        yield _NAMES.get(("Material", token.text.strip('[]" \t\r\n')), everywhere)
+    elif token.kind == "string" and before == directive:
+        yield _NAMES.get((directive, token.name), everywhere)
+    elif token.kind == "string":
         kind, _, name = token.name.strip().partition(" ")
         yield _SHARED.get(kind, everywhere) if name else everywhere
         yield _PARAMETERS.get((directive, name.strip()), everywhere)

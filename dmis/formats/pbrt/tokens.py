@@ -26,9 +26,9 @@ from dmis.formats.pbrt.dialect import V2, Dialect
 
 _TOKEN = re.compile(
     r"""(?: [\s,]++ | \#[^\n]*+ )*+                                        # blanks, commas (of v3), comments
-    (?: (?P<list> \[ (?: [-+.0-9eE,\s]++ | \#[^\n]*+ )*+ \] )            # of numbers alone
+    (?: (?P<list> \[ (?: [^\[\]"\#]++ | "[^"\n]*+" | \#[^\n]*+ )*+ \] )
       | (?P<string> "[^"\n]*+" )
-      | (?P<open> \[ ) | (?P<close> \] )
+      | (?P<bracket> [\[\]] )                                             # without its other half
       | (?P<word> [^\s,"\[\]\#]++ )
       | (?P<broken> "[^\n]*+ )                                          # a string without an end
       | (?P<end> \Z ) )""",
@@ -36,6 +36,7 @@ _TOKEN = re.compile(
 )
 MAX_UNZIPPED = 2**30
 """Most bytes of an unpacked .gz file."""
+_VALUES = re.compile(r'"[^"\n]*"|\#[^\n]*|[^\s,"\#]+')
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
@@ -79,7 +80,7 @@ class Source:
 
 
 class Token(NamedTuple):
-    """A piece of a file; `kind` is list, string, word, open, close or end."""
+    """A piece of a file; `kind` is list, string, word or end."""
 
     kind: str
     text: str
@@ -174,6 +175,8 @@ def tokens_of(source: Source) -> Iterator[Token]:
         token = Token(kind, match[kind], source, match.start(kind))
         if kind == "broken":
             raise token.error('this string has no end: a closing quote " is missing on its line')
+        if kind == "bracket":
+            raise token.error("this list has no end or no beginning: a bracket [ or ] is missing")
         yield token
         if kind == "end":
             break
@@ -184,25 +187,26 @@ def is_number(token: Token) -> bool:
     return token.kind == "word" and _NUMBER.fullmatch(token.text) is not None
 
 
-def number_of(token: Token) -> float:
-    """Return the value of a number token."""
-    value = float(token.text)
-    if not np.isfinite(value):
-        raise token.error("a number must be finite; this one is too large")
-    return value
-
-
-def numbers_of(token: Token) -> Floats:
-    """Return the values of a list token."""
-    text = token.text[1:-1].replace(",", " ")
-    if "#" in text:
-        text = re.sub(r"#[^\n]*", "", text)
+def values_of(token: Token) -> Floats | tuple[str, ...]:
+    """Return the values of a list, or of a number, a string, or true or false without quotes: numbers or strings."""
+    text = token.text[1:-1] if token.kind == "list" else token.text
+    words = text.replace(",", " ").split()
+    if '"' in text or "#" in text:
+        words = [word for word in _VALUES.findall(text) if word[0] != "#"]
+    bare = ("true", "false") if token.source.dialect.bare_words and "e" in text else ()
+    if '"' in text or bare:
+        strings = tuple(word.strip('"') for word in words if word[0] == '"' or word in bare)
+        if strings and len(strings) < len(words):
+            raise token.error("a list holds numbers or quoted strings, not both")
+        if strings:
+            return strings
     try:
-        values = np.array(text.split(), np.float64)
+        values = np.array([] if "_" in text else words, np.float64)
     except ValueError:
-        bad = next(word for word in text.split() if not _NUMBER.fullmatch(word))
-        raise token.error(f"a list must hold numbers; got {bad}") from None
+        values = np.empty(0)
+    if len(values) < len(words):
+        bad = next(word for word in words if not _NUMBER.fullmatch(word))
+        raise token.error(f"a list holds numbers or quoted strings; got {bad}")
     if not np.isfinite(values).all():
-        bad = text.split()[int(np.argmin(np.isfinite(values)))]
-        raise token.error(f"a number must be finite; {bad} is too large")
+        raise token.error(f"a number must be finite; {words[int(np.argmin(np.isfinite(values)))]} is too large")
     return values
