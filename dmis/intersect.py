@@ -19,7 +19,8 @@ from dmis.base.malloc import keep
 from dmis.base.vectors import Array
 
 CHECK_RAYS = sys.flags.dev_mode
-"""Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests."""
+"""Whether rays are tested for NaN: in Python's development mode (``python -X dev``), and in the tests. One NaN makes
+Embree walk its whole tree, about 1 ms per ray, which looks like a hang."""
 
 MAX_HOLES = 1000
 """Most holes in surfaces that one ray passes, see `HoleCaster`."""
@@ -64,12 +65,9 @@ class Intersector:
     ----------
     vertices, faces
         ``(V, 3)`` and ``(F, 3)``, at least one face, as a `dmis.Mesh` has checked them: Embree does not.
-    check
-        Whether every ray is tested for NaN: one NaN makes Embree walk its whole tree, about 1 ms per ray, which looks
-        like a hang. Default: `CHECK_RAYS`.
     """
 
-    def __init__(self, vertices: Array, faces: np.ndarray, check: bool | None = None) -> None:
+    def __init__(self, vertices: Array, faces: np.ndarray) -> None:
         from embreex import rtcore_scene  # imported where used: rules are scored without Embree
         from embreex.mesh_construction import TriangleMesh
 
@@ -78,7 +76,6 @@ class Intersector:
         self._mesh = TriangleMesh(
             self._scene, vertices.astype(np.float32, copy=False), faces.astype(np.int32, copy=False)
         )
-        self._check = CHECK_RAYS if check is None else check
         self.occluded(*(np.zeros((3, 1), np.float32),) * 2, np.zeros(1, np.float32))
 
     def closest(self, origin: Array, direction: Array) -> Hits:
@@ -92,7 +89,7 @@ class Intersector:
         o, d = self._rays(origin, direction)
         if distance.shape != (len(o),):
             raise ValueError(f"distance must have shape ({len(o)},), one for each ray; got {distance.shape}")
-        if self._check and np.isnan(distance).any():
+        if CHECK_RAYS and np.isnan(distance).any():
             raise ValueError("distance must not be NaN, because Embree would walk the whole tree")
         # a copy, because Embree writes into it; not below 0, where it would call everything occluded
         dists = np.maximum(distance, np.float32(0)).astype(np.float32, copy=False)
@@ -106,7 +103,7 @@ class Intersector:
                 f"got {origin.shape} and {direction.shape}"
             )
         o, d = origin.astype(np.float32, copy=False), direction.astype(np.float32, copy=False)
-        if self._check and (np.isnan(o).any() or np.isnan(d).any()):
+        if CHECK_RAYS and (np.isnan(o).any() or np.isnan(d).any()):
             raise ValueError("rays must not contain NaN, because Embree would walk the whole tree")
         return o.T, d.T
 

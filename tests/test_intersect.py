@@ -121,14 +121,14 @@ def test_bad_distance_shapes(shape: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("which", ["origin", "direction", "distance"])
 def test_check_finds_nan(which: str) -> None:
-    """With ``check=True`` a NaN is an error, not a millisecond per ray."""
+    """With `CHECK_RAYS` a NaN is an error, not a millisecond per ray."""
     rays_ = {
         "origin": np.zeros((3, 4), np.float32),
         "direction": np.ones((3, 4), np.float32),
         "distance": np.ones(4, np.float32),
     }
     rays_[which][..., 2] = np.nan
-    caster = Intersector(*TRIANGLE, check=True)
+    caster = Intersector(*TRIANGLE)
     with pytest.raises(ValueError, match="must not"):
         caster.occluded(**rays_)
     if which != "distance":

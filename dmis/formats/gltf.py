@@ -131,7 +131,11 @@ def paint(mesh: Mesh, colours: Floats) -> tuple[Mesh, Image]:
     fourths = [colours[f[:, 1]] + colours[f[:, 2]] - colours[f[:, 0]] for f in turns]
     beyond = [np.abs(fourth - np.clip(fourth, 0, 1)).max(axis=1) for fourth in fourths]
     if np.min(beyond, axis=0).max() > 1e-6:
-        return paint(*_split(mesh, colours))
+        from trimesh.remesh import subdivide  # here: few colours need it
+
+        columns = [x for x in (mesh.vertices, colours, mesh.normals) if x is not None]
+        rows, faces = subdivide(np.concatenate(columns, axis=1), mesh.faces)
+        return paint(Mesh(rows[:, :3], faces, None if mesh.normals is None else rows[:, 6:]), rows[:, 3:6])
     best = np.argmin(beyond, axis=0)
     triangle = np.arange(len(best))
     corner = np.stack(turns)[best, triangle].ravel()
@@ -150,17 +154,3 @@ def paint(mesh: Mesh, colours: Floats) -> tuple[Mesh, Image]:
     return Mesh(mesh.vertices[corner], faces, normals, uv.reshape(-1, 2)), Image(
         texels.reshape(2 * down, 2 * across, 3), wrap="clamp"
     )
-
-
-def _split(mesh: Mesh, colours: Floats) -> tuple[Mesh, Floats]:
-    """Return a mesh without texture coordinates, each triangle split into four, and the colours of its vertices."""
-
-    def extended(values: Floats) -> Floats:
-        corners = values[mesh.faces]
-        return np.concatenate([values, (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2])
-
-    a, b, c = mesh.faces.T
-    ab, bc, ca = len(mesh.vertices) + np.arange(mesh.faces.size).reshape(-1, 3).T
-    faces = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
-    normals = None if mesh.normals is None else extended(mesh.normals)
-    return Mesh(extended(mesh.vertices), faces, normals), extended(colours)

@@ -34,6 +34,8 @@ def surface(
     group = make_group(batch_key(Part(_TRIANGLE, material)), [(material, None)])
     uv = np.full((2, count), 0.5, np.float32)
     normal, wo, dpdu = (np.repeat(np.array(v, np.float32).reshape(3, 1), count, axis=1) for v in (n, wo, dpdu))
+    kinds = ("reflection", "transmission", "delta")
+    lobes = {kind: tuple(bind(lobe, None, lambda image: image(uv)) for lobe in getattr(group, kind)) for kind in kinds}
     return ShadingPoints(
         p=np.zeros((3, count), np.float32),
         ng=normal,
@@ -43,9 +45,7 @@ def surface(
         outside=np.full(count, outside),
         dpdu=dpdu,
         epsilon=np.float32(0),
-        reflection=tuple(bind(lobe, None, lambda image: image(uv)) for lobe in group.reflection),
-        transmission=tuple(bind(lobe, None, lambda image: image(uv)) for lobe in group.transmission),
-        delta=tuple(bind(lobe, None, lambda image: image(uv)) for lobe in group.delta),
+        **lobes,
     )
 
 
