@@ -4,7 +4,7 @@ Each kind of case is a function of a source of random numbers and a folder with 
 hands it to the library, and lets through what is allowed: a result, or the library's own error. Everything else is
 raised. `tests/test_fuzz.py` gives them numbers from hypothesis, which shrinks what fails; run by itself this file
 gives them numbers from a seed, in child processes, so that a crash of the interpreter, a case of more than `SECONDS` of
-computing and one of more than `MEMORY` are found too.
+computing and one whose process holds more than `MEMORY`, the interpreter included, are found too.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from __future__ import annotations
 import argparse
 import base64
 import contextlib
+import copy
+import gzip
 import io
 import json
 import os
@@ -54,8 +56,8 @@ from dmis.scene.scene import Scene, SceneWarning
 
 SECONDS = 5.0
 """Most that a case may take of its process's time: the machine may be busy."""
-MEMORY = 4 * 2**30
-"""Most memory that the process of a case may have."""
+MEMORY = 2**30
+"""Most memory that the process of a case may hold, and a quarter of the addresses that it may ask for."""
 BATCH = 500
 """Cases of a child process."""
 
@@ -106,12 +108,12 @@ def prepare(folder: Path) -> None:
     (good / "k.gltf").write_text(
         json.dumps({**json.loads(data[20:end]), "buffers": [{"byteLength": len(data), "uri": uri}]})
     )
+    (folder / "good.bin").write_bytes(data[end + 8 :])
     pixels = rng.integers(0, 256, (4, 6, 4)).astype(np.uint8)
     for name, picture in (("l.png", pixels), ("m.jpg", pixels[..., :3]), ("n.tga", pixels), ("o.png", pixels[..., 0])):
         PIL.fromarray(np.ascontiguousarray(picture)).save(good / name)
     (good / "p.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 6\n" + pixels.tobytes())
     (good / "q.pfm").write_bytes(b"PF\n6 4\n-1.0\n" + rng.random(72).astype("<f4").tobytes())
-    shutil.copy(good / "l.png", folder / "image.png")
     np.save(good / "i.npy", rng.random((4, 6, 3)).astype(np.float32))
 
 
@@ -156,7 +158,12 @@ def parser(rng: random.Random, folder: Path) -> None:
     text = generated(rng) if kind < 4 else mutated(rng, rng.choice(TEXTS))
     if kind == 8:
         text = "".join(token(rng) + " " for _ in range(rng.randint(0, 12)))
-    read(folder, text, rng.choice([None, None, *DIALECTS]))
+    dialect = rng.choice([None, None, *DIALECTS])
+    if rng.random() < 0.05:
+        packed = gzip.compress(text.encode("utf-8", "surrogatepass"), 1)
+        (folder / "packed.pbrt.gz").write_bytes(damaged(rng, packed) if rng.random() < 0.5 else packed)
+        text = 'Include "packed.pbrt.gz"'
+    read(folder, text, dialect)
 
 
 def read(folder: Path, text: str, dialect: str | None = None) -> Scene | None:
@@ -170,7 +177,7 @@ def read(folder: Path, text: str, dialect: str | None = None) -> Scene | None:
             return read_pbrt(path, dialect=dialect)
     except PbrtError as error:
         message = str(error)
-        assert re.match(r".*\.pbrt:\d+: token .+: .", message, re.DOTALL), message
+        assert re.match(r".*\.pbrt(\.gz)?:\d+: token .+: .", message, re.DOTALL), message
         assert max(map(len, message.split("\n"))) < 3000
         return None
 
@@ -222,14 +229,26 @@ def damaged(rng: random.Random, data: bytes) -> bytes:
 def mesh(rng: random.Random, folder: Path) -> None:
     """A mesh file: a mesh that renders, or an error that names the file."""
     source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in mesh_files.MESH_SUFFIXES])
-    path = folder / f"case{source.suffix}"
-    path.write_bytes(damaged(rng, source.read_bytes()))
+    path, data = folder / f"case{source.suffix}", source.read_bytes()
+    path.write_bytes(damaged(rng, data))
+    if source.suffix == ".ply" and rng.random() < 0.2:
+        packed = rng.choice([gzip.compress(damaged(rng, data), 1), damaged(rng, gzip.compress(data, 1))])
+        (folder / "case.ply.gz").write_bytes(packed)
+        read(folder, 'WorldBegin Shape "plymesh" "string filename" "case.ply.gz" WorldEnd', rng.choice([*DIALECTS]))
+        return
     if source.suffix in (".gltf", ".glb") and rng.random() < 0.5:
-        data = (folder / "good/k.gltf").read_text()
+        document = json.loads((folder / "good/k.gltf").read_text())
+        if beside := rng.random() < 0.5:
+            document["buffers"][0]["uri"] = "case.bin"
+            document["images"] = [{"uri": "image.png"} for _ in document["images"]]
         path = folder / "case.gltf"
-        path.write_text(json.dumps(damaged_json(rng, json.loads(data))))
-    mtl = MTL.encode()
-    (folder / "material.mtl").write_bytes(damaged(rng, mtl) if rng.random() < 0.5 else mtl)
+        path.write_text(json.dumps(document if beside else damaged_json(rng, document)))
+    for name, whole in (
+        ("material.mtl", MTL.encode()),
+        ("image.png", (folder / "good/l.png").read_bytes()),
+        ("case.bin", (folder / "good.bin").read_bytes()),
+    ):
+        (folder / name).write_bytes(damaged(rng, whole) if rng.random() < 0.5 else whole)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # about its materials
@@ -256,46 +275,13 @@ def damaged_json(rng: random.Random, document: Any) -> Any:
         elif what == 1 and isinstance(holder, list):
             holder.append(node)
         else:
-            holder[place] = rng.choice(VALUES)
+            holder[place] = copy.deepcopy(rng.choice(VALUES))
     return document
 
 
-VALUES = [
-    0,
-    1,
-    2,
-    5,
-    -1,
-    10**9,
-    2**40,
-    0.5,
-    1e30,
-    -1e300,
-    float("inf"),
-    float("nan"),
-    None,
-    True,
-    "",
-    "a",
-    "MASK",
-    [],
-    {},
-]
-VALUES += [
-    [0],
-    [1, 2, 3],
-    [0, 0, 0, 0],
-    5121,
-    5123,
-    5126,
-    "BLEND",
-    "VEC2",
-    "SCALAR",
-    "image.png",
-    "../a.exr",
-    "data:,",
-    {"index": 0},
-]
+VALUES = [0, 1, 2, 5, -1, 10**9, 2**40, 0.5, 1e30, -1e300, float("inf"), float("nan"), None, True, 5121, 5123, 5126]
+VALUES += [[], {}, [0], [1, 2, 3], [0, 0, 0, 0], {"index": 0}, {"mesh": 0, "children": [0, 1]}]
+VALUES += ["", "a", "MASK", "BLEND", "VEC2", "SCALAR", "image.png", "../a.exr", "data:,", "file:///etc/passwd", "/"]
 
 
 def picture(rng: random.Random, folder: Path) -> None:
@@ -303,12 +289,28 @@ def picture(rng: random.Random, folder: Path) -> None:
     source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in IMAGE_SUFFIXES])
     path = folder / f"picture{source.suffix}"
     path.write_bytes(damaged(rng, source.read_bytes()))
+    use = rng.choice([*IMAGE_USES, ""])
+    if use:
+        read(
+            folder,
+            f'WorldBegin {use.replace("{}", path.name)} Shape {TRIANGLE} "texture alpha" "t"',
+            rng.choice([*DIALECTS]),
+        )
     try:
         image = load_image(path, linear=rng.random() < 0.5, alpha=rng.random() < 0.5)
     except ValueError as error:
         assert str(path) in str(error), error
         return
     assert image.dtype == np.float32 and image.size
+
+
+IMAGE_USES = [
+    'Texture "t" "color" "imagemap" "string filename" "{}" Material "matte" "texture Kd" "t"',
+    'Texture "t" "spectrum" "imagemap" "string filename" "{}" Material "diffuse" "texture reflectance" "t"',
+    'Texture "t" "float" "imagemap" "string filename" "{}" Material "diffuse" "string normalmap" "{}"',
+    'LightSource "infinite" "string mapname" "{}"',
+    'LightSource "infinite" "string filename" "{}"',
+]
 
 
 def image(rng: random.Random, folder: Path) -> None:
@@ -440,16 +442,20 @@ def batch(kind: str, seed: int, cases: range, folder: Path, report: int) -> None
         raise Hang(f"more than {SECONDS} s of computing")
 
     signal.signal(signal.SIGPROF, late)
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_AS, (4 * MEMORY, 4 * MEMORY))
     warnings.simplefilter("error")
-    slowest = 0.0
+    slowest, largest = 0.0, 0
     for k in cases:
         os.pwrite(report, f"{k:12d}\n".encode(), 0)
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
         signal.alarm(300)
+        Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
         begin = time.process_time()
         try:
             run(kind, seed, k, folder)
+            peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            largest = max(largest, peak)
+            assert peak <= MEMORY, f"{peak / 2**20:.0f} MB of memory"
         except (Exception, Hang, SystemExit) as error:
             where = "".join(traceback.format_tb(error.__traceback__)[-3:])
             text = f"\n{kind} {seed} {k}: {type(error).__name__}: {str(error)[:1500]}\n{where}"
@@ -460,12 +466,12 @@ def batch(kind: str, seed: int, cases: range, folder: Path, report: int) -> None
             signal.setitimer(signal.ITIMER_PROF, 0)
         slowest = max(slowest, time.process_time() - begin)
     os.lseek(report, 0, os.SEEK_END)
-    os.write(report, f"{json.dumps(slowest)}\n".encode())
+    os.write(report, f"{json.dumps({'slowest': slowest, 'largest': largest})}\n".encode())
 
 
 def bulk(kind: str, count: int, seed: int, first: int = 0) -> int:
     """Many cases in child processes; the number of failures."""
-    failures, slowest, begin = 0, 0.0, time.time()
+    failures, slowest, largest, begin = 0, 0.0, 0, time.time()
     with tempfile.TemporaryDirectory() as name, small():
         folder = Path(name)
         prepare(folder)
@@ -487,10 +493,12 @@ def bulk(kind: str, count: int, seed: int, first: int = 0) -> int:
             if status:
                 failures += 1
                 print(f"{kind} {seed} {last.strip()}: the process died, status {status}", file=sys.stderr)
-            slowest = max([slowest, *(one for one in found if isinstance(one, float))])
+            for ended in (one for one in found if isinstance(one, dict)):
+                slowest, largest = max(slowest, ended["slowest"]), max(largest, ended["largest"])
             os.close(report)
     seconds = time.time() - begin
-    print(f"{count} cases of {kind}, seed {seed}: {failures} failures, {seconds:.0f} s, slowest {slowest:.2f} s")
+    most = f"slowest {slowest:.2f} s, at most {largest / 2**20:.0f} MB"
+    print(f"{count} cases of {kind}, seed {seed}: {failures} failures, {seconds:.0f} s, {most}")
     return failures
 
 

@@ -8,11 +8,7 @@ from dmis.cli.arguments import COMMANDS
 from dmis.fit.registry import RULES
 
 AMOUNTS = ["", " ", "1" * 5000]
-AMOUNTS += "0 1 2 3 4 5 16 -1 0.5 0.25 1e400 1e-400 1e9 99999999999999999999 nan inf -inf x".split() + [
-    "",
-    " ",
-    "1" * 5000,
-]
+AMOUNTS += "0 1 2 3 4 5 16 -1 0.5 0.25 1e400 1e-400 1e9 99999999999999999999 nan inf -inf x".split()
 
 
 def rule_text(rng: random.Random) -> str:
