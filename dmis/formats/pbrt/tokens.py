@@ -34,8 +34,8 @@ _TOKEN = re.compile(
       | (?P<end> \Z ) )""",
     re.VERBOSE,
 )
-MAX_UNZIPPED = 2**30
-"""Most bytes of an unpacked .gz file."""
+MAX_UNZIPPED, MAX_RATIO = 2**22, 100
+"""Most bytes of an unpacked .gz file, and how many times its own bytes they may be if that is more."""
 _VALUES = re.compile(r'"[^"\n]*"|\#[^\n]*|[^\s,"\#]+')
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
@@ -134,18 +134,18 @@ class Token(NamedTuple):
 
 @contextmanager
 def unzipped(path: Path) -> Iterator[Path]:
-    """Yield a path with the contents of a .gz file, `path` itself if it is none; a ValueError above `MAX_UNZIPPED`."""
+    """Yield a path with the contents of a .gz file, `path` itself if it is none; a ValueError if they are too large."""
     if path.suffix.lower() != ".gz":
         yield path
         return
     with tempfile.TemporaryDirectory() as folder, gzip.open(path) as packed:
-        copy = Path(folder, path.stem)
+        copy, most = Path(folder, path.stem), max(MAX_UNZIPPED, MAX_RATIO * path.stat().st_size)
         try:
             with copy.open("wb") as file:
                 while block := packed.read(2**20):
                     file.write(block)
-                    if file.tell() > MAX_UNZIPPED:
-                        raise ValueError(f"{path} must have at most {MAX_UNZIPPED:,} bytes when it is unpacked")
+                    if file.tell() > most:
+                        raise ValueError(f"{path} must have at most {most:,} bytes when it is unpacked; unpack it")
         except (EOFError, zlib.error) as error:
             raise ValueError(f"{path} cannot be unpacked: {error}") from error
         yield copy
