@@ -94,6 +94,8 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
         width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
         check_size(width, height, channels)
         with OpenEXR.File(os.fspath(path)) as file:
+            if not file.parts:
+                raise ValueError("its pixels are damaged or cut off")
             attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
             layers = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
     except Exception as error:

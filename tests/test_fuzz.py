@@ -163,6 +163,25 @@ def test_glb_files_of_zeros(tmp_path):
         dmis.load_scene(tmp_path / "a.glb")
 
 
+def test_files_that_end_early(tmp_path, capfd):
+    """Headers that ask for more than there is are refused with the number, and no package prints a traceback."""
+    ply = trimesh.exchange.ply.export_ply(trimesh.creation.box(), encoding="ascii")
+    chunk = struct.pack("<4sIIII", b"glTF", 2, 99, 2**32 - 1, 0x4E4F534A) + bytes(79)
+    for name, data, message in (
+        ("a.ply", ply.replace(b"face 12", b"face 1000000000000"), "its header needs 1000000000008 lines behind it"),
+        ("a.glb", chunk, "it must have 4294967315 bytes; it has 99"),
+        ("a.stl", bytes(80) + b"\xff" * 54, "damaged"),
+    ):
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(ValueError, match=message):
+            dmis.load_scene(tmp_path / name)
+    assert "Traceback" not in capfd.readouterr().err
+    write_exr(tmp_path / "a.exr", {"RGB": np.zeros((9, 9, 3), np.float32)})
+    (tmp_path / "a.exr").write_bytes((tmp_path / "a.exr").read_bytes()[:-9])
+    with pytest.raises(ValueError, match=r"a\.exr as EXR: its pixels are damaged or cut off"):
+        read_exr(tmp_path / "a.exr")
+
+
 def test_meshes_reach_no_other_file(tmp_path, monkeypatch):
     """Buffers, materials and images that mesh files name are not opened."""
     opened = []

@@ -56,12 +56,12 @@ class Gltf:
     def __post_init__(self) -> None:
         text, self._binary = self.data, b""
         if self.path.suffix.lower() == ".glb":
-            magic, length = struct.unpack("<8sI", self.data[:12].ljust(12, b"\0"))
+            magic, length, size = struct.unpack("<8sII", self.data[:16].ljust(16, b"\0"))
+            end = 20 + size
             if magic != b"glTF\2\0\0\0":
                 raise ValueError("it must be binary glTF of version 2; convert it")
-            if len(self.data) < length:
-                raise ValueError(f"it is cut off: it must have {length} bytes; it has {len(self.data)}")
-            end = 20 + struct.unpack_from("<I", self.data, 12)[0]
+            if len(self.data) < max(length, end):
+                raise ValueError(f"it is cut off: it must have {max(length, end)} bytes; it has {len(self.data)}")
             text, self._binary = self.data[20:end], self.data[end + 8 :]
         self.json: dict[str, Any] = json.loads(text)
         if missing := set(_NEEDED) & set(self.json.get("extensionsRequired", [])):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import re
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from dmis.geometry.wavefront import read_obj
 if TYPE_CHECKING:
     import trimesh
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks of damaged files
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 """Extensions that :func:`load_mesh` reads."""
 
@@ -163,15 +165,18 @@ def _load_plain_ply(data: bytes) -> Mesh | None:
 
 
 def _check_ply(header: str, body: bytes) -> None:
-    """Raise a ValueError for an ASCII PLY file whose lists hold fractions, of which trimesh takes the whole part."""
-    rows, begin = [row.split() for row in body.splitlines() if row.strip()], 0
-    elements = re.findall(r"element \w+ (\d+)\s+(property list)?", header if "format ascii" in header else "")
-    for count, lists in elements:
-        for row in rows[begin : begin + int(count)] if lists else []:
+    """Raise a ValueError for an ASCII PLY file with too few lines, or with fractions in lists, which trimesh reads."""
+    if "format ascii" not in header:
+        return
+    lines, end = [line for line in body.splitlines() if line.strip()], 0
+    for count, lists in re.findall(r"element \w+ (\d+)\s+(property list)?", header):
+        begin, end = end, end + int(count)
+        if end > len(lines):
+            raise ValueError(f"it is cut off: its header needs {end} lines behind it; it has {len(lines)}")
+        for row in map(bytes.split, lines[begin:end] if lists else []):
             if b"." in b" ".join(row[: 1 + int(float(row[0]))]):
                 text = b" ".join(row[:9]).decode("latin-1")
                 raise ValueError(f"the lists of a PLY file must hold whole numbers, indices of corners; got {text!r}")
-        begin += int(count)
 
 
 def unread_of_ply(path: Path) -> dict[str, int]:
