@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from dmis.base.color import LUMINANCE
+from dmis.base.patches import row_blocks
 from dmis.base.vectors import Array, Selection, take
 from dmis.brdf.texture import Image
 from dmis.image_reader import load_image
@@ -112,8 +113,8 @@ class EnvironmentLight(InfiniteLight):
         densities over (u, v).
         """
         height, width, _ = self.texels.shape
-        texels = np.broadcast_to(self._data[0].texels.astype(float), (height, width, 3))
-        luminance = texels @ LUMINANCE
+        rows = self._data[0].texels  # one by one, because maps are large
+        luminance = np.array([np.broadcast_to(row.astype(float), (width, 3)) @ LUMINANCE for row in rows])
         around = np.pad(luminance, ((0, 0), (1, 1)), mode="wrap")
         luminance = (around[:, :-2] + 6 * around[:, 1:-1] + around[:, 2:]) / 8
         around = np.pad(luminance, ((1, 1), (0, 0)), mode="wrap")
@@ -128,8 +129,8 @@ class EnvironmentLight(InfiniteLight):
             # (1 - c) L / sum L + c max(L - mean L, 0) / sum max(L - mean L, 0)   (Karlik et al. 2019, as a mixture)
             weight = (1 - self.compensation) * weight / total + self.compensation * excess / excess.sum()
             total = weight.sum()
-        edges = np.concatenate([[0.0], np.cumsum(weight.reshape(-1) / total)])
-        return edges, (weight / total * weight.size).astype(np.float32).reshape(-1)
+        weight = (weight / total).reshape(-1)
+        return np.concatenate([[0.0], np.cumsum(weight)]), (weight * weight.size).astype(np.float32)
 
     def compensated(self, share: float) -> Self:
         """Return the light with `share` as its compensation; the light itself if its compensation is not None.
@@ -180,8 +181,10 @@ class EnvironmentLight(InfiniteLight):
     def _guide(self) -> np.ndarray:
         """Return where the search for u may begin: the texel of ``k / n`` for k = 0 ... n - 1, with n texels."""
         cdf = self._distribution[0][1:]
-        first = np.searchsorted(cdf, np.arange(len(cdf)) / len(cdf), side="right")
-        return np.minimum(first, len(cdf) - 1).astype(np.int32)
+        first = np.empty(len(cdf), np.int32)
+        for block in row_blocks(len(cdf), 2**16):
+            first[block] = np.searchsorted(cdf, np.arange(block.start, block.stop) / len(cdf), side="right")
+        return np.minimum(first, len(cdf) - 1, out=first)
 
     def _texel(self, u: Array) -> np.ndarray:
         """Return the first texel whose cumulative probability exceeds `u` ``(N,)``, as a binary search would.
