@@ -50,14 +50,15 @@ def load_image(path: str | os.PathLike[str], *, linear: bool = False, alpha: boo
     if not path.is_file():
         raise FileNotFoundError(f"no such image: {path}")
     with path.open("rb") as file:
-        is_exr = file.read(4) == b"\x76\x2f\x31\x01"
-    if is_exr or path.suffix.lower() == ".exr":
-        return _opacity(_exr(path), alpha)
-    return decode_image(path.read_bytes(), str(path), linear=linear, alpha=alpha)
+        is_exr = file.read(4) == b"\x76\x2f\x31\x01" or path.suffix.lower() == ".exr"
+    return linear_values(_exr(path) if is_exr else decode_image(path.read_bytes(), str(path)), linear, alpha)
 
 
-def decode_image(data: bytes, name: str, *, linear: bool = False, alpha: bool = False) -> Array:
-    """Return the image of the bytes of a file that is not EXR; `name` is for messages. See `load_image`."""
+def decode_image(data: bytes, name: str) -> np.ndarray:
+    """Return the pixels ``(H, W, 1 to 4)`` of the bytes of a file that is not EXR, integers or floating-point numbers.
+
+    `name` is for messages. See `linear_values` for the image of them.
+    """
     tga = ".tga" if name.lower().endswith(".tga") else None
     suffix = next((suffix for signature, suffix in _SIGNATURES.items() if data.startswith(signature)), tga)
     if not data:
@@ -66,20 +67,30 @@ def decode_image(data: bytes, name: str, *, linear: bool = False, alpha: bool = 
         raise ValueError(f"an image must be EXR, PNG, JPG, TGA, HDR or PFM; {name} begins with {data[:8]!r}")
     check_package("OpenImageIO", f"reading {suffix[1:].upper()}", "pip install 'dmis[images]', or convert it to EXR")
     try:
-        pixels = _decode(data, suffix)
+        return _decode(data, suffix)
     except (RuntimeError, ValueError) as error:
         raise ValueError(f"cannot read {name} as {suffix[1:].upper()}: {' '.join(str(error).split())}") from error
+
+
+def linear_values(pixels: np.ndarray, linear: bool = False, alpha: bool = False) -> Array:
+    """Return the image of pixels, see `load_image`; the last of 2 or 4 channels is opacity."""
+    count = 3 if pixels.shape[2] > 2 else 1
+    if pixels.dtype.kind == "f" and pixels.shape[2] == count + alpha:
+        return pixels.astype(np.float32, copy=False)
+    image = np.ones((*pixels.shape[:2], count + alpha), np.float32)
     if pixels.dtype.kind == "f":
-        return _opacity(pixels.astype(np.float32, copy=False), alpha)
+        image[..., : pixels.shape[2]] = pixels[..., : count + alpha]
+        return image
     steps = np.arange(np.iinfo(pixels.dtype).max + 1) / np.iinfo(pixels.dtype).max
-    image = (steps if linear else srgb_to_linear(steps)).astype(np.float32)[pixels]
-    if pixels.shape[2] in (2, 4):
-        image[..., -1] = steps[pixels[..., -1]]
-    return _opacity(image, alpha)
+    curve = steps if linear else srgb_to_linear(steps)
+    for row, values in zip(pixels, image, strict=True):  # by rows: as indices, pixels take 8 bytes a channel
+        values[:, :count] = curve[row[:, :count]]
+        if alpha and pixels.shape[2] > count:
+            values[:, -1] = steps[row[:, -1]]
+    return image
 
 
 def _decode(data: bytes, suffix: str) -> np.ndarray:
-    """Return the pixels ``(H, W, 1 to 4)`` as the file has them, integers or floating-point numbers."""
     import OpenImageIO
 
     config = OpenImageIO.ImageSpec()
@@ -96,7 +107,7 @@ def _decode(data: bytes, suffix: str) -> np.ndarray:
         if image.has_error or pixels is None:  # also where the end of the file is missing
             raise ValueError(image.geterror().replace(str(file), "the file") or "it is damaged")
         image.close()
-    if not np.isfinite(pixels).all():
+    if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
         raise ValueError("its values must be finite")
     return pixels
 
@@ -109,11 +120,3 @@ def _exr(path: Path) -> Array:
     if "Y" not in layers:
         raise ValueError(f"image {path} must have the channels R, G, B or Y; it has {', '.join(layers)}")
     return layers["Y"][..., None]
-
-
-def _opacity(image: Array, alpha: bool) -> Array:
-    """Return an image of colours or grey with the channel of opacity that is asked for, or without the one it has."""
-    colours = image[..., : 3 if image.shape[2] > 2 else 1]
-    if not alpha or image.shape[2] in (2, 4):
-        return image if alpha else np.ascontiguousarray(colours)
-    return np.concatenate([colours, np.ones((*image.shape[:2], 1), np.float32)], axis=2)

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -55,6 +56,15 @@ def test_palettes_and_jpg(tmp_path):
     np.testing.assert_allclose(image[4, 4], linear(np.array([200, 100, 50])), atol=0.02)
     palette = load(tmp_path, "p.png", pillow("PNG", PIXELS[..., 0].copy(), "P"))
     np.testing.assert_allclose(palette, linear(PIXELS[..., :1]).repeat(3, 2), atol=2e-5)
+
+
+def test_decoding_takes_little_memory(tmp_path):
+    (tmp_path / "a.png").write_bytes(encode_png(np.full((600, 700, 3), 9, np.uint8)))
+    load_image(tmp_path / "a.png")  # imports OpenImageIO
+    tracemalloc.start()
+    image = load_image(tmp_path / "a.png")
+    assert tracemalloc.get_traced_memory()[1] < 1.5 * image.nbytes
+    tracemalloc.stop()
 
 
 def test_sixteen_bits(tmp_path):

@@ -12,14 +12,15 @@ from collections.abc import Mapping
 from typing import Any, cast
 from urllib.parse import unquote
 
-from dmis.base.vectors import Array
+import numpy as np
+
 from dmis.brdf.materials import Material
 from dmis.brdf.metallic_roughness import metallic_roughness
 from dmis.brdf.relief import NormalMap
 from dmis.brdf.texture import Image, scale
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
-from dmis.image_reader import decode_image
+from dmis.image_reader import decode_image, linear_values
 from dmis.scene.masks import Mask
 
 _CLAMP, _MIRROR = 33071, 33648
@@ -32,7 +33,7 @@ class Materials:
         self._gltf = gltf
         self.unread: Counter[str] = Counter()
         self._materials: dict[int | None, Material] = {}
-        self._images: dict[tuple[int, bool], Array] = {}
+        self._images: dict[int, np.ndarray] = {}
         self._counted: set[tuple[str, str]] = set()
 
     def leave_out(self, kind: str, thing: object, is_so: bool = True) -> None:
@@ -61,7 +62,7 @@ class Materials:
         self.leave_out(f"base colour above 1 of {name!r}", number, max(base) > 1)
         colour: Any = tuple(min(x, 1.0) for x in base)
         if (image := self.texture(surface, "baseColorTexture")) is not None:
-            colour = scale(colour, image)
+            colour = image if min(colour) == 1 else scale(colour, image)
         if colours is not None:
             colour = scale(colour, colours)
         metallic, roughness = surface.get("metallicFactor", 1.0), surface.get("roughnessFactor", 1.0)
@@ -147,16 +148,19 @@ class Materials:
         self.leave_out(kind, info, len(wraps) > 1 or _MIRROR in wraps)
         s, t = transform.get("scale", (1, 1))
         u, v = transform.get("offset", (0, 0))  # from the top, v downwards: here it is upwards
-        texels = self._pixels(info, linear)[::-1, :, slice(3) if channel is None else slice(channel, channel + 1)]
+        pixels = self._pixels(texture["source"])[::-1]
+        if channel == 3:
+            pixels = np.ones((1, 1, 1), np.float32) if pixels.shape[2] in (1, 3) else pixels[..., -1:]
+        elif channel is not None and pixels.shape[2] > 2:
+            pixels = pixels[..., channel : channel + 1]
+        texels = linear_values(pixels, linear or channel == 3)
         return Image(texels, (s, t), (u, 1 - t - v), "clamp" if wraps == {_CLAMP} else "repeat")
 
-    def _pixels(self, info: Mapping[str, Any], linear: bool = False) -> Array:
-        """Return the pixels of a texture's image, ``(H, W, 4)``; those of the last image are kept."""
-        number = self._gltf.json["textures"][info["index"]]["source"]
-        if (number, linear) not in self._images:
+    def _pixels(self, number: int) -> np.ndarray:
+        """Return the pixels of an image, ``(H, W, 1 to 4)``; those of the last image are kept."""
+        if number not in self._images:
             image = self._gltf.json["images"][number]
             data = self._gltf.resource(image["uri"]) if "uri" in image else self._gltf.view(image["bufferView"])[0]
-            pixels = decode_image(data, f"image {number}", linear=linear, alpha=True)
-            grey = pixels.shape[2] == 2
-            self._images = {(number, linear): pixels[..., [0, 0, 0, 1]] if grey else pixels}
-        return self._images[number, linear]
+            self._images.clear()  # before the next one takes memory
+            self._images[number] = decode_image(data, f"image {number}")
+        return self._images[number]

@@ -79,18 +79,18 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
     offset = p.number("udelta", 0), p.number("vdelta", 0)
     factor, v4 = p.number("scale", 1), p.dialect == "v4"
     gamma = p.number("gamma", 1) if p.dialect == "v2" else 1.0
-    texels = image(p, "filename", _is_encoded(p)).astype(np.float64)
+    texels = image(p, "filename", _is_encoded(p)).astype(np.float32 if factor == gamma == 1 else float, copy=False)
     if name.source.dialect.t_up:
         texels = texels[::-1]
     if kind == "float":
-        texels = texels.mean(axis=2, keepdims=True) if v4 else texels @ LUMINANCE[:, None]
-    texels = factor * texels
+        texels = texels.mean(axis=2, keepdims=True, dtype=float) if v4 else texels @ LUMINANCE[:, None]
+    texels = texels if factor == 1 else factor * texels
     invert = v4 and p.boolean("invert", False)
     if invert or (v4 and kind == "color"):
         texels = np.maximum(1 - texels if invert else texels, 0)
     texels = texels if gamma == 1 else np.maximum(texels, 0) ** gamma
     with blame(name):
-        return Image(texels.astype(np.float32), size, offset, wrap)  # type: ignore[arg-type]
+        return Image(texels.astype(np.float32, copy=False), size, offset, wrap)  # type: ignore[arg-type]
 
 
 def _is_encoded(p: Parameters) -> bool:
@@ -116,4 +116,4 @@ def image(p: Parameters, name: str, encoded: bool | None = None) -> Array:
         raise token.error(f"images of pbrt-{p.dialect} must be {known}; convert {file!r} to .exr, with linear values")
     with blame(token):
         texels = load_image(path, linear=not (p.dialect == "v4" if encoded is None else encoded))
-    return texels.repeat(3 // texels.shape[2], axis=2)
+    return np.broadcast_to(texels, (*texels.shape[:2], 3))
