@@ -83,7 +83,7 @@ class Cursor:
             what = f"the type of a parameter must be {either(types)} in {declaration.dialect}"
             raise declaration.error(f"{what}; got {kind!r}")
         token = self.next()
-        bare = token.source.dialect.bare_words and token.text in ("true", "false")
+        bare = token.dialect == "v4" and token.text in ("true", "false")
         if token.kind not in ("list", "string") and not bare and not is_number(token):
             raise token.error(f"parameter {name!r} needs a value: a number, a string, or a list of them in brackets")
         parameter = Parameter(SAME_TYPE.get(kind, kind), name, values_of(token), declaration, directive)

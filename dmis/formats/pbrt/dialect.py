@@ -49,16 +49,6 @@ class Dialect:
         The filter of a file without a PixelFilter line; None: a box of one pixel.
     levels
         Names of the number of subdivisions; the first one present counts.
-    t_up
-        Whether the first row of a texture's image is t = 1, not 0.
-    global_names
-        Whether textures and named materials outlive the block that defines them, and exist once.
-    beyond
-        Number of scattering surfaces beyond ``maxdepth`` of a path integrator.
-    bare_words
-        Whether true and false may stand without quotes.
-    ends
-        Whether WorldEnd must close the world.
     """
 
     name: str
@@ -72,11 +62,6 @@ class Dialect:
     radius: tuple[str, str] = ("xwidth", "ywidth")
     filter: PixelFilter | None = None
     levels: tuple[str, ...] = ("levels",)
-    t_up: bool = True
-    global_names: bool = False
-    beyond: int = 0
-    bare_words: bool = False
-    ends: bool = True
 
 
 V2 = Dialect(
@@ -86,8 +71,6 @@ V2 = Dialect(
     film_size=(640, 480),
     integrators=(("path",), ("photonmap", "exphotonmap", "igi", "irradiancecache")),
     levels=("nlevels",),
-    t_up=False,
-    beyond=1,
 )
 V3 = Dialect(
     "v3",
@@ -114,9 +97,6 @@ V4 = Dialect(
     },
     radius=("xradius", "yradius"),
     filter=PixelFilter("gaussian", (1.5, 1.5), 0.5),
-    global_names=True,
-    bare_words=True,
-    ends=False,
 )
 DIALECTS = {dialect.name: dialect for dialect in (V2, V3, V4)}
 IRRELEVANT = {
@@ -135,45 +115,24 @@ IRRELEVANT = {
     ),
 }
 """Parameters that do not change the expected image, by directive; those of Sampler and Renderer never do."""
-_SHARED = {
-    **dict.fromkeys(V2.directives, "v2"),
-    **dict.fromkeys(V3.directives, "v3 v4"),
-    **dict.fromkeys(V4.directives - V3.directives, "v4"),
-    **dict.fromkeys(_LATER, "v3 v4"),
-    **dict.fromkeys(_SPECTRAL, "v2 v3"),
-    "WorldEnd": "v2 v3",
-}
-"""Dialects that have a directive or a type of parameter."""
-
-
-def _by_word(table: str) -> dict[tuple[str, str], str]:
-    """Return the dialects by directive and word of a table with lines "dialects: directive: words"."""
-    rows = [[field.strip() for field in line.split(":")] for line in table.strip().splitlines()]
-    return {(directive, word): names for names, directive, words in rows for word in words.split()}
-
-
-_NAMES = _by_word("""
-v2    : Material       : shinymetal
-v2 v3 : Film           : image
-v2 v3 : Camera         : environment
-v4    : Camera         : spherical
-v2 v3 : Sampler        : lowdiscrepancy random
-v2 v3 : Material       : matte plastic metal mirror glass substrate uber
-v2 v3 : AreaLightSource: area
-v3    : Sampler        : 02sequence maxmindist
-v3    : Integrator     : directlighting whitted
-v3 v4 : Sampler        : sobol
-v3 v4 : Integrator     : volpath bdpt mlt sppm
-v4    : Integrator     : simplepath simplevolpath randomwalk
-v3 v4 : Shape          : plymesh
-v4    : Film           : rgb gbuffer spectral
-v4    : Sampler        : independent paddedsobol pmj02bn zsobol
-v4    : Shape          : bilinearmesh
-v4    : Material       : diffuse conductor dielectric coateddiffuse coatedconductor
-""")
-"""Dialects that have a directive with this first string, which is supported; those of a material also in
-MakeNamedMaterial."""
-_PARAMETERS = _by_word("""
+_WORDS = """
+v2    : Material         : shinymetal
+v2 v3 : Film             : image
+v2 v3 : Camera           : environment
+v4    : Camera           : spherical
+v2 v3 : Sampler          : lowdiscrepancy random
+v2 v3 : Material         : matte plastic metal mirror glass substrate uber
+v2 v3 : AreaLightSource  : area
+v3    : Sampler          : 02sequence maxmindist
+v3    : Integrator       : directlighting whitted
+v3 v4 : Sampler          : sobol
+v3 v4 : Integrator       : volpath bdpt mlt sppm
+v4    : Integrator       : simplepath simplevolpath randomwalk
+v3 v4 : Shape            : plymesh
+v4    : Film             : rgb gbuffer spectral
+v4    : Sampler          : independent paddedsobol pmj02bn zsobol
+v4    : Shape            : bilinearmesh
+v4    : Material         : diffuse conductor dielectric coateddiffuse coatedconductor
 v2    : Camera           : hither yon
 v2    : Film             : premultiplyalpha writefrequency
 v2 v3 : PixelFilter      : xwidth ywidth alpha
@@ -192,8 +151,19 @@ v4    : Film             : iso sensor whitebalance maxcomponentvalue
 v4    : PixelFilter      : xradius yradius sigma
 v4    : LightSource      : filename illuminance power portal
 v4    : AreaLightSource  : power
-""")
-"""Dialects that have a parameter of a directive."""
+"""
+"""Dialects, a directive, and supported first strings (of materials also in MakeNamedMaterial) or parameters of it that
+only these dialects have."""
+_OWNERS = {
+    (directive.strip(), word): dialects
+    for dialects, directive, words in (row.split(":") for row in _WORDS.strip().splitlines())
+    for word in words.split()
+}
+_OWNERS |= dict.fromkeys((("", word) for word in V2.directives), "v2")
+_OWNERS |= dict.fromkeys((("", word) for word in V4.directives), "v4")
+_OWNERS |= dict.fromkeys((("", word) for word in (*V3.directives, *_LATER)), "v3 v4")
+_OWNERS |= dict.fromkeys((("", word) for word in (*_SPECTRAL, "WorldEnd")), "v2 v3")
+"""Dialects by directive and word; directives and types of parameters have an empty directive."""
 
 
 def detect(tokens: Iterable[Any]) -> tuple[Dialect, tuple[str, ...]]:
@@ -204,8 +174,8 @@ def detect(tokens: Iterable[Any]) -> tuple[Dialect, tuple[str, ...]]:
     """
     remaining, directive, before = set(DIALECTS), "", ""
     for token in tokens:
-        for names in _marks(token, directive, before):
-            remaining = remaining & set(names.split()) or remaining
+        for key in _marks(token, directive, before):
+            remaining = remaining & set(_OWNERS.get(key, "").split()) or remaining
         if len(remaining) == 1:
             break
         if token.kind == "word" and token.text[0].isalpha():
@@ -217,16 +187,15 @@ def detect(tokens: Iterable[Any]) -> tuple[Dialect, tuple[str, ...]]:
     return DIALECTS[fits[0]], fits
 
 
-def _marks(token: Any, directive: str, before: str) -> Iterator[str]:
-    """Yield the dialects that a token fits, in the parameters of `directive` and behind the token `before`."""
-    everywhere = "v2 v3 v4"
+def _marks(token: Any, directive: str, before: str) -> Iterator[tuple[str, str]]:
+    """Yield the keys of `_OWNERS` for a token in the parameters of `directive` and behind the token `before`."""
     if token.kind == "word":
-        yield _SHARED.get(token.text, everywhere)
+        yield "", token.text
     elif directive == "MakeNamedMaterial" and before == '"string type"':
-        yield _NAMES.get(("Material", token.text.strip('[]" \t\r\n')), everywhere)
+        yield "Material", token.text.strip('[]" \t\r\n')
     elif token.kind == "string" and before == directive:
-        yield _NAMES.get((directive, token.name), everywhere)
+        yield directive, token.name
     elif token.kind == "string":
         kind, _, name = token.name.strip().partition(" ")
-        yield _SHARED.get(kind, everywhere) if name else everywhere
-        yield _PARAMETERS.get((directive, name.strip()), everywhere)
+        if name:
+            yield from (("", kind), (directive, name.strip()))

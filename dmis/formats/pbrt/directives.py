@@ -14,7 +14,7 @@ import numpy as np
 from dmis.base.validate import did_you_mean
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.cursor import Cursor
-from dmis.formats.pbrt.dialect import DIALECTS
+from dmis.formats.pbrt.dialect import DIALECTS, V4
 from dmis.formats.pbrt.options import OPTIONS
 from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, WORD, Directive, Reader
 from dmis.formats.pbrt.tokens import Source, Token, blame
@@ -60,7 +60,7 @@ def carry_out(reader: Reader, source: Source) -> None:
             reader.notes.add_findings(arguments[-1])
             reader.notes.add_unread(arguments[-1])
     reader.including.pop()
-    if not reader.including and reader.phase == "world" and not reader.dialect.ends:
+    if not reader.including and reader.phase == "world" and reader.dialect is V4:  # which has no WorldEnd
         _world_end(reader)
     if not reader.including and reader.phase != "end":
         raise token.error(

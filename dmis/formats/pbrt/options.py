@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from dmis.base.validate import FARTHEST
 from dmis.base.vectors import Floats
-from dmis.formats.pbrt.dialect import IRRELEVANT, V4
+from dmis.formats.pbrt.dialect import IRRELEVANT, V2, V4
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader
 from dmis.formats.pbrt.tokens import Token, blame
@@ -69,7 +68,7 @@ def _integrator(reader: Reader, name: Token, p: Parameters) -> None:
         # v3 and v4 the loop is left first, with light from maxdepth vertices (integrators/path.cpp, `bounces >=
         # maxDepth`; cpu/integrators.cpp, `depth++ == maxDepth`; volpath alike). Bidirectional paths have s + t - 2
         # surfaces between camera and light, which `bdpt` and `mlt` bound by maxdepth.
-        reader.samples.strategy, depth = "one", depth + dialect.beyond
+        reader.samples.strategy, depth = "one", depth + (dialect is V2)
     if not 1 <= depth <= MAX_DEPTH:
         rule = f"must let 1 to {MAX_DEPTH} surfaces scatter light, else only lights are seen"
         raise p.items["maxdepth"].token.error(f"maxdepth {rule}; here it is {depth}")
@@ -109,11 +108,6 @@ def _unused(reader: Reader, *arguments: object) -> None:
     reader.notes.add_unused(reader.token)
 
 
-def _only(what: str, supported: str) -> Callable[..., None]:
-    """Return a directive that does nothing, and whose string, `what`, must be the one that is supported."""
-    return lambda reader, name, *others: name.among(what, (supported,))
-
-
 def _volume(reader: Reader) -> None:
     raise reader.token.error("volumes are not supported")
 
@@ -122,7 +116,7 @@ OPTIONS: dict[str, Directive] = {
     "TransformTimes": ("options", _unused, (2,)),
     "Volume": ("world", _volume, ()),
     "Option": ("options", _option, (PARAMETERS,)),
-    "ColorSpace": ("any", _only("the colour space", "srgb"), ("a name",)),
+    "ColorSpace": ("any", lambda reader, name: name.among("the colour space", ("srgb",)), ("a name",)),
     "MakeNamedMedium": ("any", _make_named_medium, ("a name", KEPT)),
     "MediumInterface": ("any", _medium_interface, ("the name of a medium", OPTIONAL)),
     "Camera": ("options", _camera, ("a kind of camera", KEPT)),

@@ -14,6 +14,7 @@ import numpy as np
 
 from dmis.base.vectors import Floats
 from dmis.brdf.materials import Material
+from dmis.formats.pbrt.dialect import V4
 from dmis.formats.pbrt.lights import emission
 from dmis.formats.pbrt.materials import make_material
 from dmis.formats.pbrt.notes import Notes, Refusals
@@ -126,8 +127,8 @@ class Reader:
             self.restore(saved)
 
     def restore(self, saved: State) -> None:
-        """Return to a saved state, but for the textures and materials that outlive a block in this dialect."""
-        kept = self.state if self.dialect.global_names else saved
+        """Return to a saved state, but for the textures and materials that outlive a block in v4."""
+        kept = self.state if self.dialect is V4 else saved
         self.state = replace(saved, textures=kept.textures, named_materials=kept.named_materials)
 
     def material(self) -> Material:

@@ -80,7 +80,7 @@ def _imagemap(kind: str, name: Token, p: Parameters) -> Image:
     factor, v4 = p.number("scale", 1), p.dialect == "v4"
     gamma = p.number("gamma", 1) if p.dialect == "v2" else 1.0
     texels = image(p, "filename", _is_encoded(p)).astype(np.float32 if factor == gamma == 1 else float, copy=False)
-    if name.source.dialect.t_up:
+    if p.dialect != "v2":
         texels = texels[::-1]
     if kind == "float":
         texels = texels.mean(axis=2, keepdims=True, dtype=float) if v4 else texels @ LUMINANCE[:, None]

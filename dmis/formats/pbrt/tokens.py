@@ -193,7 +193,7 @@ def values_of(token: Token) -> Floats | tuple[str, ...]:
     words = text.replace(",", " ").split()
     if '"' in text or "#" in text:
         words = [word for word in _VALUES.findall(text) if word[0] != "#"]
-    bare = ("true", "false") if token.source.dialect.bare_words and "e" in text else ()
+    bare = ("true", "false") if token.dialect == "v4" and "e" in text else ()
     if '"' in text or bare:
         strings = tuple(word.strip('"') for word in words if word[0] == '"' or word in bare)
         if strings and len(strings) < len(words):

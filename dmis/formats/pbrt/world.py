@@ -26,7 +26,7 @@ def _attribute(reader: Reader, kind: Token, p: Parameters) -> None:
 def _texture(reader: Reader, name: Token, kind: Token, made_of: Token, p: Parameters) -> None:
     kind.among("the type of a texture", ("float", "color", "spectrum"))
     key = ("float" if kind.name == "float" else "color"), name.name
-    if reader.dialect.global_names and key in reader.state.textures:
+    if reader.dialect is V4 and key in reader.state.textures:
         raise name.error("there is a texture of this name; it must have another, because v4 has one of each")
     value: Any = 0.5 if key[0] == "float" else (0.5, 0.5, 0.5)  # stands for one that is refused
     with reader.refusals.collect():
