@@ -11,7 +11,8 @@ import numpy as np
 from dmis import __version__
 from dmis.base.atomic_files import check_writable, replacing
 from dmis.estimator.settings import Settings
-from dmis.experiment.oracle import Oracle, curve_settings, settings_key
+from dmis.experiment.oracle import Oracle
+from dmis.experiment.oracle_renders import curve_settings, settings_key
 from dmis.experiment.reference import REFERENCE_SEED, cache_path
 from dmis.pipeline.executor import Parallel
 from dmis.pipeline.fingerprint import fingerprint
@@ -66,7 +67,7 @@ def measure_evenness(
     spp, seeds
         Camera samples per pixel, a multiple of 4, and the number of renders at each of both numbers.
     settings, folder, parallel, progress
-        See `dmis.experiment.oracle.make_oracle`.
+        See `dmis.experiment.oracle_renders.make_oracle`.
     """
     settings = curve_settings(scene, settings)
     key = [__version__, fingerprint(scene), spp, seeds, settings_key(settings)]

@@ -30,7 +30,8 @@ from dmis.base.patches import patch_sum
 from dmis.base.vectors import Array
 from dmis.estimator.cost import camera_sample_cost
 from dmis.estimator.settings import Settings, make_settings, resolve_auto
-from dmis.experiment.oracle import Oracle, make_oracle, oracle_path, read_curves
+from dmis.experiment.oracle import Oracle
+from dmis.experiment.oracle_renders import make_oracle, oracle_path, read_curves
 from dmis.fit.curve_minimum import PatchCurves, allowed_weights
 from dmis.scene.scene import Scene
 from dmis.variance.curves import GRID_SHARES, HALF, share_variance
@@ -86,7 +87,7 @@ class HalvedOracle(Oracle):
 
 
 def halved_oracle(scene: Scene, spp: int, *, settings: Settings | None = None, **options: Any) -> HalvedOracle:
-    """Return the oracle of a scene with its halves; arguments are those of `dmis.experiment.oracle.make_oracle`."""
+    """Return the oracle of a scene with its halves; arguments are those of `make_oracle`."""
     oracle = make_oracle(scene, spp, settings=settings, **options)
     rays, parts = read_curves(oracle_path(scene, spp, oracle.patch, settings, options.get("folder")))
     pixels = patch_sum(np.ones(scene.camera.resolution[::-1]), oracle.patch)

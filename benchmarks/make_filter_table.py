@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from common import ROOT, TABLES, machine, options, replace_table, show
 
 import dmis
-from dmis.experiment.oracle import make_oracle
+from dmis.experiment.oracle_renders import make_oracle
 
 PAGE = ROOT / "docs" / "measurements.md"
 WAYS = {

@@ -20,7 +20,7 @@ from common import ROOT, SCENES, machine, options, replace_table, show
 
 import dmis
 from dmis.base.patches import patch_spread, patch_sum
-from dmis.experiment.oracle import make_oracle
+from dmis.experiment.oracle_renders import make_oracle
 from dmis.fit.thesis import parabola_minimum
 from dmis.variance.curves import GRID, HALF
 

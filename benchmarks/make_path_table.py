@@ -21,7 +21,7 @@ from common import ROOT, TABLES, bold, machine, options, replace_table, show
 import dmis
 from dmis.experiment.convergence import MEASURES
 from dmis.experiment.metrics import ratio
-from dmis.experiment.oracle import make_oracle
+from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.runs import measure
 
 PAGE = ROOT / "docs" / "paths.md"

@@ -33,7 +33,7 @@ from dmis.experiment.bench.samples import samples as samples
 from dmis.experiment.compare import compare as compare
 from dmis.experiment.metrics import mse as mse
 from dmis.experiment.metrics import relmse as relmse
-from dmis.experiment.oracle import make_oracle as make_oracle
+from dmis.experiment.oracle_renders import make_oracle as make_oracle
 from dmis.experiment.reference import Reference as Reference
 from dmis.experiment.reference import make_reference as make_reference
 from dmis.experiment.report.comparer import show as show

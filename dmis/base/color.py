@@ -45,11 +45,6 @@ def spectrum_to_rgb(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
         (N,) in nanometres, in any order, all different.
     values
         (N,) values there, linear in between, constant outside.
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ or are 0, a number is not finite, or a wavelength comes twice.
     """
     w, v = np.asarray(wavelengths, np.float64), np.asarray(values, np.float64)
     if w.ndim != 1 or w.shape != v.shape or w.size == 0:

@@ -21,12 +21,9 @@ def keep() -> None:
     system first fills with zeros. By default each thread also gets an arena of its own, and `release` cannot free the
     end of an arena. Has an effect in Linux only.
     """
-    if sys.platform == "linux":
-        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has none
-        if mallopt is not None:
-            mallopt(-8, 1)  # M_ARENA_MAX
-            mallopt(-1, KEEP_BYTES)  # M_TRIM_THRESHOLD
-            mallopt(-3, KEEP_BYTES // 2)  # M_MMAP_THRESHOLD, at its largest
+    _call("mallopt", -8, 1)  # M_ARENA_MAX
+    _call("mallopt", -1, KEEP_BYTES)  # M_TRIM_THRESHOLD
+    _call("mallopt", -3, KEEP_BYTES // 2)  # M_MMAP_THRESHOLD, at its largest
 
 
 def release() -> None:
@@ -34,10 +31,13 @@ def release() -> None:
 
     Has an effect in Linux only, with a C library that has ``malloc_trim``.
     """
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none
-        if trim is not None:
-            trim(0)
+    _call("malloc_trim", 0)
+
+
+def _call(function: str, *arguments: int) -> None:
+    """Call a function of the C library, in Linux, if it has it; musl does not."""
+    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), function):
+        getattr(library, function)(*arguments)
 
 
 def peak() -> int:

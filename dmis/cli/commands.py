@@ -27,7 +27,7 @@ from dmis.cli.rendering import render
 from dmis.cli.shared import describe, given_settings, load, progress_bar, settings_of, spp_of
 from dmis.estimator.settings import make_settings
 from dmis.experiment.compare import check_output, compare, parse_rules, summary
-from dmis.experiment.oracle import make_oracle
+from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.reference import cache_folder, load_reference, make_reference
 from dmis.experiment.speed import HEADER, bench
 from dmis.fit.registry import RULES, make_rule
@@ -130,8 +130,6 @@ def _oracle(options: argparse.Namespace) -> int:
     with progress_bar(options.quiet) as progress:
         curves = {"settings": settings, "weigh": options.weigh}
         oracle = make_oracle(scene, options.spp, **curves, parallel=options.threads, progress=progress)
-    if not oracle.variance.any():
-        raise ValueError(f"an oracle needs noise; every sample of scene {scene.name!r} is the same")
     from dmis.experiment.report.plots import write_best_shares
 
     options.output.mkdir(parents=True, exist_ok=True)

@@ -132,22 +132,15 @@ def _summary(options: argparse.Namespace, job: Job, result: Result) -> str:
         about += f", rounds: {result.provenance['rounds']}, noise {noise:.2g}"
         about += f" ({options.noise:g} was not reached)" if options.noise and noise > options.noise else ""
     rate = result.rays.get("camera", 0) / seconds / 1e6
-    text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s{fireflies(result)}"
+    text = f"{options.output}: {about}, {seconds:.2f} s, {rate:.2f} Msamples/s"
+    if number := int(result.fireflies.sum()):
+        text += (
+            f"\n  {number} of {result.fireflies.size:,} pixels look like noisy specks (fireflies), made by a few rare "
+            f"bright samples: the image is right on average, and a larger --spp removes them"
+        )
     if reason := result.provenance.get("fallback"):
         text += f"\n  {rule} at {job.spp} spp: {reason}"
     return text
-
-
-def fireflies(result: Result) -> str:
-    """Return a line that counts the pixels that look like fireflies and says what helps; empty if there are none."""
-    number = int(result.fireflies.sum())
-    if not number:
-        return ""
-    are = "is a noisy speck (firefly)" if number == 1 else "are noisy specks (fireflies)"
-    return (
-        f"\n  {number} of {result.fireflies.size:,} pixels {are}, made by a few rare bright samples: the image is "
-        f"right on average, and a larger --spp removes {'it' if number == 1 else 'them'}"
-    )
 
 
 def _time_and_rays(result: Result) -> list[str]:

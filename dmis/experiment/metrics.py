@@ -72,11 +72,6 @@ def mse(image: Array | Result, first: Array | Reference, second: Array | None = 
     first, second
         A `Reference`, whose two halves are taken; or images of the same shape: two independent halves of a reference,
         whose own noise is not counted then, or one image, whose noise is.
-
-    Raises
-    ------
-    ValueError
-        If they differ in shape.
     """
     return float(_product(image, first, second).mean())
 

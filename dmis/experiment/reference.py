@@ -64,11 +64,6 @@ class Reference:
         """
         return float(((self.first.astype(np.float64) - self.second) ** 2).mean() / 4)
 
-    @property
-    def standard_error(self) -> float:
-        """Standard error of `mean`: root of `mse`, in the unit of the image."""
-        return float(np.sqrt(self.mse))
-
     def cropped(self, area: tuple[slice, slice]) -> Reference:
         """Return the reference of an area of the image, rows and columns."""
         return Reference(self.first[area], self.second[area], self.spp)
@@ -79,7 +74,7 @@ class Reference:
             return "Reference: one image, or two equal ones, whose standard error is not known."
         samples = f" of 2 x {self.spp} samples per pixel" if self.spp else ""
         return (
-            f"Reference{samples}: standard error {self.standard_error:.2g}, mean squared error {self.mse:.2g} "
+            f"Reference{samples}: standard error {np.sqrt(self.mse):.2g}, mean squared error {self.mse:.2g} "
             f"(by its two halves)."
         )
 

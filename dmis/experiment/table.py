@@ -67,11 +67,6 @@ def conditions(
     }
 
 
-def definition(rule: str) -> str:
-    """Return a short hash of a rule: of its options, and of its class if dmis does not ship it."""
-    return digest(make_rule(rule), f"rule {rule}")
-
-
 def run_by_key(runs: Iterable[Run]) -> dict[tuple[str, int, int], Run]:
     """Return `runs` by rule, samples per pixel and seed."""
     return {(run.rule, run.spp, run.seed): run for run in runs}
@@ -104,7 +99,9 @@ class Results:
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any], rules: Iterable[str] = ()) -> None:
-        self.folder, self.about = folder, {**about, "rules": {rule: definition(rule) for rule in rules}}
+        # hashes of the options of rules, and of classes that dmis does not ship
+        self.folder = folder
+        self.about = {**about, "rules": {rule: digest(make_rule(rule), f"rule {rule}") for rule in rules}}
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / "results.csv"
         self.runs = self._read() if self._path.exists() else []

@@ -47,11 +47,6 @@ class DiskLight(AreaLight):
         Positive, in units of the scene.
     radiance
         Emitted in every direction of the bright side, linear RGB, not negative.
-
-    Raises
-    ------
-    ValueError
-        If the radius is not positive, the normal is zero, or the radiance is negative or not finite.
     """
 
     centre: Rgb
@@ -106,14 +101,9 @@ class QuadLight(AreaLight):
     Parameters
     ----------
     corner, edge_u, edge_v
-        Three numbers each, in units of the scene.
+        Three numbers each, in units of the scene; the edges must not be parallel.
     radiance
         Emitted in every direction of the bright side, linear RGB, not negative.
-
-    Raises
-    ------
-    ValueError
-        If the edges are parallel, or the radiance is negative or not finite.
     """
 
     corner: Rgb
@@ -180,11 +170,6 @@ class SphereLight(AreaLight):
         Positive, in units of the scene.
     radiance
         Emitted in every direction of the bright side, linear RGB, not negative.
-
-    Raises
-    ------
-    ValueError
-        If the radius is not positive, or the radiance is negative or not finite.
     """
 
     centre: Rgb

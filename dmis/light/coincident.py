@@ -73,9 +73,8 @@ class TwoSided:
         return Hits(prim, rows[0], rows[1], hits.distance)
 
 
-def two_sided(caster: RayCaster, parts: Sequence[Any]) -> RayCaster:
-    """Return a caster that tells apart the lamps of `parts` that stand back to back; `caster` itself if none do."""
-    triangles, number, _ = lamp_triangles(parts)
+def two_sided(caster: RayCaster, triangles: Array, number: Index) -> RayCaster:
+    """Return a caster that tells apart `triangles` ``(K, 3, 3)`` back to back, of these numbers in it, if any are."""
     _, twin = find_twins(triangles)
     kept = np.flatnonzero(twin >= 0)
     twins = TwoSided(caster, triangles[kept], number[kept], np.searchsorted(kept, twin[kept]))

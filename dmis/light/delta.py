@@ -32,11 +32,6 @@ class PointLight(DeltaLight):
         Three numbers, in units of the scene.
     intensity
         Power per solid angle, linear RGB: at the distance d a surface that faces the point gets ``intensity / d^2``.
-
-    Raises
-    ------
-    ValueError
-        If the intensity is negative or not finite.
     """
 
     position: Rgb
@@ -82,11 +77,6 @@ class SpotLight(DeltaLight):
         Half angles of the cones in degrees, ``0 <= inner <= outer <= 180``.
     smooth
         Whether the falloff is ``3 d^2 - 2 d^3``, as in pbrt-v4.
-
-    Raises
-    ------
-    ValueError
-        If the angles are out of order, the direction is zero, or the intensity is negative or not finite.
     """
 
     position: Rgb
@@ -133,11 +123,6 @@ class DistantLight(DeltaLight):
         Towards the light, from where it comes; of any length but 0.
     radiance
         Linear RGB; times a BRDF and a cosine it is what a surface reflects (an irradiance, in other words).
-
-    Raises
-    ------
-    ValueError
-        If the direction is zero, or the radiance is negative or not finite.
     """
 
     direction: Rgb

@@ -16,7 +16,7 @@ import numpy as np
 from dmis.base.color import LUMINANCE
 from dmis.base.vectors import Array, Index, Selection, columns, dot, indices, take
 from dmis.intersect import Intersector, RayCaster
-from dmis.light.coincident import TwoSided, find_twins
+from dmis.light.coincident import two_sided
 from dmis.light.light_sample import (
     LightSample,
     flat_light_hit,
@@ -121,11 +121,7 @@ class Pieces:
     def _caster(self) -> RayCaster:
         triangles, _ = self.proxies
         caster = Intersector(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
-        _, twin = find_twins(triangles)
-        kept = np.flatnonzero(twin >= 0)
-        if not len(kept):
-            return caster
-        return TwoSided(caster, triangles[kept], kept, np.searchsorted(kept, twin[kept]))
+        return two_sided(caster, triangles, np.arange(len(triangles)))
 
     @cached_property
     def _shapes(self) -> list[int]:

@@ -21,7 +21,7 @@ from dmis.brdf.mipmap import averaged
 from dmis.brdf.texture import Image
 from dmis.geometry.refinement import bodies, diagonals, refine_near_bodies, small_beside
 from dmis.intersect import Hits, Intersector, RayCaster
-from dmis.light.coincident import two_sided
+from dmis.light.coincident import lamp_triangles, two_sided
 from dmis.light.light import Light, check_light_form
 from dmis.scene.camera import Camera
 from dmis.scene.coverage import find_covered_pixels
@@ -243,7 +243,7 @@ class Scene:
         offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in self.parts)])
         vertices = np.concatenate([part.mesh.vertices for part in self.parts], dtype=np.float32)
         faces = np.concatenate([part.mesh.faces + np.int32(k) for part, k in zip(self.parts, offsets, strict=False)])
-        caster = two_sided(Intersector(vertices, faces), self.parts)
+        caster = two_sided(Intersector(vertices, faces), *lamp_triangles(self.parts)[:2])
         return see_through(caster, self.parts, lambda prim: columns(self.tables.uv, prim), float(self.epsilon))
 
     @cached_property

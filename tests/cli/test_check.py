@@ -24,24 +24,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 import dmis
-from dmis.brdf.diffuse import Lambert, cosine_pdf, cosine_sample
+from dmis.brdf.diffuse import CosineLobe, Lambert
 from dmis.brdf.lobe import Lobe
 from dmis.estimator.technique import BRDF
 
 
 @dataclass(frozen=True, eq=False)
-class Dust(Lobe):
+class Dust(CosineLobe):
     tint: Any = 0.5
     colours: ClassVar = ("tint",)
 
     def eval(self, directions):
         return self.tint * (0.3 * (1 - directions.cos_o) * (1 - directions.cos_i))
-
-    def pdf(self, directions):
-        return cosine_pdf(directions)
-
-    def sample(self, surface, u):
-        return cosine_sample(surface, u)
 """
 MORE = """
 class Tinted(Dust):
@@ -139,7 +133,7 @@ def test_what_is_recognised(
     assert error.splitlines() == [
         "dmis: Tinted is not checked: TypeError: Tinted.__init__() missing 2 required positional arguments: 'tint' and "
         "'gloss'. Give it defaults, or add an object: my_tinted = Tinted(...)",
-        "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 34). Give it defaults, "
+        "dmis: Broken is not checked: __init__ raised RuntimeError: not today (my_lobe.py, line 28). Give it defaults, "
         "or add an object: my_broken = Broken(...)",
     ]
 

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from helpers import fresh_python
 import dmis
 from dmis.cli import commands
 from dmis.cli.commands import main
-from dmis.cli.rendering import fireflies
 from dmis.fit.registry import RULES
 from dmis.formats.load_scene import SHIPPED
 from dmis.image import read_exr
@@ -123,15 +121,6 @@ def test_a_fallback_is_printed(scene, tmp_path, capsys):
     assert "thesis is left out at 4 samples per pixel, because its pilot takes 6: use --spp 7 or more" in printed.err
     if (tmp_path / "out" / "report.html").exists():
         assert "auto at 4, 8 spp: fewer than 16" in (tmp_path / "out" / "report.html").read_text("utf-8")
-
-
-@pytest.mark.parametrize(
-    ("number", "text"), [(0, ""), (1, "1 of 9 pixels is a noisy speck .* it"), (2, "2 of 9 pixels are noisy .* them")]
-)
-def test_fireflies_are_counted_in_words(number, text):
-    """One pixel is, two are."""
-    flags = np.arange(9).reshape(3, 3) < number
-    assert re.fullmatch(text, fireflies(SimpleNamespace(fireflies=flags)).strip())
 
 
 def test_import_is_light():
@@ -320,7 +309,7 @@ def test_unwritable_output_is_refused_first(scene, tmp_path, monkeypatch, capsys
         ("compare SCENE -o taken", "", "report.html: it is a directory"),
         ("oracle SCENE -o out", "matplotlib", "the plot of an oracle needs matplotlib"),
         ("oracle SCENE -o scene.pbrt", "", "scene.pbrt is not a directory"),
-        ("oracle SCENE -o out --spp 6", "", "must be a multiple of 4, and at least 8, for two halves"),
+        ("oracle SCENE -o out --spp 6", "", "must be a multiple of 4, and at least 8: two halves"),
         ("bench SCENE --rules balance,thesis --spp 6", "", "pilot's 6 camera samples of rule thesis"),
     ],
 )
@@ -347,7 +336,7 @@ def test_oracle(tmp_path, monkeypatch, capsys):
     captured = capsys.readouterr()
     assert captured.out.startswith("The best weights leave 0.") and captured.err == ""
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["best_shares.png", "oracle.md"]
-    monkeypatch.setattr("dmis.experiment.oracle.render_halves", lambda *_, **__: pytest.fail("rendered again"))
+    monkeypatch.setattr("dmis.experiment.oracle_renders.render_halves", lambda *_, **__: pytest.fail("rendered again"))
     assert main(command) == 0
     assert (tmp_path / "out" / "oracle.md").read_text("utf-8") in capsys.readouterr().out
 

@@ -11,7 +11,7 @@ from helpers import Z_LIMIT, means, pickled, tile_of, z_score
 
 import dmis
 from dmis.base.vectors import Array
-from dmis.experiment.oracle import oracle_path
+from dmis.experiment.oracle_renders import oracle_path
 from dmis.fit.fixed import Fixed
 from dmis.light.environment import EnvironmentLight
 from dmis.pipeline.fingerprint import fingerprint

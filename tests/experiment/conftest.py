@@ -7,7 +7,7 @@ import pytest
 
 import dmis
 from dmis.experiment.compare import compare
-from dmis.experiment.oracle import make_oracle
+from dmis.experiment.oracle_renders import make_oracle
 from dmis.experiment.table import Comparison
 
 

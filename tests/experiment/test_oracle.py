@@ -7,7 +7,8 @@ import dmis
 from dmis.base.patches import patch_spread
 from dmis.base.vectors import Array
 from dmis.experiment.metrics import ratio
-from dmis.experiment.oracle import Oracle, make_oracle
+from dmis.experiment.oracle import Oracle
+from dmis.experiment.oracle_renders import make_oracle
 from dmis.variance.curves import GRID, HALF
 
 BEST = GRID[[0, 3, 6, 9, 12, 4]].reshape(2, 3)
@@ -54,7 +55,7 @@ def test_saving_regret_harm(oracle: Oracle) -> None:
 def test_rendered_once(box: dmis.Scene, tmp_path, monkeypatch) -> None:
     """The second call reads the oracle from disk; its best weights reach their predicted saving."""
     first = make_oracle(box, 64, folder=tmp_path)
-    monkeypatch.setattr("dmis.experiment.oracle.render_halves", None)
+    monkeypatch.setattr("dmis.experiment.oracle_renders.render_halves", None)
     again = make_oracle(box, 64, folder=tmp_path)
     np.testing.assert_allclose(first.variance, again.variance, rtol=1e-6)
     assert first.variance.shape == (len(GRID), 6, 8) and (np.diff(first.cost) > 0).all()

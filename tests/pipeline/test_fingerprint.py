@@ -27,8 +27,7 @@ from dmis.testing.scenes import box_scene
 LOBE = """
 from dataclasses import dataclass
 from typing import Any
-from dmis.brdf.diffuse import cosine_pdf, cosine_sample
-from dmis.brdf.lobe import Lobe
+from dmis.brdf.diffuse import CosineLobe
 from dmis.samplers.warp import INV_PI
 
 FACTOR = 1.0
@@ -37,7 +36,7 @@ TABLE = {"not": "looked at"}
 def shape(x):
     return x * FACTOR
 
-class Base(Lobe):
+class Base(CosineLobe):
     colours = ("reflectance",)
     power = 1
     def value(self):
@@ -49,13 +48,11 @@ class Mine(Base):
     def eval(self, pair):
         return self.value() * 1.0
     def pdf(self, pair):
-        return cosine_pdf(pair)
-    def sample(self, surface, u):
-        return cosine_sample(surface, u)
+        return super().pdf(pair)
 """
 EDITS = [
     ("self.value() * 1.0", "self.value() * 0.9"),
-    ("return cosine_pdf(pair)", "return 1 * cosine_pdf(pair)"),
+    ("return super().pdf(pair)", "return 1 * super().pdf(pair)"),
     ("self.reflectance * INV_PI", "self.reflectance / 3"),
     ("return x * FACTOR", "return x + FACTOR"),
     ("FACTOR = 1.0", "FACTOR = 0.5"),

@@ -67,7 +67,7 @@ def test_command_line(tmp_path, capsys):
     assert main([*words, "--stats", str(stats)]) == 0
     said = capsys.readouterr().out
     number = json.loads(stats.read_text())["fireflies"]
-    assert number > 1 and f"{number} of 1,024 pixels are noisy specks (fireflies)" in said
+    assert number > 1 and f"{number} of 1,024 pixels look like noisy specks (fireflies)" in said
 
 
 @pytest.mark.parametrize("colour", [(1, 1, 1), (1, 0, 0), (0, 0, 1)])

@@ -13,7 +13,7 @@ import pytest
 import dmis
 from dmis.base.vectors import Array, normalise
 from dmis.brdf.cosines import Directions
-from dmis.brdf.diffuse import Lambert, cosine_sample
+from dmis.brdf.diffuse import CosineLobe, Lambert
 from dmis.brdf.lobe import DeltaLobe, Lobe
 from dmis.samplers.warp import INV_PI, square_to_hemisphere, to_world
 from dmis.testing.lobe import check_lobe
@@ -93,7 +93,7 @@ def test_albedo() -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Paper(Lobe):
+class Paper(CosineLobe):
     """Diffuse transmission."""
 
     share: Any = 0.5
@@ -106,9 +106,6 @@ class Paper(Lobe):
 
     def pdf(self, directions: Directions) -> Array:
         return np.maximum(directions.cos_i_signed, 0) * np.float32(self.gain * INV_PI)
-
-    def sample(self, surface: Any, u: Array) -> Array:
-        return cosine_sample(surface, u)
 
     def has_sides(self) -> bool:
         return False

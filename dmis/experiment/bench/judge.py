@@ -70,11 +70,6 @@ def score(rule: AnyRule, scenes: Iterable[str] = SCENES, seeds: Iterable[int] = 
         Names of `dmis.experiment.bench.data.SCENES`; or ``small``, which comes with dmis.
     seeds
         Seeds of the pilots; ``small`` has seed 0 alone.
-
-    Raises
-    ------
-    ValueError
-        If the rule cannot be scored, or a scene is unknown or not made yet.
     """
     name, values = rule if isinstance(rule, str) else getattr(rule, "__name__", rule_text(rule)), {}
     for scene in scenes:

@@ -115,11 +115,6 @@ def samples(
         Share w of light samples.
     spp, seed, settings, options
         See `dmis.pipeline.render.render`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is wrong, or there is no such pixel.
     """
     job = resolve(scene, Fixed(weight), spp, seed, make_settings(settings, **options))
     height, width = shape = job.budget.shape

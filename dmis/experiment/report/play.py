@@ -1,7 +1,7 @@
 """A page to paint shares and numbers of samples on an image, which shows the error times time that they would have.
 
 The files ``play.html``, ``.css`` and ``.js`` beside this module have its elements, style and script; ``play_model.js``
-has the numbers. Nothing is rendered in the page: the curves of `dmis.experiment.error_time` say what a map is worth.
+has the numbers. Nothing is rendered in the page: the curves of an oracle say what a map is worth.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import numpy as np
 from dmis.base.patches import patch_mean
 from dmis.base.vectors import Array
 from dmis.estimator.settings import Settings
-from dmis.experiment.error_time import MOST_SAMPLES, ErrorTime, measure_patches
-from dmis.experiment.oracle import make_oracle
+from dmis.experiment.oracle import Oracle, between
+from dmis.experiment.oracle_renders import make_oracle, measure_patches
 from dmis.experiment.reference import make_reference
 from dmis.experiment.report.comparer import asset, filled, png
 from dmis.fit.thesis import Thesis
@@ -30,13 +30,15 @@ from dmis.variance.curves import GRID
 
 LARGEST_PAGE = 3e6
 """Most bytes of a page."""
+MOST_SAMPLES = 16
+"""Largest number of samples of a patch in `best_with_samples`, over the mean; its inverse is the smallest."""
 
 
 def play_page(scene: Scene, spp: int, patch: int, settings: Settings, **options: Any) -> str:
     """Return the page of a scene, HTML that needs no network. Its oracle and its image are kept in the cache.
 
     Light samples of skies have no compensation unless `settings` say so, so that w = 1/2 is the rule ``balance``. `spp`
-    and `patch` are those of `dmis.experiment.oracle.make_oracle`, `options` of `dmis.pipeline.render.render`.
+    and `patch` are those of `dmis.experiment.oracle_renders.make_oracle`, `options` of `dmis.pipeline.render.render`.
 
     Raises
     ------
@@ -46,18 +48,16 @@ def play_page(scene: Scene, spp: int, patch: int, settings: Settings, **options:
     options["settings"] = settings = replace(settings, preset=None, compensation=settings.compensation or 0)
     _check_size(*scene.camera.resolution, patch)
     oracle = make_oracle(scene, spp, patch, **options)
-    if not oracle.variance.any():
-        raise ValueError(f"a page to paint on needs noise; every sample of scene {scene.name!r} is the same")
     image = make_reference(scene, 128, **options).mean
     cost, factor = measure_patches(scene, patch, **options)
     # the pilot alone decides the map: 6 samples, and one of the final pass
     thesis = render(scene, Thesis(weigh="samples", combiner=settings.combiner), 7, **options).weight
-    absolute = ErrorTime(oracle.variance, cost, patch, spp, thesis.shape)
+    absolute = Oracle(oracle.variance, cost, patch, spp, thesis.shape)
     measures = {"relative": replace(absolute, variance=oracle.variance * factor), "absolute": absolute}
     return page_of(measures, image, thesis, scene.name, spp)
 
 
-def page_of(measures: Mapping[str, ErrorTime], image: Array, thesis: Array, scene: str, spp: int) -> str:
+def page_of(measures: Mapping[str, Oracle], image: Array, thesis: Array, scene: str, spp: int) -> str:
     """Return the page of curves of ``relative`` and ``absolute`` errors.
 
     `image` is linear RGB ``(H, W, 3)``, and `thesis` the share map of the thesis's rule, ``(H, W)``.
@@ -67,8 +67,8 @@ def page_of(measures: Mapping[str, ErrorTime], image: Array, thesis: Array, scen
     for name, judge in measures.items():
         named = {
             "thesis": (w, even),
-            "oracle": (judge.best_even(), even),
-            "oracle + samples": judge.best_with_samples(),
+            "oracle": (best_even(judge), even),
+            "oracle + samples": best_with_samples(judge),
         }
         maps[name] = {label: list(map(_text, pair)) for label, pair in named.items()}
     data = {
@@ -83,6 +83,25 @@ def page_of(measures: Mapping[str, ErrorTime], image: Array, thesis: Array, scen
     fill = {"scene": html.escape(scene), "spp": str(spp), "data": json.dumps(data, separators=(",", ":"))}
     fill |= {"style": asset("comparer.css") + asset("play.css"), "script": asset("play_model.js") + asset("play.js")}
     return filled(asset("play.html"), fill)
+
+
+def best_even(curves: Oracle) -> Array:
+    """Return the best shares per patch, ``(rows, columns)``, with even samples.
+
+    They are those of `GRID` without its ends: where one technique alone misses a light, its variance is in samples too
+    rare to be seen, and the best share by some samples may be the worst by others.
+    """
+    inner = replace(curves, variance=curves.variance[1:-1], cost=curves.cost[1:-1])
+    return GRID[1:-1][inner.best_index(costly=True)]
+
+
+def best_with_samples(curves: Oracle) -> tuple[Array, Array]:
+    """Return the best shares and numbers of samples per patch, ``(rows, columns)`` each, the numbers of mean 1."""
+    # n ~ sqrt(V / C),  w = argmin V C   (docs/theory.md, Eq. 20)
+    w = GRID[1:-1][(np.maximum(curves.variance, 0) * curves.costs)[1:-1].argmin(axis=0)]
+    v, c = np.maximum(between(curves.variance, w), 0), between(curves.costs, w)
+    n = np.sqrt(np.divide(v, c, out=np.zeros_like(v), where=c > 0))
+    return w, np.clip(n / max(curves.mean(n), 1e-30), 1 / MOST_SAMPLES, MOST_SAMPLES)
 
 
 def _check_size(width: int, height: int, patch: int) -> None:

@@ -16,25 +16,27 @@ import dmis
 from dmis.base.patches import patch_spread
 from dmis.cli.commands import main
 from dmis.estimator.cost import CAMERA, RAY, SHADING
-from dmis.experiment.error_time import EPSILON, MOST_SAMPLES, ErrorTime, measure_patches
+from dmis.experiment.oracle import Oracle
+from dmis.experiment.oracle_renders import EPSILON, measure_patches
 from dmis.experiment.report import play
 from dmis.experiment.report.comparer import asset
+from dmis.experiment.report.play import MOST_SAMPLES, best_even, best_with_samples
 from dmis.variance.curves import GRID, HALF
 
 INNER = GRID[1:-1]
 
 
-def planted(rows: int, columns: int, shape: tuple[int, int] | None = None) -> ErrorTime:
+def planted(rows: int, columns: int, shape: tuple[int, int] | None = None) -> Oracle:
     """Parabolas about random shares, of random height; light samples cost more, and the last patch is black."""
     random = np.random.default_rng(1)
     best, height = random.uniform(0, 1, (rows, columns)), random.lognormal(0, 1, (rows, columns))
     variance = height * (0.1 + (GRID[:, None, None] - best) ** 2).astype(float)
     variance[:, -1, -1] = 0
     cost = 1 + GRID[:, None, None] * random.uniform(0, 1, (rows, columns))
-    return ErrorTime(variance, cost, 4, 64, shape or (4 * rows, 4 * columns))
+    return Oracle(variance, cost, 4, 64, shape or (4 * rows, 4 * columns))
 
 
-def planted_page(curves: ErrorTime) -> tuple[dict[str, ErrorTime], str]:
+def planted_page(curves: Oracle) -> tuple[dict[str, Oracle], str]:
     """Curves in both measures, and the page."""
     random = np.random.default_rng(2)
     image, factor = random.uniform(0, 1, (*curves.shape, 3)), random.uniform(0.1, 10, curves.variance.shape)
@@ -44,7 +46,7 @@ def planted_page(curves: ErrorTime) -> tuple[dict[str, ErrorTime], str]:
 
 
 @pytest.fixture(scope="module")
-def page() -> tuple[dict[str, ErrorTime], str]:
+def page() -> tuple[dict[str, Oracle], str]:
     """The page of 19 by 27 pixels, whose patches at the border are smaller."""
     return planted_page(planted(5, 7, (19, 27)))
 
@@ -57,23 +59,23 @@ def test_maps_are_the_best_of_all() -> None:
     """No other shares have less error times time, by brute force; no other numbers of samples, by chance."""
     curves, random = planted(2, 2), np.random.default_rng(3)
     lit = itertools.product(INNER, repeat=3)  # the black patch takes the cheapest share
-    least = min(curves.value(np.reshape((*w, INNER[0]), (2, 2))) for w in lit)
-    assert curves.value(curves.best_even()) == pytest.approx(least, rel=1e-9)
-    w, n = curves.best_with_samples()
+    least = min(curves.error_time(np.reshape((*w, INNER[0]), (2, 2))) for w in lit)
+    assert curves.error_time(best_even(curves)) == pytest.approx(least, rel=1e-9)
+    w, n = best_with_samples(curves)
     for _ in range(200):
         factor = random.lognormal(0, 0.3, (2, 2))
         factor[1, 1] = 1  # its numbers of samples are at their bound
-        assert curves.value(random.choice(INNER, (2, 2)), n * factor) > curves.value(w, n)
-    assert n[1, 1] == 1 / MOST_SAMPLES and curves.value(w, n) < 0.9 * least
+        assert curves.error_time(random.choice(INNER, (2, 2)), n * factor) > curves.error_time(w, n)
+    assert n[1, 1] == 1 / MOST_SAMPLES and curves.error_time(w, n) < 0.9 * least
 
 
 def test_value_without_border() -> None:
     """One patch of 16 pixels and one of 4, in closed form; numbers of samples of any scale."""
     variance = np.stack([[[1.0, 3.0]]] * len(GRID)) * np.where(GRID == 0.5, 1, 2)[:, None, None]
-    curves = ErrorTime(variance, np.ones_like(variance), 4, 64, (4, 5))
+    curves = Oracle(variance, np.ones_like(variance), 4, 64, (4, 5))
     w, n = np.array([[0.5, 0.16]]), np.array([[5.0, 10.0]])
     expected = (0.8 * 1 / 5 + 0.2 * 6 / 10) * (0.8 * 5 + 0.2 * 10) / (0.8 + 0.2 * 3)
-    assert curves.value(w, n) == pytest.approx(expected) and curves.value(w, 7 * n) == pytest.approx(expected)
+    assert curves.error_time(w, n) == pytest.approx(expected) and curves.error_time(w, 7 * n) == pytest.approx(expected)
 
 
 def test_cost_and_relative_error_of_renders(box: dmis.Scene, tmp_path: Path) -> None:
@@ -115,8 +117,8 @@ def test_model_has_the_numbers_of_python(page) -> None:
     done = subprocess.run([node, "-"], input=script, capture_output=True, text=True, check=True)
     result = json.loads(done.stdout)
     for k, curves in enumerate(measures.values()):
-        assert result["values"][k] == pytest.approx(curves.value(w, n), rel=1e-5)
-        best = [1, curves.value(curves.best_even()), curves.value(*curves.best_with_samples())]
+        assert result["values"][k] == pytest.approx(curves.error_time(w, n), rel=1e-5)
+        best = [1, curves.error_time(best_even(curves)), curves.error_time(*best_with_samples(curves))]
         assert result["maps"][k] == pytest.approx(best, rel=1e-5)
         assert np.sum(result["changes"][k]) == pytest.approx(result["sums"][k], abs=1e-5)
     disc = np.hypot(*(np.indices((5, 7)) + 0.5 - np.reshape([2.1, 3.1], (2, 1, 1)))) <= 1.5
@@ -167,7 +169,7 @@ def test_browser_stroke_has_the_number_of_python(tab, page) -> None:
             n[row, 1:5] = 2**value
         else:
             w[row, 1:5] = value
-        truth = [curves.value(w, n) for curves in page[0].values()]
+        truth = [curves.error_time(w, n) for curves in page[0].values()]
         numbers = tab.evaluate("() => MEASURES.map(measure => model.value(measure))")
         assert numbers == pytest.approx(truth, abs=1e-4)
         assert shown(tab) == pytest.approx((truth[0], *truth), abs=5.1e-4)
@@ -260,5 +262,5 @@ def test_command_writes_the_page(tmp_path: Path, monkeypatch, capsys) -> None:
     assert main(command) == 0 and "play.html: open it in a browser" in capsys.readouterr().out
     text = path.read_text("utf-8")
     assert not re.search(r"https?:|\bfetch\(|{{", text) and json.loads(data_of(text))["shape"] == [20, 24, 5, 6]
-    monkeypatch.setattr("dmis.experiment.oracle.render_halves", lambda *_, **__: pytest.fail("rendered again"))
+    monkeypatch.setattr("dmis.experiment.oracle_renders.render_halves", lambda *_, **__: pytest.fail("rendered again"))
     assert main(command) == 0 and path.read_text("utf-8") == text
