@@ -91,20 +91,21 @@ def _against_normals(mesh: Mesh) -> np.ndarray:
 
 def _light(shape: Shape, mesh: Mesh, radiance: Rgb) -> AreaLight:
     """Return the area light of a shape whose mesh in world space is `mesh`: a disk, a sphere, a quad or triangles."""
-    if shape.kind in ("disk", "sphere"):
-        if shape.size is None:
+    if shape.quadric is not None and shape.kind != "cylinder":
+        *aside, height = shape.quadric.at(np.zeros((1, 1)), np.ones((1, 1)))[0][0, 0]
+        half = shape.kind == "sphere" and shape.quadric.arc < np.pi
+        if half or shape.quadric.phimax < 360 or np.hypot(*aside) > 1e-9 * shape.quadric.radius:
             raise ValueError(f"a {shape.kind} that emits must be whole, because pbrt-v2 samples it as if it were")
         factor = similarity(shape.to_world)
         if factor is None:
             raise ValueError(f"a {shape.kind} that emits must not be stretched; scale all axes alike, or use a mesh")
-        height, radius = shape.size
+        radius = shape.quadric.radius * factor
         linear, origin = shape.to_world[:3, :3], shape.to_world[:3, 3]
-        centre = rgb(linear @ [0, 0, height] + origin)
         if shape.kind == "disk":
             normal = linear[:, 2] * (-1 if shape.reverse else 1)
-            return DiskLight(centre, rgb(normal), radius * factor, radiance)
+            return DiskLight(rgb(linear @ [0, 0, height] + origin), rgb(normal), radius, radiance)
         if not shape.reverse:
-            return SphereLight(centre, radius * factor, radiance)
+            return SphereLight(rgb(origin), radius, radiance)
     edges = _parallelogram(mesh)
     if edges is not None:
         corner, u, v = map(rgb, edges)

@@ -48,8 +48,6 @@ class Shape:
         Whether ReverseOrientation is on.
     mirrored
         Whether the transform of the Shape line changes handedness; that of an instance does not count.
-    size
-        Of an analytic disk (height, radius) or sphere (0, radius) that is whole; else None.
     quadric
         The surface of a sphere, disk or cylinder; else None.
     mask
@@ -64,7 +62,6 @@ class Shape:
     to_world: Floats
     reverse: bool
     mirrored: bool
-    size: tuple[float, float] | None = None
     quadric: Quadric | None = None
     mask: Mask | None = None
     twosided: bool = False
@@ -79,11 +76,11 @@ def make_shape(name: Token, parameters: Parameters, to_world: Floats, reverse: b
     if name.dialect != "v4":
         parameters.refuse("a parameter of materials must stand in a Material line before the shape", *OF_MATERIALS)
     with blame(name):
-        surface, size = SHAPES[name.name](parameters)
+        surface = SHAPES[name.name](parameters)
         quadric = surface if isinstance(surface, Quadric) else None
         mesh = surface.mesh(8) if isinstance(surface, Quadric) else surface
         mask = make_mask(name.name, parameters)
-    return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), size, quadric, mask)
+    return Shape(parameters.directive, name.name, mesh, to_world, reverse, mirrors(to_world), quadric, mask)
 
 
 def make_mask(kind: str, p: Parameters) -> Mask | None:
@@ -103,10 +100,7 @@ def make_mask(kind: str, p: Parameters) -> Mask | None:
     return Mask(alpha, None if v4 else LEAST_ALPHA)
 
 
-_Surface = tuple[Mesh | Quadric, tuple[float, float] | None]
-
-
-def _triangles(p: Parameters) -> _Surface:
+def _triangles(p: Parameters) -> Mesh:
     points = p.required_table("P", "point", 3)
     if "indices" not in p.items and len(points) == 3 and p.dialect == "v4":
         faces = np.arange(3, dtype=np.int32)[None]
@@ -115,10 +109,10 @@ def _triangles(p: Parameters) -> _Surface:
     normals = p.table("N", "normal", 3, len(points))
     normals = None if normals is None else repair_normals(points, faces, normals)
     st, uv = (p.table(name, ("float", "point2"), 2, len(points)) for name in ("st", "uv"))
-    return Mesh(points, faces, normals, st if uv is None else uv), None
+    return Mesh(points, faces, normals, st if uv is None else uv)
 
 
-def _loop(p: Parameters) -> _Surface:
+def _loop(p: Parameters) -> Mesh:
     p.string("scheme", "loop", ("loop",))
     points = p.required_table("P", "point", 3)
     names = p.directive.source.dialect.levels
@@ -126,41 +120,37 @@ def _loop(p: Parameters) -> _Surface:
     mesh = subdivision.loop_subdivide(points, p.indices(len(points)), levels)
     assert mesh.normals is not None
     # all versions of pbrt take S x T over a ring that runs clockwise: normals opposite to the winding
-    return replace(mesh, normals=-mesh.normals), None
+    return replace(mesh, normals=-mesh.normals)
 
 
-def _file(p: Parameters) -> _Surface:
+def _file(p: Parameters) -> Mesh:
     name = p.string("filename")
     token = p.items["filename"].token
     if not name.lower().endswith((".ply", ".ply.gz")):
         raise token.error(f"a plymesh must be a .ply or .ply.gz file; got {name!r}")
     with blame(token), unzipped(token.file(name)) as path:
-        return mesh_files.load_mesh(path), None
+        return mesh_files.load_mesh(path)
 
 
-def _sphere(p: Parameters) -> _Surface:
+def _sphere(p: Parameters) -> Quadric:
     radius = p.number("radius", 1)
     if not radius > 0:
         raise ValueError(f"radius must be positive; got {radius}")
     low, high = sorted((p.number("zmin", -radius), p.number("zmax", radius)))
-    phimax = p.number("phimax", 360)
-    whole = low <= -radius and high >= radius and phimax == 360
-    return spherical(radius, low, high, phimax), (0.0, radius) if whole else None
+    return spherical(radius, low, high, p.number("phimax", 360))
 
 
-def _disk(p: Parameters) -> _Surface:
-    height, radius = p.number("height", 0), p.number("radius", 1)
+def _disk(p: Parameters) -> Quadric:
     inner, phimax = p.number("innerradius", 0), p.number("phimax", 360)
-    whole = inner == 0 and phimax == 360
-    return circular(height, radius, inner, phimax), (height, radius) if whole else None
+    return circular(p.number("height", 0), p.number("radius", 1), inner, phimax)
 
 
-def _cylinder(p: Parameters) -> _Surface:
+def _cylinder(p: Parameters) -> Quadric:
     low, high = sorted((p.number("zmin", -1), p.number("zmax", 1)))
-    return cylindrical(p.number("radius", 1), low, high, p.number("phimax", 360)), None
+    return cylindrical(p.number("radius", 1), low, high, p.number("phimax", 360))
 
 
-def _bilinear(p: Parameters) -> _Surface:
+def _bilinear(p: Parameters) -> Mesh:
     """Return parallelograms as two triangles each; other bilinear patches, curved or with bilinear uv, are errors."""
     points = p.required_table("P", "point", 3)
     p.refuse("normals of a bilinearmesh are not supported; use a trianglemesh", "N")
@@ -178,10 +168,10 @@ def _bilinear(p: Parameters) -> _Surface:
         if not np.allclose(gap, 0, atol=1e-6 * scale):
             raise p.items[name].error("must make parallelograms of the patches of a bilinearmesh, in space and in uv")
     faces = (4 * np.arange(len(quads))[:, None, None] + [[0, 1, 3], [0, 3, 2]]).reshape(-1, 3)
-    return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uv.reshape(-1, 2)), None
+    return Mesh(corners.reshape(-1, 3), faces.astype(np.int32), None, uv.reshape(-1, 2))
 
 
-SHAPES: dict[str, Callable[[Parameters], _Surface]] = {
+SHAPES: dict[str, Callable[[Parameters], Mesh | Quadric]] = {
     "trianglemesh": _triangles,
     "plymesh": _file,
     "loopsubdiv": _loop,
