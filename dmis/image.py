@@ -18,7 +18,9 @@ MAX_PIXELS = 2**25
 MAX_SIDE = 65535
 """Most pixels on a side of an image that is rendered or read from a file."""
 MAX_CHANNELS = 64
-"""Most channels of an image file that is read; all together hold at most 16 values per pixel of the largest image."""
+"""Most channels of an image file that is read."""
+MAX_VALUES = 16 * MAX_PIXELS
+"""Most values of all channels of an image file that is read."""
 
 
 def check_image(path: str | os.PathLike[str], size: int = 0) -> None:
@@ -71,8 +73,10 @@ def write_exr(
             raise OSError(f"cannot write {path}: {error}") from error
 
 
-def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, str]]:
+def read_exr(path: str | os.PathLike[str], most_values: int = MAX_VALUES) -> tuple[dict[str, Array], dict[str, str]]:
     """Read the layers and string attributes of an EXR file; ``RGB`` is ``(H, W, 3)`` float32, without alpha.
+
+    A file with more than `most_values` values in all of its channels is too large.
 
     Raises
     ------
@@ -92,12 +96,12 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
                 raise ValueError(f"an image must have one part; it has {len(file.parts)}")
             (low, high), channels = file.header()["dataWindow"], len(file.header()["channels"])
         width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
-        check_size(width, height, channels)
+        check_size(width, height, channels, most_values)
         with OpenEXR.File(os.fspath(path)) as file:
             if not file.parts:
                 raise ValueError("its pixels are damaged or cut off")
             attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
-            layers = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
+            layers = {name: np.asarray(channel.pixels, np.float32) for name, channel in file.channels().items()}
     except Exception as error:
         raise ValueError(f"cannot read {path} as EXR: {error}") from error
     if "RGBA" in layers:
@@ -105,15 +109,15 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, 
     return layers, attributes
 
 
-def check_size(width: int, height: int, channels: int = 1) -> None:
+def check_size(width: int, height: int, channels: int = 1, most_values: int = MAX_VALUES) -> None:
     """Refuse an image that is empty or too large, before memory is taken for it."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
         raise ValueError(
             f"resolution must be 1 to {MAX_SIDE} pixels on a side and at most {MAX_PIXELS} pixels; got {width}x{height}"
         )
-    if not 1 <= channels <= MAX_CHANNELS or channels * width * height > 16 * MAX_PIXELS:
+    if not 1 <= channels <= MAX_CHANNELS or channels * width * height > most_values:
         raise ValueError(
-            f"an image must have at most {MAX_CHANNELS} channels, and {16 * MAX_PIXELS} values in them; "
+            f"an image must have at most {MAX_CHANNELS} channels, and {most_values} values in them; "
             f"got {channels} of {width}x{height}"
         )
 

@@ -10,10 +10,12 @@ import numpy as np
 
 from dmis.base.atomic_files import check_package
 from dmis.base.vectors import Array
-from dmis.image import check_size, read_exr, srgb_to_linear
+from dmis.image import MAX_VALUES, check_size, read_exr, srgb_to_linear
 
 IMAGE_SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".tga", ".hdr", ".pfm")
 """Extensions of the image files that are read."""
+MAX_SCANS = 100
+"""Most scans of a JPG file: each goes over all of its pixels."""
 _SIGNATURES = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"#?": ".hdr", b"PF": ".pfm", b"Pf": ".pfm"}
 """First bytes of a file of each format; TGA files have none, so that their extension names them."""
 
@@ -93,6 +95,8 @@ def linear_values(pixels: np.ndarray, linear: bool = False, alpha: bool = False)
 def _decode(data: bytes, suffix: str) -> np.ndarray:
     import OpenImageIO
 
+    if suffix == ".jpg" and (scans := data.count(b"\xff\xda")) > MAX_SCANS:  # which begin so, and no other data does
+        raise ValueError(f"it must have at most {MAX_SCANS} scans; it has {scans}")
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     with tempfile.TemporaryDirectory() as folder:
@@ -114,7 +118,7 @@ def _decode(data: bytes, suffix: str) -> np.ndarray:
 
 def _exr(path: Path) -> Array:
     """Return the channels R, G and B of an EXR file, ``(H, W, 3)``, or Y, ``(H, W, 1)``."""
-    layers, _ = read_exr(path)
+    layers, _ = read_exr(path, MAX_VALUES * 3 // 8)  # 800 MB
     if "RGB" in layers:
         return layers["RGB"]
     if "Y" not in layers:

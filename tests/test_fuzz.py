@@ -254,6 +254,8 @@ def test_images_that_say_too_much(tmp_path, monkeypatch):
     (tmp_path / "b.exr").write_bytes(data.replace(window, struct.pack("<4i", 0, 0, 65535, 0)))
     with pytest.raises(ValueError, match=r"b\.exr as EXR: .*1 to 65535 pixels on a side .* got 65536x1"):
         read_exr(tmp_path / "b.exr")
+    with pytest.raises(ValueError, match=r"and 100 values in them; got 9 of 8x2"):
+        read_exr(tmp_path / "a.exr", 100)
     monkeypatch.setattr("dmis.image.MAX_CHANNELS", 8)
     with pytest.raises(ValueError, match=r"at most 8 channels, .* got 9 of 8x2"):
         read_exr(tmp_path / "a.exr")

@@ -58,6 +58,13 @@ def test_palettes_and_jpg(tmp_path):
     np.testing.assert_allclose(palette, linear(PIXELS[..., :1]).repeat(3, 2), atol=2e-5)
 
 
+def test_jpg_with_many_scans(tmp_path):
+    data = pillow("JPEG", PIXELS[..., :3].copy(), progressive=True)
+    last = data[data.rindex(b"\xff\xda") : -2]
+    with pytest.raises(ValueError, match=r"a\.jpg as JPG: it must have at most 100 scans; it has 1"):
+        load(tmp_path, "a.jpg", data[:-2] + 100 * last + data[-2:])
+
+
 def test_decoding_takes_little_memory(tmp_path):
     (tmp_path / "a.png").write_bytes(encode_png(np.full((600, 700, 3), 9, np.uint8)))
     load_image(tmp_path / "a.png")  # imports OpenImageIO
