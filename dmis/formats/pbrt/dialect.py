@@ -47,8 +47,6 @@ class Dialect:
         Names of a pixel filter's half widths.
     filter
         The filter of a file without a PixelFilter line; None: a box of one pixel.
-    levels
-        Names of the number of subdivisions; the first one present counts.
     """
 
     name: str
@@ -61,7 +59,6 @@ class Dialect:
     integrators: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     radius: tuple[str, str] = ("xwidth", "ywidth")
     filter: PixelFilter | None = None
-    levels: tuple[str, ...] = ("levels",)
 
 
 V2 = Dialect(
@@ -70,7 +67,6 @@ V2 = Dialect(
     directives=frozenset({"SurfaceIntegrator", "VolumeIntegrator", "Renderer", "Volume"}),
     film_size=(640, 480),
     integrators=(("path",), ("photonmap", "exphotonmap", "igi", "irradiancecache")),
-    levels=("nlevels",),
 )
 V3 = Dialect(
     "v3",
@@ -78,7 +74,6 @@ V3 = Dialect(
     directives=frozenset({"Integrator", "MakeNamedMedium", "MediumInterface"}),
     unapplied={"Film": {"scale": [1.0], "maxsampleluminance": None}},
     integrators=(("path", "volpath", "bdpt", "mlt"), ("sppm",)),
-    levels=("levels", "nlevels"),
 )
 V4 = Dialect(
     "v4",

@@ -17,7 +17,7 @@ from dmis.scene.scene import SceneWarning
 
 MIN_LIKENESS = 0.8
 """Similarity, 0 to 1, from which on an unknown parameter may be a misspelt one."""
-_UNUSED = "not used, because it does not change the expected image"
+UNUSED = "not used, because it does not change the expected image"
 _UNKNOWN = "not used, because it is unknown there"
 
 
@@ -35,15 +35,11 @@ class Notes:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.warnings: list[str] = []
-        self._notes: dict[str, dict[str, dict[int, Token]]] = {_UNUSED: {}, _UNKNOWN: {}}
+        self._notes: dict[str, dict[str, dict[int, Token]]] = {UNUSED: {}, _UNKNOWN: {}}
 
     def add(self, kind: str, what: str, token: Token) -> None:
         """Note what a warning that begins with `kind` says of a token."""
         self._notes.setdefault(kind, {}).setdefault(what, {})[id(token)] = token
-
-    def add_unused(self, directive: Token) -> None:
-        """Note a directive that does not change the expected image."""
-        self.add(_UNUSED, directive.text, directive)
 
     def add_unread(self, p: Parameters) -> None:
         """Note the parameters that were not read."""
@@ -53,7 +49,7 @@ class Notes:
                 continue
             what = f"parameter {name!r} of {directive}"
             if directive in ("Sampler", "Renderer") or name in IRRELEVANT.get(directive, ()):
-                self.add(_UNUSED, what, item.token)
+                self.add(UNUSED, what, item.token)
                 continue
             hint = did_you_mean(name, p.read_names, MIN_LIKENESS)
             if directive in ("LightSource", "AreaLightSource") and item.kind in SPECTRUM_TYPES:

@@ -13,6 +13,7 @@ import numpy as np
 from dmis.base.validate import FARTHEST
 from dmis.base.vectors import Floats
 from dmis.formats.pbrt.dialect import IRRELEVANT, V2, V4
+from dmis.formats.pbrt.notes import UNUSED
 from dmis.formats.pbrt.parameters import Parameters
 from dmis.formats.pbrt.reader import KEPT, OPTIONAL, PARAMETERS, Directive, Reader
 from dmis.formats.pbrt.tokens import Token, blame
@@ -105,7 +106,7 @@ def _medium_interface(reader: Reader, *names: Token | None) -> None:
 
 
 def _unused(reader: Reader, *arguments: object) -> None:
-    reader.notes.add_unused(reader.token)
+    reader.notes.add(UNUSED, reader.token.text, reader.token)
 
 
 def _volume(reader: Reader) -> None:

@@ -77,9 +77,14 @@ def read_pbrt(
     source = Source.read(path, outside)
     guess, fits = detect(_words(source))
     chosen = guess if dialect is None else DIALECTS[dialect]
-    if dialect is not None and dialect not in fits:
-        warnings.warn(PbrtWarning(_doubt(path, dialect, fits, True)), stacklevel=2)
+    reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
     reader = Reader(replace(source, dialect=chosen), resolution)
+    if reason == "guess" or chosen.name not in fits:
+        how = "which is a guess" if reason == "guess" else "as asked"
+        others = " or ".join(f"dialect={name!r} (--dialect {name})" for name in fits)
+        text = f"{path}: read as pbrt-{chosen.name}, {how}, but the words of the file fit {' and '.join(fits)}; images"
+        text += " differ by it (integrator and film where no line names them, materials, textures)"
+        warnings.warn(PbrtWarning(f"{text}; give {others}"), stacklevel=2)
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
         with reader.refusals.collect():
             carry_out(reader, reader.source)
@@ -88,9 +93,6 @@ def read_pbrt(
         if reader.refusals:
             raise reader.refusals.error()
         scene = reader.scene(camera)
-    reason = "caller" if dialect is not None else "guess" if len(fits) > 1 else "file"
-    if reason == "guess":
-        warnings.warn(PbrtWarning(_doubt(path, chosen.name, fits, False)), stacklevel=2)
     reader.notes.warn(2)
     return scene.changed(source={"dialect": chosen.name, "dialect_from": reason, **scene.source})
 
@@ -128,14 +130,3 @@ def _words(source: Source) -> Iterator[Token]:
                     read.add(path.resolve())
                     open_files.append(tokens_of(token.source.include(path)))
         before = token.text
-
-
-def _doubt(path: Path, dialect: str, fits: tuple[str, ...], asked: bool) -> str:
-    """Return the text of the warning that the dialect is a guess, or not one that the words of the file fit."""
-    how = "as asked, but" if asked else "which is a guess:"
-    text = f"{path}: read as pbrt-{dialect}, {how} the words of the file fit {' and '.join(fits)}"
-    if asked:
-        return f"{text}; leave out dialect= (--dialect) to read it as pbrt-{fits[0]}"
-    others = " or ".join(f"dialect={name!r} (--dialect {name})" for name in fits)
-    differ = "whose images differ (the integrator and the film where no line names them, materials, textures)"
-    return f"{text}, {differ}; give {others}"

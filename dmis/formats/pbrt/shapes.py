@@ -115,8 +115,7 @@ def _triangles(p: Parameters) -> Mesh:
 def _loop(p: Parameters) -> Mesh:
     p.string("scheme", "loop", ("loop",))
     points = p.required_table("P", "point", 3)
-    names = p.directive.source.dialect.levels
-    levels = p.integer(next((name for name in names if name in p.items), names[0]), 3)
+    levels = p.integer("levels", p.integer("nlevels", 3))  # the second name is that of v2, which v3 knows, too
     mesh = subdivision.loop_subdivide(points, p.indices(len(points)), levels)
     assert mesh.normals is not None
     # all versions of pbrt take S x T over a ring that runs clockwise: normals opposite to the winding
