@@ -21,11 +21,10 @@ from dmis.base.vectors import Array
 from dmis.brdf.materials import Material, matte
 from dmis.formats.gltf import read_gltf
 from dmis.formats.model import DEFAULT_MATERIAL, Y_UP, Model, camera_of, up_axis, with_materials
-from dmis.formats.obj import read_obj_materials
+from dmis.formats.obj import read_obj_with_materials
 from dmis.geometry.gltf import Gltf
 from dmis.geometry.mesh import Mesh
 from dmis.geometry.mesh_files import MESH_SUFFIXES, load_mesh, placed_meshes, reading, unread_of_ply
-from dmis.geometry.wavefront import read_obj
 from dmis.light.area import QuadLight
 from dmis.light.environment import EnvironmentLight
 from dmis.light.light import AreaLight, Light
@@ -129,16 +128,16 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         total = model.flat + sum(part.mesh.triangles for part in parts)
         text = f"{model.path}: {model.flat:,} of {total:,} triangles have no area and are left out"
         warnings.warn(SceneWarning(text), stacklevel=3)
-    unread = model.summaries()
+    unread = [f"{kind} ({n})" if n > 1 else kind for kind, n in model.unread.items() if n]
     if unread:
         warnings.warn(SceneWarning(f"{model.path}: left out: {', '.join(unread)}"), stacklevel=3)  # of load_scene
     bounds = np.array([part.mesh.bounds for part in parts])
-    camera, added = camera_of(source, model, parts, *view)
+    low, high, axis = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), up_axis(model.path, view[1])
+    camera, added = camera_of(model, parts, *view)
     if resolution is not None:
         camera = replace(camera, resolution=resolution)
     if lights is None and not model.lights:
-        axis = up_axis(source, view[1]) if model.path.suffix.lower() in Y_UP else None
-        lights = default_lights(camera, bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0), axis)
+        lights = default_lights(camera, low, high, axis if model.path.suffix.lower() in Y_UP else None)
         added.append("a sky and a lamp, because it has no lights")
     elif lights is None:
         lights = model.lights
@@ -146,9 +145,8 @@ def _mesh_scene(source: Any, resolution: Any, view: Any, lights: Any, material: 
         lights = [*lights, *(part.light for part in parts if part.light is not None)]
     of_parts = {id(part.light) for part in parts}
     parts += [light_part(light) for light in lights if light.mesh() is not None and id(light) not in of_parts]
-    about = {"unread": list(unread), "added": added, "lit": bool(model.lights), "cameras": list(model.cameras)}
-    about["bounds"] = [*bounds[:, 0].min(axis=0).tolist(), *bounds[:, 1].max(axis=0).tolist()]
-    about["up"] = "xyz"[up_axis(source, view[1]).index(1.0)]
+    about = {"unread": unread, "added": added, "lit": bool(model.lights), "cameras": list(model.cameras)}
+    about |= {"bounds": [*low.tolist(), *high.tolist()], "up": "xyz"[axis.index(1.0)]}
     source = {key: value for key, value in about.items() if value}
     suggested = Suggestions("path") if model.lights else Suggestions()  # in a room, walls give light
     return Scene(camera, tuple(parts), tuple(lights), name, suggested, source)
@@ -159,7 +157,7 @@ def read_file(path: Path, outside: bool, bare: bool) -> Model:
     model = Model(path, outside)
     if path.suffix.lower() == ".obj" and not bare:
         with reading(path) as data:
-            read_obj_materials(read_obj(data), model)
+            read_obj_with_materials(data, model)
     elif path.suffix.lower() in (".glb", ".gltf"):
         with reading(path) as data:
             read_gltf(Gltf(path, data, outside), model, bare)

@@ -99,10 +99,6 @@ class Model:
         self.unread[f"missing file {name[-60:]!r}"] += path is None
         return path
 
-    def summaries(self) -> tuple[str, ...]:
-        """Return the contents that are left out, with counts above one: "normal map (2)"."""
-        return tuple(f"{kind} ({n})" if n > 1 else kind for kind, n in self.unread.items() if n)
-
 
 def with_materials(parts: list[Part], names: Sequence[str], material: Any) -> list[Part]:
     """Return parts with a caller's material, one for all, or a dict by their `names`, which leaves the others."""
@@ -122,7 +118,7 @@ def with_materials(parts: list[Part], names: Sequence[str], material: Any) -> li
 
 
 def camera_of(
-    source: Any, model: Model, parts: Sequence[Part], camera: Any, up: str | None, fov: float | None
+    model: Model, parts: Sequence[Part], camera: Any, up: str | None, fov: float | None
 ) -> tuple[Camera, list[str]]:
     """Return a caller's camera, or one of the file, by default its first, or one that sees all parts, and a note."""
     if fov is not None:
@@ -136,10 +132,10 @@ def camera_of(
         camera = model.cameras[camera] if camera is not None else next(iter(model.cameras.values()))
         return replace(camera, fov=camera.fov if fov is None else fov), []
     note = "a camera that sees all of it" if model.cameras else "a camera that sees all of it, because it has none"
-    return Camera.fit([part.mesh for part in parts], up_axis(source, up), fov or 40.0), [note]
+    return Camera.fit([part.mesh for part in parts], up_axis(model.path, up), fov or 40.0), [note]
 
 
-def up_axis(source: Any, up: str | None) -> tuple[float, float, float]:
+def up_axis(path: str | os.PathLike[str], up: str | None) -> tuple[float, float, float]:
     """Return the axis `up`, ``y`` or ``z``; None: that of the format of a file."""
-    y_up = isinstance(source, str | os.PathLike) and Path(source).suffix.lower() in Y_UP
-    return (0.0, 1.0, 0.0) if up == "y" or (up is None and y_up) else (0.0, 0.0, 1.0)
+    is_y = up == "y" if up is not None else Path(path).suffix.lower() in Y_UP
+    return (0.0, 1.0, 0.0) if is_y else (0.0, 0.0, 1.0)

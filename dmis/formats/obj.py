@@ -21,7 +21,7 @@ from dmis.brdf.materials import Material, matte, plastic, shiny_metal, uber
 from dmis.brdf.texture import Image, scale
 from dmis.formats.model import Model
 from dmis.geometry.mesh import Mesh
-from dmis.geometry.wavefront import NUMBER, Wavefront
+from dmis.geometry.wavefront import NUMBER, read_obj
 from dmis.image_reader import load_image
 from dmis.scene.masks import Mask
 
@@ -33,18 +33,19 @@ Statements = dict[str, tuple[int, str]]
 """The line and the argument of each statement of a material."""
 
 
-def read_obj_materials(obj: Wavefront, model: Model) -> None:
-    """Add the triangles of an OBJ file to a model, with the materials of the MTL files that it names."""
+def read_obj_with_materials(data: bytes, model: Model) -> None:
+    """Add the triangles of the bytes of an OBJ file to a model, with the materials of the MTL files that it names."""
+    meshes, libraries, coloured = read_obj(data)
     materials: dict[str, tuple[Path, Statements]] = {}
-    for names in obj.libraries:
+    for names in libraries:
         # one name with spaces, or several
         several = [] if (model.path.parent / names).is_file() else names.split()
         for name in several or [names]:
             if (path := model.file(name)) is not None:
                 materials |= {material: (path, mtl) for material, mtl in _read_mtl(path).items()}
-    model.unread["vertex colours"] += obj.coloured
+    model.unread["vertex colours"] += coloured
     images: dict[Any, Image | None] = {}
-    for name, flat in obj.meshes():
+    for name, flat in meshes.items():
         if (mesh := model.drop_flat(flat)) is None:
             continue
         if name not in materials:

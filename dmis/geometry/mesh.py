@@ -37,10 +37,7 @@ class Mesh:
     uv
         Texture coordinates, (V, 2) float64, within `FARTHEST` of 0; or None.
 
-    Raises
-    ------
-    ValueError
-        On a wrong shape, a number that is not finite or too large, a zero normal, an index without a vertex.
+    A ValueError on a wrong shape, a number that is not finite or too large, a zero normal, an index without a vertex.
     """
 
     vertices: Floats

@@ -88,7 +88,7 @@ def load_mesh(path: str | os.PathLike[str], smooth: bool | None = None) -> Mesh:
     suffix = path.suffix.lower()
     with reading(path) as data:
         if suffix == ".obj":
-            mesh = concatenate([mesh for _, mesh in read_obj(data).meshes()])
+            mesh = concatenate(list(read_obj(data)[0].values()))
         elif suffix in (".glb", ".gltf"):
             mesh = concatenate([mesh for mesh, *_ in Gltf(path, data).primitives()])
         else:

@@ -8,8 +8,6 @@ Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,41 +24,9 @@ _UNREAD_STATEMENTS = "fo", "surf", "bsp", "bzp", "call"
 """Statements that are refused, because they make surfaces or read other files."""
 
 
-@dataclass(frozen=True, eq=False)
-class Wavefront:
-    """Triangles of an OBJ file.
-
-    Attributes
-    ----------
-    tables
-        Positions ``(N, 3)``, texture coordinates ``(N, 2)`` and normals ``(N, 3)``.
-    corners
-        Indices into the tables of the three corners of each triangle, ``(F, 3, 3)``; -1 if absent.
-    material
-        Index into `names` of each triangle's material, ``(F,)``.
-    names
-        Names of materials; the first is "", that of triangles above any ``usemtl``.
-    libraries
-        What follows ``mtllib``: names of files with the materials.
-    coloured
-        Whether vertices have a colour, which is not read.
-    """
-
-    tables: tuple[Floats, Floats, Floats]
-    corners: Ints
-    material: Ints
-    names: tuple[str, ...]
-    libraries: tuple[str, ...]
-    coloured: bool
-
-    def meshes(self) -> Iterator[tuple[str, Mesh]]:
-        """Yield the mesh of each material that has triangles, with its name."""
-        for number in np.unique(self.material):
-            yield self.names[number], _mesh(self.tables, self.corners[self.material == number])
-
-
-def read_obj(data: bytes) -> Wavefront:
-    """Return the triangles of the bytes of an OBJ file.
+def read_obj(data: bytes) -> tuple[dict[str, Mesh], tuple[str, ...], bool]:
+    """Return the meshes of the bytes of an OBJ file, by the name of their material, "" above any ``usemtl``; what
+    follows ``mtllib``, names of files with the materials; and whether vertices have a colour, which is not read.
 
     A polygon is a fan about its first corner. If some faces of a mesh have normals, the others have their geometric
     normal; if some have texture coordinates, those of the others are 0. A ValueError if the file is not text, has no
@@ -79,7 +45,8 @@ def read_obj(data: bytes) -> Wavefront:
     material = np.array([names[name] for name in used])[np.searchsorted(uses, rows)]
     libraries = tuple(dict.fromkeys(" ".join(lines[k].split()[1:]) for k in np.flatnonzero(heads == "mtllib")))
     corners, material = corners[_fans(sides)], np.repeat(material, sides - 2)
-    return Wavefront(tables, corners, material, tuple(names), libraries, coloured)
+    meshes = {name: _mesh(tables, corners[material == names[name]]) for name in names if names[name] in material}
+    return meshes, libraries, coloured
 
 
 def _lines(data: bytes) -> list[str]:

@@ -162,10 +162,7 @@ def register_sampler(name: str, factory: SamplerFactory) -> None:
     factory
         ``(block) -> Sampler``, such as a class; `block` is a `dmis.samplers.pixel_block.PixelBlock`.
 
-    Raises
-    ------
-    ValueError
-        If the name is not a word, or is ``auto`` or that of another sampler, or `factory` cannot be called.
+    A ValueError if the name is not a word, or is ``auto`` or that of another sampler, or `factory` cannot be called.
     """
     if not (isinstance(name, str) and name.isidentifier()):
         raise ValueError(f"a sampler's name must be a word of letters, digits and _; got {name!r}")

@@ -26,10 +26,7 @@ class Mask:
         Value from which on the surface is there, above 0, at most 1. None: the value is the probability that it is
         there for a ray, drawn from the bits of the ray and of the point, so that half of the light passes at 1/2.
 
-    Raises
-    ------
-    ValueError
-        If the image has three channels, or a number is out of its range.
+    A ValueError if the image has three channels, or a number is out of its range.
     """
 
     image: Image
