@@ -240,11 +240,6 @@ class Comparison:
         return text if share > FEW_LIMIT else ""
 
     @property
-    def rules(self) -> list[str]:
-        """Rules in their order, the balance heuristic first and the pinned baseline last."""
-        return list(dict.fromkeys(rule for rule, _ in self.runs))
-
-    @property
     def seeds(self) -> int:
         """Number of seeds."""
         return max(len(by_seed) for by_seed in self.runs.values())

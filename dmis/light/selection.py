@@ -67,22 +67,12 @@ class FixedSelection:
         return self._share.take(piece)
 
 
-def even_selection(pieces: Pieces) -> FixedSelection:
-    """Return a selection with equal probabilities of all lights, by area within each."""
-    return FixedSelection(pieces.area / np.bincount(pieces.light, pieces.area).take(pieces.light))
-
-
-def power_selection(pieces: Pieces) -> FixedSelection:
-    """Return a selection in proportion to the power of each piece."""
-    return FixedSelection(pieces.intensity * (1 + pieces.two_sided))
-
-
 SELECTIONS: dict[str, Callable[[Pieces], Selection]] = {
-    "even": even_selection,
-    "power": power_selection,
+    "even": lambda pieces: FixedSelection(pieces.area / np.bincount(pieces.light, pieces.area).take(pieces.light)),
+    "power": lambda pieces: FixedSelection(pieces.intensity * (1 + pieces.two_sided)),
     "tree": TreeSelection,
 }
-"""Selections by the name of their option."""
+"""Selections by the name of their option: all lights equal, by area within each; by power; by nodes of a tree."""
 
 
 def select_lights(name: str, lights: Sequence[Pieces]) -> SelectedLights:

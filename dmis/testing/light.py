@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array, normalise
+from dmis.base.vectors import Array, frame, normalise
 from dmis.brdf.materials import matte
 from dmis.formats.load_scene import light_part
 from dmis.geometry.mesh import Mesh
@@ -28,7 +28,7 @@ from dmis.testing.density import DensityView
 from dmis.testing.density_checks import CORNERS, COUNT, check_hit, check_light_sample, check_unit, view_checks
 from dmis.testing.outcome import Check, Fault, Outcome, run_checks
 from dmis.testing.scenes import TECHNIQUES_ALONE, compare_means
-from dmis.testing.sphere import columns, tangents, uniforms, unit
+from dmis.testing.sphere import columns, uniforms, unit
 from dmis.testing.statistics import level, z_limit
 
 LEVEL = level(16)
@@ -94,7 +94,7 @@ def _placement(light: Any) -> tuple[Array, Array, Array, Array, float]:
         k = int(np.linalg.norm(cross, axis=1).argmax())
         centre, normal = corners[k].mean(axis=0), unit(*cross[k])
         size = float(np.linalg.norm(np.subtract(*light.mesh().bounds)))
-    return centre, normal, *tangents(normal), size
+    return centre, normal, *frame(normal), size
 
 
 def _triangles(mesh: Mesh) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, frame
 
 
 def uniforms(count: int, seed: int = 1, numbers: int = 2) -> Array:
@@ -31,15 +31,9 @@ def unit(*v: float) -> Array:
     return a / np.linalg.norm(a)
 
 
-def tangents(axis: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that complete `axis` ``(3,)`` to a right-handed frame; x and y for the z axis."""
-    s = unit(*np.cross((0.0, 1.0, 0.0) if abs(axis[1]) < 0.9 else (0.0, 0.0, 1.0), axis))
-    return s, np.cross(axis, s)
-
-
 def angles(w: Array, axis: Array) -> tuple[Array, Array]:
     """Return the angle from `axis` ``(3,)`` and the azimuth about it in [0, 2 pi) of directions ``(3, N)``, float64."""
-    s, t = tangents(axis)
+    s, t = frame(axis)
     x, y, z = s @ w.astype(float), t @ w.astype(float), axis @ w.astype(float)
     return np.arctan2(np.hypot(x, y), z), np.arctan2(y, x) % (2 * np.pi)
 
@@ -56,7 +50,7 @@ def sphere_nodes(axis: Array, theta: Array, phi: Array, per_cell: int) -> tuple[
     ring = 2 * np.sin(mid[0]) * np.sin(np.diff(fine[0]) / 2)
     shape = (len(theta) - 1, per_cell, len(phi) - 1, per_cell)
     weights = np.outer(ring, np.diff(fine[1])).reshape(shape).swapaxes(1, 2).reshape(-1)
-    x, y = tangents(axis)
+    x, y = frame(axis)
     around = np.outer(x, np.cos(mid[1])) + np.outer(y, np.sin(mid[1]))
     w = np.sin(mid[0])[:, None] * around[:, None] + np.outer(axis, np.cos(mid[0]))[..., None]
     return w.astype(np.float32).reshape(3, *shape).swapaxes(2, 3).reshape(3, -1), weights

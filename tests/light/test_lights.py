@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers import Z_LIMIT, pickled
 
-from dmis.base.vectors import Array
+from dmis.base.vectors import Array, frame
 from dmis.geometry.shapes import sphere
 from dmis.light.area import DiskLight, QuadLight, SphereLight
 from dmis.light.delta import DistantLight, PointLight, SpotLight
@@ -16,10 +16,10 @@ from dmis.light.light_sample import INFINITE_DISTANCE, LightSample
 from dmis.light.mesh_light import MeshLight
 from dmis.testing.light import check_light
 from dmis.testing.outcome import require
-from dmis.testing.sphere import columns, polar, sphere_rule, tangents, uniforms
+from dmis.testing.sphere import columns, polar, sphere_rule, uniforms
 
 WHITE = (1.0, 2.0, 3.0)
-TILT = np.stack([*tangents(polar(50, 130)), polar(50, 130)], axis=1)
+TILT = np.stack([*frame(polar(50, 130)), polar(50, 130)], axis=1)
 """A rotation that is no symmetry of anything."""
 RANDOM_SKY = np.random.default_rng(1).random((8, 16, 3)) ** 3
 ONE_TEXEL = np.zeros((8, 16, 3))
