@@ -83,8 +83,11 @@ def read_pbrt(
         how = "which is a guess" if reason == "guess" else "as asked"
         others = " or ".join(f"dialect={name!r} (--dialect {name})" for name in fits)
         text = f"{path}: read as pbrt-{chosen.name}, {how}, but the words of the file fit {' and '.join(fits)}; images"
-        text += " differ by it (integrator and film where no line names them, materials, textures)"
-        warnings.warn(PbrtWarning(f"{text}; give {others}"), stacklevel=2)
+        text += f" differ by it (integrator and film where no line names them, materials, textures); give {others}"
+        if reason == "guess":
+            reader.notes.warnings.append(text)
+        else:  # at once, because the dialect may be why the file is refused
+            warnings.warn(PbrtWarning(text), stacklevel=2)
     with np.errstate(all="ignore"):  # what is not finite is refused where it matters
         with reader.refusals.collect():
             carry_out(reader, reader.source)

@@ -218,7 +218,7 @@ def test_a_dialect_that_is_a_guess_is_named(tmp_path, capsys):
     """In a warning that says how to settle it, by `info`, and in the provenance of images."""
     path = tmp_path / "plain.pbrt"
     path.write_text('Film "image" "integer xresolution" 4 "integer yresolution" 4 WorldBegin Shape "sphere" WorldEnd')
-    with pytest.warns(PbrtWarning, match="fit v2 and v3, .* give dialect='v2' .--dialect v2. or dialect='v3'"):
+    with pytest.warns(PbrtWarning, match="fit v2 and v3; .* give dialect='v2' .--dialect v2. or dialect='v3'"):
         scene = dmis.load_scene(path)
     with pytest.warns(dmis.scene.scene.SceneWarning, match="none of its 0 lights emits"):
         source = dmis.render(scene, "balance", 1).provenance["source"]
