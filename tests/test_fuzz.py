@@ -161,6 +161,11 @@ def test_glb_files_of_zeros(tmp_path):
     (tmp_path / "a.glb").write_bytes(glb({**NODE, **TRIANGLE, "accessors": [accessor]}))
     with pytest.raises(ValueError, match=r"at most 33554432 triangles"):
         dmis.load_scene(tmp_path / "a.glb")
+    three = {**accessor, "componentType": 5125, "count": 3, "type": "SCALAR"}
+    corners = {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]}
+    (tmp_path / "a.glb").write_bytes(glb({**NODE, **corners, "accessors": [accessor, three]}))
+    with pytest.raises(ValueError, match=r"triangles, and 100663296 vertices, because instances are copied"):
+        dmis.load_scene(tmp_path / "a.glb")
 
 
 def test_files_that_end_early(tmp_path, capfd):

@@ -149,9 +149,9 @@ class Gltf:
         Each has its mesh in world space, whose texture coordinates are those of the first set, v from the bottom to the
         top; colours of the vertices, ``(V, 3)`` or ``(V, 4)``, linear, and the number of its material, or None.
 
-        Raises a ValueError if there are more than `MAX_FACES`.
+        Raises a ValueError if there are more than `MAX_FACES`, or thrice as many vertices, before any is yielded.
         """
-        total = 0
+        total, listed = 0, []
         for node, matrix in self.nodes:
             if "mesh" not in node:
                 continue
@@ -163,11 +163,13 @@ class Gltf:
                     continue
                 position = self._item("accessors", primitive["attributes"]["POSITION"])
                 corners = self._item("accessors", primitive["indices"]) if "indices" in primitive else position
-                total += corners["count"] // 3
-                if total > MAX_FACES:
-                    raise ValueError(f"it must have at most {MAX_FACES} triangles, because instances are copied")
-                if corners["count"] > 2:
-                    yield *self._placed(primitive, matrix), primitive.get("material")
+                total += max(corners["count"], position["count"]) // 3
+                listed += [(primitive, matrix)] if corners["count"] > 2 else []
+        if total > MAX_FACES:
+            most = f"{MAX_FACES} triangles, and {3 * MAX_FACES} vertices"
+            raise ValueError(f"it must have at most {most}, because instances are copied")
+        for primitive, matrix in listed:
+            yield *self._placed(primitive, matrix), primitive.get("material")
 
     def _placed(self, primitive: dict[str, Any], matrix: Floats) -> tuple[Mesh, Floats | None]:
         """Return the triangles of a primitive moved by `matrix`, and the colours of their vertices."""

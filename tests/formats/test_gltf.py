@@ -526,7 +526,7 @@ def test_instances_beyond_the_limit(tmp_path, monkeypatch):
     monkeypatch.setattr("dmis.geometry.gltf.MAX_FACES", 5)
     file = File().mesh()
     file.json["nodes"] *= 3
-    with pytest.raises(ValueError, match="at most 5 triangles, because instances are copied"):
+    with pytest.raises(ValueError, match="at most 5 triangles, and 15 vertices, because instances are copied"):
         file.load(tmp_path)
 
 
