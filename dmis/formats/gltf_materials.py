@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, cast
 from urllib.parse import unquote
 
@@ -33,7 +34,7 @@ class Materials:
         self._gltf = gltf
         self.unread: Counter[str] = Counter()
         self._materials: dict[int | None, Material] = {}
-        self._images: dict[int, np.ndarray] = {}
+        self._pixels = lru_cache(maxsize=1)(self._decoded)
         self._counted: set[tuple[str, str]] = set()
 
     def leave_out(self, kind: str, thing: object, is_so: bool = True) -> None:
@@ -156,11 +157,8 @@ class Materials:
         texels = linear_values(pixels, linear or channel == 3)
         return Image(texels, (s, t), (u, 1 - t - v), "clamp" if wraps == {_CLAMP} else "repeat")
 
-    def _pixels(self, number: int) -> np.ndarray:
-        """Return the pixels of an image, ``(H, W, 1 to 4)``; those of the last image are kept."""
-        if number not in self._images:
-            image = self._gltf.json["images"][number]
-            data = self._gltf.resource(image["uri"]) if "uri" in image else self._gltf.view(image["bufferView"])[0]
-            self._images.clear()  # before the next one takes memory
-            self._images[number] = decode_image(data, f"image {number}")
-        return self._images[number]
+    def _decoded(self, number: int) -> np.ndarray:
+        """Return the pixels of an image, ``(H, W, 1 to 4)``; `_pixels` keeps those of the last one."""
+        image = self._gltf.json["images"][number]
+        data = self._gltf.resource(image["uri"]) if "uri" in image else self._gltf.view(image["bufferView"])[0]
+        return decode_image(data, f"image {number}")

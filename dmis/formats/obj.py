@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from dmis.base.named_files import named_file
 from dmis.brdf.cosines import MAX_LOBE_EXPONENT
 from dmis.brdf.materials import Material, matte, plastic, shiny_metal, uber
 from dmis.brdf.texture import Image, scale
@@ -39,7 +40,7 @@ def read_obj_with_materials(data: bytes, model: Model) -> None:
     materials: dict[str, tuple[Path, Statements]] = {}
     for names in libraries:
         # one name with spaces, or several
-        several = [] if (model.path.parent / names).is_file() else names.split()
+        several = [] if named_file(model.path.parent, names, None) else names.split()
         for name in several or [names]:
             if (path := model.file(name)) is not None:
                 materials |= {material: (path, mtl) for material, mtl in _read_mtl(path).items()}
