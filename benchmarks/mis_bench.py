@@ -94,7 +94,7 @@ def draw_pilots(scene: Scene, settings: Settings, seed: int) -> Pilots:
         w: samples(scene, spp=spp, weight=w, seed=3 * seed + k, settings=replace(settings, shading_samples=s))
         for k, (w, spp, s) in enumerate(PILOTS)
     }
-    return Pilots(tables, render_feature_buffers(scene.in_float32)[0])
+    return Pilots(tables, render_feature_buffers(scene.in_float32[0])[0])
 
 
 # Converged curves ---------------------------------------------------------------------------------------------------
@@ -118,7 +118,9 @@ def measure_truth(scene: Scene, settings: Settings, spp: int = SPP) -> Truth:
         # V(w) = curve + Var_y(I)
         variance = np.stack([shares["curve"][1:-1] + shares["position"], tilts["curve"]])
         # mean over the patch's pixels of V, and of V / (I^2 + e)
-        weights = np.stack([np.ones(radiance.size), 1 / (radiance**2 + BOUND)]) / radiance.size
+        weights = (
+            np.stack([np.ones(radiance.size), 1 / ((radiance * job.gain) ** 2 + BOUND)]) * job.gain**2 / radiance.size
+        )
         variances.append(np.einsum("mp,wgp->mwg", weights, variance))
         powers.append(weights @ (power["curve"][1] + power["position"]))
         n = settings.shading_samples

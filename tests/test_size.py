@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 26_744, "tests": 26_793}
+LINES = {"dmis": 26_764, "tests": 26_799}
 """Lines of Python files."""
 WORDS = 42_985
 """Words of the pages, tables included."""

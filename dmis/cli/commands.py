@@ -172,7 +172,7 @@ def _info(options: argparse.Namespace) -> int:
     print(f"dmis {__version__}, Python {platform.python_version()}, {machine}\n{packages}")
     if options.scene:
         begin = time.perf_counter()
-        scene = load(options).in_float32
+        scene, _ = load(options).in_float32
         scene.prepare()
         print(f"\n{describe(scene)}\nread and built in {time.perf_counter() - begin:.2f} s")
     return 0

@@ -175,7 +175,7 @@ def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any
     nothing is sampled there. Relative variance is that of a pixel over its squared brightness + `EPSILON`. `options`
     are those of `dmis.pipeline.render.render`.
     """
-    rule = _PatchMaps(spp=2 * _SPP, patch=patch, filter="none", combiner=settings.combiner)
+    rule = _PatchMaps(gain=scene.in_float32[1], spp=2 * _SPP, patch=patch, filter="none", combiner=settings.combiner)
     result = render(scene, rule, 2 * _SPP + 1, settings=settings, sampler="independent", **options)
     shape, s = result.image.shape[:2], settings.shading_samples
     covered = np.ones(shape) if scene.covered_pixels is None else scene.covered_pixels.astype(np.float64)
@@ -195,9 +195,11 @@ def measure_patches(scene: Scene, patch: int, settings: Settings, **options: Any
 class _PatchMaps(SecondMoment):
     """Rule whose maps are means over patches of what `_PixelSums` gathers, per camera sample; w is 1/2."""
 
+    gain: float = 1.0
+
     @property
     def statistic(self) -> Callable[[int, int], Statistic]:
-        return partial(_PixelSums, combiner=self.combiner)
+        return partial(_PixelSums, combiner=self.combiner, gain=self.gain)
 
     def fit(self, pilot: Mapping[float, Pilot]) -> Fit:
         """Return equal shares, and the maps."""
@@ -205,17 +207,17 @@ class _PatchMaps(SecondMoment):
 
 
 class _PixelSums(Curves):
-    """Shadow rays of each technique, and variance curves in both measures."""
+    """Shadow rays of each technique, and variance curves in both measures; radiance times `gain` is the image's."""
 
-    def __init__(self, pixels: int, shading_samples: int, combiner: str) -> None:
+    def __init__(self, pixels: int, shading_samples: int, combiner: str, gain: float) -> None:
         super().__init__(pixels, shading_samples, combiner)
-        self._rays, self._radiance = np.zeros((2, pixels)), np.zeros(pixels)
+        self._rays, self._radiance, self._gain = np.zeros((2, pixels)), np.zeros(pixels), gain
 
     def add(self, records: Sequence[Record], radiance: Array, count: int) -> None:
         """Add one block of `count` camera samples of every pixel, sample-major."""
         super().add(records, radiance, count)
         pixels = len(self._radiance)
-        self._radiance += radiance.mean(axis=0, dtype=np.float64).reshape(count, -1).sum(axis=0)
+        self._radiance += radiance.mean(axis=0, dtype=np.float64).reshape(count, -1).sum(axis=0) * self._gain
         pixel = np.arange(count * pixels) % pixels
         for record in records:
             # a ray is traced where the surface reflects: there the density of the other technique is not 0

@@ -48,7 +48,7 @@ class Light(Protocol):
     def brightness(self, length: float) -> float:
         """Return the largest radiance; of a point of light, the largest irradiance at the distance `length`.
 
-        It decides whether the light has power, and whether float32 holds it. Default: that of the fields
+        It decides whether the light has power, and in which units float32 holds it. Default: that of the fields
         `radiances` and `intensities`; 1, an ordinary light, if there are none.
         """
         values = [np.max(getattr(self, name)) for name in self.radiances]
@@ -63,7 +63,7 @@ class Light(Protocol):
         """Return the radius, or the root of the area, in units of the scene; None for lights without any."""
         return None
 
-    def rescaled(self, origin: Array, length: float) -> Self:
+    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
         """Return the light in other units, which scenes need whose numbers float32 does not hold.
 
         Parameters
@@ -71,7 +71,9 @@ class Light(Protocol):
         origin
             The new origin, ``(3,)``: positions become ``(x - origin) / length``.
         length
-            The new unit of length; that of intensity is ``length**2``.
+            The new unit of length.
+        gain
+            The new unit of radiance; that of intensity is ``gain * length**2``.
 
         Raises
         ------
@@ -80,12 +82,13 @@ class Light(Protocol):
         """
         if self.positions is None:
             raise ValueError(
-                f"a scene far from its origin, or very large or small, needs lights to be rescaled. "
-                f"{type(self).__name__} has no method rescaled(origin, length), and no positions = (...), which "
+                f"a scene far from its origin, or very large, small, bright or dark, needs lights to be rescaled. "
+                f"{type(self).__name__} has no method rescaled(origin, length, gain), and no positions = (...), which "
                 f"names its fields that are. Define one of them, or use ordinary units"
             )
         changes: dict[str, Any] = {}
-        for names, unit in ((self.positions, length), (self.lengths, length), (self.intensities, length**2)):
+        units = ((self.positions, length), (self.lengths, length), (self.radiances, gain))
+        for names, unit in (*units, (self.intensities, gain * length**2)):
             for name in names:
                 value = np.asarray(getattr(self, name), np.float64) - (origin if name in self.positions else 0.0)
                 changes[name] = value / unit if value.ndim else float(value) / unit

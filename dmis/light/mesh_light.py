@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -192,6 +192,12 @@ class MeshLight(AreaLight):
 
     def brightness(self, length: float) -> float:
         return float(np.max(self.radiance.texels if isinstance(self.radiance, Image) else self.radiance))
+
+    def rescaled(self, origin: Array, length: float, gain: float) -> Self:
+        if not isinstance(self.radiance, Image):
+            return super().rescaled(origin, length, gain)
+        vertices = (np.asarray(self.vertices, np.float64) - origin) / length
+        return replace(self, vertices=vertices, radiance=replace(self.radiance, texels=self.radiance.texels / gain))
 
     def pieces(self) -> Pieces | None:
         if self.textured:

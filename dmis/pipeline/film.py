@@ -195,10 +195,11 @@ def without_colours(rays: Mapping[str, int]) -> dict[str, int]:
     return {kind: n for kind, n in rays.items() if " of colour " not in kind}
 
 
-def average_films(parts: list[tuple[Film, int]]) -> tuple[Array, Array]:
+def average_films(parts: list[tuple[Film, int]], gain: float) -> tuple[Array, Array]:
     """Return the average of images with weights fixed beforehand, their budgets of samples, and its deviation.
 
-    The results overwrite the arrays of the first part, row by row, because images are large.
+    The results overwrite the arrays of the first part, row by row, because images are large. Both are in the
+    units of the scene that was given, which has `gain` times the radiance of the one that was rendered.
     The actual numbers of adaptive samples depend on the pilot, and must not be weights: that would be biased.
     """
     total = sum(n for _, n in parts)
@@ -212,5 +213,10 @@ def average_films(parts: list[tuple[Film, int]]) -> tuple[Array, Array]:
             n_each = np.broadcast_to(part.n, (*shape[:2], 1))[row].astype(np.float64)
             freedom = np.where(n_each > 1, n_each - 1, np.nan)  # one sample has no variance
             variance += np.square(part.root[row], dtype=np.float64) / (freedom * n_each) * share**2
-        image[row], deviation[row] = mean, np.sqrt(variance)
+        mean *= gain
+        if not (np.abs(mean) <= np.finfo(np.float32).max).all():
+            most = np.abs(mean).max()
+            raise ValueError(f"radiance must be below 3.4e38, the largest float32; the image has {most:g}")
+        with np.errstate(over="ignore"):  # a deviation may be beyond float32 where the mean is not
+            image[row], deviation[row] = mean, np.sqrt(variance) * gain
     return image, deviation

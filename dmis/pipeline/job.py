@@ -47,7 +47,7 @@ class Job:
     Attributes
     ----------
     scene
-        The scene in units and at a place that float32 holds.
+        The scene in units and at a place that float32 holds; its radiance times `gain` is that of `given_scene`.
     given_scene
         The scene of the caller.
     rule, rule_text
@@ -61,6 +61,7 @@ class Job:
     """
 
     scene: Scene
+    gain: float
     given_scene: Scene
     rule: Rule
     rule_text: str
@@ -123,7 +124,7 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, s
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a dmis.Scene, which dmis.load_scene makes; got {scene!r}")
     spp, seed = whole("spp", DEFAULT_SPP if spp is None else spp, 1, MAX_SPP), whole("seed", seed, 0)
-    float32_scene = scene.in_float32
+    float32_scene, gain = scene.in_float32
     if not float32_scene.plan.has_light:
         _warn_of_darkness(scene)
     rule = default_rule(spp, settings) if rule is None else rule
@@ -152,7 +153,7 @@ def resolve(scene: Scene, rule: Rule | str | None, spp: int | None, seed: int, s
             f"spp must be more than the pilot's {pilot_spp} camera samples, because the budget includes the pilot "
             f"of rule {text}; got {spp}. Use a larger spp or another rule, such as balance"
         )
-    return Job(float32_scene, scene, rule, text, spp, seed, settings, notes)
+    return Job(float32_scene, gain, scene, rule, text, spp, seed, settings, notes)
 
 
 def default_rule(spp: int, settings: Settings) -> Rule | str:

@@ -96,4 +96,4 @@ def render_job(
         raise ValueError(f"rule {job.rule_text} must yield a Round with an image_weight; got none")
     image.reverse()  # the final film first, whose arrays the average overwrites
     job, final = (stop.job, stop.final) if stop else (job, final)
-    return make_result(job, final, average_films(image), passes, time.perf_counter() - began)
+    return make_result(job, final, average_films(image, job.gain), passes, time.perf_counter() - began)

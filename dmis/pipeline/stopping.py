@@ -108,5 +108,6 @@ class Stop:
         return in_time and self.job.spp + self.final.image_weight <= self._most and not noise <= self._noise
 
     def _relative(self, square: Array, mean: Array) -> float:
-        """Return the mean of squares over those of a mean."""
-        return float(np.mean(square / (np.square(mean, dtype=np.float64) + EPSILON), dtype=np.float64))
+        """Return the mean of squares over those of a mean, in units of the given scene."""
+        gain2 = self.job.gain**2
+        return float(np.mean(square * gain2 / (np.square(mean, dtype=np.float64) * gain2 + EPSILON), dtype=np.float64))

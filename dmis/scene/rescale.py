@@ -1,9 +1,10 @@
-"""Units that suit float32: a scene near its origin, of a size near 1.
+"""Units that suit float32: a scene near its origin, of a size near 1, whose lights are near 1.
 
 float32 has 7 digits, and squares between 1e-38 and 1e38. A scene of size 1 that is a million away from the origin would
-have one digit left for its shape, which the float64 description that scenes have does not lose. So an extreme scene is
-moved, and divided by a power of two, before float32 sees it. No bit of an ordinary scene's image depends on this, and
-nothing is copied for it (`dmis.scene.scene.Scene.in_float32`).
+have one digit left for its shape; one of radiance 1e30 has variances that are infinite. Neither is lost in the float64
+description that scenes have. So what is extreme is moved, and multiplied by powers of two, before float32 sees it, and
+the image is multiplied back. No bit of an ordinary scene's image depends on this, and nothing is copied for it
+(`dmis.scene.scene.Scene.in_float32`).
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ MAX_REACH = 16
 factor of ten."""
 KEPT_DIAGONALS = 2.0**-20, 2.0**20
 """Range of diagonals of scenes whose unit of length stays."""
-RADIANCES = 2.0**-32, 2.0**32
-"""Range of the brightest radiance: squares of samples, and 1e9 times these, are in float32."""
+KEPT_RADIANCES = 2.0**-32, 2.0**32
+"""Range of the brightest radiance for which its unit stays: squares of samples, and 1e9 times these, are in float32."""
 LIGHT_EXTENTS = 1e-12, 1e12
 """Range of extents of lights, in diagonals of the scene."""
 
 
-def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tuple[Array, float]:
-    """Return the origin ``(3,)`` and the unit of length in which float32 holds a scene.
+def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tuple[Array, float, float]:
+    """Return the origin ``(3,)``, the unit of length and that of radiance in which float32 holds a scene.
 
     Parameters
     ----------
@@ -45,8 +46,8 @@ def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tup
     lights
         Its lights.
 
-    A ValueError if the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it, a light
-    is so small or so large that squares of its size are beyond float32, or the brightest is out of `RADIANCES`.
+    A ValueError if the scene is so far away from the origin that even float64 keeps fewer than 7 digits of it, or a
+    light is so small or so large that squares of its size are beyond float32.
     """
     size, reach = float(np.linalg.norm(high - low)), float(np.abs([low, high]).max())
     if reach > 1e9 * size > 0:
@@ -67,27 +68,21 @@ def units(low: Array, high: Array, small: Array, lights: Sequence[Light]) -> tup
         least, most = small[:, 0].min(axis=0), small[:, 1].max(axis=0)
         if np.abs([least, most]).max() > MAX_REACH * np.linalg.norm(most - least):
             origin = (least + most) / 2
-    brightest = max((light.brightness(size or 1.0) for light in lights), default=0.0)
-    if brightest and not RADIANCES[0] <= brightest <= RADIANCES[1]:
-        raise ValueError(
-            f"the brightest light must have a radiance of {RADIANCES[0]:.1g} to {RADIANCES[1]:.1g}, whose square "
-            f"float32 holds; got {brightest:g}. Multiply all lights by one factor, and divide the image by it"
-        )
-    kept = KEPT_DIAGONALS[0] <= size <= KEPT_DIAGONALS[1] or size == 0
-    return origin, 1.0 if kept else 2.0 ** math.floor(math.log2(size))
+    length = _unit(size, KEPT_DIAGONALS)
+    return origin, length, _unit(max((light.brightness(length) for light in lights), default=0.0), KEPT_RADIANCES)
 
 
 def rescale(
-    camera: Camera, parts: Sequence[Part], lights: Sequence[Light], units: tuple[Array, float]
+    camera: Camera, parts: Sequence[Part], lights: Sequence[Light], units: tuple[Array, float, float]
 ) -> dict[str, Any]:
     """Return camera, parts and lights in other `units`, by name; a ValueError if a bump map has heights."""
-    origin, length = units
+    origin, length, gain = units
     if length != 1 and any(isinstance(part.material.relief, BumpMap) for part in parts):
         raise ValueError(
             f"a scene with bump maps, whose heights are lengths, must have a diagonal from {KEPT_DIAGONALS[0]:.0e} to "
             f"{KEPT_DIAGONALS[1]:.0e}; scale the scene and the heights"
         )
-    new: dict[int, Any] = {id(light): light.rescaled(origin, length) for light in lights}
+    new: dict[int, Any] = {id(light): light.rescaled(origin, length, gain) for light in lights}
     matrix = np.array(camera.to_world, np.float64)
     matrix[:3, 3] = (matrix[:3, 3] - origin) / length
     if not camera.is_pinhole:  # lengths of camera space matter
@@ -104,3 +99,8 @@ def rescale(
         ),
         "lights": tuple(new[id(light)] for light in lights),
     }
+
+
+def _unit(value: float, kept: tuple[float, float]) -> float:
+    """Return 1 if `value` is in the range that is `kept`, or 0; else a power of two near it."""
+    return 1.0 if kept[0] <= value <= kept[1] or value == 0 else 2.0 ** math.floor(math.log2(value))

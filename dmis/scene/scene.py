@@ -195,24 +195,24 @@ class Scene:
         return np.clip((RAY_OFFSET * extent).astype(np.float32), TINY, self.epsilon)
 
     @cached_property
-    def _other_units(self) -> Scene | None:
-        origin, length = units(*self.bounds, self.small_bodies, self.lights)
+    def _other_units(self) -> tuple[Scene, float] | None:
+        origin, length, gain = units(*self.bounds, self.small_bodies, self.lights)
         scene = self
-        if origin.any() or length != 1:
-            scene = self.changed(**rescale(self.camera, self.parts, self.lights, (origin, length)))
+        if origin.any() or length != 1 or gain != 1:
+            scene = self.changed(**rescale(self.camera, self.parts, self.lights, (origin, length, gain)))
         parts = tuple(replace(part, mesh=refine_near_bodies(part.mesh, scene.bodies)) for part in scene.parts)
         if any(new.mesh is not old.mesh for new, old in zip(parts, scene.parts, strict=True)):
             scene = scene.changed(parts=parts)
         # not the scene itself: it would refer to itself, and its memory would not be freed at once
-        return None if scene is self else scene
+        return None if scene is self else (scene, gain)
 
     @property
-    def in_float32(self) -> Scene:
-        """The scene in units that float32 holds, see `dmis.scene.rescale`.
+    def in_float32(self) -> tuple[Scene, float]:
+        """The scene in units that float32 holds, and the factor for its image, see `dmis.scene.rescale`.
 
         It is kept with this scene, as are its tables and Embree's copy; it is this scene if that is not extreme.
         """
-        return self._other_units or self
+        return self._other_units or (self, 1.0)
 
     @cached_property
     def plan(self) -> Plan:

@@ -111,7 +111,7 @@ def test_ordinary_scenes_are_not_touched() -> None:
     """A body of more than 1 / `SMALL_RATIO` of the scene: the same scene, the same offsets."""
     side = np.sqrt(2) * SMALL * 2 / SMALL_RATIO
     for scene in (ball_on_ground(SMALL), ball_on_ground(SMALL, joined=True)):
-        assert scene.in_float32 is scene and scene.triangle_epsilon is None
+        assert scene.in_float32[0] is scene and scene.triangle_epsilon is None
     assert np.sqrt(12) * RADIUS > side
     mesh = FLOOR
     assert refine_near_bodies(mesh, bodies(mesh)) is mesh
@@ -127,7 +127,7 @@ def test_bodies_of_a_joined_mesh() -> None:
 
 def test_offsets_follow_the_triangles() -> None:
     """Rays begin 1e-6 of the larger of a triangle's size and coordinates above it, on the sphere of the sphere's."""
-    scene = ball_on_ground(1e5).in_float32
+    scene = ball_on_ground(1e5).in_float32[0]
     ground, ball = (part.mesh for part in scene.parts)
     epsilon = scene.triangle_epsilon
     assert epsilon is not None
@@ -161,8 +161,8 @@ def test_what_float32_does_not_resolve_is_said(monkeypatch: pytest.MonkeyPatch) 
     other = sphere(RADIUS, segments=16).transformed(translate((3e6, 0, RADIUS)))
     two = Scene(scene.camera, (*scene.parts, Part(other, dmis.matte(0.5))), scene.lights)
     with pytest.warns(SceneWarning, match=r"scene: rays begin 0\.87 times the size of a body off .* \(part 2\)"):
-        two.in_float32.prepare()
-    scene.in_float32.prepare()
+        two.in_float32[0].prepare()
+    scene.in_float32[0].prepare()
     monkeypatch.setattr("dmis.geometry.refinement.MAX_SPLIT_TRIANGLES", 20)
     with pytest.warns(SceneWarning, match=r"rays begin .* the size of a body off the surfaces around it \(part 1\)"):
         dmis.render(ball_on_ground(1e6), "balance", 1)

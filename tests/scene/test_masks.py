@@ -129,7 +129,7 @@ def test_scenes_with_masks_are_pickled_and_rescaled():
     large = [Mesh(part.mesh.vertices * 1e9, part.mesh.faces, None, part.mesh.uv) for part in scene.parts]
     far = tuple(replace(part, mesh=mesh) for part, mesh in zip(scene.parts, large, strict=True))
     camera = replace(scene.camera, to_world=np.diag([1e9, 1e9, 1e9, 1]) @ scene.camera.to_world)
-    scaled = scene.changed(parts=far, camera=camera).in_float32
+    scaled = scene.changed(parts=far, camera=camera).in_float32[0]
     assert scaled.parts[1].mask is scene.parts[1].mask
 
 

@@ -155,7 +155,7 @@ def test_rescaled_where_needed() -> None:
     shift = np.eye(4)
     shift[0, 3] = 1e6
     far = replace(ordinary, parts=(Part(FLOOR.transformed(shift), dmis.matte()),), lights=(lamp,))
-    with pytest.raises(ValueError, match=r"Panel has no method rescaled\(origin, length\)"):
+    with pytest.raises(ValueError, match=r"Panel has no method rescaled\(origin, length, gain\)"):
         dmis.render(far, "balance", 2)
 
 

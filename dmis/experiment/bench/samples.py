@@ -130,6 +130,7 @@ def samples(
             observed = replace(tile, round=replace(tile.round, statistic=lambda *_: recorder))
             rays.update(render_tile(job.scene, observed).rays)
     columns = dict(zip(COLUMNS, map(np.concatenate, zip(*recorder.rows, strict=True)), strict=True))
+    columns["f"] *= np.float32(job.gain)
     s, every = job.settings.shading_samples, without_colours(rays)
     of_deltas = (SHADING + RAY) * rays["delta"] / count_camera_samples(every)
     of_camera_sample = surface_points(every) * (CAMERA + SHADING * s) + of_deltas
