@@ -99,7 +99,7 @@ class CoatedConductor(Lobe):
 
     def eval(self, directions: Directions) -> Array:
         h = _crossing(self.metal, self.alpha, self.eta, self.roughness, self.thickness, self.bounces)
-        crossing = interpolate(h, directions.cos_o) * interpolate(h, directions.cos_i)
+        crossing = interpolate(h, np.abs(directions.cos_o)) * interpolate(h, directions.cos_i)
         return self.share * crossing * self._base.eval(self._inside(directions))
 
     def pdf(self, directions: Directions) -> Array:

@@ -27,9 +27,9 @@ NODES = np.maximum(np.linspace(0, 1, TABLE_INTERVALS + 1) ** 2, LEAST_COSINE)
 
 def interpolate(table: Array, cos: Array) -> Array:
     """Return the values of a `table` at `NODES` ``(..., TABLE_INTERVALS + 1)`` at cosines `cos` ``(N,)``."""
-    at = np.sqrt(np.maximum(cos, 0)) * np.float32(TABLE_INTERVALS)
-    node = np.minimum(at.astype(np.int32), TABLE_INTERVALS - 1)
-    low, high = table.take(node, axis=-1), table.take(node + 1, axis=-1)
+    at = np.sqrt(cos) * np.float32(TABLE_INTERVALS)
+    node = at.astype(np.int32)
+    low, high = (table.take(k, axis=-1, mode="clip") for k in (node, node + 1))
     return low + (high - low) * (at - node.astype(np.float32))
 
 
