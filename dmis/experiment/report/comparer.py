@@ -26,15 +26,17 @@ HELP = """In the comparer: <kbd>←</kbd> <kbd>→</kbd> flip through the images
 <kbd>0</kbd> the first, <kbd>e</kbd> switches between image and error, <kbd>s</kbd> splits the view or puts two images
 side by side, <kbd>m</kbd> is the magnifier, <kbd>+</kbd> <kbd>−</kbd> zoom (also the wheel with <kbd>Ctrl</kbd>), drag
 to move, <kbd>[</kbd> <kbd>]</kbd> change the exposure."""
-PAGE = """<!doctype html>
-<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">
-<title>{{title}} · dmis</title><link rel="icon" href="data:,">
-<style>{{style}}:root { --tall: 36rem } body { padding: .5rem } details { padding: .4rem; max-width: 60rem }</style>
-<div class="viewer" data-scene="0" tabindex="0"></div>
+HEAD = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">
+<title>{{title}} · dmis</title><link rel="icon" href="data:,"><style>{{style}}</style></head>
+"""
+"""What pages begin with."""
+BODY = """<body><div class="viewer" data-scene="0" tabindex="0"></div>
 <details class="note"><summary>Keys</summary>{{help}}</details>
 {{comparer}}
-</html>
+</body></html>
 """
+OWN_STYLE = ":root { --tall: 36rem } body { padding: .5rem } details { padding: .4rem; max-width: 60rem }"
 ROUND_HEIGHT = 700
 """Height of a comparer in a notebook before its script has measured it, CSS pixels."""
 
@@ -109,9 +111,9 @@ def show(
     if len(set(shapes.values())) > 1:
         given = ", ".join(f"{label} {width}×{height}" for label, (height, width) in shapes.items())
         raise ValueError(f"images must have one size, got {given}. Render them at one resolution.")
-    fill = {"title": html.escape(title), "style": asset("comparer.css"), "help": HELP}
+    fill = {"title": html.escape(title), "style": asset("comparer.css") + OWN_STYLE, "help": HELP}
     fill["comparer"] = comparer([viewer_data(title, pictures, truth)])
-    return Comparer(filled(PAGE, fill), list(shapes))
+    return Comparer(filled(HEAD + BODY, fill), list(shapes))
 
 
 def _linear(label: str, image: Array | Result) -> Array:

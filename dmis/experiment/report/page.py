@@ -17,7 +17,7 @@ from dmis.base.atomic_files import replacing
 from dmis.experiment import alarm
 from dmis.experiment.convergence import Gain, gains, ratio_text
 from dmis.experiment.report import tables
-from dmis.experiment.report.comparer import HELP, asset, comparer, filled, palette_colours, viewer_data
+from dmis.experiment.report.comparer import HEAD, HELP, asset, comparer, filled, palette_colours, viewer_data
 from dmis.experiment.report.plots import error_svg, map_png
 from dmis.experiment.report.tables import escaped, share_text
 from dmis.experiment.runs import PINNED, fallbacks
@@ -46,7 +46,7 @@ def write_report(
     }
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial:
-        partial.write_text(filled(asset("report.html"), fill), "utf-8")
+        partial.write_text(filled(HEAD + asset("report.html"), fill), "utf-8")
 
 
 def _section(number: int, c: Comparison) -> str:
@@ -89,11 +89,7 @@ def _verdict(rows: Sequence[Gain], seeds: int) -> str:
         return f"<p>{at} the balance heuristic has no error above that of the reference: rules cannot be compared.</p>"
     best = tables.best_gain(last)
     if best is None:
-        why = ""
-        if seeds < 2:
-            why = " One seed shows no scatter of times, so that there is no interval: measure more seeds."
-        elif any(np.isnan(g.relmse.error_time.high) for g in last if g is not base):
-            why = " Rules without an interval have errors below that of the reference, or no CPU seconds."
+        why = " One seed shows no scatter of times: measure more seeds." if seeds < 2 else ""
         return f"<p>{at} no rule has a 95 % interval of error × CPU time below that of the balance heuristic.{why}</p>"
     value, low, high = best.relmse.error_time
     winners, rules = sum(g.wins for g in last), len(last) - 1

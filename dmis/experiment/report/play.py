@@ -21,7 +21,7 @@ from dmis.estimator.settings import Settings
 from dmis.experiment.oracle import Oracle, between
 from dmis.experiment.oracle_renders import make_oracle, measure_patches
 from dmis.experiment.reference import make_reference
-from dmis.experiment.report.comparer import asset, filled, png
+from dmis.experiment.report.comparer import HEAD, asset, filled, png
 from dmis.fit.thesis import Thesis
 from dmis.image import tonemap
 from dmis.pipeline.render import render
@@ -80,9 +80,14 @@ def page_of(measures: Mapping[str, Oracle], image: Array, thesis: Array, scene: 
         "curves": {"cost": _text(curves.cost)} | {name: _text(judge.variance) for name, judge in measures.items()},
         "maps": maps,
     }
-    fill = {"scene": html.escape(scene), "spp": str(spp), "data": json.dumps(data, separators=(",", ":"))}
+    fill = {
+        "title": f"Beat the oracle: {html.escape(scene)}",
+        "scene": html.escape(scene),
+        "spp": str(spp),
+        "data": json.dumps(data, separators=(",", ":")),
+    }
     fill |= {"style": asset("comparer.css") + asset("play.css"), "script": asset("play_model.js") + asset("play.js")}
-    return filled(asset("play.html"), fill)
+    return filled(HEAD + asset("play.html"), fill)
 
 
 def best_even(curves: Oracle) -> Array:
