@@ -50,6 +50,12 @@ def references() -> Path:
     return _folder("DMIS_REFERENCES")
 
 
+@pytest.fixture(autouse=True)
+def no_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let each test begin without plugins."""
+    monkeypatch.setattr("dmis.base.plugins._LOADED", [])
+
+
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Folders whose plot and report `compare` would write; the test does without, since they take most of its time."""

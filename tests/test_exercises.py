@@ -193,7 +193,7 @@ def test_bad_function_gets_a_clear_message(text: str, message: str) -> None:
     [
         ("def mirror(wo, n): return 2 * n * (n * wo).sum(axis=0) - wo", 0, "all 4 checks passed"),
         ("import os\ndef mirror(wo, n): os._exit(0)", 1, "ended the process before its check was complete"),
-        ("1 / 0", 2, "ZeroDivisionError: division by zero (my_answer.py, line 1)"),
+        ("1 / 0", 2, "raised ZeroDivisionError: division by zero (my_answer.py, line 1)"),
     ],
 )
 def test_the_command(tmp_path: Path, text: str, code: int, printed: str) -> None:

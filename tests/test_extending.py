@@ -12,7 +12,6 @@ import pytest
 from helpers import Z_LIMIT
 
 import dmis
-from dmis.base import plugins
 from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
 from dmis.samplers.streams import SAMPLERS, Independent
@@ -62,7 +61,6 @@ def test_technique() -> None:
 
 @pytest.mark.usefixtures("drawn")
 def test_technique_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     path = tmp_path / "my_cosine.py"
     path.write_text(block("A technique"), "utf-8")
@@ -105,7 +103,6 @@ def test_sampler() -> None:
 
 
 def test_sampler_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     path, out = tmp_path / "my_sampler.py", tmp_path / "a.exr"
     path.write_text(block("A sampler"), "utf-8")

@@ -36,7 +36,6 @@ SMALL = ("--resolution", "16x12", "--plugin")
 @pytest.fixture(autouse=True)
 def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Leave the tables, modules and search path as they were."""
-    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     rules, techniques = dict(RULES), dict(TECHNIQUES)
     yield

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import dmis
-from dmis.base import plugins
 from dmis.cli.commands import main
 from dmis.estimator.technique import TECHNIQUES
 from dmis.fit.registry import RULES
@@ -71,7 +70,6 @@ _private = Lambert(0.5)
 @pytest.fixture(autouse=True)
 def forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Leave the tables, modules and search path as they were."""
-    monkeypatch.setattr(plugins, "_LOADED", [])
     monkeypatch.setattr(sys, "path", list(sys.path))
     tables = [(table, dict(table)) for table in (RULES, TECHNIQUES)]
     yield
