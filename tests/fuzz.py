@@ -29,6 +29,7 @@ import tempfile
 import time
 import traceback
 import warnings
+import zlib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -287,8 +288,8 @@ VALUES += ["", "a", "MASK", "BLEND", "VEC2", "SCALAR", "image.png", "../a.exr", 
 def picture(rng: random.Random, folder: Path) -> None:
     """An image file of any format: an image, or an error that names the file."""
     source = rng.choice([p for p in sorted((folder / "good").iterdir()) if p.suffix in IMAGE_SUFFIXES])
-    path = folder / f"picture{source.suffix}"
-    path.write_bytes(damaged(rng, source.read_bytes()))
+    path, data = folder / f"picture{source.suffix}", damaged(rng, source.read_bytes())
+    path.write_bytes(with_checksums(data) if rng.random() < 0.7 else data)
     use = rng.choice([*IMAGE_USES, ""])
     if use:
         read(
@@ -302,6 +303,16 @@ def picture(rng: random.Random, folder: Path) -> None:
         assert str(path) in str(error), error
         return
     assert image.dtype == np.float32 and image.size
+
+
+def with_checksums(data: bytes) -> bytes:
+    """The bytes of a PNG file with right checksums, so that what is damaged is read; other bytes as they are."""
+    out, k = bytearray(data), 8
+    while data.startswith(b"\x89PNG") and k + 12 <= len(data):
+        end = k + 8 + int.from_bytes(data[k : k + 4], "big")
+        out[end : end + 4] = zlib.crc32(data[k + 4 : end]).to_bytes(4, "big")
+        k = end + 4
+    return bytes(out)
 
 
 IMAGE_USES = [
