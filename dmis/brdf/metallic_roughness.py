@@ -82,7 +82,7 @@ def metallic_roughness(
     index = check_ior("eta", eta)
     f0 = specular * ((index - 1) / (index + 1)) ** 2
     diffuse = scale(combine(lambda b, m: b * (1 - m), base, metallic), opacity)
-    normal = combine(lambda b, m: f0 * (1 - m) + b * m, base, metallic)
+    normal = f0 if metallic == 0 else combine(lambda b, m: f0 * (1 - m) + b * m, base, metallic)
     grazing = 1.0 if specular == 1 else combine(lambda m: specular * (1 - m) + m, metallic)
     alpha = combine(lambda r: np.maximum(r, MIN_ROUGHNESS) ** 2, roughness)
     coat = Schlick(f0, number_of(combine(lambda a: np.maximum(specular * (1 - 0.9 * a), f0), alpha)))
