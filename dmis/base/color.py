@@ -60,8 +60,8 @@ def spectrum_to_rgb(wavelengths: npt.ArrayLike, values: npt.ArrayLike) -> Rgb:
     return xyz_to_rgb(observer.T @ np.interp(nanometres, w, v))
 
 
-def blackbody_to_rgb(temperature: float, scale: float = 1.0) -> Rgb:
-    """Return the RGB of a black body of `temperature` kelvin (Planck's law), which is `scale` at 555 nm, 0 at 0 K."""
+def blackbody_to_rgb(temperature: float, scale: float = 1.0, at: float = 555.0) -> Rgb:
+    """Return the RGB of a black body of `temperature` kelvin (Planck's law), which is `scale` `at` nm, 0 at 0 K."""
     if not (np.isfinite(temperature) and temperature >= 0):
         raise ValueError(f"the temperature of a black body must be finite and at least 0 K; got {temperature}")
     if temperature == 0:
@@ -69,10 +69,10 @@ def blackbody_to_rgb(temperature: float, scale: float = 1.0) -> Rgb:
     nanometres, observer = _observer()
     c2 = 1.4388e7 / temperature  # second radiation constant in nm K
     with np.errstate(over="ignore", invalid="ignore"):  # exponents are subtracted first: alone they overflow at 35 K
-        ratio = np.exp(c2 / 555 - c2 / nanometres) * np.expm1(-c2 / 555) / np.expm1(-c2 / nanometres)
-        rgb = xyz_to_rgb(observer.T @ (scale * ratio * (555 / nanometres) ** 5))
+        ratio = np.exp(c2 / at - c2 / nanometres) * np.expm1(-c2 / at) / np.expm1(-c2 / nanometres)
+        rgb = xyz_to_rgb(observer.T @ (scale * ratio * (at / nanometres) ** 5))
     if not np.isfinite(rgb).all():
-        raise ValueError(f"a black body this cold has no visible light to scale to 1 at 555 nm; got {temperature} K")
+        raise ValueError(f"a black body this cold has no visible light to scale to 1 at {at:g} nm; got {temperature} K")
     return rgb
 
 

@@ -67,14 +67,7 @@ def _times(rgb: Rgb, factor: float | Floats) -> Rgb:
 
 def _v3_blackbody(temperature: float, scale: float = 1.0) -> Rgb:
     """Return the RGB of a black body in pbrt-v3, which scales the brightest wavelength to 1, not 555 nm."""
-    rgb = blackbody_to_rgb(temperature, scale)
-    if temperature == 0:
-        return rgb
-    peak = _WIEN / temperature
-    with np.errstate(all="ignore"):  # a colour that is not finite is refused by the light that gets it
-        c2 = 1.4388e7 / temperature
-        brightest = (555 / peak) ** 5 * np.exp(c2 / 555 - c2 / peak) * np.expm1(-c2 / 555) / np.expm1(-c2 / peak)
-        return _times(rgb, 470 / 471 / brightest)
+    return blackbody_to_rgb(temperature, scale * 470 / 471, _WIEN / (temperature or 1))
 
 
 @cache
