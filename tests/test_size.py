@@ -14,9 +14,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 import count_lines  # noqa: E402
 
-LINES = {"dmis": 26_767, "tests": 26_809}
+LINES = {"dmis": 26_758, "tests": 26_817}
 """Lines of Python files."""
-WORDS = 42_985
+WORDS = 42_981
 """Words of the pages, tables included."""
 LEAST_DOCSTRINGS = 0.235
 """Share of docstrings in the lines of the package."""

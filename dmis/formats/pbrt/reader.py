@@ -97,7 +97,7 @@ class Reader:
         self.shapes: list[tuple[Shape, Material]] = []
         self.objects: dict[str, list[tuple[Shape, Material]]] = {}
         self.object: list[tuple[Shape, Material]] | None = None
-        self.triangles = {"world": 0, "objects": 0}
+        self.triangles = 0
         self.emitters: list[tuple[int, Shape, Material, Parameters]] = []
         """Shapes that emit, with their places among the lights, which are None there until `scene`."""
         self.lights: list[Light | None] = []
@@ -163,18 +163,16 @@ class Reader:
         self.count(shape)
 
     def count(self, *shapes: Shape) -> None:
-        """Count triangles, of the world or of objects; raise a `PbrtError` if there are too many."""
-        where = "world" if self.object is None else "objects"
-        self.triangles[where] += sum(shape.mesh.triangles for shape in shapes)
-        if self.triangles[where] > MAX_SCENE_TRIANGLES:
-            most = MAX_SCENE_TRIANGLES
+        """Count triangles; raise a `PbrtError` if there are too many."""
+        self.triangles += sum(shape.mesh.triangles for shape in shapes)
+        if self.triangles > (most := MAX_SCENE_TRIANGLES):
             raise self.token.error(f"a scene must have at most {most} triangles, because instances are copied")
 
     def scene(self, camera: Camera) -> Scene:
         """Return the scene, after all files are read; raise a `PbrtError` that lists all that is not supported."""
         placed = [*(shape for _, shape, *_ in self.emitters), *(shape for shape, _ in self.shapes)]
         placed, quadrics = tessellate_quadrics(placed, len(self.emitters), camera, MAX_SCENE_TRIANGLES)
-        self.triangles["world"] = 0
+        self.triangles = 0
         self.count(*placed)
         bright, lights = [], list(self.lights)
         for shape, (place, _, material, emits) in zip(placed, self.emitters, strict=False):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dmis
+from dmis.brdf.coated_conductor import CoatedConductor
 from dmis.brdf.coated_diffuse import CoatedBase
 from dmis.brdf.diffuse import Lambert, LambertTransmission
 from dmis.brdf.relief import BumpMap, NormalMap
@@ -123,15 +124,22 @@ def test_translucent_has_rough_glass(read):
     assert reflected.reflectance == through.transmittance == glossy.reflectance == (0.125, 0.125, 0.125)
 
 
-def test_mixtures_of_coats(read):
+@pytest.mark.parametrize(
+    "line, kind",
+    [
+        ('"coateddiffuse" "rgb reflectance" [.8 .5 .3] "float roughness" .2', CoatedBase),
+        ('"coatedconductor" "rgb reflectance" [.8 .5 .3] "float conductor.roughness" .2', CoatedConductor),
+    ],
+)
+def test_mixtures_of_coats(read, line, kind):
     """A share of a coated material is that share of its image."""
-    coat = 'MakeNamedMaterial "a" "string type" "coateddiffuse" "rgb reflectance" [.8 .5 .3] "float roughness" .2\n'
+    coat = f'MakeNamedMaterial "a" "string type" {line}\n'
     black = 'MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [0 0 0]\n'
     mix = 'Material "mix" "string materials" ["a" "b"] "float amount" .25'
     light = 'LightSource "point" "rgb I" [9 9 9] "point3 from" [1 1 3]\n'
     whole, share = (read("v4", f"{light}{coat}{black}{line}") for line in ('NamedMaterial "a"', mix))
     assert [type(lobe) for lobe in lobes(share)] == [type(lobe) for lobe in lobes(whole)]
-    assert isinstance(lobes(share)[0], CoatedBase)
+    assert isinstance(lobes(share)[0], kind)
     np.testing.assert_allclose(mean(share), 0.75 * mean(whole), rtol=1e-5)
 
 

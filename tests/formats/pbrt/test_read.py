@@ -574,9 +574,9 @@ def test_instances(read):
 
 
 def test_triangles_are_limited(read, monkeypatch):
-    monkeypatch.setattr(reader, "MAX_SCENE_TRIANGLES", 3)
+    monkeypatch.setattr(reader, "MAX_SCENE_TRIANGLES", 4)  # those of the object count, too
     world = f'ObjectBegin "thing" {TRIANGLE} ObjectEnd\nObjectInstance "thing"\nObjectInstance "thing"\n'
-    with pytest.raises(PbrtError, match=r"scene.pbrt:8: token ObjectInstance: a scene must have at most 3 triangles"):
+    with pytest.raises(PbrtError, match=r"scene.pbrt:8: token ObjectInstance: a scene must have at most 4 triangles"):
         read(world + 'ObjectInstance "thing"\nObjectInstance "thing"')
 
 
