@@ -29,14 +29,16 @@ def make_light(name: Token, p: Parameters, to_world: Floats) -> Light:
         return make(p, to_world)
 
 
-def similarity(matrix: Floats) -> float | None:
-    """Return the factor by which a matrix (4, 4) scales all lengths, None if it scales them differently.
+def scale_of(matrix: Floats, what: str, reason: str) -> float:
+    """Return the factor by which a matrix (4, 4), which may also rotate and mirror, scales all lengths of `what`.
 
-    The matrix may also rotate and mirror.
+    A ValueError, which gives the `reason`, if it scales them differently.
     """
     square = matrix[:3, :3].T @ matrix[:3, :3]
     factor = np.trace(square) / 3
-    return float(np.sqrt(factor)) if np.allclose(square, factor * np.eye(3), atol=1e-4 * factor) else None
+    if not np.allclose(square, factor * np.eye(3), atol=1e-4 * factor):
+        raise ValueError(f"{what} must not be stretched, because {reason}; scale all axes alike")
+    return float(np.sqrt(factor))
 
 
 def _strength(p: Parameters, name: str, total: str, per_unit: float) -> Rgb:
@@ -67,8 +69,7 @@ def _point(p: Parameters, to_world: Floats) -> Light:
 
 
 def _spot(p: Parameters, to_world: Floats) -> Light:
-    if similarity(to_world) is None:
-        raise ValueError("a spot light must not be stretched, because its cone is round; scale all axes alike")
+    scale_of(to_world, "a spot light", "its cone is round")
     start, end = p.point("from", (0, 0, 0)), p.point("to", (0, 0, 1))
     outer, delta = p.number("coneangle", 30), p.number("conedeltaangle", 5)
     position, direction = to_world[:3, :3] @ start + to_world[:3, 3], to_world[:3, :3] @ (end - start)
@@ -83,9 +84,7 @@ def _distant(p: Parameters, to_world: Floats) -> Light:
 
 
 def _infinite(p: Parameters, to_world: Floats) -> Light:
-    factor = similarity(to_world)
-    if factor is None:
-        raise ValueError("an infinite light must not be stretched, because it is all directions; scale all axes alike")
+    factor = scale_of(to_world, "an infinite light", "it is all directions")
     texels = np.ones((1, 1, 3))
     if p.dialect == "v4":
         p.refuse("portals are not supported; remove the parameter", "portal")

@@ -21,7 +21,7 @@ from dmis.brdf.distributions import Anisotropic, Elliptic
 from dmis.brdf.materials import Material
 from dmis.brdf.relief import BumpMap
 from dmis.brdf.texture import Image
-from dmis.formats.pbrt.lights import similarity
+from dmis.formats.pbrt.lights import scale_of
 from dmis.formats.pbrt.parameter import rgb
 from dmis.formats.pbrt.shapes import Shape, mirrors
 from dmis.formats.pbrt.tokens import blame
@@ -96,9 +96,7 @@ def _light(shape: Shape, mesh: Mesh, radiance: Rgb) -> AreaLight:
         half = shape.kind == "sphere" and shape.quadric.arc < np.pi
         if half or shape.quadric.phimax < 360 or np.hypot(*aside) > 1e-9 * shape.quadric.radius:
             raise ValueError(f"a {shape.kind} that emits must be whole, because pbrt-v2 samples it as if it were")
-        factor = similarity(shape.to_world)
-        if factor is None:
-            raise ValueError(f"a {shape.kind} that emits must not be stretched; scale all axes alike, or use a mesh")
+        factor = scale_of(shape.to_world, f"a {shape.kind} that emits", "it is sampled as if it were round")
         radius = shape.quadric.radius * factor
         linear, origin = shape.to_world[:3, :3], shape.to_world[:3, 3]
         if shape.kind == "disk":
